@@ -1,10 +1,12 @@
 """The Contexts of the systems in a diagram."""
 
+from typing import Any
+
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.framework import Context
 
 
-def ContextsIn(system: System, context: Context) -> dict[System, Context]:
+def ContextsIn(system: Any, context: Any) -> dict[Any, Any]:
     """Returns the Context of a system and of every system in it, at any depth.
 
     System.GetMyContextFromRoot() finds the same ones, but only as long as the diagram
@@ -12,10 +14,14 @@ def ContextsIn(system: System, context: Context) -> dict[System, Context]:
     user, between two runs of it.
 
     Args:
+        system: A System of any scalar type.
         context: Its Context, of which those returned are parts.
+
+    Returns:
+        The Context (Context) of each system (System), in the order of the systems.
     """
     contexts = {system: context}
-    if isinstance(system, Diagram):
+    if hasattr(system, "GetSystems"):  # A Diagram.
         for part in system.GetSystems():
             inner = system.GetMutableSubsystemContext(part, context)
             contexts |= ContextsIn(part, inner)

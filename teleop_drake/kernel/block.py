@@ -50,11 +50,10 @@ class _Rated:
 class DualBlock(_Rated, LeafSystem_[AutoDiffXd]):
     """A block of AutoDiffXd with the ports, the state and the terms of another one.
 
+    An output that the other block delays raises a ValueError when it is evaluated.
+
     Args:
         other: A block with a method Kernel(). Its events are left out.
-
-    Raises:
-        ValueError: If it delays something.
     """
 
     is_compiled = False
@@ -62,12 +61,6 @@ class DualBlock(_Rated, LeafSystem_[AutoDiffXd]):
     def __init__(self, other: Any):
         LeafSystem_[AutoDiffXd].__init__(self)
         kernel = other.Kernel()
-        if kernel.delays:
-            Refuse(
-                other.GetSystemPathname(),
-                "a delay",
-                "cut: Drake linearises no delays, call teleop_drake.LinearizePorts()",
-            )
         self.optional_inputs = getattr(other, "optional_inputs", ())
         for i in range(other.num_input_ports()):
             port = other.get_input_port(i)
@@ -78,15 +71,40 @@ class DualBlock(_Rated, LeafSystem_[AutoDiffXd]):
             self.DeclareContinuousState(x.num_q(), x.num_v(), x.num_z())
         for i in range(context.num_discrete_state_groups()):
             self.DeclareDiscreteState(context.get_discrete_state(i).size())
+        for i in range(context.num_abstract_states()):
+            self.DeclareAbstractState(context.get_abstract_state(i))
         ports = [other.get_output_port(i) for i in range(other.num_output_ports())]
-        _DeclareTerms(self, kernel, {x.get_name(): x.size() for x in ports}, {})
+        path = other.GetSystemPathname()
+        lines = {delay.output: _NoDelayLine(self, path) for delay in kernel.delays}
+        _DeclareTerms(self, kernel, {x.get_name(): x.size() for x in ports}, lines)
+
+
+class _NoDelayLine:
+    """The delayed output of a block of AutoDiffXd, which has no value.
+
+    Attributes:
+        tickets: What the output depends on.
+
+    Args:
+        block: The block.
+        path: Path of the block that it was converted from.
+    """
+
+    def __init__(self, block: DualBlock, path: str):
+        self.tickets = {block.nothing_ticket()}
+        self._path = path
+
+    def Eval(self, context: Context) -> Any:
+        """Raises a ValueError, which names what linearises a delay."""
+        allowed = "cut: Drake linearises no delays, call teleop_drake.LinearizePorts()"
+        Refuse(self._path, "a delay", allowed)
 
 
 def _DeclareTerms(
     block: Any,
     kernel: Kernel,
     sizes: Mapping[str, int],
-    lines: Mapping[str, DelayLine | PacketLine],
+    lines: Mapping[str, DelayLine | PacketLine | _NoDelayLine],
 ) -> None:
     """Declares the output ports of a block, and the rate of its state."""
 

@@ -2,9 +2,9 @@
 
 The teleoperator is cut at its channels by fixing what they deliver. What lies between
 two cuts, the master on one side and controller, robot and environment on the other, is
-evaluated with Drake's AutoDiffXd: no transfer function is written down here, and the
-slopes are exact. Only a block that does not convert to AutoDiffXd gets differences, and
-LoopModel.by_differences names it.
+evaluated in the Diagram that Drake converts to AutoDiffXd: no transfer function is
+written down here, and the slopes are exact. If a block does not convert, the slopes are
+central differences, and LoopModel.by_differences names the block.
 
 Where. The operating point is in general a motion, not an equilibrium: the tool moves
 through the tissue with the velocity that the operator commands. The model is that of
@@ -47,14 +47,15 @@ lies, and whoever linearises it has to know that.
 Delays inside. A constant delay within a station is a cut like the channels: what it
 delivers becomes an input of the model and what it gets an output.
 
-What is frozen, idle or a delay, the blocks themselves tell (kernel.linear_part).
+The blocks themselves describe what is frozen, idle or a delay (kernel.linear_part).
 """
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import Diagram, InputPort, OutputPort, System
+from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.arrays import Array, Indices
 from teleop_drake.compiler.flatten import Flatten
@@ -66,33 +67,24 @@ from teleop_drake.kernel.linear_part import (
     HeldForce,
     LinearPartOf,
 )
-from teleop_drake.linear_model.autodiff_diagram import (
-    AutoDiffDiagram,
-    Cut,
-    CutAtDelay,
-    LeafPorts,
-    States,
-)
+from teleop_drake.linear_model.cut_diagram import CutDiagram
 from teleop_drake.linear_model.loop_model import (
     CutLoop,
     LoopModel,
     Motion,
     MotionRate,
-    Signals,
     TwoPortModel,
 )
+from teleop_drake.linear_model.loop_parts import CutTeleoperator, ReadLoopParts
 from teleop_drake.linear_model.operating_point import OperatingPoint
 from teleop_drake.linear_model.tool_motion import ToolMotion
 from teleop_drake.machine_code.compiled import Interpreted
 from teleop_drake.numerics.delay_margin import closed_loop_matrix
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.operators import ConstantVelocityOperator
-from teleop_drake.scenario import AsTeleoperation, ScenarioLike
+from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.validation import Refuse, ScenarioError, Within
-
-_SLAVE = ("controller", "environment", "robot")
-_PARTS = ("master", *_SLAVE)
 
 # How far the operating point moves on, as a share of the way to the nearest surface,
 # for the rate of the model: a central difference of exact models.
@@ -101,17 +93,34 @@ _SHARE = 1e-2
 # Entries that change by less, as a share of the largest, do not: rounding.
 _ROUNDING = 1e-13
 
-# Longest difference of a block that does not convert: as a share of values of 1 and
-# more, and of the way to the nearest surface.
+# Longest difference where slopes are differences: as a share of values of 1 and more,
+# and of the way to the nearest surface.
 _STEP = 1e-4
 _STEP_SHARE = 1 / 50
 
 # What is closer than this to a surface, in m, is on it.
 _LEAST_DISTANCE = 1e-9
 
+# Steps of Newton's method that choose the packet, and the relative change at its end.
+_MAX_TRIM_STEPS = 10
+_TRIMMED = 1e-12
+
+
+class _Settled(NamedTuple):
+    """The diagram at an operating point.
+
+    Attributes:
+        residual: The largest rate that is left.
+        slopes: Of the rates of the states, of what enters each cut and of what is seen
+            (rows) by the states and by what is delivered at each cut (columns).
+    """
+
+    residual: float
+    slopes: Array
+
 
 def FindHeldForce(system: System) -> tuple[System, HeldForce] | None:
-    """Returns the block that holds a force after contact, and what it tells, if any."""
+    """Returns the block that holds a force after contact, and its force, if any."""
     for block in Flatten(system):
         held = LinearPartOf(block.system).held_force
         if held is not None:
@@ -122,16 +131,20 @@ def FindHeldForce(system: System) -> tuple[System, HeldForce] | None:
 class Linearizer:
     """A scenario's teleoperator, cut open once for the models at many points.
 
-    The operator commands a velocity, or holds a force if the point says so; one who
-    closes the loop is part of it, as OperatorConfig.MakeLinearOperator() says. Unless
-    the point has a forward packet, the forces in it, and the states of the controller
-    that are not frozen, are chosen such that the tool keeps its velocity: what the
-    operator's device would have settled to.
+    The operator commands a velocity, or holds a force if the point has held contact; an
+    operator who closes the loop is part of it, see OperatorConfig.MakeLinearOperator().
+    Unless the point has a forward packet, the forces in it, and the states of the
+    controller that are not frozen, are chosen such that the tool retains its velocity:
+    what the operator's device would have settled to.
+
+    Attributes:
+        diagram: The teleoperator.
 
     Args:
         scenario: A valid one, or its name or file.
         teleoperator: The Diagram, made by MakeTeleoperator for this scenario, with
             systems of your own perhaps; None makes the scenario's.
+        at_ports: Whether the model is that between hand and environment, TwoPort().
 
     Raises:
         ScenarioError: If the robot's state is not that of as many joints as there are
@@ -149,113 +162,46 @@ class Linearizer:
         *,
         at_ports: bool = False,
     ):
-        scenario = self._scenario = AsTeleoperation(scenario)
+        self._scenario = AsTeleoperation(scenario)
         if teleoperator is None:
-            # Who holds the device makes no difference to the two-port.
-            operator: System = ConstantVelocityOperator(
-                velocity=scenario.surgeon.velocity
-            )
-            if not at_ports:
-                operator = scenario.surgeon.MakeLinearOperator(
-                    start=scenario.robot.start,
-                    contact_surface=scenario.FindSurface(CONTACT),
-                )
-            teleoperator = MakeTeleoperator(scenario, operator=operator)
-        diagram = self.diagram = teleoperator
-        self._root = diagram.CreateDefaultContext()
-        self._default = diagram.CreateDefaultContext()
-        contexts = self._contexts = ContextsIn(diagram, self._root)
-        self._systems = {x.get_name(): x for x in diagram.GetSystems()}
-        self._surfaces = SurfacesOf(self._systems["environment"]) or ()
-        blocks = Flatten(diagram)
-        self._told = [
-            (part, block.system)
-            for block in blocks
-            if (part := block.path.split("/")[0]) in _PARTS
-        ]
-        states: dict[str, list[States]] = {name: [] for name in _PARTS}
-        inner: dict[str, list[Cut]] = {name: [] for name in _PARTS}
-        self._inner_delays: list[float] = []
-        self._assumptions: set[str] = set()
-        for part, block in self._told:
-            context = contexts[block]
-            with Within(part):
-                told = LinearPartOf(block)
-            self._assumptions.add(told.assumption)
-            if told.delay:
-                cut = CutAtDelay(blocks, block, contexts)
-                inner[part].append(cut)
-                self._inner_delays += [told.delay] * len(cut.Get())
-            is_sampled = context.num_discrete_state_groups() and not told.has_modes
-            if told.delay is None and (is_sampled or context.num_abstract_states()):
-                raise ScenarioError(
-                    f"{part}.{block.get_name()} = a state that is not continuous: must "
-                    "be continuous for a linear model"
-                )
-            size = told.num_states
-            if size is None:
-                size = context.num_continuous_states()
-            if size:
-                found = States(system=block, context=context, size=size)
-                states[part].append(found)
+            teleoperator = _MakeTeleoperator(self._scenario, at_ports=at_ports)
+        self.diagram = teleoperator
+        self._root = teleoperator.CreateDefaultContext()
+        self._default = teleoperator.CreateDefaultContext()
+        self._contexts = ContextsIn(teleoperator, self._root)
+        self._environment = teleoperator.GetSubsystemByName("environment")
+        self._master = teleoperator.GetSubsystemByName("master")
+        robot = teleoperator.GetSubsystemByName("robot")
+        blocks = Flatten(teleoperator)
+        self._parts = ReadLoopParts(blocks, self._contexts)
+        self._cuts = CutTeleoperator(
+            teleoperator, self._parts, self._contexts, at_ports=at_ports
+        )
         self._motion = ToolMotion(
-            config=scenario.robot,
-            robot=self._systems["robot"],
-            states=states["robot"],
-            num_axes=scenario.num_axes,
-            evaluate=lambda name: self._Output("robot", name).Eval(
-                self._contexts[self._systems["robot"]]
-            ),
+            config=self._scenario.robot,
+            robot=robot,
+            context=self._contexts[robot],
+            states=self._parts["robot"].states,
+            num_axes=self._scenario.num_axes,
         )
-        self._others = states["controller"] + states["environment"]
-        self._inner_slave = [cut for name in _SLAVE for cut in inner[name]]
-        self._inner_master = inner["master"]
-        self._forward = self._Cut(
-            self._Output("master", "forward_packet"),
-            self._Input("controller", "forward_packet"),
-        )
-        self._back = self._Cut(
-            self._Output("controller", "return_packet"),
-            self._Input("master", "return_packet"),
-        )
-        self._delays = [
-            self._forward, *self._inner_slave, self._back, *self._inner_master
-        ]  # fmt: skip
-        self._states = [self._motion.states, *self._others, *states["master"]]
+        # The states of controller and environment are chosen, the master's are not.
+        parts = self._parts
+        self._chosen = parts["controller"].states + parts["environment"].states
+        slave_states = [self._motion.states, *self._chosen]
+        self._states = [*slave_states, *parts["master"].states]
+        self._num_slave_states = sum(x.size for x in slave_states)
         self._num_states = sum(x.size for x in self._states)
-        self._num_slave_states = self._num_states - sum(
-            x.size for x in states["master"]
-        )
-        self._ports: list[Cut] = []
-        seen: list[InputPort | OutputPort] = list(self._motion.Seen())
+        seen = self._motion.Seen()
         if at_ports:
-            device = self._systems["master"].GetSubsystemByName("haptic_device")
-            holder = self._systems["master"].GetSubsystemByName("surgeon")
-            seen.append(device.GetInputPort("felt_velocity"))
-            self._ports = [
-                self._Cut(
-                    device.GetOutputPort("haptic_force"),
-                    holder.GetInputPort("haptic_force"),
-                ),
-                self._Cut(
-                    self._Output("environment", "environment_force"),
-                    self._Input("robot", "environment_force"),
-                    self._Input("controller", "environment_force"),
-                ),
-            ]
-        cuts = [*self._ports, *self._delays]
-        ends = np.cumsum([0, *(len(cut.Get()) for cut in cuts)])
-        self._signals = {cut: np.arange(*ends[i : i + 2]) for i, cut in enumerate(cuts)}
-        self._num_signals = int(ends[-1])
-        # The rows of the slopes are the rates of the states, what enters each cut, and
-        # what is seen; the columns are the states and what is delivered at each cut.
-        self._dual = AutoDiffDiagram(
-            blocks,
-            contexts,
+            device = self._master.GetSubsystemByName("haptic_device")
+            seen = [*seen, device.GetInputPort("felt_velocity")]
+        entering = [cut.entering for cut in self._cuts.all if cut.entering is not None]
+        self._function = CutDiagram(
+            teleoperator,
+            self._contexts,
             states=self._states,
-            cuts=cuts,
-            seen=[*(cut.entering for cut in cuts if cut.entering), *seen],
-            parts=_PARTS,
+            cuts=self._cuts.all,
+            seen=[*entering, *seen],
         )
 
     def Loop(self, point: OperatingPoint) -> LoopModel:
@@ -265,158 +211,188 @@ class Linearizer:
         if speed == 0:
             return model
         time = _SHARE * self._SurfaceDistance(point) / speed
-
-        def LoopAt(t: float) -> StateSpace:
-            position = point.position + t * point.velocity
-            return CutLoop(self._AtRest(replace(point, position=position)))
-
-        here, behind, ahead = CutLoop(model), LoopAt(-time), LoopAt(time)
-        # Of both ends, and of the loop that is closed without delay.
-        rates = []
-        for OfLoop in (lambda loop: loop.A, closed_loop_matrix):
-            A, change = OfLoop(here), OfLoop(ahead) - OfLoop(behind)
-            change[np.abs(change) <= _ROUNDING * np.abs(A).max(initial=0.0)] = 0.0
-            rates.append(MotionRate(A, change / (2 * time)))
+        loops = []
+        for moment in (-time, time):
+            position = point.position + moment * point.velocity
+            loops.append(CutLoop(self._AtRest(replace(point, position=position))))
+        here = CutLoop(model)
+        behind, ahead = loops
+        # The rates of both ends, and of the loop that is closed without delay.
+        rates = [
+            _MotionRate(here.A, behind.A, ahead.A, 2 * time),
+            _MotionRate(
+                closed_loop_matrix(here),
+                closed_loop_matrix(behind),
+                closed_loop_matrix(ahead),
+                2 * time,
+            ),
+        ]
         motion = Motion(rate=max(rates), loops=(behind, ahead), time=2 * time)
         return replace(model, motion=motion)
 
     def _AtRest(self, point: OperatingPoint, *, is_checked: bool = False) -> LoopModel:
         """Returns the model of the loop as if the operating point were at rest."""
-        residual, slopes = self._Settle(point)
-        system = self._System(point, slopes, is_checked=is_checked)
-        every = np.arange(self._num_signals)
+        settled = self._Settle(point)
+        system = self._System(point, settled.slopes, is_checked=is_checked)
+        signals = np.arange(self._cuts.num_signals)
+        parts = self._parts.values()
+        assumptions = set().union(*(part.assumptions for part in parts))
+        delay_times = [time for part in parts for time in part.delay_times]
         return LoopModel(
             point=point,
-            system=system.part(np.arange(self._num_states), every, every),
+            system=system.part(np.arange(self._num_states), signals, signals),
             num_slave_states=self._num_slave_states,
-            signals=self._Signals(),
-            frozen_weights=FROZEN_WEIGHTS in self._assumptions,
-            idle_passivity=IDLE_PASSIVITY in self._assumptions,
-            inner_delays=tuple(self._inner_delays),
+            signals=self._cuts.Signals(),
+            frozen_weights=FROZEN_WEIGHTS in assumptions,
+            idle_passivity=IDLE_PASSIVITY in assumptions,
+            inner_delays=tuple(delay_times),
             motion=None,
-            by_differences=tuple(self._dual.by_differences),
-            trim_residual=residual,
+            by_differences=self._function.by_differences,
+            trim_residual=settled.residual,
         )
 
     @Interpreted()
     def TwoPort(self, point: OperatingPoint) -> TwoPortModel:
         """Returns the model between hand and environment; needs `at_ports`."""
-        _, slopes = self._Settle(point)
-        system = self._System(point, slopes, is_checked=True)
-        device = self._systems["master"].GetSubsystemByName("haptic_device")
+        settled = self._Settle(point)
+        system = self._System(point, settled.slopes, is_checked=True)
+        # Neither the device nor the environment is part of the two-port.
+        device = self._master.GetSubsystemByName("haptic_device")
         outside = {
             block.system
-            for part in (self._systems["environment"], device)
+            for part in (self._environment, device)
             for block in Flatten(part)
         }
-        inside = np.repeat(
+        is_inside = np.repeat(
             [x.system not in outside for x in self._states],
             [x.size for x in self._states],
         )
-        n, num = self._scenario.num_axes, self._num_signals
-        delayed = np.arange(2 * n, num)
-        felt, v = num + 3 * n + np.arange(n), num + n + np.arange(n)
+        n = self._scenario.num_axes
+        num_signals = self._cuts.num_signals
+        delayed = np.arange(2 * n, num_signals)
+        # Seen are the tool's position, velocity and acceleration and the felt velocity.
+        tool_velocity = num_signals + n + np.arange(n)
+        felt_velocity = num_signals + 3 * n + np.arange(n)
         return TwoPortModel(
             num_axes=n,
             system=system.part(
-                np.flatnonzero(inside), np.arange(num), np.r_[felt, v, delayed]
+                states=np.flatnonzero(is_inside),
+                inputs=np.arange(num_signals),
+                outputs=np.concatenate([felt_velocity, tool_velocity, delayed]),
             ),
-            signals=self._Signals(),
-            idle_passivity=IDLE_PASSIVITY in self._assumptions,
+            signals=self._cuts.Signals(),
+            idle_passivity=any(
+                IDLE_PASSIVITY in part.assumptions for part in self._parts.values()
+            ),
         )
-
-    # The diagram.
-
-    def _Output(self, system: str, port: str) -> OutputPort:
-        return self._systems[system].GetOutputPort(port)
-
-    def _Input(self, system: str, port: str) -> InputPort:
-        return self._systems[system].GetInputPort(port)
-
-    def _Cut(self, entering: OutputPort, *ports: InputPort) -> Cut:
-        leaves = [leaf for port in ports for leaf in LeafPorts(port)]
-        return Cut(ports=leaves, contexts=self._contexts, entering=entering)
-
-    def _SignalsOf(self, *cuts: Cut) -> Indices:
-        return np.concatenate(
-            [np.zeros(0, dtype=int), *(self._signals[cut] for cut in cuts)]
-        )
-
-    def _Signals(self) -> Signals:
-        """Returns which of the delayed signals pass which delay."""
-        parts = ([self._forward], self._inner_slave, [self._back], self._inner_master)
-        first = self._signals[self._forward][0]
-        return Signals(*(self._SignalsOf(*cuts) - first for cuts in parts))
 
     # The operating point.
 
-    def _Settle(self, point: OperatingPoint) -> tuple[float, Array]:
-        """Brings the Contexts to an operating point.
-
-        Returns:
-            The largest rate that remains, and the slopes there.
-        """
+    def _Settle(self, point: OperatingPoint) -> _Settled:
+        """Brings the Contexts to an operating point and linearises there."""
         self._root.SetTimeStateAndParametersFrom(self._default)
         if point.holds_force:
-            held = FindHeldForce(self._systems["master"])
-            if held is None:
-                allowed = "an operator that tells which force it holds after contact"
-                Refuse("surgeon", self._scenario.surgeon.kind, allowed)
-            self._contexts[held[0]].SetDiscreteState(held[1].state)
-        for part, block in self._told:
-            with Within(part):
-                state = LinearPartOf(block, point.estimates).state
-            if state is not None:
-                self._contexts[block].SetContinuousState(state)
+            self._HoldForce()
+        for name, part in self._parts.items():
+            for block in part.blocks:
+                with Within(name):
+                    state = LinearPartOf(block, point.estimates).state
+                if state is not None:
+                    self._contexts[block].SetContinuousState(state)
         self._motion.Place(point.position, point.velocity)
-        step = self._Step(point)
-        self._forward.Set(0 * self._forward.Get())
-        for delay in (*self._inner_slave, self._back, *self._inner_master):
-            delay.Settle()
-        self._forward.Settle()
+        self._SettleCuts()
+        step = min(_STEP, _STEP_SHARE * self._SurfaceDistance(point))
         if point.forward_packet is not None:
-            self._forward.Set(point.forward_packet)
-        return self._Trim(step, is_chosen=point.forward_packet is None)
+            self._cuts.forward.Set(point.forward_packet)
+            values, slopes = self._Evaluate(step)
+        else:
+            values, slopes = self._Trim(step)
+        residual = np.abs(values[self._StoppedRates()]).max()
+        return _Settled(float(residual), slopes)
 
-    def _Trim(self, step: float, *, is_chosen: bool) -> tuple[float, Array]:
-        """Chooses free entries of the packet and the controller's state, or none."""
-        others = self._others if is_chosen else []
-        N, n = self._num_states, len(self._motion.states.Get())
-        num_states = sum(x.size for x in others)
-        acceleration = N + self._num_signals + 2 * self._scenario.num_axes
-        rows = np.r_[
-            acceleration : acceleration + self._scenario.num_axes,
-            n : self._num_slave_states,
-        ]
-        columns = np.r_[n : n + num_states, N + self._SignalsOf(self._forward)]
+    def _HoldForce(self) -> None:
+        """Gives the operator the mode in which it holds a force."""
+        found = FindHeldForce(self._master)
+        if found is None:
+            allowed = "an operator that tells which force it holds after contact"
+            Refuse("surgeon", self._scenario.surgeon.kind, allowed)
+        operator, held = found
+        self._contexts[operator].SetDiscreteState(held.state)
+
+    def _SettleCuts(self) -> None:
+        """Fixes at each cut what enters it, from the tool to the forward packet."""
+        cuts = self._cuts
+        cuts.forward.Set(np.zeros_like(cuts.forward.value))
+        for cut in (*cuts.ports, *cuts.inner_slave, cuts.back, *cuts.inner_master):
+            cut.Settle()
+        # What the hand feels may come out of the delays in the master.
+        for cut in (*cuts.ports, *cuts.inner_master, cuts.forward):
+            cut.Settle()
+
+    def _Evaluate(self, step: float) -> tuple[Array, Array]:
+        """Returns values and slopes, once the cuts inside of the slave have settled."""
+        for cut in (*self._cuts.ports, *self._cuts.inner_slave):
+            cut.Settle()
+        return self._function.Evaluate(step)
+
+    def _StoppedRates(self) -> Indices:
+        """Returns the rows of the rates that trimming stops.
+
+        They are the tool's acceleration and the rates of the states that are chosen.
+        """
+        n = self._scenario.num_axes
+        acceleration = self._num_states + self._cuts.num_signals + 2 * n + np.arange(n)
+        first = self._motion.states.size
+        return np.r_[acceleration, first : self._num_slave_states]
+
+    def _Trim(self, step: float) -> tuple[Array, Array]:
+        """Chooses the forward packet and the states that have a choice.
+
+        Returns:
+            Values and slopes, as CutDiagram.Evaluate().
+        """
+        forward = self._cuts.forward
+        for _ in range(_MAX_TRIM_STEPS):
+            values, slopes = self._Evaluate(step)
+            change = self._NewtonStep(values, slopes)
+            chosen = [*(x.Get() for x in self._chosen), forward.value]
+            x = np.concatenate(chosen) + change
+            if np.abs(change).max() <= _TRIMMED * max(1.0, float(np.abs(x).max())):
+                break
+            ends = np.cumsum([len(part) for part in chosen])[:-1]
+            *state_values, packet = np.split(x, ends)
+            for states, value in zip(self._chosen, state_values, strict=True):
+                states.Set(value)
+            forward.Set(packet)
+        return values, slopes
+
+    def _NewtonStep(self, values: Array, slopes: Array) -> Array:
+        """Returns the change of [chosen states; forward packet] that stops the rates.
+
+        An entry of the packet that does not depend on the master, such as a velocity
+        command, does not change.
+        """
+        N = self._num_states
+        cuts = self._cuts
+        rows = self._StoppedRates()
+        first = self._motion.states.size
+        packet = cuts.Places(cuts.forward)
+        columns = np.r_[first : self._num_slave_states, N + packet]
         # Delays deliver what goes into them, and the tool feels its environment.
-        closed = N + self._SignalsOf(*self._ports[1:], *self._inner_slave)
-        for _ in range(10):
-            for delay in self._inner_slave:
-                delay.Settle()
-            values, slopes = self._dual.Evaluate(step)
-            rates = values[rows]
-            # What the master sends whatever it feels, a velocity command say, stays.
-            sent = slopes[N + self._signals[self._forward]]
-            free = np.flatnonzero(np.any(sent != 0, axis=1) & is_chosen)
-            chosen = np.r_[:num_states, num_states + free]
-            if not len(chosen):
-                break
-            around = np.eye(len(closed)) - slopes[np.ix_(closed, closed)]
-            inner = np.linalg.solve(around, slopes[np.ix_(closed, columns)])
-            slope = slopes[np.ix_(rows, columns)] + slopes[np.ix_(rows, closed)] @ inner
-            change = np.zeros(len(columns))
-            change[chosen] = np.linalg.lstsq(slope[:, chosen], -rates, rcond=1e-10)[0]
-            x = np.concatenate([*(x.Get() for x in others), self._forward.Get()])
-            largest = max(1.0, float(np.abs((x + change)[chosen]).max()))
-            if np.abs(change).max() <= 1e-12 * largest:
-                break
-            ends = np.cumsum([states.size for states in others])
-            *parts, packet = np.split(x + change, ends)
-            for states, part in zip(others, parts, strict=True):
-                states.Set(part)
-            self._forward.Set(packet)
-        return float(np.abs(rates).max()), slopes
+        closed = N + cuts.Places(*cuts.ports[1:], *cuts.inner_slave)
+        loop = np.eye(len(closed)) - slopes[np.ix_(closed, closed)]
+        delivered = np.linalg.solve(loop, slopes[np.ix_(closed, columns)])
+        slope = slopes[np.ix_(rows, columns)]
+        slope = slope + slopes[np.ix_(rows, closed)] @ delivered
+        is_free = np.any(slopes[N + packet] != 0, axis=1)
+        num_chosen = self._num_slave_states - first
+        free = np.flatnonzero(np.r_[np.ones(num_chosen, dtype=bool), is_free])
+        change = np.zeros(len(columns))
+        if len(free):
+            change[free] = np.linalg.lstsq(slope[:, free], -values[rows], rcond=1e-10)[
+                0
+            ]
+        return change
 
     def _SurfaceDistance(self, point: OperatingPoint) -> float:
         """Returns how far it is to the nearest surface, at most 1 m.
@@ -424,16 +400,13 @@ class Linearizer:
         Raises:
             ScenarioError: If the point is on a surface.
         """
-        p_WT = point.position
-        distances = [abs(float(surface.Depth(p_WT))) for surface in self._surfaces]
+        surfaces = SurfacesOf(self._environment) or ()
+        distances = [abs(float(x.Depth(point.position))) for x in surfaces]
         distance = min(distances, default=math.inf)
         if distance < _LEAST_DISTANCE:
             allowed = "off every surface of the environment, for a linear model"
-            Refuse("position", p_WT, allowed)
+            Refuse("position", point.position, allowed)
         return min(distance, 1.0)
-
-    def _Step(self, point: OperatingPoint) -> float:
-        return min(_STEP, _STEP_SHARE * self._SurfaceDistance(point))
 
     # The model.
 
@@ -445,19 +418,45 @@ class Linearizer:
         From what is delivered at the cuts to what enters there and what else is seen.
         """
         N = self._num_states
-        if is_checked and self._dual.Bends(self._Step(point), slopes):
+        step = min(_STEP, _STEP_SHARE * self._SurfaceDistance(point))
+        if is_checked and self._function.Bends(step, slopes):
             raise ScenarioError(
                 f"teleoperator = a law that bends at the operating point "
                 f"{point.name!r}, as one that switches there: must have one "
                 "linear model"
             )
+        num_joint_states = self._motion.states.size
         coordinates, rates = self._motion.Coordinates(
-            slopes[: len(self._motion.states.Get())], slopes[N + self._num_signals :]
+            slopes[:num_joint_states], slopes[N + self._cuts.num_signals :]
         )
-        slopes[: len(rates)] = rates
-        by_x = np.eye(N)
-        by_x[: len(coordinates)] = coordinates[:, :N]
+        slopes[:num_joint_states] = rates
         # The coordinates are a function of the state: d/d(coordinates).
-        of_x = slopes[:, :N] @ np.linalg.inv(by_x)
-        of_u = slopes[:, N:]
-        return StateSpace(A=of_x[:N], B=of_u[:N], C=of_x[N:], D=of_u[N:])
+        by_state = np.eye(N)
+        by_state[:num_joint_states] = coordinates[:, :N]
+        by_coordinates = slopes[:, :N] @ np.linalg.inv(by_state)
+        by_input = slopes[:, N:]
+        return StateSpace(
+            A=by_coordinates[:N],
+            B=by_input[:N],
+            C=by_coordinates[N:],
+            D=by_input[N:],
+        )
+
+
+def _MakeTeleoperator(scenario: Scenario, *, at_ports: bool) -> Diagram:
+    """Makes the scenario's teleoperator with an operator that has a linear model."""
+    if at_ports:
+        # Who holds the device makes no difference to the two-port.
+        operator: System = ConstantVelocityOperator(velocity=scenario.surgeon.velocity)
+    else:
+        operator = scenario.surgeon.MakeLinearOperator(
+            start=scenario.robot.start, contact_surface=scenario.FindSurface(CONTACT)
+        )
+    return MakeTeleoperator(scenario, operator=operator)
+
+
+def _MotionRate(here: Array, behind: Array, ahead: Array, time: float) -> float:
+    """Returns MotionRate() of a matrix from its values a time apart."""
+    change = ahead - behind
+    change[np.abs(change) <= _ROUNDING * np.abs(here).max(initial=0.0)] = 0.0
+    return MotionRate(here, change / time)

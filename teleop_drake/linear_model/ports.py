@@ -1,11 +1,11 @@
 """The linear model of any diagram between two of its ports, with its exact delays.
 
 Drake's own Linearize() takes continuous states only. LinearizePorts() holds modes, cuts
-delays open and keeps them as delays; the slopes are those of AutoDiffXd. A block that
-does not convert to AutoDiffXd gets central differences, it alone, and is named.
+delays open and retains them as delays; the slopes are those of AutoDiffXd. If a block
+does not convert to AutoDiffXd, the slopes are central differences, and the model names
+the block.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,18 +15,18 @@ from pydrake.systems.framework import (
     Diagram,
     InputPort,
     OutputPort,
-    System,
 )
 
-from teleop_drake.arrays import ComplexArray
+from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.compiler.flatten import Block, Flatten
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.environments import SurfacesOf
 from teleop_drake.kernel.linear_part import LinearPartOf
-from teleop_drake.linear_model.autodiff_diagram import (
-    AutoDiffDiagram,
+from teleop_drake.linear_model.cut_diagram import (
+    Contexts,
     Cut,
     CutAtDelay,
+    CutDiagram,
     LeafPorts,
     States,
 )
@@ -51,7 +51,8 @@ class PortModel:
     Attributes:
         model: From [u, d] to [y, what goes into the delays].
         delays: T_i in s, an entry for each signal.
-        by_differences: Paths of the blocks that do not convert to AutoDiffXd.
+        by_differences: Paths of the blocks that do not convert to AutoDiffXd. If there
+            is one, all slopes are central differences.
         held: Systems with a mode or a layer, which is held.
     """
 
@@ -116,60 +117,114 @@ def LinearizePorts(
         ValueError: If a port is not in the diagram, a block holds samples (a channel of
             packets, a delay that varies), or a law bends at the operating point.
     """
+    own = _CopyContext(diagram, context)
+    contexts = ContextsIn(diagram, own)
+    for port in (input_port, output_port):
+        if port.get_system() not in contexts:
+            Refuse("port", port.GetFullDescription(), "one in the diagram")
+    blocks = Flatten(diagram)
+    held = _Held(blocks, contexts)
+    entry = _CutAtPort(blocks, input_port, contexts)
+    delays: list[float] = []
+    delay_cuts = []
+    states = []
+    for block in blocks:
+        delay = LinearPartOf(block.system).delay
+        if delay:
+            cut = CutAtDelay(blocks, block.system, contexts)
+            delay_cuts.append(cut)
+            delays += [delay] * len(cut.value)
+        size = block.system.num_continuous_states()
+        if size:
+            block_context = contexts[block.system]
+            states.append(States(block.system, block_context, size))
+    # What the input port receives without a deviation comes first, where it counts.
+    entering = [] if is_opened or entry.entering is None else [entry.entering]
+    function = CutDiagram(
+        diagram,
+        contexts,
+        states=states,
+        cuts=[entry, *delay_cuts],
+        seen=[*entering, output_port, *(cut.entering for cut in delay_cuts)],
+    )
+    _, slopes = function.Evaluate(_STEP)
+    if function.Bends(_STEP, slopes):
+        allowed = "where every law has one slope; one bends here, as at a surface"
+        Refuse("context", f"at {context.get_time():g} s", allowed)
+    num_states = sum(x.size for x in states)
+    model = _ModelOf(slopes, num_states)
+    if entering:
+        model = _WithAddedInput(model, input_port.size())
+    return PortModel(
+        model=model,
+        delays=tuple(delays),
+        by_differences=function.by_differences,
+        held=held,
+    )
+
+
+def _CopyContext(diagram: Diagram, context: Context) -> Context:
+    """Returns a copy of a Context that has values at the diagram's inputs."""
     own = diagram.CreateDefaultContext()
     own.SetTimeStateAndParametersFrom(context)
     for i in range(diagram.num_input_ports()):
         port = diagram.get_input_port(i)
         is_known = port.HasValue(context)
         port.FixValue(own, port.Eval(context) if is_known else np.zeros(port.size()))
-    contexts, blocks = ContextsIn(diagram, own), Flatten(diagram)
-    for port in (input_port, output_port):
-        if port.get_system() not in contexts:
-            Refuse("port", port.GetFullDescription(), "one in the diagram")
-    held = _Held(blocks, contexts)
-    delays = {
-        x.system: told.delay for x in blocks if (told := LinearPartOf(x.system)).delay
-    }
-    leaves = LeafPorts(input_port)
-    (first,) = (x for x in blocks if x.system is leaves[0].get_system())
-    is_added = leaves[0].get_name() in first.inputs and not is_opened
-    cuts = [
-        Cut(ports=leaves, contexts=contexts, is_added=is_added),
-        *(CutAtDelay(blocks, x, contexts) for x in delays),
-    ]
-    states = [
-        States(system=x.system, context=contexts[x.system], size=size)
-        for x in blocks
-        if (size := x.system.num_continuous_states())
-    ]
-    entering = [x.get_input_port() for x in delays]
-    dual = AutoDiffDiagram(
-        blocks, contexts, states=states, cuts=cuts, seen=[output_port, *entering]
-    )
-    _, M = dual.Evaluate(_STEP)
-    if dual.Bends(_STEP, M):
-        allowed = "where every law has one slope; one bends here, as at a surface"
-        Refuse("context", f"at {context.get_time():g} s", allowed)
-    n = sum(x.size for x in states)
-    return PortModel(
-        model=StateSpace(A=M[:n, :n], B=M[:n, n:], C=M[n:, :n], D=M[n:, n:]),
-        delays=tuple(
-            T for x, T in delays.items() for _ in range(x.get_input_port().size())
-        ),
-        by_differences=tuple(dual.by_differences),
-        held=held,
+    return own
+
+
+def _CutAtPort(blocks: list[Block], port: InputPort, contexts: Contexts) -> Cut:
+    """Returns the cut at an input port, with what it receives now."""
+    leaves = LeafPorts(port)
+    leaf = leaves[0]
+    system = leaf.get_system()
+    (block,) = (x for x in blocks if x.system is system)
+    source = block.inputs.get(leaf.get_name())
+    entering = None
+    if source is not None:
+        entering = blocks[source.block].system.GetOutputPort(source.port)
+    has_value = leaf.HasValue(contexts[system])
+    value = leaf.Eval(contexts[system]) if has_value else np.zeros(leaf.size())
+    return Cut(leaves, contexts, entering, np.array(value))
+
+
+def _ModelOf(slopes: Array, num_states: int) -> StateSpace:
+    """Returns the model whose rows and columns begin with the states."""
+    n = num_states
+    return StateSpace(
+        A=slopes[:n, :n], B=slopes[:n, n:], C=slopes[n:, :n], D=slopes[n:, n:]
     )
 
 
-def _Held(blocks: list[Block], contexts: Mapping[System, Context]) -> tuple[str, ...]:
+def _WithAddedInput(model: StateSpace, size: int) -> StateSpace:
+    """Returns the model whose first input is added to what the port receives.
+
+    Args:
+        model: From [what the port receives, d] to [what comes to the port, y, what goes
+            into the delays].
+        size: Width of the port.
+    """
+    # The loop is closed through a copy of the first input.
+    both = StateSpace(
+        A=model.A,
+        B=np.hstack([model.B[:, :size], model.B]),
+        C=model.C,
+        D=np.hstack([model.D[:, :size], model.D]),
+    )
+    return both.closed(np.arange(size))
+
+
+def _Held(blocks: list[Block], contexts: Contexts) -> tuple[str, ...]:
     """Returns what has a discrete state that is held; refuses other such blocks."""
     held = []
     for block in blocks:
-        context, told = contexts[block.system], LinearPartOf(block.system)
+        context = contexts[block.system]
+        described = LinearPartOf(block.system)
         groups = context.num_discrete_state_groups() + context.num_abstract_states()
-        if groups == 0 or told.delay is not None:
+        if groups == 0 or described.delay is not None:
             continue
-        if not told.has_modes and SurfacesOf(block.system) is None:
+        if not described.has_modes and SurfacesOf(block.system) is None:
             allowed = (
                 "without samples: a block whose state is not continuous has no "
                 "linear model, exact delays apart"

@@ -10,15 +10,16 @@ span the joint rates that do not move the tool at the operating point. N is cons
 that w is the rate of s also between small deviations.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
-from pydrake.systems.framework import OutputPort, System
+from pydrake.systems.framework import Context, OutputPort, System
 
 from teleop_drake.arrays import Array
 from teleop_drake.laws.task_space import position_rate
-from teleop_drake.linear_model.autodiff_diagram import States
+from teleop_drake.linear_model.cut_diagram import States
 from teleop_drake.robots import RobotConfig
 from teleop_drake.validation import Refuse, ScenarioError, Show
 
@@ -31,10 +32,10 @@ class ToolMotion:
 
     Args:
         config: The robot's, which knows its joint positions.
-        robot: The block.
+        robot: The system.
+        context: Its Context.
         states: The continuous states of its parts.
         num_axes: n.
-        evaluate: Returns the value of an output port of the robot, by its name.
 
     Raises:
         ScenarioError: If the states are not positions and velocities of n joints or
@@ -46,9 +47,9 @@ class ToolMotion:
         *,
         config: RobotConfig,
         robot: System,
+        context: Context,
         states: Sequence[States],
         num_axes: int,
-        evaluate: Callable[[str], Array],
     ):
         num_states = sum(part.size for part in states)
         if len(states) != 1 or num_states % 2 or num_states < 2 * num_axes:
@@ -58,9 +59,15 @@ class ToolMotion:
                 f"position and velocity of {num_axes} joints or more, in one block",
             )
         (self.states,) = states
-        self._config, self._robot = config, robot
-        self._n, self._m = num_axes, num_states // 2
-        self._Eval = evaluate
+        self._config = config
+        self._robot = robot
+        self._context = context
+        self._n = num_axes
+        self._m = num_states // 2
+
+    def _Eval(self, name: str) -> Array:
+        """Returns the value of an output port of the robot."""
+        return cast(Array, self._robot.GetOutputPort(name).Eval(self._context))
 
     def Place(self, p_WT: Array, v_WT: Array) -> None:
         """Sets the joints such that the tool is at a position and has a velocity.

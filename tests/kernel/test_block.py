@@ -201,6 +201,7 @@ class Late(KernelBlock):
     def __init__(self):
         KernelBlock.__init__(self)
         self.DeclareVectorInputPort("u", 1)
+        self.DeclareOutputs(y=1)
 
     def Kernel(self):
         delay = Delay(signal="u", output="y", initial_value=[0.0], time=1.0)
@@ -208,5 +209,8 @@ class Late(KernelBlock):
 
 
 def test_a_delay_says_what_linearises_it():
+    dual = Late().ToAutoDiffXd()
+    context = dual.CreateDefaultContext()
+    dual.get_input_port().FixValue(context, [0.0])
     with pytest.raises(ValueError, match=r"call teleop_drake\.LinearizePorts\(\)"):
-        Late().ToAutoDiffXd()
+        dual.get_output_port().Eval(context)
