@@ -53,15 +53,27 @@ _SLOW = 1e-6
 # A magnitude this close to 1 may be so by rounding.
 _MAGNITUDE_TOLERANCE = 1e-10
 
-# Points of the circle on which derivatives at s = 0 are taken.
+# Points of the circle about 0 on which derivatives at s = 0 are taken, its radius as a
+# share of the slowest mode that is not neutral, and the largest radius times delay.
 _NUM_CIRCLE_POINTS = 64
+_CIRCLE_SHARE = 0.1
+_LARGEST_TURN = 10.0
+
+# A coefficient of g(0, T) smaller than this, relative to the largest, is 0, and so is
+# the imaginary part of one of its roots smaller than this, relative to the root.
+_NEGLIGIBLE_COEFFICIENT = 1e-9
+_NEGLIGIBLE_IMAGINARY = 1e-6
 
 # Points of the first sweep, and around each pole.
 _NUM_SWEEP_POINTS = 2000
 _NUM_POLE_POINTS = 80
 
-# Points of each finer sweep around one of them.
+# Points of each finer sweep around one of them, and how many sweeps find an extremum.
 _NUM_INNER_POINTS = 17
+_NUM_EXTREMUM_SWEEPS = 12
+
+# An extremum of log |l| farther than this from 0 is no crossing in disguise.
+_NEAR_CROSSING = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,24 +130,35 @@ def sweep_frequencies(loop: StateSpace) -> Array:
     far below the slowest mode to where |L(j w)| has come within reach of D.
     """
     poles = np.linalg.eigvals(loop.A)
-    modes = np.abs(np.concatenate([poles, np.linalg.eigvals(closed_loop_matrix(loop))]))
-    gain = float(np.linalg.norm(loop.B) * np.linalg.norm(loop.C))
-    feedthrough = float(np.linalg.norm(loop.D, 2)) if loop.D.size else 0.0
-    # |C (j w - A)^-1 B| <= gain/(w - |A|): from here on |L| < 1, if |D| < 1.
-    high = 1.01 * (
-        float(np.linalg.norm(loop.A)) + gain / max(1 - feedthrough, 0.01) + 1e-3
-    )
-    slow = modes[modes > 1e-9 * high]
-    low = 1e-4 * min(float(slow.min(initial=high)), high)
+    closed_loop_modes = np.linalg.eigvals(closed_loop_matrix(loop))
+    modes = np.abs(np.concatenate([poles, closed_loop_modes]))
+    high = _highest_frequency(loop)
+    slow_modes = modes[modes > 1e-9 * high]
+    slowest = min(float(slow_modes.min(initial=high)), high)
+    low = 1e-4 * slowest
     frequencies = [np.geomspace(low, high, _NUM_SWEEP_POINTS)]
     for pole in poles[poles.imag > low]:
-        width = max(abs(pole.real), 1e-9 * abs(pole)) / 8
-        offsets = np.geomspace(width, abs(pole), _NUM_POLE_POINTS)
-        frequencies += [pole.imag + offsets, pole.imag - offsets]
+        # The peak of a pole is as wide as the pole is far from the axis.
+        width = max(abs(pole.real), 1e-9 * abs(pole))
+        offsets = np.geomspace(width / 8, abs(pole), _NUM_POLE_POINTS)
+        frequencies.append(pole.imag + offsets)
+        frequencies.append(pole.imag - offsets)
     # np.unique() imports all of numpy.ma.
     result = np.sort(np.concatenate(frequencies))
     is_new = np.diff(result, prepend=-np.inf) > 0
-    return result[is_new & (result >= low) & (result <= high)]
+    is_inside = (result >= low) & (result <= high)
+    return result[is_new & is_inside]
+
+
+def _highest_frequency(loop: StateSpace) -> float:
+    """Returns the frequency in rad/s from which on |L(j w)| < 1, if |D| < 1.
+
+    It follows from |C (j w - A)^-1 B| <= |B| |C|/(w - |A|).
+    """
+    gain = float(np.linalg.norm(loop.B) * np.linalg.norm(loop.C))
+    feedthrough = float(np.linalg.norm(loop.D, 2)) if loop.D.size else 0.0
+    left_over = max(1 - feedthrough, 0.01)
+    return 1.01 * (float(np.linalg.norm(loop.A)) + gain / left_over + 1e-3)
 
 
 def find_crossings(loop: StateSpace) -> list[Crossing]:
@@ -147,33 +170,68 @@ def find_crossings(loop: StateSpace) -> list[Crossing]:
         return []
     crossings = _passages_of_the_origin(loop)
     grid = sweep_frequencies(loop)
-    for i, gains in enumerate(_gains(loop, grid).T):
-        w, g = _add_extrema(loop, grid, gains, i)
-        # A neutral root is where |l| tends to 1 for w to 0: no crossing.
-        is_sure = np.abs(g) > _MAGNITUDE_TOLERANCE
-        w, g = w[is_sure], g[is_sure]
-        for k in np.flatnonzero((g[:-1] > 0) != (g[1:] > 0)):
-            inner = w[k : k + 2]
-            while inner[0] < np.nextafter(inner[-1], 0):
-                inner = np.linspace(inner[0], inner[-1], _NUM_INNER_POINTS)
-                is_above = _gains(loop, inner)[:, i] > 0
-                is_above[[0, -1]] = g[k : k + 2] > 0
-                first = int(np.argmax(is_above != is_above[0]))
-                inner = inner[first - 1 : first + 1]
-            frequency = float(inner[-1])
-            value = complex(eigenloci(loop, inner[-1:])[0, i])
-            phase = float(np.angle(value) + np.pi) % (2 * np.pi)
-            # Rounding must not make a whole turn of none.
-            if phase > 2 * np.pi * (1 - _AXIS_TOLERANCE):
-                phase = 0.0
-            crossings.append(
-                Crossing(
-                    frequency=frequency,
-                    delay=phase / frequency,
-                    direction=1 if g[k] > 0 else -1,
-                )
-            )
+    gains = _gains(loop, grid)
+    for locus in range(gains.shape[1]):
+        crossings += _crossings_of_locus(loop, grid, gains[:, locus], locus)
     return sorted(crossings, key=lambda crossing: crossing.frequency)
+
+
+def _crossings_of_locus(
+    loop: StateSpace, grid: Array, gains: Array, locus: int
+) -> list[Crossing]:
+    """Returns where an eigenlocus crosses the unit circle.
+
+    Args:
+        grid: Frequencies in rad/s (K).
+        gains: log |l| of the eigenlocus there (K).
+        locus: Its number among the eigenloci.
+    """
+    w, g = _add_extrema(loop, grid, gains, locus)
+    # A neutral root is where |l| tends to 1 for w to 0: no crossing.
+    is_sure = np.abs(g) > _MAGNITUDE_TOLERANCE
+    w = w[is_sure]
+    is_above = g[is_sure] > 0
+    crossings = []
+    for k in np.flatnonzero(is_above[:-1] != is_above[1:]):
+        starts_above = bool(is_above[k])
+        frequency = _find_crossing(loop, locus, w[k], w[k + 1], starts_above)
+        crossing = Crossing(
+            frequency=frequency,
+            delay=_phase_to_cross(loop, locus, frequency) / frequency,
+            direction=1 if starts_above else -1,
+        )
+        crossings.append(crossing)
+    return crossings
+
+
+def _find_crossing(
+    loop: StateSpace, locus: int, low: float, high: float, starts_above: bool
+) -> float:
+    """Returns where |l| passes 1 between two frequencies, in rad/s, to the last digit.
+
+    Args:
+        starts_above: Whether |l| > 1 at the lower frequency; at the higher one it is on
+            the other side.
+    """
+    while low < np.nextafter(high, 0):
+        w = np.linspace(low, high, _NUM_INNER_POINTS)
+        is_above = _gains(loop, w)[:, locus] > 0
+        # Rounding must not move the ends to the other side.
+        is_above[0] = starts_above
+        is_above[-1] = not starts_above
+        first_changed = int(np.argmax(is_above != starts_above))
+        low = w[first_changed - 1]
+        high = w[first_changed]
+    return float(high)
+
+
+def _phase_to_cross(loop: StateSpace, locus: int, frequency: float) -> float:
+    """Returns the phase in rad, 0 to 2 pi, by which a delay turns l(j w) to -1."""
+    value = complex(eigenloci(loop, np.array([frequency]))[0, locus])
+    phase = float(np.angle(value) + np.pi) % (2 * np.pi)
+    # Rounding must not make a whole turn of none.
+    is_whole_turn = phase > 2 * np.pi * (1 - _AXIS_TOLERANCE)
+    return 0.0 if is_whole_turn else phase
 
 
 def neutral_root_count(loop: StateSpace) -> int:
@@ -217,20 +275,17 @@ def unstable_roots(
         Delays (K) in s, ascending from 0, and the number of unstable roots from each to
         the next, the last one to max_delay (K).
     """
-    roots = np.linalg.eigvals(closed_loop_matrix(loop))
-    size = float(np.linalg.norm(loop.A))
-    roots = roots[np.abs(roots) > max(slow, _SLOW * size)]
-    # Roots on the axis do not count, and those at 0 are on it.
-    scale = np.maximum(np.abs(roots), 1e-3 * size)
-    count = int(np.sum(roots.real > _AXIS_TOLERANCE * scale))
+    count = _unstable_without_delay(loop, slow)
     changes: list[tuple[float, int]] = []
     for crossing in crossings:
         if crossing.frequency == 0:
+            # A real root passes, once.
             if crossing.delay <= 0:
                 count += crossing.direction > 0
             elif crossing.delay < max_delay:
                 changes.append((crossing.delay, crossing.direction))
             continue
+        # A pair passes, at every delay that turns the phase as far.
         period = 2 * math.pi / crossing.frequency
         delay = crossing.delay
         if delay < _AXIS_TOLERANCE * period:
@@ -240,11 +295,27 @@ def unstable_roots(
         while delay < max_delay:
             changes.append((delay, 2 * crossing.direction))
             delay += period
-    delays, counts = [0.0], [count]
+    delays = [0.0]
+    counts = [count]
     for delay, change in sorted(changes):
         delays.append(delay)
         counts.append(counts[-1] + change)
     return np.array(delays), np.array(counts)
+
+
+def _unstable_without_delay(loop: StateSpace, slow: float) -> int:
+    """Returns how many roots of the loop without delay are right of the axis.
+
+    Roots on the axis do not count, and those at 0 are on it.
+
+    Args:
+        slow: Below which size in 1/s a root is not told from one at 0.
+    """
+    size = float(np.linalg.norm(loop.A))
+    roots = np.linalg.eigvals(closed_loop_matrix(loop))
+    roots = roots[np.abs(roots) > max(slow, _SLOW * size)]
+    scale = np.maximum(np.abs(roots), 1e-3 * size)
+    return int(np.sum(roots.real > _AXIS_TOLERANCE * scale))
 
 
 def stable_delays(
@@ -301,50 +372,99 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
     order = neutral_root_count(loop)
     if order == 0:
         return []
-    n, m = loop.num_states, len(loop.D)
-    modes = np.abs(np.linalg.eigvals(closed_loop_matrix(loop)))
-    modes = modes[modes > _SLOW * np.linalg.norm(loop.A)]
-    radius = 0.1 * float(modes.min(initial=1.0))
-    circle = np.exp(2j * np.pi * np.arange(_NUM_CIRCLE_POINTS) / _NUM_CIRCLE_POINTS)
-
-    def coefficients(delay: float, count: int = 2) -> Array:
-        """Returns the first Taylor coefficients at s = 0 of g = det/s^order."""
-        s = min(radius, 10 / max(delay, 1e-9)) * circle
-        matrix = np.zeros((len(s), n + m, n + m), dtype=complex)
-        z = np.exp(-s * delay)[:, None, None]
-        matrix[:, :n, :n] = s[:, None, None] * np.eye(n) - loop.A
-        matrix[:, :n, n:] = -loop.B * z
-        matrix[:, n:, :n] = loop.C
-        matrix[:, n:, n:] = np.eye(m) + loop.D * z
-        g = np.linalg.det(matrix) / s**order
-        return np.array([np.mean(g / s**k).real for k in range(count)])
-
-    # g(0, T) is a polynomial in T of degree `order` at most.
-    unit = 1 / max(radius, 1e-6)
-    nodes = unit * np.arange(order + 1)
-    values = np.array([coefficients(delay)[0] for delay in nodes])
-    polynomial = np.polyfit(nodes / unit, values, order)
-    polynomial[np.abs(polynomial) < 1e-9 * np.abs(polynomial).max()] = 0.0
+    g = _ReducedDeterminant(loop, order)
+    polynomial = g.at_zero()
+    slope_by_delay = np.polyder(polynomial)
     passages = []
     num_without_delay = 0
     for root in np.roots(polynomial):
-        if abs(root.imag) > 1e-6 * abs(root) or root.real < 0:
+        is_real = abs(root.imag) <= _NEGLIGIBLE_IMAGINARY * abs(root)
+        if not is_real or root.real < 0:
             continue
-        delay = unit * float(root.real)
-        if delay < _AXIS_TOLERANCE * unit:
+        if root.real < _AXIS_TOLERANCE:
             num_without_delay += 1
             continue
-        slope = float(np.polyval(np.polyder(polynomial), root.real))
-        # The root is at -g(0, T)/g_s.
-        direction = -1 if slope * coefficients(delay)[1] > 0 else 1
+        delay = g.unit * float(root.real)
+        # Near 0, g = g_s s + g_T (T - delay): the root moves at -g_T/g_s.
+        g_T = float(np.polyval(slope_by_delay, root.real))
+        g_s = g.taylor(delay, num_terms=2)[1]
+        direction = -1 if g_T * g_s > 0 else 1
         passages.append(Crossing(frequency=0.0, delay=delay, direction=direction))
     if num_without_delay:
-        # They leave 0 as the delay leaves it; so where are they with a small one?
-        nearby = coefficients(0.01 * unit, num_without_delay + 1)
-        for s in np.roots(nearby[::-1]):
+        # These roots leave 0 as the delay does. A small delay shows their side.
+        small = 0.01 * g.unit
+        ascending = g.taylor(small, num_terms=num_without_delay + 1)
+        for s in np.roots(ascending[::-1]):
             direction = 1 if s.real > 0 else -1
             passages.append(Crossing(frequency=0.0, delay=0.0, direction=direction))
     return passages
+
+
+class _ReducedDeterminant:
+    """The function g(s, T) = det(s, T)/s^k of a loop with k neutral roots.
+
+    With z = e^(-s T), det(s, T) is that of
+
+        [s I - A    -B z  ]
+        [   C     I + D z ]
+
+    and so (1) as a polynomial in s and z.
+
+    Attributes:
+        unit: A delay in s, that of the slowest mode that is not neutral.
+
+    Args:
+        loop: L, with k >= 1 neutral roots.
+        order: k.
+    """
+
+    def __init__(self, loop: StateSpace, order: int):
+        self._loop = loop
+        self._order = order
+        modes = np.abs(np.linalg.eigvals(closed_loop_matrix(loop)))
+        modes = modes[modes > _SLOW * np.linalg.norm(loop.A)]
+        self._radius = _CIRCLE_SHARE * float(modes.min(initial=1.0))
+        self.unit = 1 / max(self._radius, 1e-6)
+
+    def taylor(self, delay: float, *, num_terms: int) -> Array:
+        """Returns the first coefficients of g by ascending powers of s.
+
+        By Cauchy's integral formula, on a circle about 0.
+
+        Args:
+            delay: T in s.
+        """
+        turns = np.arange(_NUM_CIRCLE_POINTS) / _NUM_CIRCLE_POINTS
+        radius = min(self._radius, _LARGEST_TURN / max(delay, 1e-9))
+        s = radius * np.exp(2j * np.pi * turns)
+        g = np.linalg.det(self._matrix(s, delay)) / s**self._order
+        return np.array([np.mean(g / s**k).real for k in range(num_terms)])
+
+    def at_zero(self) -> Array:
+        """Returns g(0, T) as a polynomial in T/unit, highest power first (k + 1).
+
+        A polynomial of degree k goes through its values at k + 1 delays.
+        """
+        nodes = np.arange(self._order + 1)
+        values = [self.taylor(self.unit * x, num_terms=1)[0] for x in nodes]
+        polynomial = np.polyfit(nodes, np.array(values), self._order)
+        sizes = np.abs(polynomial)
+        polynomial[sizes < _NEGLIGIBLE_COEFFICIENT * sizes.max()] = 0.0
+        return polynomial
+
+    def _matrix(self, s: ComplexArray, delay: float) -> ComplexArray:
+        """Returns the matrix at each s, (K, n + m, n + m)."""
+        loop = self._loop
+        n = loop.num_states
+        m = len(loop.D)
+        s_I = s[:, np.newaxis, np.newaxis] * np.eye(n)
+        z = np.exp(-s * delay)[:, np.newaxis, np.newaxis]
+        matrix = np.zeros((len(s), n + m, n + m), dtype=complex)
+        matrix[:, :n, :n] = s_I - loop.A
+        matrix[:, :n, n:] = -loop.B * z
+        matrix[:, n:, :n] = loop.C
+        matrix[:, n:, n:] = np.eye(m) + loop.D * z
+        return matrix
 
 
 def _gains(loop: StateSpace, frequencies: Array) -> Array:
@@ -352,26 +472,57 @@ def _gains(loop: StateSpace, frequencies: Array) -> Array:
     return np.log(np.maximum(np.abs(eigenloci(loop, frequencies)), 1e-300))
 
 
-def _add_extrema(loop: StateSpace, w: Array, g: Array, i: int) -> tuple[Array, Array]:
-    """Adds the extrema at which g = log |l_i| changes sign between two points."""
-    size = np.abs(g)
-    is_closest = (
-        (size[1:-1] <= np.minimum(size[:-2], size[2:]))
-        & ((g[1:-1] > 0) == (g[:-2] > 0))
-        & ((g[1:-1] > 0) == (g[2:] > 0))
-        & (size[1:-1] < 0.5)
-        # Where |l| is 1, as next to a neutral root, rounding makes extrema of its own.
-        & (size[1:-1] > _MAGNITUDE_TOLERANCE)
-    )
-    for k in np.flatnonzero(is_closest) + 1:
+def _add_extrema(
+    loop: StateSpace, w: Array, g: Array, locus: int
+) -> tuple[Array, Array]:
+    """Adds the extrema at which g = log |l| changes sign between two points.
+
+    Args:
+        w: Frequencies in rad/s, ascending (K).
+        g: log |l| of the eigenlocus there (K).
+        locus: Its number among the eigenloci.
+
+    Returns:
+        Frequencies, ascending, and log |l| there.
+    """
+    added_w = []
+    added_g = []
+    for k in _closest_points(g):
         sign = 1.0 if g[k] > 0 else -1.0
-        low, high = w[k - 1], w[k + 1]
-        for _ in range(12):
-            inner = np.geomspace(low, high, _NUM_INNER_POINTS)
-            values = _gains(loop, inner)[:, i]
-            least = int(np.clip(np.argmin(sign * values), 1, len(inner) - 2))
-            low, high = inner[least - 1], inner[least + 1]
-        if sign * values[least] < 0:
-            w, g = np.append(w, inner[least]), np.append(g, values[least])
-    order = np.argsort(w)
-    return w[order], g[order]
+        frequency, value = _least_gain(loop, locus, w[k - 1], w[k + 1], sign)
+        if sign * value < 0:
+            added_w.append(frequency)
+            added_g.append(value)
+    all_w = np.concatenate([w, added_w])
+    all_g = np.concatenate([g, added_g])
+    order = np.argsort(all_w)
+    return all_w[order], all_g[order]
+
+
+def _closest_points(g: Array) -> Indices:
+    """Returns the inner points at which g comes closest to 0 without a crossing."""
+    before = g[:-2]
+    here = g[1:-1]
+    after = g[2:]
+    size = np.abs(here)
+    is_least = (size <= np.abs(before)) & (size <= np.abs(after))
+    is_above = here > 0
+    is_on_one_side = (is_above == (before > 0)) & (is_above == (after > 0))
+    # Where |l| is 1, as next to a neutral root, rounding makes extrema of its own.
+    is_sure = size > _MAGNITUDE_TOLERANCE
+    is_near = size < _NEAR_CROSSING
+    return np.flatnonzero(is_least & is_on_one_side & is_sure & is_near) + 1
+
+
+def _least_gain(
+    loop: StateSpace, locus: int, low: float, high: float, sign: float
+) -> tuple[float, float]:
+    """Returns where sign * log |l| is least between two frequencies, and log |l|."""
+    for _ in range(_NUM_EXTREMUM_SWEEPS):
+        w = np.geomspace(low, high, _NUM_INNER_POINTS)
+        values = _gains(loop, w)[:, locus]
+        # Not one of the ends: the extremum is between its two neighbours.
+        least = int(np.clip(np.argmin(sign * values), 1, len(w) - 2))
+        low = w[least - 1]
+        high = w[least + 1]
+    return float(w[least]), float(values[least])
