@@ -25,6 +25,7 @@ Nothing here is shared with delay_margin, so that each can check the other.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +33,8 @@ from numpy.typing import ArrayLike
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.validation import CheckNumber
 
-# More points than this would take seconds.
+# Points for the slowest loops; more than the second number would take seconds.
+_FEWEST_POINTS = 20
 _MAX_POINTS = 200
 
 # What so many points do not find lies far to the left.
@@ -40,6 +42,9 @@ _ENOUGH_POINTS = 80
 
 # Where the gain from w back to u is less than this, there is no root worth finding.
 _LEAST_GAIN = 0.5
+
+# Steps that Newton's method takes at most.
+_MAX_NEWTON_STEPS = 20
 
 
 def characteristic_roots(
@@ -73,39 +78,63 @@ def characteristic_roots(
         ValueError: If the delay is negative or not finite.
     """
     A, B, C, D = (np.atleast_2d(np.array(x, dtype=float)) for x in (A, B, C, D))
-    m = len(D)
+    num_signals = len(D)
     CheckNumber("delay", delay, "s", minimum=0)
-    if delay == 0 or m == 0:
-        closed = A + B @ np.linalg.solve(np.eye(m) - D, C)
+    if delay == 0 or num_signals == 0:
+        closed = A + B @ np.linalg.solve(np.eye(num_signals) - D, C)
         return _rightmost(np.linalg.eigvals(closed).astype(complex), count)
-    num_points = _num_points(A, B, C, D, delay)
+    loop = _DelayedLoop(A, B, C, D, delay)
+    num_points = _num_points(loop)
     while True:
-        raw = _rightmost(_collocation_roots(A, B, C, D, delay, num_points), count)
-        roots = np.array([_polish(s, A, B, C, D, delay) for s in raw])
+        raw = _rightmost(_collocation_roots(loop, num_points), count)
+        roots = np.array([_polish(s, loop) for s in raw])
         # A root of the problem is one that Newton's method hardly has to move. Others
         # are of the discretisation's own making.
-        is_found = np.abs(roots - raw) * delay < 1e-3 * (1 + np.abs(raw) * delay)
+        moved = np.abs(roots - raw) * delay
+        is_found = moved < 1e-3 * (1 + np.abs(raw) * delay)
         if is_found.all() or num_points >= _ENOUGH_POINTS:
             return _rightmost(roots[is_found], count)
         num_points *= 2
 
 
-def _num_points(A: Array, B: Array, C: Array, D: Array, delay: float) -> int:
+class _DelayedLoop(NamedTuple):
+    """The loop dx/dt = A x + B u(t - T), u = C x + D u(t - T).
+
+    Attributes:
+        A: (n, n).
+        B: (n, m).
+        C: (m, n).
+        D: (m, m).
+        delay: T > 0 in s.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    delay: float
+
+
+def _num_points(loop: _DelayedLoop) -> int:
     """Returns how many points it takes to resolve all roots near the axis.
 
     There |C (s I - A)^-1 B + D| >= 1, so their frequency is limited, and a polynomial
     needs more than half a point for each radian that such a root turns in the delay.
     """
+    A, B, C, _, delay = loop
     n = len(A)
-    high = np.linalg.norm(A, 2) + 2 * np.linalg.norm(B, 2) * np.linalg.norm(C, 2)
-    if n == 0 or high == 0:
-        return 20
-    w = np.geomspace(1e-3 * high, high, 200)
-    resolvent = 1j * w[:, None, None] * np.eye(n) - A
-    gains = C @ np.linalg.solve(resolvent, np.broadcast_to(B + 0j, (len(w), *B.shape)))
-    is_large = np.linalg.norm(gains, ord=2, axis=(1, 2)) >= _LEAST_GAIN
+    gain = np.linalg.norm(B, 2) * np.linalg.norm(C, 2)
+    highest = np.linalg.norm(A, 2) + 2 * gain
+    if n == 0 or highest == 0:
+        return _FEWEST_POINTS
+    w = np.geomspace(1e-3 * highest, highest, 200)
+    # (K, n, n) and (K, n, m), a matrix for each frequency.
+    resolvent = 1j * w[:, np.newaxis, np.newaxis] * np.eye(n) - A
+    inputs = np.broadcast_to(B.astype(complex), (len(w), *B.shape))
+    response = C @ np.linalg.solve(resolvent, inputs)
+    is_large = np.linalg.norm(response, ord=2, axis=(1, 2)) >= _LEAST_GAIN
     fastest = float(w[is_large].max(initial=0.0))
-    return min(20 + math.ceil(0.6 * fastest * delay), _MAX_POINTS)
+    return min(_FEWEST_POINTS + math.ceil(0.6 * fastest * delay), _MAX_POINTS)
 
 
 def _rightmost(roots: ComplexArray, count: int) -> ComplexArray:
@@ -128,37 +157,41 @@ def _differentiation_matrix(num_points: int) -> Array:
     return np.asarray(matrix)
 
 
-def _collocation_roots(
-    A: Array, B: Array, C: Array, D: Array, delay: float, num_points: int
-) -> ComplexArray:
+def _collocation_roots(loop: _DelayedLoop, num_points: int) -> ComplexArray:
     """Returns the eigenvalues of the discretised generator."""
-    n, m = len(A), len(D)
-    derivative = _differentiation_matrix(num_points)
+    A, B, C, D, delay = loop
+    n = len(A)
+    m = len(D)
     # U_0 = U(0) is eliminated; the unknowns are x and U_1 ... U_N, U_N = U(-T).
-    derivative = derivative[1:] * (2 / delay)
-    last = slice(n + (num_points - 1) * m, n + num_points * m)
-    generator = np.zeros((n + num_points * m, n + num_points * m))
+    derivative = _differentiation_matrix(num_points)[1:] * (2 / delay)
+    size = n + num_points * m
+    last = slice(size - m, size)
+    generator = np.zeros((size, size))
     generator[:n, :n] = A
     generator[:n, last] = B
     generator[n:, n:] = np.kron(derivative[:, 1:], np.eye(m))
+    # U_0 = C x + D U_N.
     boundary = np.kron(derivative[:, :1], np.eye(m))
     generator[n:, :n] += boundary @ C
     generator[n:, last] += boundary @ D
     return np.linalg.eigvals(generator).astype(complex)
 
 
-def _polish(
-    s: complex, A: Array, B: Array, C: Array, D: Array, delay: float
-) -> complex:
-    """Returns the root of (2) next to s, by Newton's method on log det."""
-    n, m = len(A), len(D)
-    for _ in range(20):
+def _polish(s: complex, loop: _DelayedLoop) -> complex:
+    """Returns the root of (2) next to s, by Newton's method on log det.
+
+    Infinity if the method runs away from s.
+    """
+    A, B, C, D, delay = loop
+    identity_n = np.eye(len(A))
+    identity_m = np.eye(len(D))
+    no_slope = np.zeros_like(C)
+    for _ in range(_MAX_NEWTON_STEPS):
         with np.errstate(over="ignore"):
             z = np.exp(-s * delay)
-        matrix = np.block([[s * np.eye(n) - A, -B * z], [-C, np.eye(m) - D * z]])
-        slope = np.block(
-            [[np.eye(n), delay * z * B], [np.zeros((m, n)), delay * z * D]]
-        )
+        # M(s), whose determinant is zero at a root, and dM/ds.
+        matrix = np.block([[s * identity_n - A, -B * z], [-C, identity_m - D * z]])
+        slope = np.block([[identity_n, delay * z * B], [no_slope, delay * z * D]])
         if not np.isfinite(matrix).all():
             return complex(np.inf)
         try:

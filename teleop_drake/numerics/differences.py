@@ -21,17 +21,29 @@ def differentiate(function: Callable[[Array], Array], x0: Array, steps: Array) -
         x0: Where (n).
         steps: The longest step of each entry of x, > 0 (n).
     """
-    columns = []
-    for j, longest in enumerate(steps):
-        table: list[Array] = []
-        for i in range(_NUM_STEPS):
-            high, low = x0.copy(), x0.copy()
-            high[j] += longest / 2**i
-            low[j] -= longest / 2**i
-            row = [(function(high) - function(low)) / (high[j] - low[j])]
-            # Each extrapolation removes the next even power of the step.
-            for k in range(i):
-                row.append(row[k] + (row[k] - table[k]) / (4 ** (k + 1) - 1))
-            table = row
-        columns.append(table[-1])
-    return np.array(columns).T if columns else np.zeros((len(function(x0)), 0))
+    columns = [
+        _differentiate_by(function, x0, j, float(longest))
+        for j, longest in enumerate(steps)
+    ]
+    if not columns:
+        return np.zeros((len(function(x0)), 0))
+    return np.array(columns).T
+
+
+def _differentiate_by(
+    function: Callable[[Array], Array], x0: Array, j: int, longest: float
+) -> Array:
+    """Returns the derivative by x[j] (k), with steps up to a longest one."""
+    row: list[Array] = []
+    for i in range(_NUM_STEPS):
+        above = row
+        high = x0.copy()
+        high[j] += longest / 2**i
+        low = x0.copy()
+        low[j] -= longest / 2**i
+        row = [(function(high) - function(low)) / (high[j] - low[j])]
+        # Each extrapolation removes the next even power of the step.
+        for k in range(i):
+            correction = (row[k] - above[k]) / (4 ** (k + 1) - 1)
+            row.append(row[k] + correction)
+    return row[-1]

@@ -61,17 +61,21 @@ def fit_pieces(
     ends = [float(start), *inner, float(end)]
     # The next interval is the last one of the list.
     intervals = list(itertools.pairwise(ends))[::-1]
-    knots, rows = [float(start)], []
+    knots = [float(start)]
+    rows = []
     while intervals:
         a, b = intervals.pop()
-        middle, half = (a + b) / 2, (b - a) / 2
+        middle = (a + b) / 2
+        half = (b - a) / 2
         values = np.array([function(middle + half * x) for x in _NODES.tolist()])
-        row = _TO_COEFFICIENTS @ values
-        tests = np.array([function(middle + half * x) for x in _TESTS.tolist()])
-        error = np.abs(_AT_TESTS @ row - tests).max()
-        if error > _TOLERANCE * max(1.0, np.abs(values).max()) and b - a > 2 * shortest:
-            intervals += [(middle, b), (a, middle)]
-            continue
-        knots.append(b)
-        rows.append(row)
+        coefficients = _TO_COEFFICIENTS @ values
+        expected = np.array([function(middle + half * x) for x in _TESTS.tolist()])
+        error = np.abs(_AT_TESTS @ coefficients - expected).max()
+        is_good = error <= _TOLERANCE * max(1.0, np.abs(values).max())
+        if is_good or b - a <= 2 * shortest:
+            knots.append(b)
+            rows.append(coefficients)
+        else:
+            intervals.append((middle, b))
+            intervals.append((a, middle))
     return Pieces(np.array(knots), np.array(rows))

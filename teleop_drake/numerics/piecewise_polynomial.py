@@ -33,7 +33,8 @@ def linear_pieces(times: ArrayLike, values: ArrayLike) -> tuple[Array, Array]:
         times: (K + 1,) ascending.
         values: (K + 1, n) at the times.
     """
-    breaks, nodes = np.array(times, dtype=float), np.array(values, dtype=float)
+    breaks = np.array(times, dtype=float)
+    nodes = np.array(values, dtype=float)
     slopes = np.diff(nodes, axis=0) / np.diff(breaks)[:, np.newaxis]
     return breaks, np.stack([nodes[:-1], slopes], axis=1)
 
@@ -55,7 +56,8 @@ def minimum_jerk_pieces(times: ArrayLike, points: ArrayLike) -> tuple[Array, Arr
     """
     from scipy.interpolate import make_interp_spline  # It takes half a second.
 
-    breaks, nodes = np.array(times, dtype=float), np.array(points, dtype=float)
+    breaks = np.array(times, dtype=float)
+    nodes = np.array(points, dtype=float)
     # At rest, without acceleration, at both ends. Time is scaled, so that the powers of
     # a short or long piece do not spoil it.
     at_rest = [(order, np.zeros(nodes.shape[1])) for order in (1, 2)]

@@ -79,13 +79,16 @@ def _skew(a: Array) -> Array:
 def _cross(V: Array, W: Array) -> Array:
     """Returns the rate of a motion W that is carried along by a motion V."""
     w = V[:3]
-    return np.append(np.cross(w, W[:3]), np.cross(w, W[3:]) + np.cross(V[3:], W[:3]))
+    turning = np.cross(w, W[:3])
+    moving = np.cross(w, W[3:]) + np.cross(V[3:], W[:3])
+    return np.append(turning, moving)
 
 
 def _cross_force(V: Array, F: Array) -> Array:
     """Returns the rate of a momentum F that is carried along by a motion V."""
     w = V[:3]
-    return np.append(np.cross(w, F[:3]) + np.cross(V[3:], F[3:]), np.cross(w, F[3:]))
+    moment = np.cross(w, F[:3]) + np.cross(V[3:], F[3:])
+    return np.append(moment, np.cross(w, F[3:]))
 
 
 def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
@@ -95,12 +98,16 @@ def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
         q: Positions of the joints in rad or m (n).
         v: Their velocities in rad/s or m/s (n).
     """
-    nothing = np.zeros(6)
-    R, p, S, V = [np.eye(3)], [np.zeros(3)], [nothing], [nothing]
+    # The world comes first, at rest.
+    R = [np.eye(3)]
+    p = [np.zeros(3)]
+    S = [np.zeros(6)]
+    V = [np.zeros(6)]
     for i in range(len(tree.parents)):
-        k, frame = tree.parents[i] + 1, tree.frames[i]
-        R_i = R[k] @ frame[:, :3]
-        p_i = p[k] + R[k] @ frame[:, 3]
+        parent = tree.parents[i] + 1
+        frame = tree.frames[i]
+        R_i = R[parent] @ frame[:, :3]
+        p_i = p[parent] + R[parent] @ frame[:, 3]
         axis = R_i @ tree.axes[i]
         if tree.is_prismatic[i]:
             p_i = p_i + q[i] * axis
@@ -113,7 +120,7 @@ def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
         R.append(R_i)
         p.append(p_i)
         S.append(S_i)
-        V.append(V[k] + S_i * v[i])
+        V.append(V[parent] + S_i * v[i])
     return Motion(R, p, S, V)
 
 
@@ -123,14 +130,18 @@ def _calc_accelerations(
     """Returns the spatial accelerations dV/dt of all links, where the world has one."""
     A = [world]
     for i in range(len(tree.parents)):
-        k, S = tree.parents[i] + 1, motion.S[i + 1]
-        A.append(A[k] + S * v_dot[i] + _cross(motion.V[k], S * v[i]))
+        parent = tree.parents[i] + 1
+        S = motion.S[i + 1]
+        carried = _cross(motion.V[parent], S * v[i])
+        A.append(A[parent] + S * v_dot[i] + carried)
     return A
 
 
 def _calc_inertia(tree: RigidBodyTree, motion: Motion, i: int) -> Array:
     """Returns a link's inertia about O."""
-    m, R, p = tree.masses[i], motion.R[i + 1], motion.p[i + 1]
+    m = tree.masses[i]
+    R = motion.R[i + 1]
+    p = motion.p[i + 1]
     h = R @ tree.moments[i]
     shift = np.outer(p, m * p / 2 + h)  # Steiner, with h about the link's origin.
     about_O = R @ tree.inertias[i] @ R.T - shift - shift.T
@@ -149,7 +160,8 @@ def calc_dynamics(tree: RigidBodyTree, motion: Motion, v: Array) -> tuple[Array,
         v: Velocities of the joints in rad/s or m/s (n).
     """
     n = len(tree.parents)
-    M, bias = np.zeros((n, n)), np.zeros(n)
+    M = np.zeros((n, n))
+    bias = np.zeros(n)
     # What each link needs to move on, were no joint to accelerate, in free fall.
     fall = np.append(np.zeros(3), -tree.gravity)
     A = _calc_accelerations(tree, motion, v, np.zeros(n), fall)[1:]
@@ -159,7 +171,8 @@ def calc_dynamics(tree: RigidBodyTree, motion: Motion, v: Array) -> tuple[Array,
         for I_i, A_i, V_i in zip(I, A, motion.V[1:], strict=True)
     ]
     for i in reversed(range(n)):
-        S, parent = motion.S[i + 1], tree.parents[i]
+        S = motion.S[i + 1]
+        parent = tree.parents[i]
         bias[i] = S @ F[i]
         # What the links outboard of joint i weigh for the joints inboard of it.
         weight = I[i] @ S
@@ -201,7 +214,8 @@ def calc_jacobian(
     p = motion.p[link + 1] + motion.R[link + 1] @ point
     J = np.zeros((6, len(tree.parents)))
     while link >= 0:
-        w, u = motion.S[link + 1][:3], motion.S[link + 1][3:]
+        w = motion.S[link + 1][:3]
+        u = motion.S[link + 1][3:]
         J[:, link] = np.append(w, u + np.cross(w, p))
         link = tree.parents[link]
     return p, J
@@ -229,12 +243,14 @@ def calc_point_accelerations(
     A = _calc_accelerations(tree, motion, v, v_dot, np.zeros(6))
     result = np.zeros((len(links), 6))
     for row in range(len(links)):
-        k = links[row] + 1
-        p = motion.p[k] + motion.R[k] @ points[row]
-        w, u = motion.V[k][:3], motion.V[k][3:]
-        alpha, a = A[k][:3], A[k][3:]
-        # a is what happens at O: the point there belongs to another part of the link
-        # all the time.
-        a = a + np.cross(alpha, p) + np.cross(w, u + np.cross(w, p))
+        link = links[row] + 1
+        p = motion.p[link] + motion.R[link] @ points[row]
+        w = motion.V[link][:3]
+        u = motion.V[link][3:]
+        alpha = A[link][:3]
+        # What happens at O. The point there belongs to another part of the link all the
+        # time.
+        a_O = A[link][3:]
+        a = a_O + np.cross(alpha, p) + np.cross(w, u + np.cross(w, p))
         result[row] = np.append(a, alpha)
     return result

@@ -174,7 +174,8 @@ class EnoPolynomial:
 
     def __init__(self, times: Sequence[float], values: Array, i: int):
         window = stencil_window(times, i)
-        t, left = [times[j] for j in window], window.index(i)
+        t = [times[j] for j in window]
+        left = window.index(i)
         # Of so few numbers, Python's own are faster than arrays.
         columns = values[window].T.tolist()
         self._series = [_newton_series(t, column, left) for column in columns]
@@ -199,27 +200,48 @@ def _newton_series(
         t: The times of the samples y that it may be built from.
         left: The first of the two samples between which it is.
     """
-    begin, end, change = t[left], t[left + 1], abs(y[left + 1] - y[left])
-    nodes, coefficients = [begin], [y[left]]
+    begin = t[left]
+    end = t[left + 1]
+    change = abs(y[left + 1] - y[left])
+    nodes = [begin]
+    coefficients = [y[left]]
     for order in range(1, min(len(t), _NUM_POINTS)):
-        rises, gaps = map(sub, y[1:], y), map(sub, t[order:], t)
+        # The divided differences of this order, of all stencils.
+        rises = map(sub, y[1:], y)
+        gaps = map(sub, t[order:], t)
         y = list(map(truediv, rises, gaps))
         # The first one makes the line through both samples.
-        grows = order > 1 and left > 0
-        if grows and left < len(y):
-            grows = abs(y[left - 1]) < abs(y[left])
-        left -= grows
-        nodes.append(t[left if grows else left + order])
+        grows_left = order > 1 and left > 0
+        if grows_left and left < len(y):
+            grows_left = abs(y[left - 1]) < abs(y[left])
+        if grows_left:
+            left -= 1
+            nodes.append(t[left])
+        else:
+            nodes.append(t[left + order])
         coefficients.append(y[left])
-    # |(t - begin) (t - end)| and each further factor are largest at an end or in the
-    # middle.
-    factor, terms = (end - begin) ** 2 / 4, [0.0, 0.0]
+    terms = _term_bounds(nodes, coefficients, end)
+    num_terms, share = _trusted(terms, change)
+    coefficients[2:] = [share * c for c in coefficients[2:]]
+    series = list(zip(nodes, coefficients, strict=True))[:num_terms]
+    return series[::-1]
+
+
+def _term_bounds(
+    nodes: list[float], coefficients: list[float], end: float
+) -> list[float]:
+    """Returns bounds of the terms of a series between its first node and an end.
+
+    Those of the line through both ends are 0.
+    """
+    begin = nodes[0]
+    terms = [0.0, 0.0]
+    # |(t - begin) (t - end)| is largest in the middle, each further factor at an end.
+    factor = (end - begin) ** 2 / 4
     for node, coefficient in zip(nodes[2:], coefficients[2:], strict=True):
         terms.append(abs(coefficient) * factor)
         factor *= max(abs(begin - node), abs(end - node))
-    num_terms, share = _trusted(terms, change)
-    coefficients[2:] = [share * c for c in coefficients[2:]]
-    return list(zip(nodes, coefficients, strict=True))[:num_terms][::-1]
+    return terms
 
 
 def _trusted(terms: list[float], change: float) -> tuple[int, float]:
@@ -230,14 +252,17 @@ def _trusted(terms: list[float], change: float) -> tuple[int, float]:
     symmetry). Unless that is small against the largest term, the terms from the second
     order on are scaled by change / (4 sum T_m) where that is less than 1.
     """
-    terms += [0.0] * (4 - len(terms))
+    terms = terms + [0.0] * (4 - len(terms))
     pairs = list(map(max, terms[2:], terms[3:]))
     last = 0
     while last + 1 < len(pairs) and pairs[last + 1] <= pairs[last]:
         last += 1
-    deviation = 4 * sum(terms[: last + 4])
-    is_unsure = pairs[last] > _CONVERGED * max(terms[: last + 4])
-    return last + 4, change / deviation if is_unsure and change < deviation else 1.0
+    num_terms = last + 4
+    is_trusted = pairs[last] <= _CONVERGED * max(terms[:num_terms])
+    deviation = 4 * sum(terms[:num_terms])
+    if is_trusted or change >= deviation:
+        return num_terms, 1.0
+    return num_terms, change / deviation
 
 
 def stencil_window(times: Sequence[float], i: int) -> list[int]:
@@ -252,12 +277,15 @@ def stencil_window(times: Sequence[float], i: int) -> list[int]:
     """
     spacing = (times[i + 1] - times[i]) / 4
     window = [i, i + 1]
+    # Older samples.
     j = i - 1
     while j >= 0 and len(window) < _REACH + 2 and times[j] < times[j + 1]:
         if times[window[0]] - times[j] >= spacing:
             window.insert(0, j)
         j -= 1
-    j, most = i + 2, len(window) + _REACH
+    # Newer samples.
+    most = len(window) + _REACH
+    j = i + 2
     while j < len(times) and len(window) < most and times[j - 1] < times[j]:
         if times[j] - times[window[-1]] >= spacing:
             window.append(j)

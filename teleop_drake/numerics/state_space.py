@@ -43,7 +43,8 @@ class StateSpace:
                 Refuse(name, matrix, "a finite matrix")
             matrix.setflags(write=False)
             object.__setattr__(self, name, matrix)
-        n, (p, m) = len(self.A), self.D.shape
+        n = len(self.A)
+        p, m = self.D.shape
         for name, shape in (("A", (n, n)), ("B", (n, m)), ("C", (p, n))):
             if getattr(self, name).shape != shape:
                 Refuse(f"shape of {name}", getattr(self, name).shape, str(shape))
@@ -60,7 +61,9 @@ class StateSpace:
             frequencies: w in rad/s (K).
         """
         w = np.asarray(frequencies, dtype=float).reshape(-1)
-        resolvent = 1j * w[:, None, None] * np.eye(self.num_states) - self.A
+        # (K, n, n) and (K, n, m), a matrix for each frequency.
+        s = 1j * w[:, np.newaxis, np.newaxis]
+        resolvent = s * np.eye(self.num_states) - self.A
         B = np.broadcast_to(self.B.astype(complex), (len(w), *self.B.shape))
         response = self.C @ np.linalg.solve(resolvent, B) + self.D
         return response.astype(complex)
@@ -69,7 +72,9 @@ class StateSpace:
         self, states: ArrayLike, inputs: ArrayLike, outputs: ArrayLike
     ) -> "StateSpace":
         """Returns the system of some states, inputs and outputs, by their indices."""
-        x, u, y = (np.asarray(i, dtype=int) for i in (states, inputs, outputs))
+        x = np.asarray(states, dtype=int)
+        u = np.asarray(inputs, dtype=int)
+        y = np.asarray(outputs, dtype=int)
         return StateSpace(
             A=self.A[np.ix_(x, x)],
             B=self.B[np.ix_(x, u)],
@@ -83,17 +88,19 @@ class StateSpace:
         They are no inputs and outputs any more.
         """
         i = np.asarray(signals, dtype=int)
-        m, p = (
-            np.delete(np.arange(self.D.shape[1]), i),
-            np.delete(np.arange(len(self.D)), i),
-        )
+        inputs = np.delete(np.arange(self.D.shape[1]), i)
+        outputs = np.delete(np.arange(len(self.D)), i)
+        # The closed signals z = C_i x + D_iu u + D_ii z, solved for z.
         loop = np.linalg.inv(np.eye(len(i)) - self.D[np.ix_(i, i)])
-        from_x, from_u = loop @ self.C[i], loop @ self.D[np.ix_(i, m)]
+        z_by_x = loop @ self.C[i]
+        z_by_u = loop @ self.D[np.ix_(i, inputs)]
+        B_z = self.B[:, i]
+        D_z = self.D[np.ix_(outputs, i)]
         return StateSpace(
-            A=self.A + self.B[:, i] @ from_x,
-            B=self.B[:, m] + self.B[:, i] @ from_u,
-            C=self.C[p] + self.D[np.ix_(p, i)] @ from_x,
-            D=self.D[np.ix_(p, m)] + self.D[np.ix_(p, i)] @ from_u,
+            A=self.A + B_z @ z_by_x,
+            B=self.B[:, inputs] + B_z @ z_by_u,
+            C=self.C[outputs] + D_z @ z_by_x,
+            D=self.D[np.ix_(outputs, inputs)] + D_z @ z_by_u,
         )
 
     def delayed_response(
@@ -107,13 +114,19 @@ class StateSpace:
             delays: In s (k).
             frequencies: w in rad/s (K), none of them an undamped mode.
         """
-        w, T = (np.asarray(x, dtype=float).reshape(-1) for x in (frequencies, delays))
-        G, k = self.frequency_response(w), len(T)
+        w = np.asarray(frequencies, dtype=float).reshape(-1)
+        T = np.asarray(delays, dtype=float).reshape(-1)
+        k = len(T)
         p, m = (size - k for size in self.D.shape)
-        shift = np.exp(-1j * w[:, None, None] * T[:, None])
-        loop = np.eye(k) - shift * G[:, p:, m:]
-        delivered = np.linalg.solve(loop, shift * G[:, p:, :m])
-        return (G[:, :p, :m] + G[:, :p, m:] @ delivered).astype(complex)
+        G = self.frequency_response(w)
+        G_yu = G[:, :p, :m]
+        G_yd = G[:, :p, m:]
+        G_eu = G[:, p:, :m]
+        G_ed = G[:, p:, m:]
+        # d = shift (G_eu u + G_ed d): what the delays deliver, (K, k, m) by u.
+        shift = np.exp(-1j * w[:, np.newaxis, np.newaxis] * T[:, np.newaxis])
+        delivered = np.linalg.solve(np.eye(k) - shift * G_ed, shift * G_eu)
+        return (G_yu + G_yd @ delivered).astype(complex)
 
 
 def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
@@ -133,13 +146,17 @@ def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
         eigenvalues of the removed modes.
     """
     scale = _balance(system)
-    A = system.A * scale / scale[:, None]
-    B, C = system.B / scale[:, None], system.C * scale
+    A = system.A * scale / scale[:, np.newaxis]
+    B = system.B / scale[:, np.newaxis]
+    C = system.C * scale
+    # What the input reaches.
     V, hidden = _reachable(A, B)
-    A, B, C = V.T @ A @ V, V.T @ B, C @ V
+    A = V.T @ A @ V
+    B = V.T @ B
+    C = C @ V
+    # What the output sees: the reachable space of the dual system.
     W, unseen = _reachable(A.T, C.T)
-    A, B, C = W.T @ A @ W, W.T @ B, C @ W
-    minimal = StateSpace(A=A, B=B, C=C, D=system.D)
+    minimal = StateSpace(A=W.T @ A @ W, B=W.T @ B, C=C @ W, D=system.D)
     return minimal, np.concatenate([hidden, unseen])
 
 
@@ -147,15 +164,18 @@ def _reachable(A: Array, B: Array) -> tuple[Array, ComplexArray]:
     """Returns a basis of the reachable space and the eigenvalues outside of it."""
     n = len(A)
     V = np.zeros((n, 0))
-    block, size = B, np.linalg.norm(B)
+    block = B
+    size = np.linalg.norm(B)
     while block.shape[1] and V.shape[1] < n:
         for _ in range(2):  # Twice, for orthogonality to rounding.
             block = block - V @ (V.T @ block)
         U, sigma, _ = np.linalg.svd(block, full_matrices=False)
         new = U[:, sigma > _TOLERANCE * size]
         V = np.hstack([V, new])
-        block, size = A @ new, np.linalg.norm(A)
-    rest = np.linalg.svd(V, full_matrices=True)[0][:, V.shape[1] :]
+        block = A @ new
+        size = np.linalg.norm(A)
+    complete, _, _ = np.linalg.svd(V, full_matrices=True)
+    rest = complete[:, V.shape[1] :]
     return V, np.linalg.eigvals(rest.T @ A @ rest).astype(complex)
 
 
@@ -176,7 +196,8 @@ def _balance(system: StateSpace) -> Array:
     scale = np.ones(n)
     for _ in range(20):
         for i in range(n):
-            column, row = matrix[:, i].sum(), matrix[i].sum()
+            column = matrix[:, i].sum()
+            row = matrix[i].sum()
             if column > 0 and row > 0:
                 # A power of two, so that no digit is lost.
                 factor = 2.0 ** np.round(0.5 * np.log2(row / column))

@@ -63,9 +63,22 @@ def realize_transfer_function(
     # Drake takes no view of one element with a stride of its own.
     C = (num[1:] - num[0] * den[1:])[np.newaxis, ::-1].copy()
     D = num[:1, np.newaxis].copy()
-    if num_axes > 1:
-        A, B, C, D = (np.kron(np.eye(num_axes), block) for block in (A, B, C, D))
-    return A, B, C, D
+    return _on_axes(num_axes, A, B, C, D)
+
+
+def _on_axes(
+    num_axes: int, A: Array, B: Array, C: Array, D: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Returns the matrices of equal, independent axes from those of one axis."""
+    if num_axes == 1:
+        return A, B, C, D
+    axes = np.eye(num_axes)
+    return (
+        np.asarray(np.kron(axes, A), dtype=float),
+        np.asarray(np.kron(axes, B), dtype=float),
+        np.asarray(np.kron(axes, C), dtype=float),
+        np.asarray(np.kron(axes, D), dtype=float),
+    )
 
 
 def low_frequency_resistance(numerator: ArrayLike, denominator: ArrayLike) -> float:
@@ -119,16 +132,20 @@ def all_pass_of_delay(
         # Of (2 N - k)!/(k! (N - k)!), from the highest power of s down.
         polynomial.append(polynomial[-1] * (2 * order - k + 1) * k / (order - k + 1))
     poles = np.roots(polynomial) / delay
-    A, B = np.zeros((0, 0)), np.zeros((0, 1))
-    C, D = np.zeros((1, 0)), np.eye(1)
+    # No section yet: y = u.
+    A = np.zeros((0, 0))
+    B = np.zeros((0, 1))
+    C = np.zeros((1, 0))
+    D = np.eye(1)
     for pole in poles[poles.imag > 0]:
         # y = u - 2 b z, z/u = s/(s^2 + b s + w^2)
-        b, w = -2 * float(pole.real), abs(pole)
-        A_2, B_2 = np.array([[0.0, w], [-w, -b]]), np.array([[0.0], [1.0]])
+        b = -2 * float(pole.real)
+        w = abs(pole)
+        A_2 = np.array([[0.0, w], [-w, -b]])
+        B_2 = np.array([[0.0], [1.0]])
         C_2 = np.array([[0.0, -2 * b]])
+        # The input of the section is the output C x + D u of those before it.
         A = np.block([[A, np.zeros((len(A), 2))], [B_2 @ C, A_2]])
         B = np.vstack([B, B_2 @ D])
         C = np.hstack([C, C_2])
-    one = np.eye(num_axes)
-    of_all: list[Array] = [np.asarray(np.kron(one, x), float) for x in (A, B, C, D)]
-    return of_all[0], of_all[1], of_all[2], of_all[3]
+    return _on_axes(num_axes, A, B, C, D)
