@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from teleop_drake.analysis.point_stability import MAX_DELAY
 from teleop_drake.analysis.stability import (
-    MAX_DELAY,
     NO_LOOP,
     AnalyzeStability,
     StabilityAnalysis,

@@ -16,7 +16,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MultipleLocator
 
-from teleop_drake.analysis.stability import PointStability, StabilityAnalysis
+from teleop_drake.analysis.point_stability import PointStability
+from teleop_drake.analysis.stability import StabilityAnalysis
 from teleop_drake.analysis.stability_chart import StabilityChart
 from teleop_drake.analysis.transparency import Transparency
 from teleop_drake.arrays import Array, ComplexArray

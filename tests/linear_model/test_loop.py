@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
-from teleop_drake.analysis.stability import AnalyzeModel, AnalyzeStability
+from teleop_drake.analysis.point_stability import AnalyzeModel
+from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.architectures.direct_force import DirectForce
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.channels.transport import TransportDelay

@@ -1,0 +1,317 @@
+"""At which delay the loop of an operating point fails, and why: its margins.
+
+The loop has one delay only, T = T_f + T_r. Everything from the operator to the robot
+crosses the forward channel and everything back crosses the return channel, each with
+the same delay for all entries of a packet. So with slave S(s) and master M(s)
+
+    det(I - S(s) e^(-s T_f) M(s) e^(-s T_r)) = det(I - S(s) M(s) e^(-s T)) = 0,
+
+and unequal delays with the same sum give the same roots. (It holds beyond the linear
+model: with the slave's clock set back by T_f, the forward channel has no delay and the
+return channel all of it.) Only entries of the packets that the other side listens to
+are kept, on that side of the cut where they are fewer, and those that always act
+together are one: for one axis L is scalar.
+
+A Smith predictor has a delay of its own, which is to be the round trip: it is cut as
+well and taken to be T whatever T is. A loop with a second delay, different from T, is
+refused.
+
+Roots at 0 that stay there at every delay are neutral: they say where the tool is, or
+how far the operator's device has been wound up against a spring, and do not count as an
+instability. In velocity mode there is one per axis, because the tool's position and the
+device's integral of the felt velocity both integrate v, and their sum stays what it
+was. With the thesis's packets it does not show in L and is removed with whatever else
+does not; with others, that carry a force back, it does, and delay_margin knows it.
+Any other hidden mode on or right of the imaginary axis spoils every delay.
+
+Nor do roots count that are slower than the motion of the operating point, whose model
+is that of an instant (linear_model.loop): PointStability.unresolved.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from teleop_drake.arrays import ComplexArray
+from teleop_drake.linear_model.loop_model import CutLoop, LoopModel, Motion
+from teleop_drake.numerics.characteristic_roots import characteristic_roots
+from teleop_drake.numerics.delay_margin import (
+    Crossing,
+    closed_loop_matrix,
+    delay_margin,
+    find_crossings,
+    is_delay_robust,
+    neutral_root_count,
+    stable_delays,
+    unstable_roots,
+)
+from teleop_drake.numerics.state_space import StateSpace, minimal_realization
+
+MAX_DELAY = 2.0
+"""Up to which round-trip delay, in s, intervals are reported unless said otherwise."""
+
+# A hidden mode this close to the imaginary axis, relative to its size, is on it.
+_ON_AXIS = 1e-9
+
+# A root this close to 0, relative to the fastest mode, may be a neutral one.
+_NEUTRAL = 1e-6
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointStability:
+    """Stability of the loop at one operating point.
+
+    Attributes:
+        model: The linear models of both ends.
+        loop: L, minimal: the roots are those of det(I + L(s) e^(-s T)).
+        delay: Round-trip delay of the scenario in s.
+        max_delay: Up to which round-trip delay stable_delays reaches, in s.
+        crossings: Where roots cross the imaginary axis, by ascending frequency.
+        margin: The crossing at which the loop first becomes unstable as the delay
+            grows from 0; None if there is none, or the loop is unstable without delay.
+        stable_delays: Every interval of round-trip delays at which the loop is stable,
+            in s; one that ends at max_delay goes on.
+        hidden_modes: Modes that do not show in L, in 1/s, neutral ones apart.
+        num_neutral: Number of roots without delay that are not told from 0, hidden
+            ones included.
+        unresolved: The size in 1/s below which roots and crossings do not count: they
+            are slower than the motion of the operating point, or 0 to rounding.
+        slave_root: The slave's rightmost root on its own, neutral ones apart, in 1/s:
+            the loop while nothing comes back to the slave. None: it has no other.
+        force_mode: The loop on the contact surface from when the operator has perceived
+            contact and holds a force, where the tool then rests. None: the operator
+            does not change there, or see `untold`.
+        untold: Why the loop that the operator closes there after contact is not known;
+            empty: it is, or nothing changes.
+    """
+
+    model: LoopModel
+    loop: StateSpace
+    delay: float
+    max_delay: float
+    crossings: list[Crossing]
+    margin: Crossing | None
+    stable_delays: list[tuple[float, float]]
+    hidden_modes: ComplexArray
+    num_neutral: int
+    unresolved: float
+    slave_root: complex | None
+    force_mode: "PointStability | None" = None
+    untold: str = ""
+
+    @property
+    def operator(self) -> str:
+        """What the operator of this loop does."""
+        holds_force = self.model.point.holds_force
+        return "holds a force" if holds_force else "commands a velocity"
+
+    @property
+    def label(self) -> str:
+        """Name of the operating point, and whether a force is held there."""
+        name = self.model.point.name
+        return f"{name}, force held" if self.model.point.holds_force else name
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether the loop is stable at the scenario's delay."""
+        return self.IsStableWith(self.delay)
+
+    def IsStableWith(self, delay: float) -> bool:
+        """Returns whether the loop is stable with a delay, by counting crossings.
+
+        Args:
+            delay: Round-trip delay in s.
+        """
+        if not _AllDecay(self.hidden_modes):
+            return False
+        if delay > 0 and not is_delay_robust(self.loop):
+            return False
+        _, counts = unstable_roots(self.loop, delay, self.crossings, self.unresolved)
+        return int(counts[-1]) == 0
+
+    def Roots(self, delay: float, count: int = 8) -> ComplexArray:
+        """Returns the rightmost characteristic roots, by descending real part.
+
+        They come from collocation (characteristic_roots), not from the frequency
+        response, and include the hidden modes but not the neutral roots.
+
+        Args:
+            delay: Round-trip delay in s.
+        """
+        loop = self.loop
+        more = count + self.num_neutral
+        roots = characteristic_roots(
+            loop.A, loop.B, -loop.C, -loop.D, delay=delay, count=more
+        )
+        roots = roots[~self._AreNeutral(roots)]
+        roots = np.concatenate([roots, self.hidden_modes])
+        return _RightmostFirst(roots)[:count]
+
+    def _AreNeutral(self, roots: ComplexArray) -> NDArray[np.bool_]:
+        """Returns which roots of the loop are not told from those at 0."""
+        # Those at 0 at every delay are known to be, with the accuracy of collocation.
+        exact = np.argsort(np.abs(roots))[: neutral_root_count(self.loop)]
+        is_exact = np.isin(np.arange(len(roots)), exact)
+        slow = _NEUTRAL * float(np.linalg.norm(self.loop.A))
+        size = np.abs(roots)
+        is_neutral: NDArray[np.bool_] = size < self.unresolved
+        return is_neutral | (is_exact & (size < slow))
+
+    def RightmostRoot(self, delay: float) -> complex | None:
+        """Returns the rightmost characteristic root in 1/s; of a pair, the upper one.
+
+        None if there is none, if D lets roots tend to infinity, or if it is too fast
+        for collocation: it then has the wrong sign.
+
+        Args:
+            delay: Round-trip delay in s.
+        """
+        if delay > 0 and not is_delay_robust(self.loop):
+            return None
+        roots = self.Roots(delay, count=2)
+        if not len(roots):
+            return None
+        root = complex(roots[0])
+        is_clear = abs(root.real) > _NEUTRAL * max(abs(root), 1e-300)
+        if is_clear and (root.real < 0) != self.IsStableWith(delay):
+            return None
+        return root
+
+    def ToRecord(self) -> dict[str, Any]:
+        """Returns what `teleop-drake analyze` writes as JSON, plain and without NaN."""
+        point = self.model.point
+        margin = self.margin
+        root = self.RightmostRoot(self.delay)
+        slave = self.slave_root
+        return {
+            "name": point.name,
+            "position": point.position.tolist(),
+            "velocity": point.velocity.tolist(),
+            "layer": point.name,
+            "operator": self.operator,
+            "frozen_weights": self.model.frozen_weights,
+            "idle_passivity": self.model.idle_passivity,
+            "gain_crossovers": [crossing.frequency for crossing in self.crossings],
+            "crossing_delays": [crossing.delay for crossing in self.crossings],
+            "crossing_directions": [crossing.direction for crossing in self.crossings],
+            "phase_margin": margin and margin.phase_margin,
+            "delay_margin": margin and margin.delay,
+            "stable_delays": [list(interval) for interval in self.stable_delays],
+            "stable": self.is_stable,
+            "rightmost_root": None if root is None else [root.real, root.imag],
+            "unresolved_below": self.unresolved,
+            "slave_root": None if slave is None else [slave.real, slave.imag],
+            "hidden_modes": [[s.real, s.imag] for s in self.hidden_modes.tolist()],
+            "neutral_roots": self.num_neutral,
+            "loop_order": self.loop.num_states,
+            "by_differences": list(self.model.by_differences),
+            "force_mode": self.force_mode and self.force_mode.ToRecord(),
+        }
+
+
+def AnalyzeModel(
+    model: LoopModel, *, delay: float, max_delay: float = MAX_DELAY
+) -> PointStability:
+    """Analyses the loop at an operating point.
+
+    Args:
+        delay: Round-trip delay of the scenario in s.
+        max_delay: Up to which round-trip delay intervals are wanted, in s, > 0.
+    """
+    cut = CutLoop(model)
+    loop, hidden = minimal_realization(cut)
+    # What is slower than the motion, or 0 to rounding, is not told from 0.
+    fastest = float(np.abs(np.linalg.eigvals(cut.A)).max(initial=0.0))
+    motion_rate = model.motion.rate if model.motion else 0.0
+    unresolved = max(motion_rate, _NEUTRAL * fastest)
+    is_neutral = np.abs(hidden) < unresolved
+    hidden_modes = _RightmostFirst(hidden[~is_neutral])
+    crossings = _ResolvedCrossings(model, loop, max_delay, unresolved)
+    # Which modes are hidden does not depend on the delay. One of them that does not
+    # decay spoils every delay.
+    intervals: list[tuple[float, float]] = []
+    margin = None
+    if _AllDecay(hidden_modes):
+        intervals = stable_delays(loop, max_delay, crossings, unresolved)
+        margin = delay_margin(loop, crossings, unresolved)
+    without_delay = np.linalg.eigvals(closed_loop_matrix(loop))
+    num_slow = int(np.sum(np.abs(without_delay) < unresolved))
+    slave_roots = np.linalg.eigvals(model.slave.A).astype(complex)
+    slave_roots = _RightmostFirst(slave_roots[np.abs(slave_roots) >= unresolved])
+    return PointStability(
+        model=model,
+        loop=loop,
+        delay=delay,
+        max_delay=max_delay,
+        crossings=crossings,
+        margin=margin,
+        stable_delays=intervals,
+        hidden_modes=hidden_modes,
+        num_neutral=int(is_neutral.sum()) + max(num_slow, neutral_root_count(loop)),
+        unresolved=unresolved,
+        slave_root=complex(slave_roots[0]) if len(slave_roots) else None,
+    )
+
+
+def _ResolvedCrossings(
+    model: LoopModel, loop: StateSpace, max_delay: float, unresolved: float
+) -> list[Crossing]:
+    """Returns the crossings of the loop whose roots are faster than the motion."""
+    crossings = find_crossings(loop)
+    motion = model.motion
+    if motion is None:
+        return crossings
+    if not _HasDivergence(loop, max_delay, unresolved):
+        # What passes through 0 does not leave the circle of the motion.
+        crossings = [x for x in crossings if x.frequency > 0]
+    return [x for x in crossings if _IsResolved(motion, x, unresolved)]
+
+
+def _RightmostFirst(roots: ComplexArray) -> ComplexArray:
+    """Sorts roots by descending real part, and the upper one of a pair first."""
+    return roots[np.lexsort((-roots.imag, -roots.real.round(12)))]
+
+
+def _AllDecay(modes: ComplexArray) -> bool:
+    """Returns whether no mode lies right of the imaginary axis or on it."""
+    return bool(np.all(modes.real < -_ON_AXIS * np.abs(modes)))
+
+
+def _HasDivergence(loop: StateSpace, delay: float, unresolved: float) -> bool:
+    """Returns whether a real root is right of the axis, and resolved."""
+    roots = characteristic_roots(
+        loop.A, loop.B, -loop.C, -loop.D, delay=delay, count=loop.num_states
+    )
+    return bool(np.any((roots.imag == 0) & (roots.real > unresolved)))
+
+
+def _IsResolved(motion: Motion, crossing: Crossing, unresolved: float) -> bool:
+    """Returns whether the roots that cross are faster than the motion.
+
+    With a delay T they are if they move by less than their size while their mode turns
+    by a radian and its signals are under way, in 1/|s| + T. Their rate is that of the
+    root of f = det(I + L(s) e^(-s T)): ds/dt = -(df/dt)/(df/ds).
+    """
+    s = 1j * crossing.frequency
+    T = crossing.delay
+    if s == 0:
+        return True
+
+    def Determinant(loop: StateSpace, s: complex) -> complex:
+        resolvent = np.linalg.solve(s * np.eye(loop.num_states) - loop.A, loop.B)
+        L = loop.C @ resolvent + loop.D
+        return complex(np.linalg.det(np.eye(len(L)) + L * np.exp(-s * T)))
+
+    # Central differences; df/ds is the mean of both ends of the motion.
+    step = 1e-6 * s
+    slopes = [
+        (Determinant(loop, s + step) - Determinant(loop, s - step)) / (2 * step)
+        for loop in motion.loops
+    ]
+    f_s = sum(slopes) / 2
+    behind, ahead = motion.loops
+    f_t = (Determinant(ahead, s) - Determinant(behind, s)) / motion.time
+    duration = 1 / abs(s) + T
+    return bool(abs(s) > unresolved and abs(f_t) * duration < abs(s * f_s))
