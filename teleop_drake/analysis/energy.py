@@ -100,7 +100,8 @@ def _Balance(
     recording: Recording, signals: Sequence[tuple[str, slice]]
 ) -> EnergyBalance:
     """Returns the balance of force and velocity at the master and at the slave."""
-    time, steps = recording.time, recording.steps
+    time = recording.time
+    steps = recording.steps
     F_m, v_m, F_s, v_s = (recording[name][:, part] for name, part in signals)
     work = np.zeros(len(time))
     shares = integrate_product(F_m[steps], v_m[steps])

@@ -44,10 +44,14 @@ def TransmittedImpedance(admittance: ArrayLike, load: ArrayLike) -> ComplexArray
         admittance: y of (1) (K, 2n, 2n).
         load: Z_e in N s/m at the same frequencies (K, n, n).
     """
-    y, Z_e = np.asarray(admittance), np.asarray(load)
+    y = np.asarray(admittance)
+    Z_e = np.asarray(load)
     n = y.shape[1] // 2
-    loaded = np.eye(n) + y[:, n:, n:] @ Z_e
-    felt = y[:, :n, :n] - y[:, :n, n:] @ Z_e @ np.linalg.solve(loaded, y[:, n:, :n])
+    y11 = y[:, :n, :n]
+    y12 = y[:, :n, n:]
+    y21 = y[:, n:, :n]
+    y22 = y[:, n:, n:]
+    felt = y11 - y12 @ Z_e @ np.linalg.solve(np.eye(n) + y22 @ Z_e, y21)
     return np.linalg.inv(felt).astype(complex)
 
 
@@ -203,6 +207,7 @@ def FeltStiffnessLoss(scenario: Scenario) -> float:
     Raises:
         ValueError: If there is no linear model.
     """
-    point, w = OperatingPoints(scenario)[-1], 1.0
+    point = OperatingPoints(scenario)[-1]
+    w = 1.0
     stiffness = -w * EnvironmentImpedance(scenario, point, [w])[0, 0, 0].imag
     return abs(1.0 - float(FeltStiffness(scenario, point, [w])[0] / stiffness))

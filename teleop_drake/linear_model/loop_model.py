@@ -169,16 +169,20 @@ def CutLoop(model: LoopModel) -> StateSpace:
     Returns:
         L, not minimal: its states are those of the slave and of the master.
     """
-    system, (forward, inner_slave, back, inner_master) = model.system, model.signals
-    by_input, by_output = (
-        np.vstack([system.B, system.D]),
-        np.hstack([system.C, system.D]),
-    )
+    system = model.system
+    forward, inner_slave, back, inner_master = model.signals
+    by_input = np.vstack([system.B, system.D])
+    by_output = np.hstack([system.C, system.D])
     heard = back[_Nonzero(by_input[:, back].T)]
     acts = _Nonzero(by_output[forward]) & _Nonzero(by_input[:, forward].T)
     sent = forward[acts]
     # What is closed passes without delay, for the other one has all of it.
-    closed, crossing = (forward, heard) if len(heard) <= len(sent) else (back, sent)
+    if len(heard) <= len(sent):
+        closed = forward
+        crossing = heard
+    else:
+        closed = back
+        crossing = sent
     rest = np.delete(np.arange(len(system.D)), closed)
     kept = np.flatnonzero(np.isin(rest, np.r_[crossing, inner_slave, inner_master]))
     loop = system.closed(closed).part(np.arange(system.num_states), kept, kept)

@@ -141,7 +141,8 @@ def _DepthOfImpact(
     if material is not None and material.stiffness > 0:
         return math.sqrt(2 * energy / material.stiffness)
     nodes, weights = np.polynomial.legendre.leggauss(16)
-    normal, at_rest = surface.normal_W, np.zeros_like(position)
+    normal = surface.normal_W
+    at_rest = np.zeros_like(position)
 
     def Work(depth: float) -> float:
         ways = (nodes + 1) / 2 * depth
@@ -163,11 +164,13 @@ def _DepthOfImpact(
 
 def _DepthWhere(Function: Callable[[float], float], value: float) -> float | None:
     """Returns the depth in m at which a growing function has a value, if any."""
-    low, high = 0.0, _SHORTEST_IMPACT
+    low = 0.0
+    high = _SHORTEST_IMPACT
     while Function(high) < value:
         if high > _DEEPEST_IMPACT:
             return None
-        low, high = high, 2 * high
+        low = high
+        high = 2 * high
     return _Bisect(lambda depth: Function(depth) < value, low, high)[1]
 
 
@@ -201,7 +204,8 @@ def PointOfRest(
     if contact is None or not contact.Depth(point.position) > 0:
         return None
     held = np.asarray(force, dtype=float)
-    normal, at_rest = contact.normal_W, 0 * point.velocity
+    normal = contact.normal_W
+    at_rest = np.zeros_like(point.velocity)
     on_surface = point.position - float(contact.Depth(point.position)) * normal
 
     def Reaction(depth: float) -> float:
@@ -240,7 +244,8 @@ def OperatingPointAt(scenario: Scenario, position: float) -> OperatingPoint:
     velocity = np.asarray(scenario.surgeon.velocity, dtype=float)
     surfaces = scenario.Surfaces()
     normal = ShownNormal(surfaces, len(start))
-    begin, speed = float(normal @ start), float(normal @ velocity)
+    begin = float(normal @ start)
+    speed = float(normal @ velocity)
     way = position - begin
     if not math.isfinite(position) or (way != 0 and not way * speed > 0):
         allowed = f"on the tool's path, from {begin:g} m on with {speed:g} m/s"

@@ -137,9 +137,11 @@ class ToolMotion:
             seen: Slopes of what is Seen(), and perhaps of more.
         """
         r, v, a = np.split(seen[: 3 * self._n], 3)
-        m, free = self._m, self._free.T
+        m = self._m
+        free = self._free.T
         place = InitializeAutoDiff(self._place, np.vstack([r, v]))[:, 0]
         r_dot = ExtractGradient(position_rate(*np.split(place, 2)))
         q, q_dot = np.split(np.eye(2 * m, r.shape[1]), 2)
         coordinates = np.vstack([r, free @ q, v, free @ q_dot])
-        return coordinates, np.vstack([r_dot, free @ q_dot, a, free @ rates[m:]])
+        their_rates = np.vstack([r_dot, free @ q_dot, a, free @ rates[m:]])
+        return coordinates, their_rates

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, Gain, LinearSystem
 
 from teleop_drake.channels.transport import TransportDelay
@@ -133,3 +133,117 @@ def test_what_has_no_linear_model_is_refused():
     ports = controller.get_input_port(0), controller.get_output_port(0)
     with pytest.raises(ValueError, match=r"'forward_channel.*must be without samples"):
         LinearizePorts(sampled, sampled.CreateDefaultContext(), *ports)
+
+
+def test_a_context_with_an_accuracy_holds_the_layer_that_it_has():
+    """The tool is in the tissue, and the environment still has free space's law."""
+    scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
+    teleoperator = MakeTeleoperator(scenario)
+    context = teleoperator.CreateDefaultContext()
+    robot = teleoperator.GetSubsystemByName("robot")
+    environment = teleoperator.GetSubsystemByName("environment")
+    layer = environment.GetMyMutableContextFromRoot(context)
+
+    def Damping(position):
+        robot.GetMyMutableContextFromRoot(context).SetContinuousState([position, 0.001])
+        model = LinearizePorts(
+            teleoperator,
+            context,
+            environment.GetInputPort("tool_velocity"),
+            environment.GetOutputPort("environment_force"),
+            is_opened=True,
+        ).model
+        return model.D[0, 0]
+
+    assert Damping(0.003) == pytest.approx(0.5, rel=1e-9)
+    assert Damping(0.01) == 0.0
+    layer.SetDiscreteState(LayerAt(0.01, teleoperator))
+    context.SetAccuracy(1e-6)
+    assert Damping(0.003) == 0.0
+
+
+def LayerAt(position, teleoperator):
+    """Returns the mode that the environment has where a run begins at a position."""
+    context = teleoperator.CreateDefaultContext()
+    robot = teleoperator.GetSubsystemByName("robot")
+    robot.GetMyMutableContextFromRoot(context).SetContinuousState([position, 0.001])
+    teleoperator.ExecuteInitializationEvents(context)
+    environment = teleoperator.GetSubsystemByName("environment")
+    layer = environment.GetMyContextFromRoot(context)
+    return layer.get_discrete_state_vector().CopyToVector()
+
+
+def test_what_a_delay_delivers_may_be_the_output_and_may_enter_a_delay():
+    """Two delays in series, from the diagram's input to its output."""
+    builder = DiagramBuilder()
+    first = builder.AddNamedSystem("first", TransportDelay(delay=0.1, size=1))
+    second = builder.AddNamedSystem("second", TransportDelay(delay=T, size=1))
+    builder.Connect(first.get_output_port(), second.get_input_port())
+    builder.ExportInput(first.get_input_port(), "u")
+    builder.ExportOutput(second.get_output_port(), "y")
+    diagram = builder.Build()
+    model = LinearizePorts(
+        diagram,
+        diagram.CreateDefaultContext(),
+        diagram.get_input_port(),
+        diagram.get_output_port(),
+    )
+    expected = np.exp(-1j * W * (0.1 + T))
+    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("is_opened", [True, False])
+def test_a_deviation_added_to_what_a_delay_delivers(is_opened):
+    diagram = MakeLoop()
+    adder = diagram.GetSubsystemByName("adder")
+    plant = diagram.GetSubsystemByName("plant")
+    model = LinearizePorts(
+        diagram,
+        diagram.CreateDefaultContext(),
+        adder.get_input_port(1),
+        plant.get_output_port(),
+        is_opened=is_opened,
+    )
+    expected = Plant() if is_opened else Plant() / (1 + LOOP_GAIN)
+    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
+
+
+class Cubic(LeafSystem):
+    """y = u^3 - x, dx/dt = -x^3 + u, which does not convert to AutoDiffXd."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        u = self.DeclareVectorInputPort("u", 1)
+        self.DeclareContinuousState(BasicVector([0.5]))
+        self._u = u
+
+        def Calc(context, output):
+            x = context.get_continuous_state_vector().CopyToVector()
+            output.SetFromVector(u.Eval(context) ** 3 - x)
+
+        self.DeclareVectorOutputPort("y", 1, Calc)
+
+    def DoCalcTimeDerivatives(self, context, derivatives):
+        x = context.get_continuous_state_vector().CopyToVector()
+        derivatives.SetFromVector(-(x**3) + self._u.Eval(context))
+
+
+def test_a_diagram_that_does_not_convert_is_linearised_by_differences():
+    """u -> delay -> Cubic -> y, at x = 0.5 and u = 0.25."""
+    builder = DiagramBuilder()
+    delay = TransportDelay(delay=T, size=1, initial_value=[0.25])
+    builder.AddNamedSystem("delay", delay)
+    cubic = builder.AddNamedSystem("cubic", Cubic())
+    builder.Connect(delay.get_output_port(), cubic.get_input_port())
+    builder.ExportInput(delay.get_input_port(), "u")
+    builder.ExportOutput(cubic.get_output_port(), "y")
+    diagram = builder.Build()
+    model = LinearizePorts(
+        diagram,
+        diagram.CreateDefaultContext(),
+        diagram.get_input_port(),
+        diagram.get_output_port(),
+    )
+    assert model.by_differences == ("cubic",)
+    expected = (3 * 0.25**2 - 1 / (1j * W + 3 * 0.5**2)) * np.exp(-1j * W * T)
+    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-9)
