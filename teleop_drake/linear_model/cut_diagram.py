@@ -178,6 +178,8 @@ class CutDiagram:
         self._seen = [self._CutOrPort(port) for port in seen]
         sizes = [x.size for x in states] + [port.size() for port in seen]
         self._value_ends = np.cumsum(sizes)[:-1]
+        self._ports = _PortsOfEach(cuts)
+        self._last_point: Array | None = None
         self._originals = {x: _Twin(x, context) for x, context in contexts.items()}
         self.by_differences: tuple[str, ...] = ()
         self._root = contexts[diagram]
@@ -263,6 +265,7 @@ class CutDiagram:
 
     def _Point(self) -> Array:
         """Returns states and inputs at the operating point (N)."""
+        self._last_point = None
         for system, context in self._contexts.items():
             if context.get_accuracy() is None and SurfacesOf(system):
                 # The position decides then, not the region that is held.
@@ -291,32 +294,53 @@ class CutDiagram:
 
     def _Values(self, point: Array) -> Array:
         """Returns the values at a point (K), by the diagram itself."""
-        return self._Evaluate(self._originals, point)
+        last = self._last_point
+        self._last_point = point
+        return self._Evaluate(self._originals, point, last)
 
-    def _Evaluate(self, twins: Mapping[System, _Twin], point: Array) -> Array:
-        """Returns the values at a point (K), of the same scalar type."""
-        sizes = [x.size for x in self._states] + [len(x.value) for x in self._cuts]
-        parts = np.split(point, np.cumsum(sizes)[:-1])
-        state_values = parts[: len(self._states)]
-        delivered = dict(zip(self._cuts, parts[len(self._states) :], strict=True))
-        for states, value in zip(self._states, state_values, strict=True):
-            _SetFirstStates(twins[states.system].context, value)
-        # Where two cuts have the same port, the first of them counts.
-        for cut, value in reversed(delivered.items()):
-            for port in cut.ports:
-                twin = twins[port.get_system()]
-                index = int(port.get_index())
-                twin.system.get_input_port(index).FixValue(twin.context, value)
+    def _Evaluate(
+        self, twins: Mapping[System, _Twin], point: Array, last: Array | None = None
+    ) -> Array:
+        """Returns the values at a point (K), of the same scalar type.
+
+        Args:
+            twins: The diagram of this scalar type.
+            last: At which point it was evaluated before. Drake evaluates again only
+                what depends on a change. None: no such point is known.
+        """
+        parts = self._Parts(point)
+        last_parts = {} if last is None else self._Parts(last)
+        for x, value in parts.items():
+            if x not in last_parts or np.any(value != last_parts[x]):
+                self._Set(twins, x, value)
         rates = []
         for states in self._states:
             twin = twins[states.system]
             derivatives = twin.system.EvalTimeDerivatives(twin.context)
             rates.append(derivatives.CopyToVector()[: states.size])
         seen = [
-            delivered[x] if isinstance(x, Cut) else twins[x.get_system()].Eval(x)
+            parts[x] if isinstance(x, Cut) else twins[x.get_system()].Eval(x)
             for x in self._seen
         ]
         return np.concatenate(rates + seen)
+
+    def _Parts(self, point: Array) -> dict[States | Cut, Array]:
+        """Returns the parts of a point."""
+        sizes = [x.size for x in self._states] + [len(x.value) for x in self._cuts]
+        values = np.split(point, np.cumsum(sizes)[:-1])
+        return dict(zip([*self._states, *self._cuts], values, strict=True))
+
+    def _Set(
+        self, twins: Mapping[System, _Twin], x: States | Cut, value: Array
+    ) -> None:
+        """Sets states, or what is delivered at a cut."""
+        if isinstance(x, States):
+            _SetFirstStates(twins[x.system].context, value)
+            return
+        for port in self._ports[x]:
+            twin = twins[port.get_system()]
+            index = int(port.get_index())
+            twin.system.get_input_port(index).FixValue(twin.context, value)
 
     def _CutOrPort(self, port: InputPort | OutputPort) -> Cut | InputPort | OutputPort:
         """Returns where a signal is read: the cut that replaces a delay, or a port."""
@@ -338,6 +362,17 @@ class CutDiagram:
             if not _Converts(block.system, self._contexts[block.system])
         )
         self._duals = {}
+
+
+def _PortsOfEach(cuts: Sequence[Cut]) -> dict[Cut, list[InputPort]]:
+    """Returns the ports of each cut; one of two cuts is the first one's."""
+    taken: set[str] = set()
+    ports = {}
+    for cut in cuts:
+        names = {port.GetFullDescription(): port for port in cut.ports}
+        ports[cut] = [port for name, port in names.items() if name not in taken]
+        taken |= names.keys()
+    return ports
 
 
 def _SetFirstStates(context: Any, values: Array) -> None:
