@@ -45,6 +45,7 @@ ENTRIES = {
     "adaptive": "adaptive_backstepping G1=0.3:10 G2=3:100 Lambda=0.05:3",
     "robust": "robust_backstepping G1=0.3:10 G2=3:100 Lambda=0.05:3",
     "damped force": "damped_force damping=0.1:20",
+    "damped to command": "damped_force against=command damping=0.1:20",
     "waves": "wave_variables impedance=0.1:20",
     "P+d": "proportional_damping stiffness=0.5:100"
     " master_damping=0.1:20 slave_damping=0.1:20",
@@ -185,7 +186,7 @@ def Draw(rows: list[Row]) -> Figure:
     figure = Figure(figsize=(9, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
     colors = (2 * COLORS)[: len(ENTRIES)]
-    styles = dict(zip(ENTRIES, zip(colors, "osh*^vDPX<>", strict=True), strict=True))
+    styles = dict(zip(ENTRIES, zip(colors, "osh*p^vDPX<>", strict=True), strict=True))
     for name, (color, marker) in styles.items():
         right.plot([], [], marker, color=color, label=name)
     for row in rows:

@@ -180,7 +180,8 @@ class Adaptive:
 class Task:
     """Everything that defines a run.
 
-    `controller` None is direct force application, less `local_damping` times v.
+    `controller` None is direct force application and a damper `local_damping` at the
+    tool: against the ground, or with `follows_command` against v_d as it arrives.
     `contact_force` None: the operator keeps to velocity mode; `stop_time` inf: always.
     `numerator` (b1, b0) and `denominator` (1, a1, a0) are the haptic device's.
     The layers follow each other along `direction`, None: along x.
@@ -197,6 +198,7 @@ class Task:
     denominator: tuple[float, float, float]
     controller: Adaptive | None
     local_damping: float = 0.0
+    follows_command: bool = False
     direction: tuple[float, ...] | None = None
 
     @functools.cached_property
@@ -206,6 +208,11 @@ class Task:
     def layer_at(self, p):
         starts = [layer.start for layer in self.layers]
         return bisect.bisect_right(starts, self.axis @ p) - 1
+
+    def damped(self, F_h, v, v_dd):
+        """F_c of direct force with the damper."""
+        braked = v - v_dd if self.follows_command else v
+        return F_h - self.local_damping * braked
 
     def puncture_index(self):
         """Index of the layer behind the first boundary to a softer one, or None."""
@@ -445,7 +452,8 @@ class Result:
             p, v, F_e = self.motion(layer, y)
             F_h = self.received_force(t, y, force_received)
             _, felt_v = self.felt(t, p, v)
-            F_c = F_h - task.local_damping * v if law is None else y[4 * n : 5 * n]
+            plain = task.damped(F_h, v, v_d_received)
+            F_c = plain if law is None else y[4 * n : 5 * n]
             qddot = task.robot.acceleration(q, qdot, F_c - F_e)
             rates = [qdot, qddot, x2, v_d - felt_v - a1 * x2 - a0 * x1]
             if law is not None:
@@ -486,7 +494,7 @@ class Result:
         out = {"q": y[:n], "qdot": y[n : 2 * n], "p_WT": p, "v_WT": v, "F_e": F_e}
         out |= {"F_h": self.device_force(y) if force is None else force, "v_d": v_d}
         out |= {"F_h_received": F_hd, "v_d_received": v_dd}
-        out["F_c"] = F_hd - self.task.local_damping * v
+        out["F_c"] = self.task.damped(F_hd, v, v_dd)
         out |= {"p_felt": felt_p, "v_felt": felt_v}
         if self.law is not None:
             a = y[4 * n :]
@@ -794,7 +802,10 @@ def needle_task(delays=(0.1, 0.1)):
 
 
 @functools.cache
-def solve_thesis_task(name, adaptive, delays, duration, local_damping=0.0):
+def solve_thesis_task(
+    name, adaptive, delays, duration, local_damping=0.0, follows_command=False
+):
     """Solves one of the thesis's tasks up to five times the commanded speed."""
     task = thesis_task(name, adaptive, delays=delays, local_damping=local_damping)
+    task = replace(task, follows_command=follows_command)
     return solve(task, duration, speed_limit=5 * np.linalg.norm(task.velocity))

@@ -33,7 +33,15 @@ METRICS = {
 }
 
 
-def Compare(name, kind, delays, duration=None, engine="drake", local_damping=0.0):
+def Compare(
+    name,
+    kind,
+    delays,
+    duration=None,
+    engine="drake",
+    local_damping=0.0,
+    against="ground",
+):
     ways = zip(("forward", "return"), delays, strict=True)
     overrides = [f"{way}_channel.delay={delay}" for way, delay in ways]
     if duration is not None:
@@ -42,10 +50,16 @@ def Compare(name, kind, delays, duration=None, engine="drake", local_damping=0.0
         overrides.append("simulator.max_step_size=0.002")
     if local_damping:
         overrides.append(f"controller.{kind}.damping={local_damping}")
+        overrides.append(f"controller.{kind}.against={against}")
     ours = Run(name, kind, *overrides, engine=engine)
     adaptive = kind == "adaptive_backstepping"
     theirs = solve_thesis_task(
-        name, adaptive, delays, ours.scenario.duration, local_damping
+        name,
+        adaptive,
+        delays,
+        ours.scenario.duration,
+        local_damping,
+        follows_command=against == "command",
     )
     # Both runs of a loop that diverges stop at the same speed, at nearly one time.
     times = np.linspace(0, ours.time[-1], 1001)[:-4]
@@ -74,10 +88,26 @@ def Compare(name, kind, delays, duration=None, engine="drake", local_damping=0.0
             assert metrics[name] == value, name
 
 
+@pytest.mark.parametrize("against", ["ground", "command"])
 @pytest.mark.parametrize("name", Slow(TASKS, but=[2]))
-def test_damped_force(name):
+def test_damped_force(name, against):
     """Until the tool is at rest on the bone."""
-    Compare(name, "damped_force", (0.02, 0.1), DURATIONS[name], "auto", 2.0)
+    Compare(name, "damped_force", (0.02, 0.1), DURATIONS[name], "auto", 2.0, against)
+
+
+@pytest.mark.parametrize(
+    ("name", "arrival"),
+    [("one_dof", 14.951), ("two_dof_collision", 1.502), ("two_dof_combined", 2.558)],
+)
+def test_arrival_with_a_damper_against_the_command(name, arrival):
+    """With 2 N s/m and 0.1 s each way, in the package and in the other solver."""
+    damper = "controller.damped_force"
+    ours = Run(name, "damped_force", f"{damper}.damping=2", f"{damper}.against=command")
+    theirs = solve_thesis_task(
+        name, False, (0.1, 0.1), arrival + 0.1, 2.0, follows_command=True
+    )
+    assert ours.EventTimes("contact")[0] == pytest.approx(arrival, abs=5e-4)
+    assert theirs.event("contact").time == pytest.approx(arrival, abs=5e-4)
 
 
 # One way and both; cli/test_check.py has the delays of the thesis.

@@ -1,4 +1,4 @@
-"""Direct force with local damping injection: the plain way to come to rest."""
+"""Direct force with local damping injection, against the ground or the command."""
 
 import math
 from dataclasses import dataclass, replace
@@ -9,55 +9,82 @@ from numpy.typing import ArrayLike
 
 from teleop_drake.architectures.base import LAW_INPUTS, ControlLawConfig
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.kernel import FixedBlock, Kernel
-from teleop_drake.laws.proportional import braked_force, damper_force
-from teleop_drake.validation import CheckGain, GainField, GainMatrix
+from teleop_drake.kernel import FixedBlock, Kernel, Term
+from teleop_drake.laws.proportional import braked_force, damper_force, velocity_error
+from teleop_drake.validation import CheckChoice, CheckGain, GainField, GainMatrix
+
+AGAINST = ("ground", "command")
+"""What the damper acts against: a tool at rest, or the commanded velocity."""
 
 
 class DampedForce(FixedBlock):
-    """Applies the haptic force as it arrives, and brakes the tool without delay.
+    """Applies the haptic force as it arrives, and damps the tool without delay.
 
-        F_c = F_h(t - T_f) - B v
+        F_c = F_h(t - T_f) - B v                           against the ground    (1)
+        F_c = F_h(t - T_f) - B (v - v_d(t - T_f))          against the command   (2)
 
-    This is DirectForce with a damper between the tool and the ground. The damper needs
-    no force sensor, no model and no message, and so it does not know the delay.
+    Both are DirectForce with a local damper at the tool. The damper of (1) connects the
+    tool to the ground, that of (2) to a point that moves with the commanded velocity.
+    Neither needs a force sensor, a model or a network. v_d is part of the thesis's
+    forward packet, so (2) needs no other packet.
+
+    (2) is a special case of the thesis's law, (4.23) and (5.22): with z = 0 and without
+    networks that law is
+
+        F_c = F_e - Psi^-1 G1 (v - v_dd) - Psi^-1 G1 Lambda (F_e - F_hd),
+
+    and with Psi^-1 G1 Lambda = 1 the sensed force cancels. What is left is (2) with
+    B = Psi^-1 G1 = Lambda^-1.
 
     | port | name              | size | unit | is                                |
     |------|-------------------|------|------|-----------------------------------|
     | in   | haptic_force      | n    | N    | F_h(t - T_f)                      |
-    | in   | velocity_command  | n    | m/s  | ignored                           |
+    | in   | velocity_command  | n    | m/s  | v_d(t - T_f), ignored by (1)      |
     | in   | tool_position     | n    | m    | ignored                           |
     | in   | tool_velocity     | n    | m/s  | v                                 |
     | in   | environment_force | n    | N    | ignored                           |
     | out  | control_force     | n    | N    | F_c                               |
-    | out  | damping_force     | n    | N    | B v, what the damper takes of F_h |
+    | out  | damping_force     | n    | N    | F_h(t - T_f) - F_c                |
 
     State: none.
 
     Direct feedthrough: haptic_force and tool_velocity to control_force; tool_velocity
-    to damping_force.
+    to damping_force. With (2) also velocity_command to both.
 
-    It does not compensate the damper: the haptic device's integral action has to
+    (1) does not compensate the damper: the haptic device's integral action has to
     overcome B v_d as well, and the tool reaches v_d later.
 
     Args:
         damping: B in N s/m, a number or (n, n), symmetric, not negative.
+        against: "ground" for (1), "command" for (2).
+
+    Raises:
+        ScenarioError: If an argument is not allowed.
     """
 
-    def __init__(self, *, num_axes: int, damping: ArrayLike):
+    def __init__(self, *, num_axes: int, damping: ArrayLike, against: str = "ground"):
         B = CheckGain("damping", damping, num_axes, may_be_zero=True)
+        CheckChoice("against", against, AGAINST)
+        ignored = ["tool_position", "environment_force"]
+        braked_velocity: Term = "tool_velocity"
+        if against == "command":
+            braked_velocity = (velocity_error, "tool_velocity", "velocity_command")
+        else:
+            ignored.append("velocity_command")
         FixedBlock.__init__(
             self,
             "damped_force",
             Kernel(
                 parameters={"damping": B},
                 outputs={
+                    "braked_velocity": braked_velocity,
                     "control_force": (
-                        braked_force, "haptic_force", "tool_velocity", "damping"
+                        braked_force, "haptic_force", "braked_velocity", "damping"
                     ),
-                    "damping_force": (damper_force, "tool_velocity", "damping"),
+                    "damping_force": (damper_force, "braked_velocity", "damping"),
                 },
-                unused=("velocity_command", "tool_position", "environment_force"),
+                sizes={"braked_velocity": num_axes},
+                unused=tuple(ignored),
             ),
             inputs=dict.fromkeys(LAW_INPUTS, num_axes),
             outputs={"control_force": num_axes, "damping_force": num_axes},
@@ -76,6 +103,13 @@ class DampedForceConfig(ControlLawConfig):
     # space, to rest without an oscillation in any direction. That is 2 N s/m for the
     # thesis's slider and 2.4 N s/m for its arm. Assumed.
     damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    # What the damper acts against: `ground` damps v, `command` damps v - v_d(t - T_f).
+    against: str = "ground"
+
+    def Check(self, path: str, num_axes: int) -> None:
+        """Checks the damping and what it acts against."""
+        super().Check(path, num_axes)
+        CheckChoice(f"{path}.against", self.against, AGAINST)
 
     def Resolve(self, facts: Facts, path: str) -> Any:
         """Returns the config with its default derived."""
@@ -89,4 +123,6 @@ class DampedForceConfig(ControlLawConfig):
     def MakeControlLaw(self, facts: Facts, path: str) -> DampedForce:
         """Makes the law."""
         damping = self.Resolve(facts, path).damping
-        return DampedForce(num_axes=facts.num_axes, damping=damping)
+        return DampedForce(
+            num_axes=facts.num_axes, damping=damping, against=self.against
+        )

@@ -47,3 +47,8 @@ def braked_force(F: Array, v: Array, B: Array) -> Array:
 def damper_force(v: Array, B: Array) -> Array:
     """Returns B v, what a damper to the ground takes, N (n); see braked_force."""
     return B @ v
+
+
+def velocity_error(v: Array, v_d: Array) -> Array:
+    """Returns v - v_d, the tool's velocity relative to the commanded one, m/s (n)."""
+    return v - v_d

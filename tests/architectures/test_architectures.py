@@ -171,6 +171,7 @@ def test_every_other_architecture_resolves_its_defaults():
 BAD = {
     "damped_force": {
         "damping=-1": "damping = -1.0: must be null, not",
+        "against=wall": "against = 'wall': must be one of ground, command",
         "haptic_device.numerator=[25] haptic_device.denominator=[1,25]":
             "damping = null: must be a number, because none derives from haptic_device",
     },
