@@ -7,7 +7,8 @@ gains by rule, 1 those of the front that are best in training, and 2 and 3 are o
 the front that lie far apart. There is no member 1 where the gains by rule are the best
 in training. All runs are kept in DIR as they end, and only what is missing there is
 simulated. league.csv, beside this file, gets a row for each member and group of runs,
-the last of which are all, and docs/league.png is drawn.
+the last of which are all, and docs/league.png is drawn. docs/felt_stiffness.png shows
+how stiff a bone feels by rule, at which frequency of the hand.
 """
 
 import csv
@@ -22,10 +23,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from teleop_drake.analysis.transparency import FeltStiffnessLoss
+from teleop_drake.analysis.transparency import FeltStiffness, FeltStiffnessLoss
+from teleop_drake.figures.analysis import PlotFeltStiffness
 from teleop_drake.figures.runs import SaveFigure
 from teleop_drake.figures.style import COLORS
-from teleop_drake.scenario import Scenario
+from teleop_drake.linear_model.operating_point import OperatingPoints
+from teleop_drake.scenario import LoadScenario, Scenario
 from teleop_drake.scenario.tree import ToTree
 from teleop_drake.stations import ResolveController
 from teleop_drake.sweep import RunSweep, tuning
@@ -34,7 +37,9 @@ from teleop_drake.sweep.plan import PointOverrides
 from teleop_drake.sweep.study import LoadStudy, Study
 
 TABLE = Path(__file__).with_suffix(".csv")
-PICTURE = Path(__file__).parents[1] / "teleop_drake/docs/league.png"
+DOCS = Path(__file__).parents[1] / "teleop_drake/docs"
+PICTURE = DOCS / "league.png"
+FELT_PICTURE = DOCS / "felt_stiffness.png"
 EVALUATIONS = 32
 MEMBERS = 3
 GOALS = ["collision.rest_time", "collision.peak_force", "collision.time"]
@@ -58,24 +63,36 @@ ENTRIES = {
     "Smith + damper": "smith_predictor local_damping=2"
     " local_damping=0.1:20 stiffness=0.01:150",
 }
+# Of each architecture by rule: how stiff a bone feels, and at which frequencies, rad/s.
+# With both dampers it feels the same; the robust law and passivity control feel next
+# to the law on which they stand.
+FELT = ("direct force", "adaptive", "damped force", "waves", "P+d", "four channels")
+FELT += ("position-position", "Smith + damper")
+FELT_FREQUENCIES = (1.0, 5.0, 7.0)
+FELT_DELAY = 0.2
 GROUPS = ("delay", "stiffness", "mass", "network", "wrong_delay", "wrong_mass", "all")
 COUNTS = ("count", "bounded", "at_rest")
 NUMBERS = ("rest", "impact", "arrival", "softness", "coordination", "effort")
 """Means over the runs of: time from contact to rest (s; a run that does not come to
 rest counts its duration); largest force on the bone, in multiples of v_d sqrt(k m),
 that of a free mass; time to the bone, in multiples of the commanded;
-felt_stiffness_loss; rms distance of master and tool, in s at the commanded speed; total
-variation of the control force, in multiples of the force that the operator holds. Where
-a run never comes to the bone, impact and arrival are infinite."""
+felt_stiffness_loss, at 1 rad/s; rms distance of master and tool, in s at the commanded
+speed; total variation of the control force, in multiples of the force that the operator
+holds. Where a run never comes to the bone, impact and arrival are infinite."""
 Row = dict[str, Any]
 Gains = dict[str, float]
 
 
+def _Settings(name: str) -> list[str]:
+    """Returns overrides: an architecture with the gains by rule."""
+    kind, *words = ENTRIES[name].split()
+    fixed = [f"controller.{kind}.{word}" for word in words if ":" not in word]
+    return [f"controller.kind={kind}", *fixed]
+
+
 def _Study(study: str, name: str, gains: Gains, group: str = "all") -> Study:
     """Returns a group of a study's runs, with an architecture."""
-    kind, *words = ENTRIES[name].split()
-    own = [f"controller.kind={kind}"]
-    own += [f"controller.{kind}.{word}" for word in words if ":" not in word]
+    own = _Settings(name)
     plans = {}
     for title, plan in LoadStudy(study).plans.items():
         if group == "all" or title.endswith(f"-{group}"):
@@ -181,6 +198,32 @@ def PageRows(rows: list[Row]) -> list[list[str]]:
     ]
 
 
+def OneAxis(name: str, round_trip: float) -> Scenario:
+    """Returns one_dof with an architecture by rule."""
+    return LoadScenario("one_dof", [*_Settings(name), f"delay={round_trip / 2}"])
+
+
+def FeltRows() -> list[list[str]]:
+    """Returns the cells of the table of felt stiffness, N/m, in architectures.md."""
+    rows = []
+    for name in FELT:
+        scenario = OneAxis(name, FELT_DELAY)
+        point = OperatingPoints(scenario)[-1]
+        felt = FeltStiffness(scenario, point, FELT_FREQUENCIES)
+        rows.append([name, *(f"{k:.3g}" for k in felt)])
+    return rows
+
+
+def DrawFelt() -> Figure:
+    """Draws the felt stiffness against the frequency for three round trips."""
+    return PlotFeltStiffness(
+        {
+            f"round trip {trip:g} s": {name: OneAxis(name, trip) for name in FELT}
+            for trip in (0.04, FELT_DELAY, 0.5)
+        }
+    )
+
+
 def Draw(rows: list[Row]) -> Figure:
     """Draws the members that stay bounded in every held-out run."""
     figure = Figure(figsize=(9, 4.2), layout="constrained")
@@ -197,7 +240,7 @@ def Draw(rows: list[Row]) -> Figure:
             left.plot(row["rest"], 1 - row["softness"], marker, **style)
             right.plot(row["arrival"], row["impact"], marker, **style)
     left.set(xlabel="at rest on the bone after [s]", xscale="log")
-    left.set_ylabel("share of the bone's stiffness that is felt")
+    left.set_ylabel("share of the bone's stiffness felt at 1 rad/s")
     right.set_xlabel("time to the bone, in multiples of the commanded")
     right.set_ylabel("largest force, in multiples of a free mass's")
     figure.legend(loc="outside lower center", ncols=5, fontsize=8)
@@ -212,6 +255,7 @@ def main() -> None:
         parts = list(pool.map(MakeRows, ENTRIES, folders))
     WriteCsv(TABLE, [row for part in parts for row in part])
     SaveFigure(Draw(ReadTable()), PICTURE)
+    SaveFigure(DrawFelt(), FELT_PICTURE)
 
 
 if __name__ == "__main__":

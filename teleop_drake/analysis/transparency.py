@@ -182,8 +182,14 @@ def FeltStiffness(
                                         long, there and back, is a spring itself
         proportional damping            k_e in series with K
 
-    At higher frequencies the delay turns the phase; k(w) < 0 is felt as being pushed
-    away from the layer while pushing into it no further.
+    At higher frequencies the delay turns the phase, so a felt stiffness is one number
+    only together with its frequency. Direct force with the round trip T, on a tool of
+    mass m and damping d:
+
+        k(w) = (k_e - m w^2) cos(w T) - d w sin(w T),   about k_e cos(w T) if w is small
+
+    k(w) < 0 is felt as being pushed away from the layer while pushing into it no
+    further.
 
     Args:
         point: Where the tool is, taken at rest.

@@ -5,7 +5,7 @@ writes them.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -19,13 +19,18 @@ from matplotlib.ticker import MultipleLocator
 from teleop_drake.analysis.point_stability import PointStability
 from teleop_drake.analysis.stability import StabilityAnalysis
 from teleop_drake.analysis.stability_chart import StabilityChart
-from teleop_drake.analysis.transparency import Transparency
+from teleop_drake.analysis.transparency import (
+    EnvironmentImpedance,
+    FeltStiffness,
+    Transparency,
+)
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.environments import ShownNormal
 from teleop_drake.figures import style
 from teleop_drake.figures.style import FONT_SIZE, GREY, WIDTH, AddLegend, Figure, Key
-from teleop_drake.linear_model.operating_point import POSITION
+from teleop_drake.linear_model.operating_point import POSITION, OperatingPoints
 from teleop_drake.numerics.delay_margin import eigenloci, sweep_frequencies
+from teleop_drake.scenario import Scenario
 from teleop_drake.signals import AxesOf
 from teleop_drake.validation import Refuse
 
@@ -47,6 +52,9 @@ _NUM_NYQUIST_POINTS = 6000
 _LLEWELLYN_RANGE = (-1.5, 3.0)
 # Less than this below 1 is rounding.
 _LLEWELLYN_MARGIN = 1e-6
+
+# Where a hand moves: rad/s at which the stiffness that it feels is shown.
+_HAND_FREQUENCIES = np.geomspace(0.1, 30.0, 300)
 
 _STABLE = "#56B4E9"
 # Where Llewellyn's parameter promises nothing.
@@ -321,6 +329,46 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
         Patch(color=_ACTIVE, label=below),
     ]
     AddLegend(figure, handles, ncols=3)
+    return figure
+
+
+def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
+    """Plots the stiffness that the operator feels, 0.1 to 30 rad/s.
+
+    It is FeltStiffness() at the last operating point, in N/m along x. The dashed line
+    is the stiffness of the environment there. The dotted line marks 1 rad/s, the
+    frequency of FeltStiffnessLoss(). The range shown holds the environment's stiffness
+    and what is felt up to that frequency.
+
+    Args:
+        panels: By the title of a panel, its scenarios by their labels. One label has
+            one colour and line style in all panels.
+
+    Raises:
+        ValueError: If there is none, or as FeltStiffness.
+    """
+    if not panels:
+        Refuse("panels", {}, "one or more")
+    w = _HAND_FREQUENCIES
+    figure, axes = _Panels(1, list(panels), 1.5 * _ROW_HEIGHT)
+    labels = list(dict.fromkeys(label for row in panels.values() for label in row))
+    limit = 0.0
+    for ax, scenarios in zip(axes[0], panels.values(), strict=True):
+        for label, scenario in scenarios.items():
+            point = OperatingPoints(scenario)[-1]
+            load = EnvironmentImpedance(scenario, point, w[:1])
+            stiffness = -float(w[0] * load[0, 0, 0].imag)
+            felt = FeltStiffness(scenario, point, w)
+            ax.semilogx(w, felt, **style.RunStyle(labels.index(label)))
+            limit = max(limit, stiffness, float(np.abs(felt[w <= 1.0]).max()))
+            ax.axhline(stiffness, color=GREY, linewidth=0.6, linestyle="--")
+        ax.axhline(0.0, color=GREY, linewidth=0.4)
+        ax.axvline(1.0, color=GREY, linewidth=0.6, linestyle=":")
+        ax.set_xlim(w[0], w[-1])
+    axes[0, 0].set_ylim(-1.1 * limit, 1.1 * limit)
+    _NameAxes(axes, "frequency of the hand [rad/s]", "felt stiffness [N/m]")
+    handles = [Key(label, **style.RunStyle(i)) for i, label in enumerate(labels)]
+    AddLegend(figure, handles, ncols=4)
     return figure
 
 

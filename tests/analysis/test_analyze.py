@@ -92,6 +92,7 @@ def test_files(capsys, unrendered):
             "analysis.json",
             "bode.png",
             "chart.png",
+            "felt_stiffness.png",
             "nyquist.png",
             "stable_delays.png",
             "transparency.png",

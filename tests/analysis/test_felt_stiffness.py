@@ -73,6 +73,76 @@ def test_direct_force_with_a_damper_and_a_predictor(round_trip):
         assert stiffness == pytest.approx((1 / expected).real, rel=1e-6)
 
 
+def Tool(s, damping=DAMPING):
+    """The slider on the bone: F/x at s (rad/s)."""
+    return MASS * s**2 + damping * s + BONE
+
+
+def Adaptive(s):
+    """F_h/x of the thesis's law without adaptation, from (4.2), (4.23) and (4.32).
+
+    F_c' = alpha' - Psi P s - G2 z with alpha' = -Psi^-1 G1 Psi (F_c - F_e), the slope
+    that the law uses, because it does not know that of F_e. v_d is 0.
+    """
+    Psi, Lambda, G1, G2, P = 4.3, 1.0, 2.0, 20.0, 1.0
+    F_e = BONE  # Of x = 1.
+    F_c = Tool(s)
+    gain = Psi * P + G2 * G1 / Psi
+    error = -((s + G1 + G2) * F_c - (G1 + G2) * F_e) / gain
+    return F_e - (error - s) / Lambda
+
+
+def Waves(s, T):
+    """The transmission line of test_the_wave_line_is_a_transmission_line, as F_h/x."""
+    load = Tool(s) / s
+    tangent = np.tanh(s * T / 2)
+    line = (load + RESISTANCE * tangent) / (RESISTANCE + load * tangent)
+    return s * RESISTANCE * (line + 1)
+
+
+@pytest.mark.parametrize(
+    ("kind", "adaptation_rate", "expected"),
+    [
+        ("direct_force", 0.1, [147.0, 73.9, 20.6]),
+        ("damped_force", 0.1, [146.0, 65.5, 6.84]),
+        ("adaptive_backstepping", 0.0, [144.0, 22.6, -53.0]),
+        ("adaptive_backstepping", 0.1, [144.0, 22.7, -52.8]),
+        ("wave_variables", 0.1, [8.63, 7.79, 6.90]),
+    ],
+)
+def test_the_bone_feels_soft_to_a_fast_hand(kind, adaptation_rate, expected):
+    """At 1, 5 and 7 rad/s with 0.1 s each way; closed forms without adaptation."""
+    omega, T = np.array([1.0, 5.0, 7.0]), 0.2
+    s = 1j * omega
+    late = np.exp(s * T)
+    closed = {
+        "direct_force": Tool(s) * late,
+        "damped_force": Tool(s, DAMPING + 2.0) * late,
+        "adaptive_backstepping": Adaptive(s) * late,
+        "wave_variables": Waves(s, T),
+    }[kind].real
+    rate = {"controller.adaptation_rate": adaptation_rate}
+    stiffness = OnBone(Scenario(kind, T, **rate), *omega)
+    assert stiffness == pytest.approx(expected, rel=5e-3)
+    learns = kind == "adaptive_backstepping" and adaptation_rate > 0
+    assert stiffness == pytest.approx(
+        closed, rel=0 if learns else 1e-6, abs=0.2 * learns
+    )
+    if kind == "direct_force":
+        plain = (BONE - MASS * omega**2) * np.cos(omega * T)
+        plain -= DAMPING * omega * np.sin(omega * T)
+        assert stiffness == pytest.approx(plain, rel=1e-6)
+
+
+@pytest.mark.parametrize("round_trip", [0.0, 0.2])
+def test_it_does_not_depend_on_what_the_damper_acts_against(round_trip):
+    """The operator commands no other velocity while the hand moves."""
+    against = {"controller.damped_force.against": "command"}
+    command = OnBone(Scenario("damped_force", round_trip, **against), *OMEGA)
+    ground = OnBone(Scenario("damped_force", round_trip), *OMEGA)
+    assert command == pytest.approx(ground, rel=1e-9)
+
+
 @pytest.mark.parametrize("round_trip", [0.0, 0.2])
 def test_the_wave_line_is_a_transmission_line(round_trip):
     s, b = 1j * OMEGA, RESISTANCE

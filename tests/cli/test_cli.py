@@ -324,7 +324,7 @@ def test_figures_of_sweeps_and_of_analyses_have_the_formats_asked_for():
     assert figures == {"metrics.pdf", "metrics.svg"}
     command = ["analyze", "one_dof", "--controller", "direct_force", "--quiet"]
     assert main([*command, "--format", "svg,png", "--out", "a"]) == 0
-    stems = ("bode", "nyquist", "stable_delays", "transparency")
+    stems = ("bode", "felt_stiffness", "nyquist", "stable_delays", "transparency")
     expected = {f"one_dof_direct_force_{x}.{y}" for x in stems for y in ("svg", "png")}
     assert set(os.listdir("a")) == {*expected, "one_dof_direct_force_analysis.json"}
     text = Path("a/one_dof_direct_force_nyquist.svg").read_text()

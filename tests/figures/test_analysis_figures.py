@@ -14,6 +14,7 @@ from teleop_drake.analysis.stability_chart import ChartStability
 from teleop_drake.analysis.transparency import AnalyzeTransparency
 from teleop_drake.figures.analysis import (
     PlotBode,
+    PlotFeltStiffness,
     PlotNyquist,
     PlotStabilityChart,
     PlotStableDelays,
@@ -142,6 +143,31 @@ def test_bode_of_a_loop_that_is_nothing():
     ]
     figure = PlotBode(dataclasses.replace(analysis, points=points))
     assert figure.axes[-1].get_ylim() == (-270, 90)
+
+
+def test_felt_stiffness_of_direct_force_is_its_closed_form():
+    scenarios = {
+        f"{trip:g} s": LoadScenario(
+            "one_dof", {"controller.kind": "direct_force", "delay": trip / 2}
+        )
+        for trip in (0.2, 0.5)
+    }
+    figure = PlotFeltStiffness(
+        {"both": scenarios, "one": {"0.5 s": scenarios["0.5 s"]}}
+    )
+    both, one = figure.axes
+    assert both.get_title() == "both" and one.get_title() == "one"
+    curves = [x for ax in figure.axes for x in ax.get_lines() if len(x.get_xdata()) > 9]
+    for line, trip in zip(curves, (0.2, 0.5, 0.5), strict=True):
+        w = line.get_xdata()
+        assert (w[0], w[-1]) == (0.1, pytest.approx(30.0))
+        expected = (150 - 0.5 * w**2) * np.cos(w * trip) - 0.1 * w * np.sin(w * trip)
+        np.testing.assert_allclose(line.get_ydata(), expected, rtol=1e-6, atol=1e-5)
+    assert curves[1].get_color() == curves[2].get_color() != curves[0].get_color()
+    # The range shown is that of the environment and of what is felt up to 1 rad/s.
+    assert both.get_ylim() == pytest.approx((-165.0, 165.0), rel=1e-3)
+    with pytest.raises(ValueError, match=r"panels = \{\}: must be one or more"):
+        PlotFeltStiffness({})
 
 
 @pytest.mark.parametrize(

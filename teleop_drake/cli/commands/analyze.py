@@ -59,8 +59,8 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     options.AddRunOptions(
         parser,
         json_help="write the margins as JSON; `-`: to stdout, and nothing else there",
-        out_help="write Bode, Nyquist, stability and transparency plots and "
-        "margins (.json) there",
+        out_help="write Bode, Nyquist, stability, transparency and felt-stiffness "
+        "plots and margins (.json) there",
         out_default=None,
     )
 
@@ -76,7 +76,7 @@ def Execute(args: argparse.Namespace) -> int:
     key, values = _VariedNumber(args.vary)
     output.CheckJson(args.json)
     stem = f"{scenario.name}_{scenario.controller.kind}"
-    figures = ["bode", "nyquist", "stable_delays", "transparency"]
+    figures = ["bode", "nyquist", "stable_delays", "transparency", "felt_stiffness"]
     figures += ["chart"] * bool(key)
     formats = options.FormatsOf(args)
     *figure_paths, summary_path = output.PrepareFolder(
@@ -138,6 +138,7 @@ def _Draw(
         figures.PlotNyquist(analysis),
         figures.PlotStableDelays(analysis),
         figures.PlotTransparency(transparency),
+        figures.PlotFeltStiffness({"": {analysis.scenario.name: analysis.scenario}}),
         *([] if chart is None else [figures.PlotStabilityChart(chart)]),
     ]
     # Those of a figure stand together, one for each format.
