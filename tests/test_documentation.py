@@ -130,25 +130,28 @@ def test_the_adaptive_controller_taken_apart(task):
         for name, plan in LoadStudy("why_adaptive").plans.items()
         if name.startswith(f"{task}-")
     }
-    adaptive, direct, damped = parts["laws"]
+    adaptive, direct, to_ground = parts["laws"]
     order = ("no_networks", "no_psi", "no_adaptation", "no_velocity", "no_force")
-    runs = [adaptive, *(parts[name][0] for name in order), *parts["gains"]]
-    scale = 1000 if task == "one_dof" else 1
+    runs = [adaptive, *(parts[name][0] for name in order)]
+    runs += [*parts["gains"], *parts["large_G2"], *parts["command"], to_ground, direct]
+    newtons = 1000 if task == "one_dof" else 1
+    scales = {
+        "collision.time": 1,
+        "collision.rest_time": 1,
+        "collision.peak_force": newtons,
+    }
     expected = [
         [
-            "-" if run[metric] is None else f"{factor * run[metric]:.3g}"
-            for metric, factor in (
-                ("collision.rest_time", 1),
-                ("collision.peak_force", scale),
-            )
+            "-" if run[metric] is None else f"{scale * run[metric]:.3g}"
+            for metric, scale in scales.items()
         ]
-        for run in (*runs, direct, damped)
+        for run in runs
     ]
     page = (ROOT / "teleop_drake/docs/why_adaptive.md").read_text(encoding="utf-8")
     lines = [line for line in page.splitlines() if line.startswith("| ")][1:]
     first = ("one_dof", "two_dof_collision", "two_dof_combined").index(task)
     cells = [[cell.strip() for cell in line.split("|")[2:-1]] for line in lines]
-    assert [[row[first], row[first + 3]] for row in cells] == expected
+    assert [row[first::3] for row in cells] == expected
 
 
 def test_the_league_on_the_page():

@@ -110,6 +110,13 @@ def test_what_is_refuted(rows):
     assert not by_verdict["not determinable"]
 
 
+def test_the_plain_baseline_stands_beside_the_claim(rows):
+    """Of 13 numbers 4 are larger: the forces on the bone in cases II and III."""
+    row = rows["6-outperforms"]
+    assert "has 9 of these 13 numbers smaller than the adaptive" in row.reason
+    assert "controller.damped_force.against=command" in row.runs
+
+
 @pytest.mark.parametrize(
     ("key", "ours"),
     [
