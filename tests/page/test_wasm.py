@@ -91,6 +91,8 @@ def Kinds():
     yield "network_tracking_coupled", {"disturbance.gain": -100.0}
     for kind in sorted(ARCHITECTURES):
         yield "one_dof", {"controller.kind": kind}
+    against = {"controller.damped_force.against": "command"}
+    yield "one_dof", {"controller.kind": "damped_force", **against}
     for kind, more in (
         ("variable", {"sinusoid": {"amplitude": 0.03, "frequency": 2.0}}),
         ("sampled", {"sample_period": 0.01}),
