@@ -99,6 +99,8 @@ GRID = [
     (TASKS[j % 4], controller, list(CHANNELS)[j % 6], OPERATORS[j % 2])
     for j, controller in enumerate(KINDS)
 ]
+AGAINST_COMMAND = ("controller.damped_force.against=command", "surgeon.stop_time=0.171")
+GRID.append(("two_dof_collision", "damped_force", "unequal", AGAINST_COMMAND))
 
 
 @pytest.mark.slow
