@@ -214,6 +214,5 @@ def FeltStiffnessLoss(scenario: Scenario) -> float:
         ValueError: If there is no linear model.
     """
     point = OperatingPoints(scenario)[-1]
-    w = 1.0
-    stiffness = -w * EnvironmentImpedance(scenario, point, [w])[0, 0, 0].imag
-    return abs(1.0 - float(FeltStiffness(scenario, point, [w])[0] / stiffness))
+    stiffness, _ = scenario.environment.StiffnessAndDamping(point.position)
+    return abs(1.0 - float(FeltStiffness(scenario, point, [1.0])[0] / stiffness[0, 0]))

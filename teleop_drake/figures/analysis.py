@@ -19,11 +19,7 @@ from matplotlib.ticker import MultipleLocator
 from teleop_drake.analysis.point_stability import PointStability
 from teleop_drake.analysis.stability import StabilityAnalysis
 from teleop_drake.analysis.stability_chart import StabilityChart
-from teleop_drake.analysis.transparency import (
-    EnvironmentImpedance,
-    FeltStiffness,
-    Transparency,
-)
+from teleop_drake.analysis.transparency import FeltStiffness, Transparency
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.environments import ShownNormal
 from teleop_drake.figures import style
@@ -356,8 +352,8 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
     for ax, scenarios in zip(axes[0], panels.values(), strict=True):
         for label, scenario in scenarios.items():
             point = OperatingPoints(scenario)[-1]
-            load = EnvironmentImpedance(scenario, point, w[:1])
-            stiffness = -float(w[0] * load[0, 0, 0].imag)
+            stiffnesses, _ = scenario.environment.StiffnessAndDamping(point.position)
+            stiffness = float(stiffnesses[0, 0])
             felt = FeltStiffness(scenario, point, w)
             ax.semilogx(w, felt, **style.RunStyle(labels.index(label)))
             limit = max(limit, stiffness, float(np.abs(felt[w <= 1.0]).max()))
