@@ -14,7 +14,7 @@ from teleop_drake.laws.proportional import braked_force, damper_force, velocity_
 from teleop_drake.validation import CheckChoice, CheckGain, GainField, GainMatrix
 
 AGAINST = ("ground", "command")
-"""What the damper acts against: a tool at rest, or the commanded velocity."""
+"""What the damper acts against: the ground, or the commanded velocity."""
 
 
 class DampedForce(FixedBlock):
