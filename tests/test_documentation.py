@@ -263,6 +263,7 @@ def test_the_table_of_felt_stiffness():
     assert table.splitlines() == lines
 
 
+@pytest.mark.slow
 def test_the_figure_of_felt_stiffness(tmp_path):
     committed = imread(league.FELT_PICTURE)
     SaveFigure(league.DrawFelt(), tmp_path / "now.png")
@@ -290,11 +291,14 @@ def test_the_number_of_architectures(page, sentence):
 
 @pytest.mark.parametrize(
     ("name", "adaptive", "robust"),
-    [
-        ("one_dof", 1.30, 5.13),
-        ("two_dof_collision", 1.97, 1.83),
-        ("two_dof_combined", 1.31, 2.46),
-    ],
+    Slow(
+        [
+            ("two_dof_collision", 1.97, 1.83),
+            ("two_dof_combined", 1.31, 2.46),
+            ("one_dof", 1.30, 5.13),
+        ],
+        but=[0, 1],
+    ),
 )
 def test_the_robust_law_on_bone(name, adaptive, robust):
     """The times after which the velocity settles, as the league's page has them."""
