@@ -110,6 +110,6 @@ def unrendered(monkeypatch):
 def in_this_process(monkeypatch):
     """Lets sweeps simulate here; sweep/test_sweep.py has them in other processes."""
     monkeypatch.setattr(
-        "teleop_drake.sweep.run.ProcessPoolExecutor",
-        lambda jobs, **options: ThreadPoolExecutor(1),
+        "teleop_drake.sweep.run.Workers",
+        lambda jobs, preload: ThreadPoolExecutor(1),
     )

@@ -253,7 +253,7 @@ def GridOf(
         BadInput: If --vary has no path.
         ScenarioError: If it is none.
     """
-    from teleop_drake.sweep.study import MakeGrid
+    from teleop_drake.sweep.values import MakeGrid
 
     varied = [SplitVary(item, "VALUES") for item in args.vary]
     return MakeGrid(controllers or None, [*varied, *more], args.seeds)

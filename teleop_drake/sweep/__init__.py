@@ -1,19 +1,20 @@
 """Many runs: a grid of values times controllers."""
 
 from teleop_drake.sweep.folder import TableNames, WriteTables
-from teleop_drake.sweep.plan import ALIASES, ParseValues, PlanSweep, SweepPlan
+from teleop_drake.sweep.plan import PlanSweep, SweepPlan
 from teleop_drake.sweep.result import (
     SelectMetrics,
     SweepError,
     SweepResult,
 )
-from teleop_drake.sweep.run import RunSweep, Sweep
+from teleop_drake.sweep.run import RunSweep, RunSweeps, Sweep
 from teleop_drake.sweep.statistics import (
     Differences,
     HasSeeds,
     Statistics,
     VariesSeedsOnly,
 )
+from teleop_drake.sweep.values import ALIASES, ParseValues
 from teleop_drake.tasks.metrics import FlattenMetrics, MetricUnits
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
     "ParseValues",
     "PlanSweep",
     "RunSweep",
+    "RunSweeps",
     "SelectMetrics",
     "Statistics",
     "Sweep",

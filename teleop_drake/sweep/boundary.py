@@ -10,7 +10,8 @@ import numpy as np
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.arrays import Array
 from teleop_drake.scenario import AsTeleoperation
-from teleop_drake.sweep.plan import ALIASES, PointOverrides, SweepPlan
+from teleop_drake.sweep.plan import SweepPlan
+from teleop_drake.sweep.values import ALIASES
 from teleop_drake.validation import Refuse
 
 # Each takes an analysis, of about a tenth of a second.
@@ -68,10 +69,7 @@ def FindBoundaries(
     reasons: dict[str, str] = {}
     for i, value in enumerate(values):
         point = first | {key: value, delay_key: largest}
-        scenario = AsTeleoperation(
-            plan.source.Load([*plan.overrides, *PointOverrides(point)]),
-            "there is no loop to analyse",
-        )
+        scenario = AsTeleoperation(plan.Load(point), "there is no loop to analyse")
         if scenario.controller.Chosen().has_gains_of_delay:
             raise ValueError("gains derive from the delay: each run has its own loop")
         for constant in scenario.ConstantDelays():

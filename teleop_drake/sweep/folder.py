@@ -18,6 +18,7 @@ records lack the wall times that RunSummary has.
 import contextlib
 import csv
 import fcntl
+import functools
 import importlib.metadata
 import json
 import os
@@ -34,17 +35,16 @@ from teleop_drake.sweep.statistics import CONTROLLERS, Differences, HasSeeds, St
 
 
 class SweepFolder:
-    """A folder with a sweep, of which one process at a time may take care.
+    """A folder with a sweep, which one process at a time may use.
 
     Attributes:
-        records: Number of the run to record, of those that were there.
+        records: The records that the folder held at first, by the number of the run.
 
     Args:
         path: The folder, which is made if need be.
         plan: The sweep.
-        resume: Whether it may hold this very sweep already.
-        notice: Called with a line of text if a record was torn and is dropped.
-        part: (I, N) if it holds only the I-th of N parts of the runs; None: all.
+        resume: Whether the folder may hold the same sweep already.
+        notice: Called with a line of text if a torn record is dropped.
 
     Raises:
         SweepError: On entering it, if it cannot be used.
@@ -56,9 +56,7 @@ class SweepFolder:
         plan: SweepPlan,
         resume: bool,
         notice: Callable[[str], None],
-        part: tuple[int, int] | None = None,
     ):
-        self._part = part
         self._path = path
         self._notice = notice
         self._plan = plan
@@ -93,10 +91,9 @@ class SweepFolder:
             raise OSError(None, "disk full", str(self._path / "runs.jsonl"))
 
     def Finish(self, result: SweepResult) -> None:
-        """Puts the records into the order of the grid, and makes tables of a whole."""
+        """Puts the records into the order of the grid, and writes the tables."""
         self._Write("runs.jsonl", "".join(map(_JsonLine, result.records)))
-        if self._part is None:
-            WriteTables(result, self._path)
+        WriteTables(result, self._path)
 
     def _Title(self) -> str:
         return f"out = {str(self._path)!r}"
@@ -111,8 +108,6 @@ class SweepFolder:
 
     def _CheckParameters(self) -> None:
         mine = _Parameters(self._plan)
-        if self._part is not None:
-            mine["part"] = list(self._part)
         file = self._path / "sweep.json"
         if not file.exists():
             if (self._path / "runs.jsonl").exists():
@@ -154,11 +149,16 @@ class SweepFolder:
             temporary.write_text(text, encoding="utf-8")
 
 
-def _Version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:  # Or run without being installed.
-        return "none"
+@functools.cache
+def Versions() -> dict[str, str]:
+    """Returns the versions of the packages that decide what a run gives."""
+    versions = {}
+    for package in ("teleop-drake", "drake", "numpy", "llvmlite"):
+        try:
+            versions[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:  # Or run uninstalled.
+            versions[package] = "none"
+    return versions
 
 
 def _Parameters(plan: SweepPlan) -> dict[str, Any]:
@@ -169,10 +169,7 @@ def _Parameters(plan: SweepPlan) -> dict[str, Any]:
         "axes": plan.axes,
         "first_scenario": ScenarioToYaml(plan.scenario),
         "engine": plan.engine,
-        "versions": {
-            name: _Version(name)
-            for name in ("teleop-drake", "drake", "numpy", "llvmlite")
-        },
+        "versions": Versions(),
     }
     if plan.traces:
         parameters["traces"] = plan.traces

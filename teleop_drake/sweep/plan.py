@@ -2,18 +2,13 @@
 
 import hashlib
 import itertools
-import json
 import math
 import os
-import re
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
-
-import numpy as np
+from typing import Any, NamedTuple
 
 from teleop_drake.scenario import (
     DELAYS,
@@ -24,25 +19,19 @@ from teleop_drake.scenario import (
     ScenarioError,
     ScenarioNames,
 )
-from teleop_drake.scenario.loading import ParseScenario, ResolveFiles
-from teleop_drake.scenario.scenario import ScenarioFiles
-from teleop_drake.scenario.yaml_text import DumpOnOneLine, DumpYaml, ParseYaml, ReadText
+from teleop_drake.scenario.scenario import ParseScenario, ResolveFiles, ScenarioFiles
+from teleop_drake.scenario.tree import DumpYaml, ReadText
 from teleop_drake.simulation.simulate import ENGINES
 from teleop_drake.sweep.result import SweepError
+from teleop_drake.sweep.values import (
+    ALIASES,
+    MAX_RUNS,
+    CheckAxis,
+    Grid,
+    OverridesOf,
+    PointOverrides,
+)
 from teleop_drake.tasks import TaskOf
-
-MAX_RUNS = 100_000
-"""Most runs of a sweep, so that a typing error cannot exhaust the memory."""
-
-ALIASES = {
-    "channel": ("forward_channel", "return_channel"),
-    "controller": ("controller.kind",),
-    "delay": DELAYS,
-    "forward_delay": ("forward_channel.delay",),
-    "return_delay": ("return_channel.delay",),
-    "seed": ("forward_channel.seed", "return_channel.seed"),
-}
-"""Keys of a grid that stand for fields of the scenario."""
 
 # A value of the grid is good if it is valid together with one of so many choices of
 # the other values.
@@ -53,8 +42,36 @@ _MAX_LOADED = 1000
 
 
 @dataclass(kw_only=True)
+class Source:
+    """A scenario file that can be sent to another machine.
+
+    The files that it names, a measured trace or a robot's model, have to be there.
+
+    Attributes:
+        name: A built-in name, or the file's.
+        text: Contents of the file; None for a built-in scenario.
+    """
+
+    name: str
+    text: str | None
+
+    def Load(self, overrides: Sequence[str]) -> AnyScenario:
+        """Returns the scenario with overrides.
+
+        Raises:
+            ScenarioError: If it is not valid.
+        """
+        if self.text is None:
+            return LoadScenario(self.name, overrides)
+        with TemporaryDirectory(prefix="teleop-drake-") as folder:
+            path = Path(folder) / self.name
+            path.write_text(self.text, encoding="utf-8")
+            return LoadScenario(path, overrides)
+
+
+@dataclass(kw_only=True)
 class SweepPlan:
-    """A sweep that was checked, see PlanSweep.
+    """A sweep of one scenario that was checked, see PlanSweep.
 
     Attributes:
         source: The scenario.
@@ -67,17 +84,26 @@ class SweepPlan:
         loaded: Some of the scenarios that were checked, by their overrides.
     """
 
-    source: "Source"
+    source: Source
     overrides: list[str]
-    axes: dict[str, list[Any]]
+    axes: Grid
     points: list[dict[str, Any]]
     scenario: AnyScenario
     traces: dict[str, str]
     engine: str
     loaded: dict[tuple[str, ...], AnyScenario]
 
-    def Load(self, overrides: Sequence[str]) -> AnyScenario:
-        """Returns the scenario of a run in this process; see Source.Load()."""
+    def Overrides(self, point: Mapping[str, Any]) -> list[str]:
+        """Returns the overrides of the run at a point."""
+        return [*self.overrides, *PointOverrides(point)]
+
+    def Load(self, point: Mapping[str, Any]) -> AnyScenario:
+        """Returns the scenario of the run at a point.
+
+        Raises:
+            ScenarioError: If it is not valid.
+        """
+        overrides = self.Overrides(point)
         return self.loaded.get(tuple(overrides)) or self.source.Load(overrides)
 
 
@@ -90,45 +116,49 @@ def PlanSweep(
 ) -> SweepPlan:
     """Checks everything about a sweep that can be wrong before it runs.
 
+    Args:
+        scenario: A built-in name or a YAML file.
+        grid: Values by key, as Sweep() takes them.
+        overrides: For all runs, as LoadScenario takes them.
+        engine: As simulate() takes it.
+
     Raises:
         ScenarioError: If a value of the grid is not valid with any of the others.
         SweepError: If the grid cannot be used, or there is no such engine.
     """
     if engine not in ENGINES:
         raise SweepError(f"engine = {engine!r}: must be one of {', '.join(ENGINES)}")
-    if isinstance(overrides, Mapping):
-        overrides = [f"{k}={_YamlOf(_ToPlain(x))}" for k, x in overrides.items()]
-    elif isinstance(overrides, str):
-        overrides = [overrides]
-    overrides = list(overrides)
-    axes = {key: _CheckAxis(key, values) for key, values in grid.items()}
-    _CheckPaths(overrides, axes)
+    texts = OverridesOf(overrides)
+    axes = {key: CheckAxis(key, values) for key, values in grid.items()}
+    _CheckPaths(texts, axes)
     num_runs = math.prod(map(len, axes.values()))
     if num_runs > MAX_RUNS:
         raise SweepError(f"grid = {num_runs} runs: must be at most {MAX_RUNS}")
 
     traces: dict[str, str] = {}
-    good: dict[tuple[str, ...], AnyScenario] = {}
+    loaded: dict[tuple[str, ...], AnyScenario] = {}
 
-    def Load(point: list[str]) -> AnyScenario:
-        # By the name that the user gave, which the messages have.
-        loaded, replaced = LoadOverridden(scenario, point)
-        CheckSteps(loaded)
-        _CheckPaths(overrides, axes, replaced)
-        for file in sorted({*ScenarioFiles(loaded).values()} - {*traces}):
-            traces[file] = hashlib.sha256(Path(file).read_bytes()).hexdigest()
-        if len(good) < _MAX_LOADED:
-            good[tuple(point)] = loaded
-        return loaded
+    def Load(point: Mapping[str, Any]) -> AnyScenario:
+        """Returns the scenario of a point by the user's name, which messages have."""
+        own = [*texts, *PointOverrides(point)]
+        checked, replaced = LoadOverridden(scenario, own)
+        CheckSteps(checked)
+        _CheckPaths(texts, axes, replaced)
+        for file in sorted(set(ScenarioFiles(checked).values())):
+            if file not in traces:
+                traces[file] = hashlib.sha256(Path(file).read_bytes()).hexdigest()
+        if len(loaded) < _MAX_LOADED:
+            loaded[tuple(own)] = checked
+        return checked
 
-    first = _CheckValues(Load, overrides, axes)
+    first = _CheckValues(Load, axes)
     if "seed" in axes and not _HasRandomNumbers(first, axes):
         raise SweepError(
             f"grid.seed = {axes['seed']}: must be left out, no channel is random"
         )
     return SweepPlan(
         source=_ReadSource(scenario),
-        overrides=overrides,
+        overrides=texts,
         axes=axes,
         points=[
             dict(zip(axes, values, strict=True))
@@ -137,69 +167,8 @@ def PlanSweep(
         scenario=first,
         traces=traces,
         engine=engine,
-        loaded=good,
+        loaded=loaded,
     )
-
-
-def ParseValues(text: str) -> list[Any]:
-    """Returns the values that START:STOP:COUNT or A,B,... stand for.
-
-    A range has both ends; its values are rounded to 12 digits. A list has YAML values.
-
-    Args:
-        text: For example "0:0.4:41", "0.1", "auto,4.3" or "[0.1, 0],[0.2, 0]".
-
-    Raises:
-        SweepError: If it is neither.
-    """
-    allowed = "must be START:STOP:COUNT or A,B,..."
-    is_kind = re.fullmatch(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", text)  # module:Class
-    if ":" in text and not is_kind and not set(text) & set(",[]{}\"'"):
-        try:
-            start, stop, count = text.split(":")
-            ends, num_values = (float(start), float(stop)), int(count)
-        except ValueError:
-            raise SweepError(f"{text!r}: {allowed}") from None
-        if not all(map(math.isfinite, ends)):
-            raise SweepError(f"{text!r}: START and STOP must be finite")
-        if not 1 <= num_values <= MAX_RUNS:
-            raise SweepError(f"{text!r}: COUNT must be 1 to {MAX_RUNS}")
-        return [float(f"{x:.12g}") for x in np.linspace(*ends, num_values)]
-    try:
-        values = ParseYaml(f"[{text}]", "values")
-    except ScenarioError:
-        values = None
-    if not isinstance(values, list) or not values:
-        raise SweepError(f"{text!r}: {allowed}")
-    return values
-
-
-@dataclass(kw_only=True)
-class Source:
-    """A scenario file that can be sent to another machine.
-
-    What it names in turn, a measured trace or a robot's model, has to be there.
-
-    Attributes:
-        name: A built-in name, or the file's.
-        text: What is in the file; None for a built-in scenario.
-    """
-
-    name: str
-    text: str | None
-
-    def Load(self, overrides: Sequence[str]) -> AnyScenario:
-        """Returns the scenario of a run.
-
-        Raises:
-            ScenarioError: If it is not valid.
-        """
-        if self.text is None:
-            return LoadScenario(self.name, overrides)
-        with TemporaryDirectory(prefix="teleop-drake-") as folder:
-            path = Path(folder) / self.name
-            path.write_text(self.text, encoding="utf-8")
-            return LoadScenario(path, overrides)
 
 
 def _ReadSource(scenario: str | os.PathLike[str]) -> Source:
@@ -214,118 +183,91 @@ def _ReadSource(scenario: str | os.PathLike[str]) -> Source:
 
 def _HasRandomNumbers(scenario: AnyScenario, axes: Iterable[str]) -> bool:
     """Returns whether any run may depend on a seed."""
-    ways = ALIASES["channel"]
-    kinds = {"channel", *ways, *(f"{way}.kind" for way in ways)}
+    for way in ALIASES["channel"]:
+        if not {"channel", way, f"{way}.kind"}.isdisjoint(axes):
+            return True
     channels = TaskOf(scenario).Channels(scenario).values()
-    return not kinds.isdisjoint(axes) or any(x.draws_random_numbers for x in channels)
+    return any(channel.draws_random_numbers for channel in channels)
 
 
-def _CheckAxis(key: str, values: Iterable[Any]) -> list[Any]:
-    if isinstance(values, str):
-        raise SweepError(f"grid.{key} = {values!r}: must be a list of values")
-    try:
-        plain: list[Any] = _ToPlain(list(values), allow_nan=False)
-    except ValueError:
-        raise SweepError(
-            f"grid.{key}: must have finite numbers, text, booleans, None, lists and "
-            "dicts only"
-        ) from None
-    if not plain:
-        raise SweepError(f"grid.{key} = []: must have at least one value")
-    # 1 and 1.0 are one value, 1 and true are two.
-    texts = [json.dumps(x) for x in json.loads(json.dumps(plain), parse_int=float)]
-    text, count = Counter(texts).most_common(1)[0]
-    if count > 1:
-        text = json.dumps(plain[texts.index(text)])
-        raise SweepError(f"grid.{key}: must have different values, and {text} is twice")
-    return plain
+class _Setting(NamedTuple):
+    """A field that the overrides or a key of the grid set."""
+
+    setter: str
+    path: str
+
+
+def _Settings(overrides: Sequence[str], axes: Iterable[str]) -> Iterator[_Setting]:
+    """Yields the fields that are set, in the order in which they are."""
+    for text in overrides:
+        path = text.partition("=")[0].strip()
+        for field in DELAYS if path == "delay" else (path,):
+            yield _Setting("overrides", field)
+    for key in axes:
+        for field in ALIASES.get(key, (key,)):
+            yield _Setting(f"grid.{key}", field)
 
 
 def _CheckPaths(
     overrides: Sequence[str],
-    axes: Mapping[str, Any],
+    axes: Iterable[str],
     replaced: Sequence[str] | None = None,
 ) -> None:
-    """Refuses what would have no effect because a later value replaces it.
+    """Refuses a setting that has no effect because a later value replaces it.
 
     Args:
-        replaced: What the paths of the overrides and those of the keys are other names
-            of; None: of themselves.
+        replaced: The one name that each field has for all of its names, in the order
+            of the settings; None: the name that is given.
     """
-    keys = [(text.partition("=")[0].strip(), "overrides") for text in overrides]
-    setters, paths = [], []
-    for key, setter in [*keys, *((key, f"grid.{key}") for key in axes)]:
-        known = {"delay": DELAYS} if setter == "overrides" else ALIASES
-        for path in known.get(key, (key,)):
-            paths.append(path)
-            setters.append(setter)
-    names = list(replaced or paths)
-    for i, later in enumerate(setters):
-        for j, earlier in enumerate(setters[:i]):
-            if later != "overrides" and f"{names[j]}.".startswith(f"{names[i]}."):
+    settings = list(_Settings(overrides, axes))
+    names = replaced or [setting.path for setting in settings]
+    for i, later in enumerate(settings):
+        if later.setter == "overrides":
+            continue  # As on the command line, the later one wins.
+        for j, earlier in enumerate(settings[:i]):
+            if f"{names[j]}.".startswith(f"{names[i]}."):
                 raise SweepError(
-                    f"{later}: must leave {paths[j]} alone, {earlier} sets it"
+                    f"{later.setter}: must leave {earlier.path} alone, "
+                    f"{earlier.setter} sets it"
                 )
 
 
 def _CheckValues(
-    load: Callable[[list[str]], AnyScenario],
-    overrides: list[str],
-    axes: Mapping[str, list[Any]],
+    load: Callable[[Mapping[str, Any]], AnyScenario], axes: Grid
 ) -> AnyScenario:
     """Refuses values that are not valid with any others, returns a valid scenario."""
-    first_valid: AnyScenario | None = None
-    is_good: dict[str, list[bool]] = {key: [False] * len(x) for key, x in axes.items()}
+    first: AnyScenario | None = None
+    good: set[tuple[str, int]] = set()
     for key, values in axes.items():
         for i in range(len(values)):
-            if is_good[key][i]:
+            if (key, i) in good:
                 continue
-            others = {k: [i] if k == key else range(len(x)) for k, x in axes.items()}
-            num_choices = math.prod(map(len, others.values()))
-            stride = max(num_choices // _MAX_CHECKS, 1)
-            first_error = None
-            for indices in itertools.islice(
-                itertools.product(*others.values()), 0, None, stride
-            ):
-                point = {k: axes[k][j] for k, j in zip(axes, indices, strict=True)}
-                try:
-                    valid = load([*overrides, *PointOverrides(point)])
-                except ScenarioError as error:
-                    first_error = first_error or error
-                    continue
-                first_valid = first_valid or valid
-                for k, j in zip(axes, indices, strict=True):
-                    is_good[k][j] = True
-                break
-            else:
-                assert first_error is not None
-                raise first_error
-    return first_valid if first_valid is not None else load(overrides)
+            indices, scenario = _FindValid(load, axes, key, i)
+            good.update(indices.items())
+            first = first or scenario
+    return first or load({})
 
 
-def _ToPlain(value: Any, **options: Any) -> Any:
-    """Returns a value without numpy, as JSON gives it back.
+def _FindValid(
+    load: Callable[[Mapping[str, Any]], AnyScenario], axes: Grid, key: str, i: int
+) -> tuple[dict[str, int], AnyScenario]:
+    """Returns the indices of a valid point with value i of a key, and its scenario.
 
     Raises:
-        ValueError: If it cannot.
+        ScenarioError: That of the first point, if none is valid.
     """
-    try:
-        text = json.dumps(value, default=lambda x: x.tolist(), **options)
-    except (AttributeError, TypeError) as error:
-        raise ValueError(str(error)) from None
-    return json.loads(text)
-
-
-def _YamlOf(value: Any) -> str:
-    if isinstance(value, float) and math.isfinite(value):
-        return repr(value)
-    return DumpOnOneLine(value)
-
-
-def PointOverrides(point: Mapping[str, Any]) -> list[str]:
-    """Returns the overrides that make a point of the grid."""
-    return [
-        f"{path}={text}"
-        for key, text in zip(point, map(_YamlOf, point.values()), strict=True)
-        for path in ALIASES.get(key, (key,))
-    ]
+    choices = {k: range(len(values)) for k, values in axes.items()}
+    choices[key] = range(i, i + 1)
+    num_choices = math.prod(map(len, choices.values()))
+    stride = max(num_choices // _MAX_CHECKS, 1)
+    first_error: ScenarioError | None = None
+    for choice in itertools.islice(
+        itertools.product(*choices.values()), 0, None, stride
+    ):
+        indices = dict(zip(axes, choice, strict=True))
+        try:
+            return indices, load({k: axes[k][j] for k, j in indices.items()})
+        except ScenarioError as error:
+            first_error = first_error or error
+    assert first_error is not None
+    raise first_error

@@ -1,35 +1,45 @@
-"""Sweeps: a scenario over a grid of its fields, in many processes, and resumable."""
+"""Sweeps: a scenario over a grid of its fields, on many processors, and resumable."""
 
 import contextlib
+import itertools
 import json
-import multiprocessing
 import os
-import signal
-import sys
 import threading
 import time as clock
 import warnings
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from teleop_drake.scenario import ScenarioError
+from teleop_drake.scenario import AnyScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.simulation.compiled_run import WhyNotCompiled
-from teleop_drake.sweep.folder import SweepFolder
-from teleop_drake.sweep.plan import PlanSweep, PointOverrides, Source, SweepPlan
+from teleop_drake.sweep.folder import SweepFolder, Versions
+from teleop_drake.sweep.plan import PlanSweep, Source, SweepPlan
 from teleop_drake.sweep.result import SweepError, SweepResult
+from teleop_drake.sweep.workers import Workers
 from teleop_drake.tasks.metrics import RunSummary
 
-# After so many runs each, processes are replaced. In Drake before 1.56 a simulation
-# leaks two megabytes: a Diagram with a LeafSystem written in Python is never freed.
-_RUNS_PER_PROCESS = 100
+Record = dict[str, Any]
+"""The record of a run; see SweepResult."""
 
 # Compiled runs that would take no longer than this, in s, than worker processes take to
 # start and import, are done without.
 _START_OF_WORKERS = 6.0
+
+# This process simulates so many runs itself at most, because of what Drake leaks.
+_MAX_RUNS_HERE = 100
+
+# An executor may be far away: a call of it has at most so many compiled runs, fewer if
+# there would not be so many calls.
+_RUNS_PER_CALL = 20
+_MIN_CALLS = 16
+
+# What was compiled is shared by the threads of a process, which simulate in turn.
+_one_at_a_time = threading.Lock()
 
 
 def Sweep(
@@ -38,7 +48,12 @@ def Sweep(
     *,
     overrides: Mapping[str, Any] | Iterable[str] = (),
     engine: str = "auto",
-    **options: Any,
+    executor: Executor | None = None,
+    jobs: int | None = None,
+    out: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+    notice: Callable[[str], None] | None = None,
 ) -> SweepResult:
     """Simulates a scenario for each combination of values.
 
@@ -46,6 +61,7 @@ def Sweep(
 
     A run that fails is a record with its reason, and so is a combination of values
     that is not valid; the sweep goes on. A run whose process dies is tried once more.
+    Records do not depend on where, or in which order, the runs are simulated.
 
     In a script, call this under `if __name__ == "__main__":`, because Python imports
     the script in each worker process. A notebook need not.
@@ -56,9 +72,13 @@ def Sweep(
             it, or one of ALIASES. The last key varies fastest.
         overrides: For all runs, as LoadScenario takes them.
         engine: As simulate() takes it; `auto` runs what can be compiled as machine
-            code, and says of what cannot why.
-        **options: jobs, out, resume, progress and notice, as RunSweep()
-            takes them.
+            code, and notes why other scenarios cannot.
+        executor: Where to simulate, as RunSweep() takes it, and so are all others.
+        jobs: Number of worker processes.
+        out: Folder to write to.
+        resume: Whether to go on with the sweep in `out`.
+        progress: Called with the numbers of finished runs and of all.
+        notice: Called with a line of text.
 
     Returns:
         The records of all runs.
@@ -66,28 +86,36 @@ def Sweep(
     Raises:
         ScenarioError: If a value of the grid is not valid with any of the others.
         SweepError: If the grid, jobs or the folder cannot be used.
-        RuntimeError: If no process can start. What is finished stays in `out`.
+        RuntimeError: If the executor gives up. What is finished stays in `out`.
         OSError: If a file cannot be written.
     """
-    plan = PlanSweep(scenario, grid, overrides=overrides, engine=engine)
-    return RunSweep(plan, **options)
+    return RunSweep(
+        PlanSweep(scenario, grid, overrides=overrides, engine=engine),
+        executor=executor,
+        jobs=jobs,
+        out=out,
+        resume=resume,
+        progress=progress,
+        notice=notice,
+    )
 
 
 def RunSweep(
     plan: SweepPlan,
     *,
-    part: tuple[int, int] | None = None,
+    executor: Executor | None = None,
     jobs: int | None = None,
     out: str | os.PathLike[str] | None = None,
     resume: bool = False,
     progress: Callable[[int, int], None] | None = None,
     notice: Callable[[str], None] | None = None,
 ) -> SweepResult:
-    """Does what a plan says, or a part of it.
+    """Simulates the runs of a plan.
 
     Args:
-        part: (I, N) for the runs I - 1, I - 1 + N and so on, whose records are all that
-            the result then has; None: all runs.
+        executor: Where to simulate: any Executor whose workers can import this package
+            in the same version, for example `Client(...).get_executor(pure=False)` of
+            Dask. It stays open. None: on this machine.
         jobs: Number of worker processes, >= 1; None: as many as there are processors,
             and none for compiled runs that would be done before these have started.
         out: Folder to write to; None writes nothing.
@@ -98,176 +126,244 @@ def RunSweep(
         notice: Called with a line of text if runs cannot be machine code, or if runs in
             `out` have to be done again because their lines were changed; None:
             warnings.warn.
+
+    Raises:
+        SweepError: If jobs or the folder cannot be used, or a worker has other versions
+            of the packages.
+        RuntimeError: If the executor gives up. What is finished stays in `out`.
+        OSError: If a file cannot be written.
     """
     if jobs is not None and jobs < 1:
         raise SweepError(f"jobs = {jobs}: must be 1 or more")
+    if jobs is not None and executor is not None:
+        raise SweepError(f"jobs = {jobs}: must be None where an executor is given")
     notice = notice or warnings.warn
-    progress = progress or (lambda finished, runs: None)
-    first, step = part or (1, 1)
-    runs = range(len(plan.points))[first - 1 :: step]
-    records: dict[int, dict[str, Any]] = {}
-
-    def Missing() -> list[int]:
-        return [run for run in runs if run not in records]
-
-    def Take(new: Iterable[dict[str, Any]]) -> None:
-        for record in new:
+    num_runs = len(plan.points)
+    records: dict[int, Record] = {}
+    with contextlib.ExitStack() as stack:
+        folder = None
+        if out is not None:
+            folder = SweepFolder(Path(out), plan, resume, notice)
+            records |= stack.enter_context(folder).records
+        if progress is not None:
+            progress(len(records), num_runs)
+        missing = deque(run for run in range(num_runs) if run not in records)
+        for record in _SimulateRuns(plan, missing, executor, jobs, notice):
             records[record["run"]] = record
             if folder is not None:
                 folder.Append(record)
-            progress(len(records), len(runs))
-
-    with (
-        contextlib.nullcontext()
-        if out is None
-        else SweepFolder(Path(out), plan, resume, notice, part)
-    ) as folder:
-        if folder is not None:
-            records |= folder.records
-        progress(len(records), len(runs))
-        if Missing() and plan.engine != "drake":
-            why = WhyNotCompiled(plan.scenario)
-            if why:
-                notice(f"Run in Drake's Simulator: {why}.")
-            elif jobs is None:
-                Take(_SimulateHere(plan, Missing()))
-        Take(_SimulateInProcesses(plan, Missing(), jobs or os.cpu_count() or 1))
-        ordered = [records[run] for run in runs]
-        result = SweepResult(scenario=plan.scenario, axes=plan.axes, records=ordered)
+            if progress is not None:
+                progress(len(records), num_runs)
+        result = SweepResult(
+            scenario=plan.scenario,
+            axes=plan.axes,
+            records=[records[run] for run in range(num_runs)],
+        )
         if folder is not None:
             folder.Finish(result)
     return result
 
 
-def _SimulateHere(plan: SweepPlan, runs: Sequence[int]) -> Iterator[dict[str, Any]]:
-    """Simulates runs of a plan in this process, until worker processes would pay."""
-    times: list[float] = []
-    for i, run in enumerate(runs[:_RUNS_PER_PROCESS]):
-        # The first run may compile.
-        if sum(times[1:]) * (len(runs) - i) > _START_OF_WORKERS * max(i - 1, 0) > 0:
-            return
-        start = clock.process_time()
-        record = _SimulateOne(plan, _Overrides(plan, run), "auto")
-        times.append(clock.process_time() - start)
-        yield {"run": run, "varied": plan.points[run], **record}
+def RunSweeps(
+    plans: Mapping[str, SweepPlan],
+    *,
+    executor: Executor | None = None,
+    jobs: int | None = None,
+    out: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> dict[str, SweepResult]:
+    """Simulates the runs of several plans, those of a study for example.
 
+    Args:
+        plans: By their names, which their folders in `out` have. For the rest, and for
+            what is raised, see RunSweep().
+        executor: Where to simulate.
+        jobs: Number of worker processes.
+        out: Folder to write to.
+        resume: Whether to go on with the sweeps in `out`.
+        progress: Called with the numbers of finished runs and of all, of all plans.
+        notice: Called with a line of text.
 
-def _Overrides(plan: SweepPlan, run: int) -> list[str]:
-    return [*plan.overrides, *PointOverrides(plan.points[run])]
-
-
-def _SimulateInProcesses(
-    plan: SweepPlan, runs: Iterable[int], jobs: int
-) -> Iterator[dict[str, Any]]:
-    """Simulates runs of a plan in processes and yields each record as it comes.
-
-    The death of a process breaks its pool. The runs that may have been under way are
-    done again, each alone, so that only a run that ends its process fails.
+    Returns:
+        The results by the names of the plans.
     """
-    # Why it is not machine code was said once for all.
-    engine = "drake" if plan.engine == "drake" else "auto"
-    waiting, suspects = list(runs), list[int]()
-    while waiting or suspects:
-        is_alone = bool(suspects)
-        size = 1 if is_alone else jobs * _RUNS_PER_PROCESS
-        queue = suspects if is_alone else waiting
-        unfinished = dict.fromkeys(queue[:size])
-        del queue[:size]
-        try:
-            with _Processes(min(len(unfinished), jobs)) as pool:
-                futures = {
-                    pool.submit(
-                        _SimulateOne, plan.source, _Overrides(plan, run), engine
-                    ): run
-                    for run in unfinished
-                }
-                for future in as_completed(futures):
-                    run, record = futures[future], future.result()
-                    del unfinished[run]
-                    yield {"run": run, "varied": plan.points[run], **record}
-        except BrokenProcessPool:
-            if is_alone:
-                for run in unfinished:
-                    reason = "its process ended, and so did the second one"
-                    yield {"run": run, "varied": plan.points[run], **_Failure(reason)}
-            else:
-                suspects = list(unfinished)[:jobs]
-                waiting = list(unfinished)[jobs:] + waiting
+    total = sum(len(plan.points) for plan in plans.values())
+    results: dict[str, SweepResult] = {}
+    num_before = 0
+
+    def Report(num_finished: int, _: int) -> None:
+        if progress is not None:
+            progress(num_before + num_finished, total)
+
+    for name, plan in plans.items():
+        results[name] = RunSweep(
+            plan,
+            executor=executor,
+            jobs=jobs,
+            out=None if out is None else Path(out, name),
+            resume=resume,
+            progress=Report,
+            notice=notice,
+        )
+        num_before += len(plan.points)
+    return results
 
 
-@contextlib.contextmanager
-def _Processes(jobs: int) -> Iterator[ProcessPoolExecutor]:
-    """Yields a pool of processes, which are killed if it is left by an exception.
-
-    On Linux they are forks of a server that has imported what runs need, and stays as
-    long as this process: this one may have threads, which a fork would not survive.
-    macOS forbids much after a fork.
-    """
-    kind = "forkserver" if sys.platform == "linux" else "spawn"
-    context = multiprocessing.get_context(kind)
-    context.set_forkserver_preload([__name__, "llvmlite.binding"])
-    others = multiprocessing.active_children()
-    pool = ProcessPoolExecutor(
-        jobs,
-        mp_context=context,
-        initializer=_BeginWorker,
-        initargs=(dict(os.environ),),
-    )
+def _SimulateRuns(
+    plan: SweepPlan,
+    runs: deque[int],
+    executor: Executor | None,
+    jobs: int | None,
+    notice: Callable[[str], None],
+) -> Iterator[Record]:
+    """Simulates runs of a plan and yields each record as it comes."""
+    if not runs:
+        return
+    is_compiled = False
+    if plan.engine != "drake":
+        why = WhyNotCompiled(plan.scenario)
+        if why:
+            notice(f"Run in Drake's Simulator: {why}.")
+        is_compiled = not why
+    if executor is not None:
+        most = min(_RUNS_PER_CALL, len(runs) // _MIN_CALLS) if is_compiled else 1
+        yield from _SimulateOn(executor, plan, runs, max(most, 1))
+        return
+    if is_compiled and jobs is None:
+        yield from _SimulateHere(plan, runs)
+    if not runs:
+        return
+    workers = Workers(min(len(runs), jobs or os.cpu_count() or 1), __name__)
     try:
-        try:
-            pool.submit(os.getpid).result()
-        except BrokenProcessPool:
-            raise RuntimeError(
-                "a worker process could not start; a script must keep its own work "
-                'under `if __name__ == "__main__":`'
-            ) from None
-        yield pool
+        yield from _SimulateOn(workers, plan, runs, 1)
     except BaseException:
-        for process in multiprocessing.active_children():
-            if process not in others:
-                process.kill()
+        workers.shutdown(cancel_futures=True)
         raise
-    finally:
-        pool.shutdown(cancel_futures=True)
+    workers.shutdown()
 
 
-def _BeginWorker(environment: Mapping[str, str]) -> None:
-    """Leaves Ctrl-C to the parent, ends with it, and takes over its environment."""
+def _SimulateHere(plan: SweepPlan, runs: deque[int]) -> Iterator[Record]:
+    """Simulates runs in this process, and removes them, until workers would pay."""
+    num_done = 0
+    total_time = 0.0
+    while runs and num_done < _MAX_RUNS_HERE:
+        # The first run may compile: its time is not that of others.
+        if total_time * len(runs) > _START_OF_WORKERS * (num_done - 1) > 0:
+            return
+        point = plan.points[runs[0]]
+        start = clock.process_time()
+        outcome = _SimulateOne(partial(plan.Load, point), "auto")
+        if num_done > 0:
+            total_time += clock.process_time() - start
+        num_done += 1
+        yield _RecordOf(plan, runs.popleft(), outcome)
 
-    def EndWithParent() -> None:
-        parent = multiprocessing.parent_process()
-        assert parent is not None
-        parent.join()
-        os._exit(1)
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.environ.clear()
-    os.environ.update(environment)
-    threading.Thread(target=EndWithParent, daemon=True).start()
+def _SimulateOn(
+    executor: Executor, plan: SweepPlan, runs: Iterable[int], size: int
+) -> Iterator[Record]:
+    """Simulates runs by calls of an executor, each of several runs.
+
+    The runs of a call that is lost, with a worker for example, are done again, each
+    by a call of its own. Only a run that is lost again fails.
+    """
+    # The notice has told once why runs are not machine code.
+    engine = "drake" if plan.engine == "drake" else "auto"
+    calls = _Batches(runs, size)
+    for is_last_try in (False, True):
+        lost: list[list[int]] = []
+        futures = {}
+        for call in calls:
+            overrides = [plan.Overrides(plan.points[run]) for run in call]
+            future = executor.submit(
+                _SimulateCall, plan.source, overrides, engine, Versions()
+            )
+            futures[future] = call
+        try:
+            for future in as_completed(futures):
+                call = futures[future]
+                try:
+                    outcomes = future.result()
+                except (BrokenExecutor, CancelledError) as error:
+                    text = str(error) or "it cancelled a run"
+                    raise RuntimeError(f"the executor gave up: {text}") from None
+                except ScenarioError:  # The worker cannot be used.
+                    raise
+                except Exception as error:
+                    if not is_last_try:
+                        lost += [[run] for run in call]
+                        continue
+                    outcomes = [_Failure(f"lost twice ({error})")]
+                for run, outcome in zip(call, outcomes, strict=True):
+                    yield _RecordOf(plan, run, outcome)
+        finally:
+            for future in futures:
+                future.cancel()
+        calls = lost
 
 
-def _SimulateOne(
-    source: Source | SweepPlan, overrides: list[str], engine: str
-) -> dict[str, Any]:
-    """Simulates one run, in a worker, and returns its record."""
+def _Batches(runs: Iterable[int], size: int) -> list[list[int]]:
+    """Returns runs in lists of a size, the last of which may be shorter."""
+    iterator = iter(runs)
+    batches = []
+    while batch := list(itertools.islice(iterator, size)):
+        batches.append(batch)
+    return batches
+
+
+def _SimulateCall(
+    source: Source,
+    runs: Sequence[list[str]],
+    engine: str,
+    versions: Mapping[str, str],
+) -> list[Record]:
+    """Simulates runs in a worker, and returns their outcomes.
+
+    Args:
+        runs: The overrides of each.
+        versions: Those of the packages where the sweep was started.
+
+    Raises:
+        SweepError: If the versions here differ.
+    """
+    if Versions() != versions:
+        raise SweepError(
+            f"executor: must have workers with {versions}, and one has {Versions()}"
+        )
+    outcomes = []
+    for overrides in runs:
+        with _one_at_a_time:
+            outcomes.append(_SimulateOne(partial(source.Load, overrides), engine))
+    return outcomes
+
+
+def _SimulateOne(load: Callable[[], AnyScenario], engine: str) -> Record:
+    """Simulates one run and returns its outcome."""
     try:
-        recording = simulate(source.Load(overrides), engine=engine)
+        recording = simulate(load(), engine=engine)
         if recording.termination == "interrupted":
             raise KeyboardInterrupt
-        record: dict[str, Any] = {
+        outcome: Record = {
             "status": recording.termination,
             "reason": recording.reason,
             **RunSummary(recording),
         }
-        del record["solver"]["wall_time_s"], record["solver"]["real_time_factor"]
-        json.dumps(record, allow_nan=False)
-        return record
+        del outcome["solver"]["wall_time_s"], outcome["solver"]["real_time_factor"]
+        json.dumps(outcome, allow_nan=False)
+        return outcome
     except (Exception, SystemExit) as error:
         # Some violated contracts of Drake end in SystemExit.
         return _Failure(error)
 
 
-def _Failure(error: BaseException | str) -> dict[str, Any]:
+def _RecordOf(plan: SweepPlan, run: int, outcome: Record) -> Record:
+    return {"run": run, "varied": plan.points[run], **outcome}
+
+
+def _Failure(error: BaseException | str) -> Record:
+    """Returns the outcome of a run that failed."""
     # A note names the block that raised it.
     notes = getattr(error, "__notes__", [])
     reason = " ".join(" ".join([str(error), *notes]).split())

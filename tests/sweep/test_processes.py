@@ -57,7 +57,7 @@ def test_a_run_whose_process_dies_is_tried_again(tmp_path):
         "run": 1,
         "varied": {"robot.mass": 2.0},
         "status": "failed",
-        "reason": "its process ended, and so did the second one",
+        "reason": "lost twice (its process ended)",
         "metrics": None,
     }
     assert [record["status"] for record in records] == ["completed"] * 4
@@ -66,7 +66,7 @@ def test_a_run_whose_process_dies_is_tried_again(tmp_path):
 
 def test_processes_are_recycled(tmp_path, monkeypatch):
     """A new one has the environment as it is then."""
-    monkeypatch.setattr("teleop_drake.sweep.run._RUNS_PER_PROCESS", 1)
+    monkeypatch.setattr("teleop_drake.sweep.workers._CALLS_PER_PROCESS", 1)
     monkeypatch.setenv("A_VARIABLE", "today")
     _, seen = Run(tmp_path, [1.0, 2.0, 3.0], deaths={})
     assert len(seen) >= 2 and set(seen.values()) == {"today"}

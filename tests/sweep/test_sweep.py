@@ -242,10 +242,10 @@ def test_a_whole_and_then_a_part_can_be_varied():
 
 def test_a_scenario_that_the_plan_has_loaded_is_that_of_its_run():
     plan = PlanSweep("one_dof", {"delay": [0.1, 0.2]})
-    for delay in ("0.1", "0.2"):
-        overrides = [f"{way}_channel.delay={delay}" for way in ("forward", "return")]
-        assert plan.Load(overrides) is plan.loaded[tuple(overrides)]
-        assert plan.Load(overrides) == plan.source.Load(overrides)
+    for point in plan.points:
+        overrides = plan.Overrides(point)
+        assert plan.Load(point) is plan.loaded[tuple(overrides)]
+        assert plan.Load(point) == plan.source.Load(overrides)
 
 
 def test_large_grids_are_checked_quickly(monkeypatch):
@@ -502,7 +502,7 @@ def test_command(capsys, monkeypatch, in_this_process, unrendered):
         *("metrics.png", "metrics_map.png", "stability.png"),
     }
     # Drawn again, with other metrics, without a run.
-    monkeypatch.setattr("teleop_drake.sweep.run.ProcessPoolExecutor", None)
+    monkeypatch.setattr("teleop_drake.sweep.run.Workers", None)
     options[2:] = ["--metrics", "collision.time", "--separate", "--resume"]
     assert main([*command, *options]) == 0
     out, err = capsys.readouterr()
@@ -526,7 +526,7 @@ def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, in_this_process):
     assert MakeParser().parse_args(["run", "one_dof"]).engine == "auto"
     engines, said = [], []
 
-    def Simulate(source, overrides, engine):
+    def Simulate(load, engine):
         engines.append(engine)
         return {"status": "failed", "reason": "not run", "metrics": None}
 
@@ -550,7 +550,7 @@ def test_short_compiled_sweeps_need_no_worker_processes(monkeypatch):
     def Records():
         return Sweep("one_dof", grid, overrides=SHORT, engine="auto").records
 
-    monkeypatch.setattr("teleop_drake.sweep.run.ProcessPoolExecutor", None)
+    monkeypatch.setattr("teleop_drake.sweep.run.Workers", None)
     records = Records()
     for delay, record in zip(grid["delay"], records, strict=True):
         scenario = LoadScenario("one_dof", SHORT | {"delay": delay})
@@ -559,12 +559,12 @@ def test_short_compiled_sweeps_need_no_worker_processes(monkeypatch):
         assert record["final"] == expected["final"]
     workers = []
 
-    def Workers(jobs, **options):
+    def Workers(jobs, preload):
         workers.append(jobs)
         return ThreadPoolExecutor(jobs)
 
     # Where they would pay, they do what is left after two runs; or all, if asked for.
-    monkeypatch.setattr("teleop_drake.sweep.run.ProcessPoolExecutor", Workers)
+    monkeypatch.setattr("teleop_drake.sweep.run.Workers", Workers)
     monkeypatch.setattr("teleop_drake.sweep.run._START_OF_WORKERS", 1e-9)
     assert Records() == records and workers == [min(2, os.cpu_count())]
     threads = Sweep("one_dof", grid, overrides=SHORT, engine="auto", jobs=1).records

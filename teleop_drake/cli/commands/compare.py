@@ -66,7 +66,7 @@ def Execute(args: argparse.Namespace) -> int:
 
 def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
     """Simulates each point of the grid once and puts the runs side by side."""
-    from teleop_drake.sweep.plan import PointOverrides
+    from teleop_drake.sweep.values import PointOverrides
 
     formats = options.FormatsOf(args)
     drawing = options.FigureOptionsOf(args)
@@ -123,7 +123,7 @@ def _Names(plan: "SweepPlan") -> dict[str, str]:
     What is the same of all is left to the headlines.
     """
     from teleop_drake.figures.style import LabelOfValue
-    from teleop_drake.sweep.plan import PointOverrides
+    from teleop_drake.sweep.values import PointOverrides
 
     has_controllers = len(plan.axes.get("controller", ())) > 1 or len(plan.axes) == 1
     names = {}

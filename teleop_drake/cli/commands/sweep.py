@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from teleop_drake.cli import options
+from teleop_drake.cli.dask import DaskExecutor
 from teleop_drake.cli.exit_codes import DONE, FAILED, INTERRUPTED, BadInput, Fail
 from teleop_drake.cli.output import CheckJson, WriteJson
 from teleop_drake.cli.progress import SweepProgress
@@ -36,17 +37,6 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "as puncture (default: a few; runs.csv has all)",
     )
     parser.add_argument(
-        "--shard",
-        metavar="I/N",
-        help="do the I-th of N parts of the runs, as a job of an array",
-    )
-    parser.add_argument(
-        "--merge",
-        nargs="+",
-        metavar="DIR",
-        help="simulate nothing; put the parts in these folders together in --out",
-    )
-    parser.add_argument(
         "--separate",
         action="store_true",
         help="draw each metric into a file of its own; more than 24 panels always are",
@@ -57,6 +47,12 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="processes that simulate (default: one per processor; none for a few "
         "compiled runs)",
+    )
+    parser.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="simulate on the cluster of this Dask scheduler, for example "
+        "tcp://host:8786",
     )
     parser.add_argument(
         "--resume", action="store_true", help="do only what is missing in --out"
@@ -72,7 +68,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     )
 
 
-# What a study says itself.
+# Options whose place the keys of a study take.
 _OF_A_SCENARIO = (
     *("delay", "forward_delay", "return_delay", "channel", "duration", "accuracy"),
     *("set", "controllers", "vary", "seeds", "metrics"),
@@ -80,78 +76,66 @@ _OF_A_SCENARIO = (
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Simulates all runs of a sweep, or a part of them, and draws them."""
-    from teleop_drake.sweep import SelectMetrics, TableNames
-    from teleop_drake.sweep.study import MergeStudy, ParsePart, RunStudy
+    """Simulates all runs of a sweep or a study, and draws them."""
+    from teleop_drake.sweep import SelectMetrics
 
-    _CheckOptions(args)
+    if args.jobs is not None and args.dask is not None:
+        raise BadInput("--jobs: must be left out with --dask, which has workers")
     CheckJson(args.json)
     formats = options.FormatsOf(args)
-    progress = (0, 0)
-
-    def Notice(text: str) -> None:
-        print(f"teleop-drake: {text}", file=sys.stderr)
-
-    def Report(finished: int, runs: int) -> None:
-        nonlocal progress
-        progress = finished, runs
-        show(finished, runs)
-
-    part = None if args.shard is None else ParsePart(args.shard)
     study = StudyOf(args)
-    metrics = {
-        name: SelectMetrics(plan.scenario, study.metrics) if study.metrics else []
-        for name, plan in study.plans.items()
-    }
-    try:
-        with SweepProgress(args.quiet) as show:
-            if args.merge is not None:
-                results = MergeStudy(study, args.out, args.merge, notice=Notice)
-            else:
-                results = RunStudy(
-                    study,
-                    args.out,
-                    part=part,
-                    jobs=args.jobs,
-                    resume=args.resume,
-                    progress=Report,
-                    notice=Notice,
-                )
-    except RuntimeError as e:  # No worker process can start.
-        return Fail(FAILED, f"{e}; --resume does the rest")
-    except KeyboardInterrupt:
-        finished, runs = progress
-        message = f"interrupted; {finished} of {runs} runs are in {args.out}, "
-        return Fail(INTERRUPTED, message + "--resume does the rest")
-    if part is not None:
-        if args.json != "-":
-            print(f"Part {args.shard} is done. When all are: --merge {args.out}")
-        return DONE
+    metrics = {}
+    for name, plan in study.plans.items():
+        given = study.metrics
+        metrics[name] = SelectMetrics(plan.scenario, given) if given else []
+    results = _Simulate(args, study)
+    if isinstance(results, int):
+        return results
     for name, result in results.items():
         folder = Path(args.out, name)
         figures, note = _Draw(
             result, metrics[name], folder, study.plans[name], formats, args.separate
         )
         if args.json != "-":
-            _Print(result, metrics[name])
-            if note:
-                print(note)
-            tables = [folder / x for x in ("runs.jsonl", *TableNames(result))]
-            print("Written:", ", ".join(map(str, [*tables, *figures])))
+            _Print(result, metrics[name], folder, figures, note)
     if args.json is not None:
         records = {name: result.records for name, result in results.items()}
         WriteJson(args.json, records.get("", records))
     return max(_ExitCode(result) for result in results.values())
 
 
-def _CheckOptions(args: argparse.Namespace) -> None:
-    """Refuses options that exclude each other."""
-    if args.shard is not None and args.json is not None:
-        raise BadInput("--json: must be left out with --shard; --merge has all records")
-    if args.merge is not None:
-        for option in ("shard", "jobs", "resume"):
-            if getattr(args, option):
-                raise BadInput(f"--{option}: must be left out where parts are merged")
+def _Simulate(
+    args: argparse.Namespace, study: "Study"
+) -> "dict[str, SweepResult] | int":
+    """Returns the results by the names of the sweeps, or the code of a failure."""
+    from teleop_drake.sweep import RunSweeps
+
+    progress = "no runs"
+
+    def Notice(text: str) -> None:
+        print(f"teleop-drake: {text}", file=sys.stderr)
+
+    def Report(finished: int, runs: int) -> None:
+        nonlocal progress
+        progress = f"{finished} of {runs} runs"
+        show(finished, runs)
+
+    try:
+        with DaskExecutor(args.dask) as executor, SweepProgress(args.quiet) as show:
+            return RunSweeps(
+                study.plans,
+                executor=executor,
+                jobs=args.jobs,
+                out=args.out,
+                resume=args.resume,
+                progress=Report,
+                notice=Notice,
+            )
+    except RuntimeError as error:  # The executor, or the worker processes, gave up.
+        return Fail(FAILED, f"{error}; --resume does the rest")
+    except KeyboardInterrupt:
+        message = f"interrupted; {progress} are in {args.out}, --resume does the rest"
+        return Fail(INTERRUPTED, message)
 
 
 def StudyOf(args: argparse.Namespace) -> "Study":
@@ -168,7 +152,7 @@ def StudyOf(args: argparse.Namespace) -> "Study":
     given = [name for name in _OF_A_SCENARIO if getattr(args, name)]
     for name in [*given, *(["engine"] if args.engine != "auto" else [])]:
         option = "--" + name.replace("_", "-")
-        raise BadInput(f"{option}: must be left out with a study, which says it")
+        raise BadInput(f"{option}: must be left out with a study, which has it")
     return LoadStudy(args.scenario)
 
 
@@ -202,9 +186,15 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
     )
 
 
-def _Print(result: "SweepResult", metrics: Sequence[str]) -> None:
-    """Prints how a sweep ended."""
-    from teleop_drake.sweep import VariesSeedsOnly
+def _Print(
+    result: "SweepResult",
+    metrics: Sequence[str],
+    folder: Path,
+    figures: Sequence[Path],
+    note: str,
+) -> None:
+    """Prints how a sweep ended, and the files that it has written."""
+    from teleop_drake.sweep import TableNames, VariesSeedsOnly
 
     statuses = [record["status"] for record in result.records]
     counts = ", ".join(
@@ -214,6 +204,10 @@ def _Print(result: "SweepResult", metrics: Sequence[str]) -> None:
     print(f"{result.scenario.name}: {len(statuses)} runs, {counts}")
     if VariesSeedsOnly(result):
         print(SeedsTable(result, metrics))
+    if note:
+        print(note)
+    tables = [folder / name for name in ("runs.jsonl", *TableNames(result))]
+    print("Written:", ", ".join(map(str, [*tables, *figures])))
 
 
 def _ExitCode(result: "SweepResult") -> int:

@@ -145,9 +145,10 @@ def _Table(result: "TuningResult") -> str:
     names = [path.rpartition(".")[2] for path in plan.ranges]
     lines = [["", *names, *(f"{metric} (relative)" for metric in plan.weights)]]
     for i, trial in enumerate([result.own, *result.front]):
-        title = f"front-{i}" if len(result.front) > 1 else "best"
         gains = [f"{x:g}" for x in trial.gains.values()] or ["-"] * len(names)
         scores = [f"{x:.4g}" for x in result.Scores(trial)]
-        lines.append([title if i else "own", *gains, *scores])
-    note = f"\nown: not accepted ({result.own.reason})" * bool(result.own.reason)
-    return Align(lines) + note
+        lines.append([result.Title(i), *gains, *scores])
+    table = Align(lines)
+    if result.own.reason:
+        table += f"\nown: not accepted ({result.own.reason})"
+    return table

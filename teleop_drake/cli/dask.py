@@ -1,0 +1,45 @@
+"""The executor of a Dask cluster, for the option --dask."""
+
+import sys
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+
+from teleop_drake.cli.exit_codes import BadInput
+
+
+@contextmanager
+def DaskExecutor(address: str | None) -> Iterator[Executor | None]:
+    """Yields the executor of the cluster at an address; None without one.
+
+    A line on stderr tells if the cluster has no workers yet.
+
+    Raises:
+        BadInput: If there is no scheduler at the address, or Dask is not installed.
+    """
+    if address is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise BadInput(
+            f"--dask = {address!r}: must be left out, or the package distributed "
+            "installed (pip install 'teleop-drake[dask]')"
+        ) from None
+    try:
+        client = Client(address, timeout=10)
+    except (OSError, ValueError) as error:
+        raise BadInput(
+            f"--dask = {address!r}: must be the address of a Dask scheduler ({error})"
+        ) from None
+    with client:
+        if not client.scheduler_info()["workers"]:
+            print(
+                f"teleop-drake: {address} has no workers; the runs wait for the first "
+                f"one (dask worker {address}). Ctrl-C ends the sweep",
+                file=sys.stderr,
+                flush=True,
+            )
+        # By default, pure, two calls with equal arguments would be one.
+        yield client.get_executor(pure=False)

@@ -1,0 +1,56 @@
+"""What analyses of a scenario add to its runs: stiffness that is felt, and margins."""
+
+from collections.abc import Collection, Mapping
+from typing import Any, NamedTuple
+
+from teleop_drake.analysis.stability import AnalyzeStability
+from teleop_drake.analysis.transparency import FeltStiffnessLoss
+from teleop_drake.scenario import AnyScenario, AsTeleoperation
+from teleop_drake.sweep.plan import SweepPlan
+from teleop_drake.tasks import TaskOf
+
+STIFFNESS_LOSS = "felt_stiffness_loss"
+"""The metric that FeltStiffnessLoss() returns of a scenario."""
+
+
+class Analysis(NamedTuple):
+    """Results of the analyses of a scenario.
+
+    Attributes:
+        stiffness_loss: See FeltStiffnessLoss; 0 if it is not one of the metrics.
+        reason: Why a delay margin is too small; empty: none is.
+    """
+
+    stiffness_loss: float
+    reason: str
+
+
+def LoadChecked(sweep: SweepPlan, point: Mapping[str, Any]) -> AnyScenario:
+    """Returns the scenario of a run, after the checks of its task."""
+    scenario = sweep.Load(point)
+    TaskOf(scenario).Check(scenario)
+    return scenario
+
+
+def Analyze(
+    scenario: AnyScenario, metrics: Collection[str], margin: float | None
+) -> Analysis:
+    """Analyses a scenario, as far as metrics or a delay margin need it.
+
+    Args:
+        margin: Least delay margin of the round trip, in s; None: it is not checked.
+    """
+    teleoperation = AsTeleoperation(scenario)
+    loss = 0.0
+    if STIFFNESS_LOSS in metrics:
+        loss = FeltStiffnessLoss(teleoperation)
+    if margin is None:
+        return Analysis(loss, "")
+    forward = teleoperation.forward_channel.delay
+    trip = forward + teleoperation.return_channel.delay
+    found = AnalyzeStability(teleoperation, max_delay=trip + margin + 1e-3)
+    for loop in found.Loops():
+        longest = loop.delay + margin
+        if not any(a <= loop.delay and longest <= b for a, b in loop.stable_delays):
+            return Analysis(loss, f"{loop.label}: a delay margin below {margin:g} s")
+    return Analysis(loss, "")

@@ -1,0 +1,217 @@
+"""The plan of a search for gains: its runs, ranges and metrics, checked."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from teleop_drake.arrays import Array
+from teleop_drake.scenario import AsTeleoperation, Scenario
+from teleop_drake.scenario.tree import GetPath, ToTree
+from teleop_drake.stations import ResolveController
+from teleop_drake.sweep.plan import SweepPlan
+from teleop_drake.sweep.study import Study
+from teleop_drake.sweep.tuning.analyses import STIFFNESS_LOSS, Analyze, LoadChecked
+from teleop_drake.sweep.values import PointOverrides
+from teleop_drake.tasks.metrics import MetricUnits
+from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
+
+Gains = dict[str, float]
+"""Values of the gains by their paths."""
+
+_MAX_GAINS = 6
+
+# A range that is not given: a tenth to ten times the scenario's own value.
+_DECADE = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TuningPlan:
+    """A search that was checked, see PlanTuning.
+
+    Attributes:
+        training: Sweep of each scenario, the controller being one of its overrides.
+        held_out: Sweeps of the runs that the search does not see.
+        ranges: Lower and upper bound of each gain by its path.
+        weights: Weights of the metrics that are minimised, by their names; None for
+            each: a Pareto front is looked for.
+        margin: Least delay margin of the round trip, in s; None: it is not checked.
+        evaluations: How many sets of gains are tried, the scenario's own apart.
+        seed: Of the search.
+    """
+
+    training: dict[str, SweepPlan]
+    held_out: dict[str, SweepPlan]
+    ranges: dict[str, tuple[float, float]]
+    weights: dict[str, float | None]
+    margin: float | None
+    evaluations: int
+    seed: int
+
+    @property
+    def size(self) -> int:
+        """Number of sets of gains in a generation, a power of 2."""
+        return int(8 * 2 ** (len(self.ranges).bit_length() - 1))
+
+    @property
+    def has_weights(self) -> bool:
+        """Whether the metrics have weights."""
+        return None not in self.weights.values()
+
+    def Gains(self, place: Array) -> Gains:
+        """Returns the gains at a place in the ranges, which are 0 to 1 wide there."""
+        gains = {}
+        for (path, (low, high)), share in zip(self.ranges.items(), place, strict=True):
+            if low > 0:
+                value = low * (high / low) ** share
+            else:
+                value = low + share * (high - low)
+            gains[path] = float(f"{value:.4g}")
+        return gains
+
+
+def PlanTuning(
+    training: Study,
+    *,
+    controller: str,
+    gains: Iterable[str],
+    minimize: Iterable[str],
+    held_out: Study | None = None,
+    margin: float | None = None,
+    evaluations: int = 64,
+    seed: int = 0,
+) -> TuningPlan:
+    """Checks everything about a search that can be wrong before it runs.
+
+    Args:
+        training: The runs with which gains are tried.
+        controller: Kind of the controller.
+        gains: One to six, NAME or NAME=LOW:HIGH. A name is the path of a field of the
+            scenario, or of one of the controller's, `impedance` for
+            `controller.wave_variables.impedance`. A range that is not given is a tenth
+            to ten times the value of the first training scenario.
+        minimize: METRIC or METRIC:WEIGHT.
+        held_out: Runs that the search does not see; None: there are none.
+        margin: Least delay margin of the round trip, in s.
+        evaluations: How many sets of gains are tried, the scenario's own apart.
+        seed: Of the search: with the same one, the same gains are found.
+
+    Raises:
+        ScenarioError: If something is not allowed.
+    """
+    trained = _WithController(training, controller)
+    tested = {} if held_out is None else _WithController(held_out, controller)
+    sweeps = [*trained.values(), *tested.values()]
+    scenario = AsTeleoperation(sweeps[0].scenario)
+    ranges = dict(_Range(scenario, text) for text in gains)
+    if not 1 <= len(ranges) <= _MAX_GAINS:
+        Refuse("gains", list(ranges), f"1 to {_MAX_GAINS} different ones")
+    if margin is not None:
+        CheckNumber("margin", margin, "s", minimum=0)
+    plan = TuningPlan(
+        training=trained,
+        held_out=tested,
+        ranges=ranges,
+        weights=_Weights(minimize, sweeps),
+        margin=margin,
+        evaluations=evaluations,
+        seed=seed,
+    )
+    if evaluations < plan.size:
+        allowed = f"{plan.size} or more with {len(ranges)} gains"
+        Refuse("evaluations", evaluations, allowed)
+    for sweep in sweeps:
+        for path, bounds in ranges.items():
+            if path in sweep.axes:
+                Refuse(f"gains.{path}", bounds, "a field that no run varies")
+            for bound in bounds:
+                LoadChecked(sweep, {**sweep.points[0], path: bound})
+        # This refuses a scenario without a linear model, if one is needed.
+        Analyze(sweep.scenario, plan.weights, margin)
+    return plan
+
+
+def _WithController(study: Study, controller: str) -> dict[str, SweepPlan]:
+    """Returns the sweeps of a study with one controller for all runs."""
+    return {
+        name or plan.scenario.name: _SetController(plan, controller)
+        for name, plan in study.plans.items()
+    }
+
+
+def _SetController(plan: SweepPlan, controller: str) -> SweepPlan:
+    """Returns a sweep with one controller for all runs; refuses one that varies it."""
+    axes = dict(plan.axes)
+    varied = axes.pop("controller", [controller])
+    if varied != [controller]:
+        Refuse("controllers", varied, f"left out, or {controller!r}")
+    fixed = replace(
+        plan,
+        overrides=[*plan.overrides, *PointOverrides({"controller": controller})],
+        axes=axes,
+        points=[{key: point[key] for key in axes} for point in plan.points],
+    )
+    return replace(fixed, scenario=LoadChecked(fixed, fixed.points[0]))
+
+
+def _Range(scenario: Scenario, text: str) -> tuple[str, tuple[float, float]]:
+    """Returns the path and the range that NAME or NAME=LOW:HIGH stands for."""
+    name, equals, given = text.strip().partition("=")
+    path = name
+    if not hasattr(scenario, name.partition(".")[0]):
+        path = f"{scenario.controller.path}.{name}"
+    value = GetPath(ToTree(scenario), path)  # Refuses a path that does not exist.
+    if equals:
+        return path, _ParseRange(name, given)
+    if value is None and path.startswith(f"{scenario.controller.path}."):
+        value = ResolveController(scenario)
+        for part in path.removeprefix(f"{scenario.controller.path}.").split("."):
+            value = getattr(value, part)
+    x = _ScalarOf(value)
+    if x is None or not x > 0:
+        Refuse(f"gains.{name}", text, "NAME=LOW:HIGH; its own value is no number > 0")
+    return path, (float(f"{x / _DECADE:.4g}"), float(f"{x * _DECADE:.4g}"))
+
+
+def _ParseRange(name: str, text: str) -> tuple[float, float]:
+    """Returns the bounds of LOW:HIGH."""
+    try:
+        low, high = map(float, text.split(":"))
+    except ValueError:
+        low = high = math.nan
+    if not -math.inf < low < high < math.inf:
+        Refuse(f"gains.{name}", text, "LOW:HIGH, two numbers, the larger one last")
+    return low, high
+
+
+def _ScalarOf(value: object) -> float | None:
+    """Returns a number, or x of a matrix x I; None of anything else."""
+    matrix = np.atleast_2d(np.asarray(math.nan if value is None else value))
+    x = matrix.flat[0]
+    if matrix.dtype.kind in "if" and np.array_equal(matrix, x * np.eye(len(matrix))):
+        return float(x)
+    return None
+
+
+def _Weights(
+    texts: Iterable[str], sweeps: Sequence[SweepPlan]
+) -> dict[str, float | None]:
+    """Returns the weights of the metrics, None for all if none has one."""
+    items = list(texts)
+    weights: dict[str, float | None] = {}
+    for text in items:
+        name, colon, weight = text.partition(":")
+        for plan in sweeps:
+            CheckChoice("minimize", name, [STIFFNESS_LOSS, *MetricUnits(plan.scenario)])
+        try:
+            weights[name] = float(weight) if colon else None
+        except ValueError:
+            weights[name] = math.nan
+    given = [x for x in weights.values() if x is not None]
+    has_all_or_none = len(given) in (0, len(items))
+    if not (weights and has_all_or_none and all(0 < x < math.inf for x in given)):
+        Refuse(
+            "minimize", items, "METRIC or METRIC:WEIGHT, weights > 0 for all or none"
+        )
+    return weights if len(weights) > 1 else dict.fromkeys(weights, 1.0)

@@ -1,0 +1,95 @@
+"""The result of a search for gains, as a table and as files."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from teleop_drake.arrays import Array
+from teleop_drake.files import Replacing
+from teleop_drake.scenario.tree import DumpYaml
+from teleop_drake.sweep.folder import WriteCsv
+from teleop_drake.sweep.tuning.plan import TuningPlan
+from teleop_drake.sweep.tuning.trials import Trial
+
+
+@dataclass(kw_only=True)
+class TuningResult:
+    """The result of a search.
+
+    Attributes:
+        plan: The search.
+        own: The scenario's own gains.
+        reference: The reference gains.
+        best: The member of the front with the smallest goal: the weighted sum, or
+            without weights the largest score.
+        front: The accepted gains that no others dominate, ascending in the first
+            metric; with weights only the best.
+        held_out: The held-out runs of the scenario's own gains and of the front.
+        tried: All that was tried in the training runs.
+    """
+
+    plan: TuningPlan
+    own: Trial
+    reference: Trial
+    best: Trial
+    front: list[Trial]
+    held_out: list[Trial]
+    tried: list[Trial] = field(repr=False)
+
+    def Scores(self, trial: Trial) -> Array:
+        """Returns the score of each metric (M), in multiples of the reference."""
+        return trial.Scores(self.reference)
+
+    def Table(self) -> list[dict[str, Any]]:
+        """Returns the rows of tuning.csv: one for each set of gains and scenario.
+
+        `bounded` is the number of runs that go on to their end and have every metric;
+        the mean and the largest value over these follow for each metric.
+        """
+        rows = []
+        for i, trial in enumerate([self.own, *self.front]):
+            rows += self._Rows(trial, i, "training")
+        for i, trial in enumerate(self.held_out):
+            rows += self._Rows(trial, i, "held out")
+        return rows
+
+    def Title(self, i: int) -> str:
+        """Returns the name of the scenario's own gains (0), or of a member (1, ...)."""
+        if i == 0:
+            return "own"
+        return f"front-{i}" if len(self.front) > 1 else "best"
+
+    def _Rows(self, trial: Trial, i: int, runs: str) -> list[dict[str, Any]]:
+        """Returns the rows of a set of gains, one for each scenario."""
+        rows = []
+        for scenario, values in trial.values.items():
+            good = values[np.isfinite(values).all(axis=1)]
+            row: dict[str, Any] = {"gains": self.Title(i), "runs": runs}
+            row |= dict.fromkeys(self.plan.ranges) | trial.gains
+            row |= {"scenario": scenario, "count": len(values), "bounded": len(good)}
+            for metric, x in zip(self.plan.weights, good.T, strict=True):
+                row[f"{metric} mean"] = float(x.mean()) if len(x) else None
+                row[f"{metric} worst"] = float(x.max()) if len(x) else None
+            rows.append(row)
+        return rows
+
+    def Write(self, folder: Path) -> list[Path]:
+        """Writes the gains and the table; returns the files.
+
+        `gains.yaml` has the best ones, `front-N.yaml` those of a front: mappings of
+        paths to values, which --set and the `overrides` of a study take.
+        """
+        trials = {"gains": self.best}
+        if len(self.front) > 1:
+            trials |= {f"front-{i}": x for i, x in enumerate(self.front, start=1)}
+        sweep = next(iter(self.plan.training.values()))
+        files = []
+        for name, trial in trials.items():
+            fields = {"controller.kind": sweep.scenario.controller.kind} | trial.gains
+            files.append(folder / f"{name}.yaml")
+            with Replacing(files[-1]) as temporary:
+                text = DumpYaml(fields, sort_keys=False)
+                temporary.write_text(text, encoding="utf-8")
+        return [*files, WriteCsv(folder / "tuning.csv", self.Table())]

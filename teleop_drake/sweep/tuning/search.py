@@ -1,0 +1,288 @@
+"""The search for gains by differential evolution."""
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import differential_evolution
+from scipy.stats import qmc
+
+from teleop_drake.arrays import Array
+from teleop_drake.sweep.plan import PlanSweep
+from teleop_drake.sweep.result import SweepResult
+from teleop_drake.sweep.run import RunSweeps
+from teleop_drake.sweep.study import IsStudy, LoadStudy, Study
+from teleop_drake.sweep.tuning.plan import Gains, PlanTuning, TuningPlan
+from teleop_drake.sweep.tuning.result import TuningResult
+from teleop_drake.sweep.tuning.trials import (
+    FindFront,
+    FindReference,
+    Goal,
+    Sweeps,
+    Trial,
+    TryGains,
+)
+from teleop_drake.validation import Refuse
+
+# How much more one score weighs than the others, in a goal of a Pareto front.
+_EMPHASIS = 5.0
+
+
+def Tune(
+    scenario: str | os.PathLike[str],
+    *,
+    controller: str,
+    gains: Iterable[str],
+    minimize: Iterable[str],
+    grid: Mapping[str, Iterable[Any]] | None = None,
+    held_out: Mapping[str, Iterable[Any]] | Study | None = None,
+    overrides: Mapping[str, Any] | Iterable[str] = (),
+    margin: float | None = None,
+    evaluations: int = 64,
+    seed: int = 0,
+    executor: Executor | None = None,
+    jobs: int | None = None,
+    out: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> TuningResult:
+    """Searches for gains of a controller.
+
+        Tune("two_dof_combined", controller="wave_variables", gains=["impedance"],
+             minimize=["collision.settling_time"], grid={"delay": [0.05, 0.1]})
+
+    Args:
+        scenario: A built-in name, a YAML file, or a study: then grid and overrides are
+            left out.
+        controller: Its kind.
+        gains: Fields that are searched, as PlanTuning() takes them, and so are
+            minimize, margin, evaluations and seed.
+        minimize: METRIC or METRIC:WEIGHT.
+        grid: Training runs, as Sweep() takes it.
+        held_out: Values of the grid that replace others in the held-out runs, or a
+            study of these; None: there are none.
+        overrides: For all runs.
+        margin: Least delay margin of the round trip, in s.
+        evaluations: How many sets of gains are tried.
+        seed: Of the search.
+        executor: Where to simulate, as RunSweep() takes it, and so are jobs, resume
+            and notice.
+        jobs: Number of worker processes.
+        out: Folder to write to, as RunTuning() takes it.
+        resume: Whether to go on with the search in `out`.
+        progress: Called with the numbers of finished training runs and of all.
+        notice: Called with a line of text.
+
+    Raises:
+        ScenarioError: If anything is not allowed, or no gains are accepted.
+    """
+    all_values = {"controller": [controller], **(grid or {})}
+    if IsStudy(str(scenario)):
+        if grid or overrides or isinstance(held_out, Mapping):
+            Refuse("scenario", scenario, "a scenario, as a grid or overrides are given")
+        training = LoadStudy(scenario)
+    else:
+        plan = PlanSweep(scenario, all_values, overrides=overrides)
+        training = Study(plans={"": plan})
+    if isinstance(held_out, Mapping):
+        plan = PlanSweep(scenario, {**all_values, **held_out}, overrides=overrides)
+        held_out = Study(plans={"": plan})
+    search = PlanTuning(
+        training,
+        controller=controller,
+        gains=gains,
+        minimize=minimize,
+        held_out=held_out,
+        margin=margin,
+        evaluations=evaluations,
+        seed=seed,
+    )
+    return RunTuning(
+        search,
+        executor=executor,
+        jobs=jobs,
+        out=out,
+        resume=resume,
+        progress=progress,
+        notice=notice,
+    )
+
+
+def RunTuning(
+    plan: TuningPlan,
+    *,
+    executor: Executor | None = None,
+    jobs: int | None = None,
+    out: str | os.PathLike[str] | None = None,
+    resume: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+    notice: Callable[[str], None] | None = None,
+) -> TuningResult:
+    """Searches for gains, and simulates the held-out runs.
+
+    Args:
+        executor: Where to simulate, as RunSweep() takes it, and so are jobs, resume
+            and notice.
+        jobs: Number of worker processes.
+        out: Folder to write to, of which `runs` has a sweep for each generation; None
+            writes nothing.
+        resume: Whether to go on with the search in `out`.
+        progress: Called with the number of finished training runs and that of all.
+        notice: Called with a line of text.
+
+    Raises:
+        SweepError: If no gains of the first generation are accepted, or the folder
+            cannot be used.
+    """
+    num_runs = sum(len(sweep.points) for sweep in plan.training.values())
+    total = (plan.evaluations + 1) * num_runs
+    num_before = 0
+
+    def Report(num_finished: int, _: int) -> None:
+        if progress is not None:
+            progress(min(num_before + num_finished, total), total)
+
+    def Try(sweeps: Sweeps, sets: Sequence[Gains], folder: str) -> list[Trial]:
+        nonlocal num_before
+
+        def Run(plans: Sweeps) -> Mapping[str, SweepResult]:
+            return RunSweeps(
+                plans,
+                executor=executor,
+                jobs=jobs,
+                out=None if out is None else Path(out, "runs", folder),
+                resume=resume,
+                progress=Report,
+                notice=notice,
+            )
+
+        trials = TryGains(plan, sweeps, sets, Run)
+        num_before += len(sets) * sum(len(sweep.points) for sweep in sweeps.values())
+        return trials
+
+    return _Search(plan, Try).Run()
+
+
+class _Tried(NamedTuple):
+    """A set of gains that was tried.
+
+    Attributes:
+        place: In the ranges (n), 0 to 1 each.
+        trial: Its outcome.
+    """
+
+    place: Array
+    trial: Trial
+
+
+class _Search:
+    """The state of a search."""
+
+    def __init__(
+        self,
+        plan: TuningPlan,
+        try_gains: Callable[[Sweeps, Sequence[Gains], str], list[Trial]],
+    ):
+        self._plan = plan
+        self._try_gains = try_gains
+        self._num_generations = 0
+        self._tried: dict[tuple[float, ...], _Tried] = {}
+
+    def Run(self) -> TuningResult:
+        """Searches, and simulates the held-out runs."""
+        plan = self._plan
+        (own,) = self._try_gains(plan.training, [{}], "own")
+        sequence = qmc.Sobol(len(plan.ranges), scramble=False).random(plan.size)
+        first = self._TryPlaces(sequence + 0.5 / plan.size)
+        reference = FindReference(plan, [own, *first])
+        goals = self._Goals()
+        self._Evolve(goals, reference)
+
+        tried = [own, *(item.trial for item in self._tried.values())]
+        accepted = [trial for trial in tried if not trial.reason]
+        if not plan.has_weights:
+            accepted = FindFront(accepted, reference)
+        best = min(accepted, key=lambda trial: goals[0].Of(trial, reference))
+        front = [best] if plan.has_weights else accepted
+        return TuningResult(
+            plan=plan,
+            own=own,
+            reference=reference,
+            best=best,
+            front=front,
+            held_out=self._TryHeldOut(front),
+            tried=tried,
+        )
+
+    def _Goals(self) -> list[Goal]:
+        """Returns the weighted sum, or the goals that look for a Pareto front."""
+        weights = [x for x in self._plan.weights.values() if x is not None]
+        if weights:
+            return [Goal(np.array(weights), is_sum=True)]
+        M = len(self._plan.weights)
+        goals = [Goal(np.ones(M), is_sum=False)]
+        for emphasis in np.eye(M):
+            goals.append(Goal(1 + (_EMPHASIS - 1) * emphasis, is_sum=False))
+        return goals
+
+    def _Evolve(self, goals: Sequence[Goal], reference: Trial) -> None:
+        """Minimises each goal in turn, from the best gains that were tried."""
+        plan = self._plan
+        num_left = plan.evaluations // plan.size - 1
+        for k, goal in enumerate(goals):
+            # What is left of the generations is shared by the goals.
+            num_generations = (num_left + len(goals) - 1 - k) // len(goals)
+            if num_generations == 0:
+                continue
+
+            def Minimized(places: Array, goal: Goal = goal) -> Array:
+                trials = self._TryPlaces(places.T)
+                return np.array([goal.Of(trial, reference) for trial in trials])
+
+            ranked = sorted(
+                self._tried.values(),
+                key=lambda item, goal=goal: goal.Of(item.trial, reference),  # type: ignore[misc]
+            )
+            differential_evolution(
+                Minimized,
+                [(0.0, 1.0)] * len(plan.ranges),
+                init=np.array([item.place for item in ranked[: plan.size]]),
+                rng=plan.seed + k,
+                maxiter=num_generations,
+                tol=0,
+                polish=False,
+                vectorized=True,
+                updating="deferred",
+            )
+
+    def _TryPlaces(self, places: Array) -> list[Trial]:
+        """Returns the trials of gains by their places (S, n); runs those not tried."""
+        keys = []
+        new: dict[tuple[float, ...], Array] = {}
+        for place in places:
+            key = tuple(self._plan.Gains(place).values())
+            keys.append(key)
+            if key not in self._tried:
+                new[key] = np.array(place)
+        if new:
+            sets = [self._plan.Gains(place) for place in new.values()]
+            folder = f"generation-{self._num_generations:02d}"
+            self._num_generations += 1
+            trials = self._try_gains(self._plan.training, sets, folder)
+            for key, trial in zip(new, trials, strict=True):
+                self._tried[key] = _Tried(new[key], trial)
+        return [self._tried[key].trial for key in keys]
+
+    def _TryHeldOut(self, front: Sequence[Trial]) -> list[Trial]:
+        """Returns the held-out runs of the scenario's own gains and of a front."""
+        sweeps = self._plan.held_out
+        if not sweeps:
+            return []
+        (own,) = self._try_gains(sweeps, [{}], "held_out-own")
+        sets = [trial.gains for trial in front if trial.gains]
+        others = iter(self._try_gains(sweeps, sets, "held_out"))
+        return [own, *(next(others) if trial.gains else own for trial in front)]

@@ -1,0 +1,184 @@
+"""Sets of gains that are tried: their runs, their metrics, and how they compare."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from teleop_drake.arrays import Array
+from teleop_drake.sweep.plan import SweepPlan
+from teleop_drake.sweep.result import SweepError, SweepResult
+from teleop_drake.sweep.tuning.analyses import (
+    STIFFNESS_LOSS,
+    Analysis,
+    Analyze,
+    LoadChecked,
+)
+from teleop_drake.sweep.tuning.plan import Gains, TuningPlan
+from teleop_drake.tasks.metrics import MetricUnits
+
+# Scores that differ by less do not make two members of a front.
+_EQUAL = 1.02
+
+# The goal of gains that are not accepted, for each run that is not.
+_REJECTED = 1e6
+
+Sweeps = Mapping[str, SweepPlan]
+
+
+@dataclass(kw_only=True)
+class Trial:
+    """The outcome of a set of gains.
+
+    Attributes:
+        gains: By their paths; empty: the scenario's own.
+        values: The metrics (P, M) of the P runs of each scenario; infinite for a run
+            that does not go on to its end, and where it has none.
+        reason: Why the gains are not accepted; empty: they are.
+    """
+
+    gains: Gains
+    values: dict[str, Array] = field(default_factory=dict)
+    reason: str = ""
+
+    def Scores(self, reference: "Trial") -> Array:
+        """Returns the score of each metric (M), in multiples of the reference."""
+        ratios = [
+            self.values[name] / values.mean(axis=0)
+            for name, values in reference.values.items()
+        ]
+        return np.asarray(np.concatenate(ratios).mean(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """A number that the search minimises.
+
+    Attributes:
+        weights: Of the metrics (M).
+        is_sum: Whether it is the weighted sum of the scores, not the largest.
+    """
+
+    weights: Array
+    is_sum: bool
+
+    def Of(self, trial: Trial, reference: Trial) -> float:
+        """Returns the goal of a trial; large if its gains are not accepted."""
+        if trial.reason:
+            rows = np.concatenate(list(trial.values.values()))
+            num_bad = np.sum(~np.isfinite(rows).all(axis=1))
+            return _REJECTED * (1.0 + num_bad)
+        parts = self.weights * trial.Scores(reference)
+        return float(parts.sum() if self.is_sum else parts.max())
+
+
+def TryGains(
+    plan: TuningPlan,
+    sweeps: Sweeps,
+    sets: Sequence[Gains],
+    run: Callable[[Sweeps], Mapping[str, SweepResult]],
+) -> list[Trial]:
+    """Returns the trials of sets of gains in all runs of sweeps.
+
+    Args:
+        run: Simulates the runs of sweeps.
+    """
+    trials = [Trial(gains=gains) for gains in sets]
+    if not sets:
+        return trials
+    results = run({name: _WithGains(sweep, sets) for name, sweep in sweeps.items()})
+    for name, result in results.items():
+        sweep = sweeps[name]
+        num_runs = len(sweep.points)
+        values = _Values(plan, result)
+        for i, trial in enumerate(trials):
+            span = slice(i * num_runs, (i + 1) * num_runs)
+            trial.values[name] = values[span]
+            bad = np.flatnonzero(~np.isfinite(values[span]).all(axis=1))
+            if trial.reason:
+                continue
+            if len(bad) > 0:
+                why = result.records[span][bad[0]]["reason"] or "lacks a metric"
+                trial.reason = f"a run of {name}: {why}"
+            else:
+                _AddAnalyses(plan, sweep, name, trial)
+    return trials
+
+
+def _WithGains(sweep: SweepPlan, sets: Sequence[Gains]) -> SweepPlan:
+    """Returns a sweep in which each run is done with each set of gains."""
+    axes = {"gains": [list(gains.values()) for gains in sets], **sweep.axes}
+    points = [{**gains, **point} for gains in sets for point in sweep.points]
+    return replace(sweep, axes=axes, points=points)
+
+
+def _Values(plan: TuningPlan, result: SweepResult) -> Array:
+    """Returns the metrics (runs, M), 0 for the one that an analysis adds."""
+    units = MetricUnits(result.scenario)
+    values = np.full((len(result.records), len(plan.weights)), math.inf)
+    for i, row in enumerate(result.Table()):
+        if row["status"] != "completed":
+            continue
+        for k, metric in enumerate(plan.weights):
+            value = 0.0 if metric == STIFFNESS_LOSS else row[metric]
+            if value is None and units[metric] == "s":
+                value = result.records[i]["duration"]
+            if value is not None:
+                values[i, k] = value
+    return values
+
+
+def _AddAnalyses(plan: TuningPlan, sweep: SweepPlan, name: str, trial: Trial) -> None:
+    """Adds the analyses of a sweep's runs to a trial."""
+    if STIFFNESS_LOSS not in plan.weights and plan.margin is None:
+        return
+    known: dict[str, Analysis] = {}
+    losses = []
+    for point in sweep.points:
+        # A seed changes no linear model.
+        given = {key: value for key, value in point.items() if key != "seed"}
+        key = str(given)
+        if key not in known:
+            scenario = LoadChecked(sweep, {**trial.gains, **given})
+            known[key] = Analyze(scenario, plan.weights, plan.margin)
+        losses.append(known[key].stiffness_loss)
+        trial.reason = trial.reason or known[key].reason
+    if STIFFNESS_LOSS in plan.weights:
+        column = list(plan.weights).index(STIFFNESS_LOSS)
+        trial.values[name][:, column] = losses
+
+
+def FindReference(plan: TuningPlan, trials: Sequence[Trial]) -> Trial:
+    """Returns the first trial that is accepted; refuses one with a metric of 0."""
+    accepted = [trial for trial in trials if not trial.reason]
+    if not accepted:
+        raise SweepError(
+            f"gains: none of the first {plan.size} within their ranges is accepted "
+            f"({trials[-1].reason})"
+        )
+    for name, values in accepted[0].values.items():
+        for metric, mean in zip(plan.weights, values.mean(axis=0), strict=True):
+            if not mean > 0:
+                raise SweepError(
+                    f"minimize = {metric!r}: must be > 0 with the reference gains for "
+                    f"{name}, and is {mean:g}"
+                )
+    return accepted[0]
+
+
+def FindFront(accepted: Sequence[Trial], reference: Trial) -> list[Trial]:
+    """Returns the trials that no other dominates, ascending in the first metric.
+
+    Of trials that differ by less than 2 % in every score, one is enough.
+    """
+    scores = np.array([trial.Scores(reference) for trial in accepted])
+    kept: list[int] = []
+    for i in sorted(range(len(accepted)), key=lambda i: tuple(scores[i])):
+        dominates = np.all(scores <= scores[i], axis=1) & np.any(
+            scores < scores[i], axis=1
+        )
+        resembles = np.all(scores[kept] <= _EQUAL * scores[i], axis=1)
+        if not dominates.any() and not resembles.any():
+            kept.append(i)
+    return [accepted[i] for i in kept]

@@ -1,0 +1,189 @@
+"""The values of a grid: how they are written, checked and set in a scenario."""
+
+import json
+import math
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeGuard
+
+import numpy as np
+
+from teleop_drake.scenario import ARCHITECTURES, DELAYS, ScenarioError
+from teleop_drake.scenario.tree import DumpYaml, ParseYaml
+from teleop_drake.sweep.result import SweepError
+from teleop_drake.validation import Refuse
+
+Grid = dict[str, list[Any]]
+"""The values of each key; the last key varies fastest."""
+
+MAX_RUNS = 100_000
+"""Most runs of a sweep, so that a typing error cannot exhaust the memory."""
+
+ALIASES = {
+    "channel": ("forward_channel", "return_channel"),
+    "controller": ("controller.kind",),
+    "delay": DELAYS,
+    "forward_delay": ("forward_channel.delay",),
+    "return_delay": ("return_channel.delay",),
+    "seed": ("forward_channel.seed", "return_channel.seed"),
+}
+"""Keys of a grid that stand for fields of the scenario."""
+
+
+def MakeGrid(
+    controllers: object, varied: Iterable[tuple[str, object]], seeds: object
+) -> Grid:
+    """Returns the grid of a sweep: controllers vary first, seeds last.
+
+    Args:
+        controllers: A list of kinds, `all`, or None.
+        varied: Paths, and their values as a list or as ParseValues() takes them.
+        seeds: Number of seeds; None: the seed is not varied.
+
+    Raises:
+        ScenarioError: Naming the argument that is not allowed, or the path that is
+            varied twice.
+        SweepError: If the text of a path has no values.
+    """
+    grid: Grid = {}
+    if controllers == "all":
+        grid["controller"] = list(ARCHITECTURES)
+    elif controllers is not None:
+        if not IsListOfText(controllers):
+            Refuse("controllers", controllers, "`all` or a list of controllers")
+        grid["controller"] = list(controllers)
+    items = list(varied)
+    if seeds is not None:
+        if not isinstance(seeds, int) or not 1 <= seeds <= MAX_RUNS:
+            Refuse("seeds", seeds, f"1 to {MAX_RUNS}")
+        items.append(("seed", list(range(seeds))))
+    for key, values in items:
+        if key in grid:
+            Refuse(f"grid.{key}", values, "left out, because it is varied already")
+        grid[key] = _ReadValues(f"grid.{key}", values)
+    return grid
+
+
+def _ReadValues(title: str, values: object) -> list[Any]:
+    """Returns the values of a list, or of a text that ParseValues() takes."""
+    if isinstance(values, str):
+        try:
+            return ParseValues(values)
+        except SweepError as error:
+            raise SweepError(f"{title} = {error}") from None
+    if not isinstance(values, list) or not values:
+        Refuse(title, values, "a list of values or START:STOP:COUNT")
+    return values
+
+
+def IsListOfText(value: object) -> TypeGuard[list[str]]:
+    """Returns whether a value is a list of one or more texts."""
+    if not isinstance(value, list) or not value:
+        return False
+    return all(isinstance(item, str) for item in value)
+
+
+def ParseValues(text: str) -> list[Any]:
+    """Returns the values that START:STOP:COUNT or A,B,... stand for.
+
+    A range has both ends; its values are rounded to 12 digits. A list has YAML values.
+
+    Args:
+        text: For example "0:0.4:41", "0.1", "auto,4.3" or "[0.1, 0],[0.2, 0]".
+
+    Raises:
+        SweepError: If it is neither.
+    """
+    is_kind = re.fullmatch(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", text)  # module:Class
+    if ":" in text and not is_kind and not set(text) & set(",[]{}\"'"):
+        return _ParseRange(text)
+    try:
+        values = ParseYaml(f"[{text}]", "values")
+    except ScenarioError:
+        values = None
+    if not isinstance(values, list) or not values:
+        raise SweepError(f"{text!r}: must be START:STOP:COUNT or A,B,...")
+    return values
+
+
+def _ParseRange(text: str) -> list[float]:
+    """Returns the values of START:STOP:COUNT."""
+    try:
+        begin, end, count = text.split(":")
+        start = float(begin)
+        stop = float(end)
+        num_values = int(count)
+    except ValueError:
+        raise SweepError(f"{text!r}: must be START:STOP:COUNT or A,B,...") from None
+    if not (math.isfinite(start) and math.isfinite(stop)):
+        raise SweepError(f"{text!r}: START and STOP must be finite")
+    if not 1 <= num_values <= MAX_RUNS:
+        raise SweepError(f"{text!r}: COUNT must be 1 to {MAX_RUNS}")
+    return [float(f"{x:.12g}") for x in np.linspace(start, stop, num_values)]
+
+
+def CheckAxis(key: str, values: Iterable[Any]) -> list[Any]:
+    """Returns the values of a key as JSON has them: without numpy, and all different.
+
+    Raises:
+        SweepError: If they are none, cannot be written as JSON, or two are equal.
+    """
+    if isinstance(values, str):
+        raise SweepError(f"grid.{key} = {values!r}: must be a list of values")
+    try:
+        plain: list[Any] = _ToPlain(list(values), allow_nan=False)
+    except ValueError:
+        raise SweepError(
+            f"grid.{key}: must have finite numbers, text, booleans, None, lists and "
+            "dicts only"
+        ) from None
+    if not plain:
+        raise SweepError(f"grid.{key} = []: must have at least one value")
+    # 1 and 1.0 are one value, 1 and true are two.
+    texts = [json.dumps(x) for x in json.loads(json.dumps(plain), parse_int=float)]
+    text, count = Counter(texts).most_common(1)[0]
+    if count > 1:
+        text = json.dumps(plain[texts.index(text)])
+        raise SweepError(f"grid.{key}: must have different values, and {text} is twice")
+    return plain
+
+
+def PointOverrides(point: Mapping[str, Any]) -> list[str]:
+    """Returns the overrides, as PATH=VALUE, that make a point of the grid."""
+    overrides = []
+    for key, value in point.items():
+        text = _YamlOf(value)
+        overrides += [f"{path}={text}" for path in ALIASES.get(key, (key,))]
+    return overrides
+
+
+def OverridesOf(overrides: Mapping[str, Any] | Iterable[str]) -> list[str]:
+    """Returns overrides, in any form that LoadScenario() takes, as PATH=VALUE."""
+    if isinstance(overrides, str):
+        return [overrides]
+    if isinstance(overrides, Mapping):
+        return [f"{path}={_YamlOf(_ToPlain(x))}" for path, x in overrides.items()]
+    return list(overrides)
+
+
+def _ToPlain(value: Any, *, allow_nan: bool = True) -> Any:
+    """Returns a value without numpy, as JSON gives it back.
+
+    Raises:
+        ValueError: If JSON has no such value.
+    """
+    try:
+        text = json.dumps(value, default=lambda x: x.tolist(), allow_nan=allow_nan)
+    except (AttributeError, TypeError) as error:
+        raise ValueError(str(error)) from None
+    return json.loads(text)
+
+
+def _YamlOf(value: Any) -> str:
+    """Returns a value as YAML on one line."""
+    if isinstance(value, float) and math.isfinite(value):
+        return repr(value)
+    # In brackets, a number needs no end of document, and none is broken into lines.
+    text = DumpYaml([value], default_flow_style=True, width=math.inf)
+    return text.strip()[1:-1]
