@@ -1,4 +1,4 @@
-"""Studies: several scenarios from a file, whole or in parts."""
+"""Studies: several scenarios from a file."""
 
 import json
 import re
@@ -8,7 +8,7 @@ import pytest
 
 from teleop_drake.cli import main
 from teleop_drake.scenario import LoadScenario, ScenarioToYaml
-from teleop_drake.sweep import SweepError, study
+from teleop_drake.sweep import RunSweeps, study
 
 pytestmark = pytest.mark.usefixtures("in_this_process", "in_an_empty_folder")
 
@@ -32,42 +32,38 @@ def Mine(capsys):
     Write(capsys.readouterr().out, "mine.yaml")
 
 
-def Files(folder):
-    """The files of a study but for those of its parts."""
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in Path(folder).rglob("*")
-        if path.is_file() and "part-" not in str(path)
-    }
-
-
-def test_parts_make_the_whole(capsys, unrendered):
-    """Byte for byte, also from two folders; a part can be missing until it is done."""
+def test_a_study_has_a_folder_for_each_scenario(capsys, unrendered):
+    """Interrupted and resumed, it has the same bytes."""
     Mine(capsys)
-    one = ["--jobs", "1", "--quiet"]
     file = Write(STUDY + "metrics: [velocity_rms_error]\n")
-    assert main(["sweep", file, *one, "--out", "whole"]) == 0
-    out = capsys.readouterr().out
-    assert "one_dof: 3 runs, 3 completed" in out
-    assert main(["sweep", file, *one, "--out", "parts", "--shard", "1/2"]) == 0
-    assert main(["sweep", file, "--merge", "parts", "--out", "parts"]) == 2
-    assert "lack part-2-of-2" in capsys.readouterr().err
-    assert main(["sweep", file, *one, "--out", "others", "--shard", "2/2"]) == 0
-    capsys.readouterr()
-    merge = ["sweep", file, "--merge", "parts", "others", "--json", "-"]
-    merge += ["--out", "parts"]
-    assert main(merge) == 0
-    records = json.loads(capsys.readouterr().out)
+    command = ["sweep", file, "--jobs", "1", "--quiet", "--json", "records.json"]
+    assert main(command) == 0
+    assert "one_dof: 3 runs, 3 completed" in capsys.readouterr().out
+    records = json.loads(Path("records.json").read_text())
     assert {name: len(runs) for name, runs in records.items()} == {
         "one_dof": 3,
         "mine": 3,
     }
-    whole = Files("whole")
-    assert Files("parts") == whole
-    assert "mine/runs.csv" in whole and any(name.endswith(".png") for name in whole)
-    told = json.loads(whole["one_dof/sweep.json"])
+    for name in ("one_dof", "mine"):
+        files = {path.name for path in Path("out", name).iterdir()}
+        assert files == {"sweep.json", "runs.jsonl", "runs.csv", "metrics.png"}
+    told = json.loads(Path("out/one_dof/sweep.json").read_text())
     assert told["engine"] == "drake" and set(told) >= {"versions", "commit", "axes"}
     assert set(told["versions"]) == {"teleop-drake", "drake", "numpy", "llvmlite"}
+
+    journal = Path("out/mine/runs.jsonl")
+    whole = journal.read_bytes()
+    journal.write_bytes(whole[: whole.index(b"\n") + 1])
+    assert main([*command, "--resume"]) == 0
+    assert journal.read_bytes() == whole
+
+
+def test_the_progress_of_a_study_is_that_of_all_its_runs():
+    plan = study.LoadStudy(Write(STUDY.replace(", mine.yaml", ""))).plans["one_dof"]
+    seen = []
+    RunSweeps({"a": plan, "b": plan}, progress=lambda *counts: seen.append(counts))
+    expected = [0, 1, 2, 3, 3, 4, 5, 6]
+    assert seen == [(finished, 6) for finished in expected]
 
 
 def test_sweeps_have_what_all_have_and_their_own():
@@ -88,17 +84,9 @@ scenarios:
     assert wifi.overrides == ["duration=0.02", "return_channel.kind=wifi"]
 
 
-def test_a_part_of_another_study_is_noticed(capsys):
-    text = STUDY.replace(", mine.yaml", "")
-    one = ["--jobs", "1", "--quiet"]
-    assert main(["sweep", Write(text), *one, "--shard", "1/1"]) == 0
-    other = Write(text.replace("0.04:3", "0.02:3"), "other.yaml")
-    assert main(["sweep", other, "--merge", "out"]) == 2
-    assert "holds a sweep with other parameters (axes" in capsys.readouterr().err
-
-
-def test_bad_studies(capsys):
-    for old, new, message in [
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
         ("grid:", "grids:", "key = 'grids': must be one of scenarios, .*'grid'"),
         ("[one_dof, mine.yaml]", "one_dof", "scenarios = 'one_dof': must be a list"),
         ("[one_dof, mine.yaml]", "{a: 1}", "scenarios.a.sweep = 1: must be a mapping"),
@@ -107,6 +95,7 @@ def test_bad_studies(capsys):
         ("mine.yaml", "one_dof", "scenarios = .*: must be scenarios whose"),
         (", mine.yaml", ", none.yaml", "none.yaml"),
         ("[direct_force]", "direct", "controllers = 'direct': must be `all` or"),
+        ("[direct_force]", "[]", r"controllers = \[\]: must be `all` or"),
         ("0:0.04:3", "0:0.04:x", "grid.delay = '0:0.04:x': must be START"),
         ("0:0.04:3", "[-1]", "forward_channel.delay = -1"),
         ("0:0.04:3", "{a: 1}", "grid.delay = .*must be a list of values or START"),
@@ -115,33 +104,24 @@ def test_bad_studies(capsys):
         ("engine: drake", "seeds: -1", "seeds = -1: must be 1 to"),
         ("engine: drake", "metrics: speed", "metrics = 'speed': must be a list"),
         ("engine: drake", "metrics: [speed]", "metric 'speed': must be one of"),
-    ]:
-        text = STUDY.replace(old, new)
-        assert text != STUDY
-        if "mine.yaml" in text and "none" not in new:
-            text = text.replace(", mine.yaml", "")
-        assert main(["sweep", Write(text), "--quiet"]) == 2
-        (line,) = capsys.readouterr().err.splitlines()
-        assert re.search(message, line), line
-        assert not Path("out").exists()
+    ],
+)
+def test_bad_studies(old, new, message, capsys):
+    text = STUDY.replace(old, new)
+    assert text != STUDY
+    if "mine.yaml" in text and "none" not in new:
+        text = text.replace(", mine.yaml", "")
+    assert main(["sweep", Write(text), "--quiet"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert re.search(message, line), line
+    assert not Path("out").exists()
 
 
-def test_bad_options(capsys):
+@pytest.mark.parametrize(
+    "option", [["--delay", "0.1"], ["--engine", "drake"], ["--seeds", "2"]]
+)
+def test_a_study_takes_no_options_of_a_scenario(option, capsys):
     file = Write(STUDY.replace(", mine.yaml", ""))
-    for arguments, message in {
-        ("--shard", "0/3"): "'0/3': must be I/N with 1 <= I <= N",
-        ("--shard", "4/3"): "'4/3': must be I/N",
-        ("--shard", "1/2", "--json", "-"): "--json: must be left out with --shard",
-        ("--merge", "out", "--jobs", "2"): "--jobs: must be left out where parts are",
-        (
-            "--merge",
-            "out",
-        ): "parts in out/one_dof: must be those of one N",
-        ("--delay", "0.1"): "--delay: must be left out with a study, which says it",
-        ("--engine", "drake"): "--engine: must be left out with a study",
-    }.items():
-        assert main(["sweep", file, *arguments]) == 2
-        assert message in capsys.readouterr().err
-    assert study.ParsePart("3/20") == (3, 20)
-    with pytest.raises(SweepError):
-        study.ParsePart("three/20")
+    assert main(["sweep", file, *option]) == 2
+    expected = f"{option[0]}: must be left out with a study, which has it"
+    assert expected in capsys.readouterr().err

@@ -4,6 +4,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING
 
 from teleop_drake.cli import options
@@ -88,7 +89,11 @@ def Execute(args: argparse.Namespace) -> int:
     for name, plan in study.plans.items():
         given = study.metrics
         metrics[name] = SelectMetrics(plan.scenario, given) if given else []
+    # Runs in machine code leave Python to this thread.
+    drawing = Thread(target=_PrepareToDraw)
+    drawing.start()
     results = _Simulate(args, study)
+    drawing.join()
     if isinstance(results, int):
         return results
     for name, result in results.items():
@@ -216,6 +221,17 @@ def _ExitCode(result: "SweepResult") -> int:
         return DONE
     count, first = len(result.records), result.records[0]["reason"]
     return Fail(FAILED, f"{result.scenario.name}: all {count} runs failed: {first}")
+
+
+def _PrepareToDraw() -> None:
+    """Imports what figures need, and has its fonts and its parser of formulas ready."""
+    from io import BytesIO
+
+    from teleop_drake.figures.sweeps import Figure
+
+    figure = Figure(figsize=(1, 1))
+    figure.text(0, 0, r"$\mathdefault{0.1}$")
+    figure.savefig(BytesIO(), format="png", dpi=10)
 
 
 def _Draw(
