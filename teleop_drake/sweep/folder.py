@@ -32,6 +32,7 @@ from teleop_drake.scenario import ScenarioToYaml
 from teleop_drake.sweep.plan import SweepPlan
 from teleop_drake.sweep.result import SweepError, SweepResult
 from teleop_drake.sweep.statistics import CONTROLLERS, Differences, HasSeeds, Statistics
+from teleop_drake.sweep.values import Notice
 
 
 class SweepFolder:
@@ -55,7 +56,7 @@ class SweepFolder:
         path: Path,
         plan: SweepPlan,
         resume: bool,
-        notice: Callable[[str], None],
+        notice: Notice,
     ):
         self._path = path
         self._notice = notice

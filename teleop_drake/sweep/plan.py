@@ -27,6 +27,9 @@ from teleop_drake.sweep.values import (
     ALIASES,
     MAX_RUNS,
     CheckAxis,
+    File,
+    GivenGrid,
+    GivenOverrides,
     Grid,
     OverridesOf,
     PointOverrides,
@@ -108,10 +111,10 @@ class SweepPlan:
 
 
 def PlanSweep(
-    scenario: str | os.PathLike[str],
-    grid: Mapping[str, Iterable[Any]],
+    scenario: File,
+    grid: GivenGrid,
     *,
-    overrides: Mapping[str, Any] | Iterable[str] = (),
+    overrides: GivenOverrides = (),
     engine: str = "auto",
 ) -> SweepPlan:
     """Checks everything about a sweep that can be wrong before it runs.
@@ -171,7 +174,7 @@ def PlanSweep(
     )
 
 
-def _ReadSource(scenario: str | os.PathLike[str]) -> Source:
+def _ReadSource(scenario: File) -> Source:
     """Returns the source of a scenario that LoadScenario takes."""
     path = Path(scenario)
     if os.fspath(scenario) in ScenarioNames():

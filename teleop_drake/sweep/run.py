@@ -20,6 +20,7 @@ from teleop_drake.simulation.compiled_run import WhyNotCompiled
 from teleop_drake.sweep.folder import SweepFolder, Versions
 from teleop_drake.sweep.plan import PlanSweep, Source, SweepPlan
 from teleop_drake.sweep.result import SweepError, SweepResult
+from teleop_drake.sweep.values import File, GivenGrid, GivenOverrides, Notice, Progress
 from teleop_drake.sweep.workers import Workers
 from teleop_drake.tasks.metrics import RunSummary
 
@@ -43,17 +44,17 @@ _one_at_a_time = threading.Lock()
 
 
 def Sweep(
-    scenario: str | os.PathLike[str],
-    grid: Mapping[str, Iterable[Any]],
+    scenario: File,
+    grid: GivenGrid,
     *,
-    overrides: Mapping[str, Any] | Iterable[str] = (),
+    overrides: GivenOverrides = (),
     engine: str = "auto",
     executor: Executor | None = None,
     jobs: int | None = None,
-    out: str | os.PathLike[str] | None = None,
+    out: File | None = None,
     resume: bool = False,
-    progress: Callable[[int, int], None] | None = None,
-    notice: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
+    notice: Notice | None = None,
 ) -> SweepResult:
     """Simulates a scenario for each combination of values.
 
@@ -105,10 +106,10 @@ def RunSweep(
     *,
     executor: Executor | None = None,
     jobs: int | None = None,
-    out: str | os.PathLike[str] | None = None,
+    out: File | None = None,
     resume: bool = False,
-    progress: Callable[[int, int], None] | None = None,
-    notice: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
+    notice: Notice | None = None,
 ) -> SweepResult:
     """Simulates the runs of a plan.
 
@@ -169,10 +170,10 @@ def RunSweeps(
     *,
     executor: Executor | None = None,
     jobs: int | None = None,
-    out: str | os.PathLike[str] | None = None,
+    out: File | None = None,
     resume: bool = False,
-    progress: Callable[[int, int], None] | None = None,
-    notice: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
+    notice: Notice | None = None,
 ) -> dict[str, SweepResult]:
     """Simulates the runs of several plans, those of a study for example.
 
@@ -216,7 +217,7 @@ def _SimulateRuns(
     runs: deque[int],
     executor: Executor | None,
     jobs: int | None,
-    notice: Callable[[str], None],
+    notice: Notice,
 ) -> Iterator[Record]:
     """Simulates runs of a plan and yields each record as it comes."""
     if not runs:

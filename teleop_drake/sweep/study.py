@@ -21,7 +21,6 @@ all sweeps share, or replaces them:
 The folder of a study has a folder for each sweep (see sweep.folder).
 """
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +29,7 @@ from typing import Any
 from teleop_drake.scenario import ScenarioNames
 from teleop_drake.scenario.tree import ParseFile, ReadText
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
-from teleop_drake.sweep.values import IsListOfText, MakeGrid
+from teleop_drake.sweep.values import File, IsListOfText, MakeGrid
 from teleop_drake.validation import CheckChoice, Refuse, Within
 
 _OF_A_SWEEP = ("controllers", "grid", "seeds", "overrides")
@@ -64,7 +63,7 @@ def IsStudy(name: str) -> bool:
     return path.is_file() and "scenarios" in _Read(path)
 
 
-def LoadStudy(file: str | os.PathLike[str]) -> Study:
+def LoadStudy(file: File) -> Study:
     """Reads a study and checks everything that can be wrong before it runs.
 
     Args:

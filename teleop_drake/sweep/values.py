@@ -2,9 +2,10 @@
 
 import json
 import math
+import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -16,6 +17,21 @@ from teleop_drake.validation import Refuse
 
 Grid = dict[str, list[Any]]
 """The values of each key; the last key varies fastest."""
+
+GivenGrid = Mapping[str, Iterable[Any]]
+"""A grid as users give it."""
+
+GivenOverrides = Mapping[str, Any] | Iterable[str]
+"""Overrides in any form that LoadScenario() takes."""
+
+File = str | os.PathLike[str]
+"""The name of a file or a folder."""
+
+Progress = Callable[[int, int], None]
+"""Called with the number of finished runs and the number of all."""
+
+Notice = Callable[[str], object]
+"""Called with a line of text for the user."""
 
 MAX_RUNS = 100_000
 """Most runs of a sweep, so that a typing error cannot exhaust the memory."""
@@ -158,7 +174,7 @@ def PointOverrides(point: Mapping[str, Any]) -> list[str]:
     return overrides
 
 
-def OverridesOf(overrides: Mapping[str, Any] | Iterable[str]) -> list[str]:
+def OverridesOf(overrides: GivenOverrides) -> list[str]:
     """Returns overrides, in any form that LoadScenario() takes, as PATH=VALUE."""
     if isinstance(overrides, str):
         return [overrides]

@@ -227,7 +227,9 @@ def _PrepareToDraw() -> None:
     """Imports what figures need, and has its fonts and its parser of formulas ready."""
     from io import BytesIO
 
-    from teleop_drake.figures.sweeps import Figure
+    from matplotlib.figure import Figure
+
+    import teleop_drake.figures.sweeps  # noqa: F401
 
     figure = Figure(figsize=(1, 1))
     figure.text(0, 0, r"$\mathdefault{0.1}$")

@@ -1,10 +1,9 @@
 """The search for gains by differential evolution."""
 
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import differential_evolution
@@ -25,6 +24,7 @@ from teleop_drake.sweep.tuning.trials import (
     Trial,
     TryGains,
 )
+from teleop_drake.sweep.values import File, GivenGrid, GivenOverrides, Notice, Progress
 from teleop_drake.validation import Refuse
 
 # How much more one score weighs than the others, in a goal of a Pareto front.
@@ -32,23 +32,23 @@ _EMPHASIS = 5.0
 
 
 def Tune(
-    scenario: str | os.PathLike[str],
+    scenario: File,
     *,
     controller: str,
     gains: Iterable[str],
     minimize: Iterable[str],
-    grid: Mapping[str, Iterable[Any]] | None = None,
-    held_out: Mapping[str, Iterable[Any]] | Study | None = None,
-    overrides: Mapping[str, Any] | Iterable[str] = (),
+    grid: GivenGrid | None = None,
+    held_out: GivenGrid | Study | None = None,
+    overrides: GivenOverrides = (),
     margin: float | None = None,
     evaluations: int = 64,
     seed: int = 0,
     executor: Executor | None = None,
     jobs: int | None = None,
-    out: str | os.PathLike[str] | None = None,
+    out: File | None = None,
     resume: bool = False,
-    progress: Callable[[int, int], None] | None = None,
-    notice: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
+    notice: Notice | None = None,
 ) -> TuningResult:
     """Searches for gains of a controller.
 
@@ -117,10 +117,10 @@ def RunTuning(
     *,
     executor: Executor | None = None,
     jobs: int | None = None,
-    out: str | os.PathLike[str] | None = None,
+    out: File | None = None,
     resume: bool = False,
-    progress: Callable[[int, int], None] | None = None,
-    notice: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
+    notice: Notice | None = None,
 ) -> TuningResult:
     """Searches for gains, and simulates the held-out runs.
 
