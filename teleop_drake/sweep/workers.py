@@ -7,15 +7,14 @@ import signal
 import sys
 from collections.abc import Callable, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from functools import partial
 from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
-from typing import Any, TypeVar
+from typing import Any
 
 # After so many calls each, processes are replaced. In Drake before 1.56 a simulation
 # leaks two megabytes: a Diagram with a LeafSystem written in Python is never freed.
 _CALLS_PER_PROCESS = 100
-
-_T = TypeVar("_T")
 
 
 class Workers(Executor):
@@ -42,10 +41,10 @@ class Workers(Executor):
         self._workers: set[_Worker] = set()
 
     def submit(
-        self, fn: Callable[..., _T], /, *args: Any, **kwargs: Any
-    ) -> "Future[_T]":
+        self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any
+    ) -> "Future[Any]":
         """Schedules a call; see concurrent.futures.Executor."""
-        return self._threads.submit(self._Call, fn, *args, **kwargs)
+        return self._threads.submit(self._Do, partial(fn, *args, **kwargs))
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Ends the processes, at once if calls are cancelled; see Executor."""
@@ -57,15 +56,15 @@ class Workers(Executor):
         for worker in list(self._workers):
             self._End(worker)
 
-    def _Call(self, function: Callable[..., _T], *args: Any, **kwargs: Any) -> _T:
-        """Calls a function in a process that is idle, or in a new one."""
+    def _Do(self, call: Callable[[], Any]) -> Any:
+        """Does a call in a process that is idle, or in a new one."""
         try:
             worker = self._idle.get_nowait()
         except queue.Empty:
             worker = _Worker(self._context)
             self._workers.add(worker)
         try:
-            result: _T = worker.Call(function, *args, **kwargs)
+            result = worker.Do(call)
         except (ChildProcessError, BrokenExecutor):
             self._End(worker)
             raise
@@ -94,13 +93,13 @@ class _Worker:
         self.process.start()
         other_end.close()
 
-    def Call(self, function: Callable[..., Any], *args: Any, **kwargs: Any) -> Any:
+    def Do(self, call: Callable[[], Any]) -> Any:
         """Returns the result of a call in the process."""
         if self.num_calls == 0:
             self._AwaitStart()
         self.num_calls += 1
         try:
-            self.connection.send((function, args, kwargs))
+            self.connection.send(call)
             result, error = self.connection.recv()
         except (EOFError, OSError):
             raise ChildProcessError("its process ended") from None
@@ -129,10 +128,10 @@ def _Serve(connection: Connection, environment: Mapping[str, str]) -> None:
     try:
         connection.send("started")
         while True:
-            function, args, kwargs = connection.recv()
+            call = connection.recv()
             result = error = None
             try:
-                result = function(*args, **kwargs)
+                result = call()
             except BaseException as raised:  # It is the caller's to handle.
                 error = raised
             connection.send((result, error))

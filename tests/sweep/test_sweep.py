@@ -64,8 +64,9 @@ def Files(folder):
 # What is swept.
 
 
-def test_parse_values():
-    for text, values in [
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
         ("0:0.4:5", [0.0, 0.1, 0.2, 0.3, 0.4]),
         ("0:0.3:4", [0.0, 0.1, 0.2, 0.3]),
         ("-1:1e-3:2", [-1.0, 0.001]),
@@ -77,18 +78,23 @@ def test_parse_values():
         ("auto,4.3,null", ["auto", 4.3, None]),
         ("[0.1, 0],[0.2, 0]", [[0.1, 0], [0.2, 0]]),
         ("{kind: sampled, delay: 0.1}", [{"kind": "sampled", "delay": 0.1}]),
-    ]:
-        assert ParseValues(text) == values
+    ],
+)
+def test_parse_values(text, values):
+    assert ParseValues(text) == values
 
 
-def test_parse_refuses():
-    for text in (
+@pytest.mark.parametrize(
+    "text",
+    [
         *("", "0:1", "0:1:2:3", "0:1:0", "0:1:2.5", "0:inf:3", "a:b:3", "::"),
         *("0:1:100001", "1,,2", "[", "2020-13-01"),
-    ):
-        with pytest.raises(SweepError, match=re.escape(f"{text!r}: ")) as info:
-            ParseValues(text)
-        assert "\n" not in str(info.value)
+    ],
+)
+def test_parse_refuses(text):
+    with pytest.raises(SweepError, match=re.escape(f"{text!r}: ")) as info:
+        ParseValues(text)
+    assert "\n" not in str(info.value)
 
 
 def test_records_are_those_of_single_runs(in_this_process):
@@ -196,8 +202,9 @@ def test_select_metrics():
         SelectMetrics(scenario, ["collisio"])
 
 
-def test_bad_grids():
-    for grid, message in [
+@pytest.mark.parametrize(
+    ("grid", "message"),
+    [
         ({"delay": [0.1, -0.1]}, r"forward_channel.delay = -0.1: must be"),
         ({"delay": [0.1], "controller": ["direct", *CONTROLLERS]}, "controller.kind"),
         ({"delay": [1, 0.5, 1.0]}, "grid.delay: must have different values, and 1 is"),
@@ -209,10 +216,12 @@ def test_bad_grids():
         ({"duration": [1.0]}, "grid.duration: must leave duration alone, overrides"),
         ({"delay": range(1000), "robot.mass": range(1, 200)}, "199000 runs: must be"),
         ({"seed": [1, 2]}, "grid.seed = .*no channel is random"),
-    ]:
-        with pytest.raises(ValueError, match=message) as info:
-            PlanSweep("one_dof", grid, overrides=SHORT)
-        assert "\n" not in str(info.value)
+    ],
+)
+def test_bad_grids(grid, message):
+    with pytest.raises(ValueError, match=message) as info:
+        PlanSweep("one_dof", grid, overrides=SHORT)
+    assert "\n" not in str(info.value)
 
 
 def test_two_names_of_a_field_are_refused():
@@ -596,8 +605,9 @@ def test_the_controllers_are_a_choice():
     assert Axes(scenario="network_tracking_linear") == {}
 
 
-def test_bad_input(capsys):
-    for options, message in [
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
         (["--delay", "0:0.4"], "grid.delay = '0:0.4': must be START:STOP:COUNT or"),
         (["--vary", "robot.mass"], "--vary = 'robot.mass': must be PATH=VALUES"),
         (["--vary", "robot.mass=1", "--vary", "robot.mass=2"], "grid.robot.mass = '2'"),
@@ -612,14 +622,17 @@ def test_bad_input(capsys):
         (["--jobs", "0"], "jobs = 0: must be 1 or more"),
         (["--seeds", "0"], "seeds = 0: must be 1 to"),
         (["--out", "file"], "out = 'file': must be a folder that can be written"),
-    ]:
-        Path("file").touch()
-        assert main(["sweep", "one_dof", *OPTIONS, *options]) == 2
-        out, err = capsys.readouterr()
-        assert out == ""
-        assert err.startswith(f"teleop-drake: error: {message}")
-        assert err.count("\n") == 1
-        assert os.listdir() == ["file"]
+        (["--json", "no/a.json"], "--json = 'no/a.json': must be"),
+    ],
+)
+def test_bad_input(options, message, capsys):
+    Path("file").touch()
+    assert main(["sweep", "one_dof", *OPTIONS, *options]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"teleop-drake: error: {message}")
+    assert err.count("\n") == 1
+    assert os.listdir() == ["file"]
 
 
 # Figures.

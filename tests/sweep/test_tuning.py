@@ -169,8 +169,9 @@ def test_the_best_of_real_runs(tmp_path):
 COMMAND = ["tune", "two_dof_combined", "--controller", "damped_force"]
 
 
-def test_bad_input(capsys, monkeypatch, tmp_path):
-    for options, message in [
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
         (["--gains", "dampin"], "damped_force.dampin: unknown key 'dampin'"),
         (["--gains", "damping=3"], "gains.damping = '3': must be LOW:HIGH"),
         (["--gains", "damping=3:1"], "LOW:HIGH, two numbers, the larger one last"),
@@ -186,13 +187,15 @@ def test_bad_input(capsys, monkeypatch, tmp_path):
         (["--held-out", "delay"], "must be KEY=VALUES of a scenario, or one study"),
         (["--vary", f"{B}=1,2"], f"gains.{B} = (0.1"),
         (["--delay", "a"], "forward_channel.delay = 'a': must be a number"),
-    ]:
-        monkeypatch.chdir(tmp_path)
-        given = ["--gains", "damping", "--minimize", FORCE]
-        assert main([*COMMAND, *given, *options]) == 2
-        out, err = capsys.readouterr()
-        assert not out and err.count("\n") == 1 and message in err
-        assert not list(tmp_path.iterdir())
+    ],
+)
+def test_bad_input(options, message, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    given = ["--gains", "damping", "--minimize", FORCE]
+    assert main([*COMMAND, *given, *options]) == 2
+    out, err = capsys.readouterr()
+    assert not out and err.count("\n") == 1 and message in err
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_command(capsys, tmp_path, fake_runs):
