@@ -287,9 +287,10 @@ def _SimulateOn(
                 call = futures[future]
                 try:
                     outcomes = future.result()
-                except (BrokenExecutor, CancelledError) as error:
-                    text = str(error) or "it cancelled a run"
-                    raise RuntimeError(f"the executor gave up: {text}") from None
+                except BrokenExecutor as error:
+                    raise RuntimeError(str(error)) from None
+                except CancelledError:
+                    raise RuntimeError("the executor cancelled a run") from None
                 except ScenarioError:  # The worker cannot be used.
                     raise
                 except Exception as error:

@@ -16,6 +16,11 @@ from typing import Any
 # leaks two megabytes: a Diagram with a LeafSystem written in Python is never freed.
 _CALLS_PER_PROCESS = 100
 
+_NO_START = (
+    "a worker process could not start; a script must keep its own work under "
+    '`if __name__ == "__main__":`'
+)
+
 
 class Workers(Executor):
     """A pool of processes, of which a thread of this process serves each.
@@ -90,7 +95,10 @@ class _Worker:
         self.process = context.Process(  # type: ignore[attr-defined]
             target=_Serve, args=arguments, daemon=True
         )
-        self.process.start()
+        try:
+            self.process.start()
+        except (AssertionError, OSError, RuntimeError) as error:
+            raise BrokenExecutor(_NO_START) from error
         other_end.close()
 
     def Do(self, call: Callable[[], Any]) -> Any:
@@ -111,10 +119,7 @@ class _Worker:
         try:
             self.connection.recv()
         except (EOFError, OSError):
-            raise BrokenExecutor(
-                "a worker process could not start; a script must keep its own work "
-                'under `if __name__ == "__main__":`'
-            ) from None
+            raise BrokenExecutor(_NO_START) from None
 
 
 def _Serve(connection: Connection, environment: Mapping[str, str]) -> None:
