@@ -1,15 +1,20 @@
 """Sweeps: a scenario over a grid of its fields, on many processors, and resumable."""
 
 import contextlib
-import itertools
 import json
 import os
 import threading
 import time as clock
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, as_completed
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import (
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    as_completed,
+)
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -149,7 +154,8 @@ def RunSweep(
         if progress is not None:
             progress(len(records), num_runs)
         missing = deque(run for run in range(num_runs) if run not in records)
-        for record in _SimulateRuns(plan, missing, executor, jobs, notice):
+        new = _SimulateRuns(plan, missing, executor, jobs, notice)
+        for record in stack.enter_context(contextlib.closing(new)):
             records[record["run"]] = record
             if folder is not None:
                 folder.Append(record)
@@ -218,7 +224,7 @@ def _SimulateRuns(
     executor: Executor | None,
     jobs: int | None,
     notice: Notice,
-) -> Iterator[Record]:
+) -> Generator[Record, None, None]:
     """Simulates runs of a plan and yields each record as it comes."""
     if not runs:
         return
@@ -229,23 +235,26 @@ def _SimulateRuns(
             notice(f"Run in Drake's Simulator: {why}.")
         is_compiled = not why
     if executor is not None:
-        most = min(_RUNS_PER_CALL, len(runs) // _MIN_CALLS) if is_compiled else 1
-        yield from _SimulateOn(executor, plan, runs, max(most, 1))
+        size = 1
+        if is_compiled:
+            size = max(min(_RUNS_PER_CALL, len(runs) // _MIN_CALLS), 1)
+        yield from _SimulateOn(executor, plan, list(runs), size)
         return
     if is_compiled and jobs is None:
         yield from _SimulateHere(plan, runs)
     if not runs:
         return
+    # A sweep that is left early leaves no process behind.
     workers = Workers(min(len(runs), jobs or os.cpu_count() or 1), __name__)
     try:
-        yield from _SimulateOn(workers, plan, runs, 1)
+        yield from _SimulateOn(workers, plan, list(runs), 1)
     except BaseException:
         workers.shutdown(cancel_futures=True)
         raise
     workers.shutdown()
 
 
-def _SimulateHere(plan: SweepPlan, runs: deque[int]) -> Iterator[Record]:
+def _SimulateHere(plan: SweepPlan, runs: deque[int]) -> Generator[Record, None, None]:
     """Simulates runs in this process, and removes them, until workers would pay."""
     num_done = 0
     total_time = 0.0
@@ -254,17 +263,17 @@ def _SimulateHere(plan: SweepPlan, runs: deque[int]) -> Iterator[Record]:
         if total_time * len(runs) > _START_OF_WORKERS * (num_done - 1) > 0:
             return
         point = plan.points[runs[0]]
-        start = clock.process_time()
+        start = clock.thread_time()  # Other threads may draw.
         outcome = _SimulateOne(partial(plan.Load, point), "auto")
         if num_done > 0:
-            total_time += clock.process_time() - start
+            total_time += clock.thread_time() - start
         num_done += 1
         yield _RecordOf(plan, runs.popleft(), outcome)
 
 
 def _SimulateOn(
-    executor: Executor, plan: SweepPlan, runs: Iterable[int], size: int
-) -> Iterator[Record]:
+    executor: Executor, plan: SweepPlan, runs: Sequence[int], size: int
+) -> Generator[Record, None, None]:
     """Simulates runs by calls of an executor, each of several runs.
 
     The runs of a call that is lost, with a worker for example, are done again, each
@@ -272,9 +281,9 @@ def _SimulateOn(
     """
     # The notice has told once why runs are not machine code.
     engine = "drake" if plan.engine == "drake" else "auto"
-    calls = _Batches(runs, size)
+    calls: list[Sequence[int]] = [runs[i : i + size] for i in range(0, len(runs), size)]
     for is_last_try in (False, True):
-        lost: list[list[int]] = []
+        lost: list[Sequence[int]] = []
         futures = {}
         for call in calls:
             overrides = [plan.Overrides(plan.points[run]) for run in call]
@@ -285,19 +294,12 @@ def _SimulateOn(
         try:
             for future in as_completed(futures):
                 call = futures[future]
-                try:
-                    outcomes = future.result()
-                except BrokenExecutor as error:
-                    raise RuntimeError(str(error)) from None
-                except CancelledError:
-                    raise RuntimeError("the executor cancelled a run") from None
-                except ScenarioError:  # The worker cannot be used.
-                    raise
-                except Exception as error:
+                outcomes = _Await(future)
+                if isinstance(outcomes, Exception):
                     if not is_last_try:
                         lost += [[run] for run in call]
                         continue
-                    outcomes = [_Failure(f"lost twice ({error})")]
+                    outcomes = [_Failure(f"lost twice ({outcomes})")]
                 for run, outcome in zip(call, outcomes, strict=True):
                     yield _RecordOf(plan, run, outcome)
         finally:
@@ -306,13 +308,23 @@ def _SimulateOn(
         calls = lost
 
 
-def _Batches(runs: Iterable[int], size: int) -> list[list[int]]:
-    """Returns runs in lists of a size, the last of which may be shorter."""
-    iterator = iter(runs)
-    batches = []
-    while batch := list(itertools.islice(iterator, size)):
-        batches.append(batch)
-    return batches
+def _Await(future: Future[list[Record]]) -> list[Record] | Exception:
+    """Returns the outcomes of a call, or the error with which it was lost.
+
+    Raises:
+        RuntimeError: If the executor gave up.
+        SweepError: If a worker cannot be used.
+    """
+    try:
+        return future.result()
+    except BrokenExecutor as error:
+        raise RuntimeError(str(error)) from None
+    except CancelledError:
+        raise RuntimeError("the executor cancelled a run") from None
+    except ScenarioError:
+        raise
+    except Exception as error:
+        return error
 
 
 def _SimulateCall(
