@@ -216,10 +216,11 @@ def _Print(
 
 
 def _ExitCode(result: "SweepResult") -> int:
-    """Returns the exit code of a sweep; says so if none of its runs succeeded."""
+    """Returns the exit code of a sweep; reports it if none of its runs succeeded."""
     if any(record["status"] != "failed" for record in result.records):
         return DONE
-    count, first = len(result.records), result.records[0]["reason"]
+    count = len(result.records)
+    first = result.records[0]["reason"]
     return Fail(FAILED, f"{result.scenario.name}: all {count} runs failed: {first}")
 
 
