@@ -3,7 +3,6 @@
 import multiprocessing
 import os
 import signal
-import threading
 from concurrent.futures import (
     BrokenExecutor,
     Executor,
@@ -166,12 +165,21 @@ def Cluster(distributed, **options):
     )
 
 
-def test_the_command_waits_for_workers(distributed, expected, capsys, unrendered):
+def test_the_command_waits_for_workers(
+    distributed, expected, capsys, monkeypatch, unrendered
+):
     """A scheduler without workers is told so."""
     options = ["--duration", "0.05", "--accuracy", "1e-5", "--delay", "0.01:0.08:8"]
     with Cluster(distributed, n_workers=0, processes=False, protocol="tcp") as cluster:
         address = cluster.scheduler_address
-        threading.Timer(0.3, cluster.scale, [1]).start()
+        get_executor = distributed.Client.get_executor
+
+        def StartWorker(client, **options):
+            cluster.scale(1)
+            return get_executor(client, **options)
+
+        # By then the command has found that there are none.
+        monkeypatch.setattr(distributed.Client, "get_executor", StartWorker)
         command = ["sweep", "one_dof", *options, "--dask", address, "--quiet"]
         assert main(command) == 0
     assert f"{address} has no workers; the runs wait" in capsys.readouterr().err
