@@ -19,8 +19,9 @@ from teleop_drake.scenario import (
     ScenarioError,
     ScenarioNames,
 )
-from teleop_drake.scenario.scenario import ParseScenario, ResolveFiles, ScenarioFiles
-from teleop_drake.scenario.tree import DumpYaml, ReadText
+from teleop_drake.scenario.loading import ParseScenario, ResolveFiles
+from teleop_drake.scenario.scenario import ScenarioFiles
+from teleop_drake.scenario.yaml_text import DumpYaml, ReadText
 from teleop_drake.simulation.simulate import ENGINES
 from teleop_drake.sweep.result import SweepError
 from teleop_drake.sweep.values import (

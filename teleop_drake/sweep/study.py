@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from teleop_drake.scenario import ScenarioNames
-from teleop_drake.scenario.tree import ParseFile, ReadText
+from teleop_drake.scenario.yaml_text import ParseFile, ReadText
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
 from teleop_drake.sweep.values import File, IsListOfText, MakeGrid
 from teleop_drake.validation import CheckChoice, Refuse, Within

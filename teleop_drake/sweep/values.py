@@ -11,7 +11,7 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from teleop_drake.scenario import ARCHITECTURES, DELAYS, ScenarioError
-from teleop_drake.scenario.tree import DumpYaml, ParseYaml
+from teleop_drake.scenario.yaml_text import DumpOnOneLine, ParseYaml
 from teleop_drake.sweep.result import SweepError
 from teleop_drake.validation import Refuse
 
@@ -200,6 +200,4 @@ def _YamlOf(value: Any) -> str:
     """Returns a value as YAML on one line."""
     if isinstance(value, float) and math.isfinite(value):
         return repr(value)
-    # In brackets, a number needs no end of document, and none is broken into lines.
-    text = DumpYaml([value], default_flow_style=True, width=math.inf)
-    return text.strip()[1:-1]
+    return DumpOnOneLine(value)

@@ -10,7 +10,7 @@ from teleop_drake.analysis.transparency import FeltStiffnessLoss
 from teleop_drake.cli.main import main
 from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.scenario.tree import OverridesOfFile
+from teleop_drake.scenario.overrides import OverridesOfFile
 from teleop_drake.sweep import Sweep, SweepResult
 from teleop_drake.sweep.study import LoadStudy
 from teleop_drake.sweep.tuning import STIFFNESS_LOSS, Tune

@@ -8,7 +8,8 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.scenario import AsTeleoperation, Scenario
-from teleop_drake.scenario.tree import GetPath, ToTree
+from teleop_drake.scenario.overrides import GetPath
+from teleop_drake.scenario.tree import ToTree
 from teleop_drake.stations import ResolveController
 from teleop_drake.sweep.plan import SweepPlan
 from teleop_drake.sweep.study import Study

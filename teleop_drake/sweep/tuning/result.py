@@ -8,7 +8,7 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.files import Replacing
-from teleop_drake.scenario.tree import DumpYaml
+from teleop_drake.scenario.yaml_text import DumpYaml
 from teleop_drake.sweep.folder import WriteCsv
 from teleop_drake.sweep.tuning.plan import TuningPlan
 from teleop_drake.sweep.tuning.trials import Trial
@@ -90,6 +90,6 @@ class TuningResult:
             fields = {"controller.kind": sweep.scenario.controller.kind} | trial.gains
             files.append(folder / f"{name}.yaml")
             with Replacing(files[-1]) as temporary:
-                text = DumpYaml(fields, sort_keys=False)
+                text = DumpYaml(fields)
                 temporary.write_text(text, encoding="utf-8")
         return [*files, WriteCsv(folder / "tuning.csv", self.Table())]
