@@ -11,7 +11,6 @@ import math
 from functools import cache
 
 import numpy as np
-from numpy.polynomial.polynomial import polyval
 
 from teleop_drake.arrays import Array, Indices
 
@@ -36,7 +35,7 @@ def to_powers(degree: int) -> Array:
 
 
 @cache
-def _mass(degree: int) -> Array:
+def products_of_values(degree: int) -> Array:
     """Returns the integrals of the products of Lagrange's polynomials.
 
     From each point of the step to the next one: (d, d + 1, d + 1).
@@ -68,16 +67,12 @@ def lagrange(at: Array, degree: int) -> Array:
         at: (...,) shares of a step, 0 at its begin and 1 at its end.
     """
     nodes = shares(degree)
-    return (
-        _products(at[..., None] - nodes) / _products(nodes[:, None] - nodes).diagonal()
-    )
-
-
-def _products(factors: Array) -> Array:
-    """Returns in each place the product of the other factors (..., d + 1)."""
-    is_own = np.eye(factors.shape[-1], dtype=bool)
-    products: Array = np.where(is_own, 1.0, factors[..., None, :]).prod(axis=-1)
-    return products
+    weights = np.ones((*at.shape, degree + 1))
+    for a in range(degree + 1):
+        for b in range(degree + 1):
+            if a != b:
+                weights[..., a] *= (at - nodes[b]) / (nodes[a] - nodes[b])
+    return weights
 
 
 def interpolate(times: Array, values: Array, steps: Indices, query: Array) -> Array:
@@ -139,9 +134,8 @@ def finite_part(series: Series) -> Series:
     times, signals, steps = series
     columns = [times[:, np.newaxis], *signals.values()]
     # A sum is quick, and finite unless one of its numbers is not, or it is absurd.
-    ones = np.ones(len(times))
     with np.errstate(invalid="ignore", over="ignore"):
-        if all(math.isfinite((ones @ x).sum()) for x in columns):
+        if all(math.isfinite(x.sum()) for x in columns):
             return series
     is_finite = np.isfinite(np.hstack(columns)).all(axis=1)
     if is_finite.all():
@@ -153,29 +147,6 @@ def finite_part(series: Series) -> Series:
     return times[:count], {name: x[:count] for name, x in signals.items()}, steps
 
 
-def first_crossing(times: Array, y: Array, steps: Indices) -> float:
-    """Returns when a signal first crosses 0 upwards, infinity if it does not.
-
-    Args:
-        times: (N,) of the rows.
-        y: (S, d + 1) the signal in its steps.
-        steps: (S, d + 1).
-    """
-    places = np.argwhere((y[:, :-1] < 0) & (y[:, 1:] >= 0))
-    if len(places) == 0:
-        return math.inf
-    i, j = places[0]
-    degree = y.shape[1] - 1
-    c, (low, high) = to_powers(degree) @ y[i], shares(degree)[j : j + 2]
-    while low < (middle := (low + high) / 2) < high:
-        if polyval(middle, c) < 0:
-            low = middle
-        else:
-            high = middle
-    begin, end = times[steps[i, [0, -1]]]
-    return float(begin + high * (end - begin))
-
-
 def integrate_product(first: Array, second: Array) -> Array:
     """Returns the integrals (S, d, k) of the product of two signals, exactly.
 
@@ -184,6 +155,6 @@ def integrate_product(first: Array, second: Array) -> Array:
     Args:
         first: (S, d + 1, k) a signal in its steps.
     """
-    mass = _mass(first.shape[1] - 1)
+    mass = products_of_values(first.shape[1] - 1)
     integrals: Array = np.einsum("sak,jab,sbk->sjk", first, mass, second, optimize=True)
     return integrals

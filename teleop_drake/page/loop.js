@@ -1,9 +1,9 @@
 "use strict";
-// Loops and runs of them. See model.py for the numbers, measured_run.py for run() of a module,
-// step_polynomials.py for the steps of a run, measuring.py for what is measured.
+// Loops and runs of them. See model.py for the numbers, integrator/advance.py for run() of a
+// module, step_polynomials.py for the steps of a run, simulation/ending.py for bounds.
 
 // How run() ends, and places in the counts of integrator/problem.py.
-const [FULL, STUCK, BEYOND] = [1, 2, 3], [ROWS, TRIES] = [4, 6];
+const [FULL, STUCK] = [1, 2], [ROWS, TRIES] = [4, 6];
 const MOST_TRIES = 4e6, MOST_ROOM = 1 << 19;
 
 // Whole numbers from 0 on, a number within bounds, and the sum of products.
@@ -88,7 +88,7 @@ class Loop {
 // A run: rows at five instants of each step, its ends among them. A time that stands twice is a jump.
 class Run {
   constructor(loop, z) {
-    Object.assign(this, { loop, z, width: loop.width, reason: "", events: [], metrics: {} });
+    Object.assign(this, { loop, z, width: loop.width, reason: "", events: [], metrics: {}, checked: 0 });
     [this.duration, this.accuracy, this.longest] = z.run;
     [this.headers, this.places] = loop.layOut(z);
     this.take();
@@ -109,13 +109,13 @@ class Run {
 
   // Simulates until a time. Returns whether it did: `isStale` may say that nobody waits for it.
   async advance(end, isStale = () => false) {
-    const { exports, reasons } = this.loop, isLast = end >= this.duration;
+    const { exports } = this.loop;
     let pause = performance.now() + 300;
     for (let status = FULL, before = -1; status === FULL && !this.reason;) {
-      status = exports.run(...this.headers, end, this.accuracy, this.longest, isLast);
+      status = exports.run(...this.headers, end, this.accuracy, this.longest);
       if (status < 0) throw new Error("an index is outside of its array");
       if (status === STUCK) this.reason = "the step would have to be too small";
-      if (status >= BEYOND) this.reason = reasons[status - BEYOND];
+      this.endAtBound();
       const counts = this.array("counts", Int32Array);
       if (counts[2 * TRIES] > MOST_TRIES) throw new Error("the loop is too stiff");
       if (status === FULL && counts[2 * ROWS] === before) this.grow();
@@ -126,7 +126,7 @@ class Run {
         pause = performance.now() + 100;
       }
     }
-    this.take(isLast || this.reason);
+    this.take(end >= this.duration || this.reason);
     return true;
   }
 
@@ -144,11 +144,59 @@ class Run {
     [this.time, this.rows] = [get("row_times", n), get("rows", n * this.width)];
     this.ends = range(n).filter((i) => flags[2 * i]);
     if (!isOver) return;
-    const [instants, results] = [this.array("record.instants"), this.array("record.results")];
-    this.events = range(this.array("record.counts", Int32Array)[0])
-      .map((i) => ({ name: this.loop.events[instants[2 * i + 1]], time: instants[2 * i] })).filter((x) => x.name);
-    this.metrics = Object.fromEntries(Object.keys(this.loop.labels).map((name, i) => [name, results[i]])
-      .filter(([, x]) => !isNaN(x)));
+    ({ events: this.events, metrics: this.metrics } = measure(this));
+  }
+
+  // Ends the rows in memory where a signal first leaves one of its bounds, and tells why.
+  endAtBound() {
+    const counts = this.array("counts", Int32Array), ends = this.array("row_ends", Int32Array);
+    for (let last = this.checked; last < counts[2 * ROWS]; ++last) {
+      const found = ends[2 * last] ? this.firstBound(last) : null;
+      if (!found) continue;
+      this.reason = this.loop.reasons[found.bound];
+      const isKnown = Number.isFinite(found.share);
+      if (isKnown) this.cutStep(last, found.share);
+      // Of a step that is not finite nothing is known but its begin.
+      counts[2 * ROWS] = isKnown ? last + 1 : last - 3;
+      return;
+    }
+    this.checked = counts[2 * ROWS];
+  }
+
+  // The first bound that is left in the step with a last row: which, and at what share of the step.
+  firstBound(last) {
+    const rows = this.array("rows"), { bounds } = this.z;
+    let first = null;
+    for (let bound = 0; bound < bounds.length / 4; ++bound) {
+      const excess = range(5).map((k) => this.excess(rows, last - 4 + k, bound));
+      const j = range(4).find((k) => excess[k] < 0 && !(excess[k + 1] < 0));
+      if (j === undefined) continue;
+      const c = powersOf(excess);
+      const share = bisect((x) => valueAt(c, x) < 0, j / 4, (j + 1) / 4);
+      const place = excess.every(Number.isFinite) ? share : NaN;
+      if (!first || place < first.share) first = { bound, share: place };
+    }
+    return first;
+  }
+
+  // How far a row is out of a bound; see Bound.Excess() of simulation/ending.py.
+  excess(rows, row, bound) {
+    const [begin, size, lower, upper] = this.z.bounds.slice(4 * bound, 4 * bound + 4);
+    const x = rows.subarray(row * this.width + begin, row * this.width + begin + size);
+    if (size === 1) return Math.max(lower - x[0], x[0] - upper);
+    return Math.hypot(...x.map((y) => y / upper)) - 1;
+  }
+
+  // Puts the first share of a step in place of the step with a last row.
+  cutStep(last, share) {
+    const times = this.array("row_times"), rows = this.array("rows"), first = last - 4;
+    for (let k = 0; k < this.width; ++k) {
+      const at = (node) => (first + node) * this.width + k;
+      const c = powersOf(range(5).map((node) => rows[at(node)]));
+      range(5).forEach((node) => { rows[at(node)] = valueAt(c, share * node / 4); });
+    }
+    const length = share * (times[last] - times[first]);
+    range(5).forEach((node) => { times[first + node] = times[first] + length * node / 4; });
   }
 
   // The columns of a port, undefined if this loop has none of that name.

@@ -18,20 +18,19 @@ from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf, Source
 from teleop_drake.environments.surface import Surface, SurfacesOf
-from teleop_drake.integrator.measured_run import Measured
 from teleop_drake.integrator.problem import SAME
-from teleop_drake.laws.task_space import MAX_ROTATION
 from teleop_drake.operators.hand import HandOperator
 from teleop_drake.page.wasm import MakeModule
 from teleop_drake.robots import PlantRobotConfig, RobotConfig
 from teleop_drake.robots.inverse_kinematics import TOOL
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import NamedSignals, UnitOf
-from teleop_drake.simulation.simulate import HasConstantCommand, JointRanges
+from teleop_drake.simulation.ending import BoundsOf
+from teleop_drake.simulation.simulate import HasConstantCommand
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
-from teleop_drake.tasks import TaskOf
-from teleop_drake.tasks.measures import Measures
+from teleop_drake.tasks import Task, TaskOf
+from teleop_drake.tasks.metrics import MetricUnits
 from teleop_drake.teleoperator import MakeTeleoperator
 
 # Of a port table's row in a block's docstring: the port's name and its unit.
@@ -46,15 +45,8 @@ PERIOD = 0.02
 # How long packets are drawn in a drive, whose duration is a bound, s.
 _LONGEST_FLIGHTS = 60.0
 
-# Of Measured: what does not begin as zeros.
-_GIVEN = ("bounds", *(f"record.{x}" for x in ("delay", "places", "forms")))
-_GIVEN += "record.columns", "record.table"
-
 # What has as much room as a run takes.
-_GROWING = (
-    *("row_times", "row_ends", "rows", "steps", "values", "breaks"),
-    *(f"record.{x}" for x in ("instants", "pieces", "piece_rows", "ends")),
-)
+_GROWING = ("row_times", "row_ends", "rows", "steps", "values", "breaks")
 
 # The largest number that can be squared in a sum.
 _LARGEST = 1e150
@@ -72,14 +64,17 @@ class Model:
         run: Its run, in Python, which has not begun.
         numbers: All that may differ between runs of one program, by name: the arrays of
             Problem, of Memory what does not begin as zeros, and what the page itself
-            takes: `run` (duration, accuracy, longest step), those of Measured that are
-            given, `surfaces` (point, normal), `arm` (place and axis of each joint, and
-            the tool), and `forward` and `return` (how long what is sent every PERIOD is
-            under way, s; if that is constant, once).
+            takes: `run` (duration, accuracy, longest step), `bounds` (for each the
+            first of its columns in a row and their number, the least and the largest
+            value; see simulation.ending.Bound), `surfaces` (point, normal), `command`
+            (the operator's velocity) and `command_delay` of metrics, `arm` (place and
+            axis of each joint, and the tool), and `forward` and `return` (how long what
+            is sent every PERIOD is under way, s; if that is constant, once).
         surfaces: Of the environment.
-        measures: What is measured.
-        measured: The same as arrays.
         reasons: Why a run ends at each of the bounds.
+        metrics: What computes metrics in the page, see Task.page_metrics.
+        labels: Of the metrics, by their names.
+        has_constant_command: As in Recording.
         joints: Of the arm, from its base to its tool; see _Arm().
     """
 
@@ -87,9 +82,10 @@ class Model:
     run: CompiledRun
     numbers: dict[str, Array]
     surfaces: tuple[Surface, ...]
-    measured: Measured
-    measures: Measures = field(default_factory=Measures)
     reasons: list[str] = field(default_factory=lambda: ["the run is not finite"])
+    metrics: str = ""
+    labels: dict[str, str] = field(default_factory=dict)
+    has_constant_command: bool = True
     joints: list[dict[str, Any]] = field(default_factory=list)
 
     @property
@@ -102,20 +98,20 @@ class Model:
             program.sizes,
             *(tuple(x.tolist()) for name, x in fields.items() if _IsWiring(name, x)),
             tuple(surface.name for surface in self.surfaces),
-            (self.measures.columns, self.measures.late, self.measures.table),
+            (self.metrics, tuple(self.labels), self.has_constant_command),
+            tuple(self.reasons),
             self.joints,
         )
 
     def Module(self) -> bytes:
         """Returns the run as WebAssembly; see wasm.MakeModule()."""
         run = self.run
-        arguments = run.problem, run.memory, self.measured
-        return MakeModule(run.evaluator.program, *arguments)
+        return MakeModule(run.evaluator.program, run.problem, run.memory)
 
     def Headers(self) -> dict[str, list[Any]]:
         """Returns name, shape, whether it is of whole numbers and grows, of each array.
 
-        They stand in the order of a header of `problem`, `memory` and `measured`; see
+        They stand in the order of a header of `problem` and of `memory`; see
         typed_expressions.Header().
         """
         return {
@@ -126,7 +122,6 @@ class Model:
             for name, value in (
                 ("problem", self.run.problem),
                 ("memory", self.run.memory),
-                ("measured", self.measured),
             )
         }
 
@@ -248,48 +243,60 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
     model = MakeModel(diagram, scenario.simulator, scenario.duration)
     ports = model.Ports()
     signals = {name: ports[port] for name, port in model.Signals().items()}
-    measures, kind = Measures(), type(task)
-    # Measures stand for the metrics of their own class only.
-    both = "Measures", "Metrics"
-    owner = next(x for x in kind.__mro__ if any(name in vars(x) for name in both))
-    if "Measures" in vars(owner):
-        is_constant = HasConstantCommand(diagram)
-        measures = task.Measures(
-            scenario, signals, model.surfaces, is_constant=is_constant
-        )
-    ranges = JointRanges(diagram) if "joint_position" in signals else {}
-    bounds = [(*signals["tool_velocity"][:2], 0.0, task.MakeSpeedLimit(scenario).speed)]
-    reasons = ["the tool exceeds its speed limit"]
-    for k, (name, (low, high)) in enumerate(ranges.items()):
-        if np.isfinite(high - low):
-            reasons.append(f"joint {name} leaves its range")
-            place = signals["joint_position"][0] + k
-            bounds.append((place, 1, (low + high) / 2, (high - low) / 2))
-    begin, size, _ = signals["tool_position"]
-    if size > 3:
-        reasons.append("the tool is turned too far")
-        bounds.append((begin + 3, size - 3, 0.0, MAX_ROTATION))
-    delay = channels["forward_channel"].delay if channels else 0.0
+    sizes = {name: size for name, (_, size, _) in signals.items()}
+    bounds = BoundsOf(diagram, sizes, task.MakeSpeedLimit(scenario))
+    places = [signals[bound.signal][0] + bound.first for bound in bounds]
     joints, arm = _Arm(scenario.robot) if "joint_position" in signals else ([], [])
-    lags = {
-        name.partition("_")[0]: _Lags(channel, name, scenario.duration)
-        for name, channel in channels.items()
+    numbers: dict[str, Any] = {
+        "bounds": [
+            (place, bound.size, bound.lower, bound.upper)
+            for place, bound in zip(places, bounds, strict=True)
+        ],
+        "arm": arm,
     }
-    measured = Measured(np.array(bounds, float), measures.Record(0, delay))
+    for name, channel in channels.items():
+        way = name.partition("_")[0]
+        numbers[way] = _Lags(channel, name, scenario.duration)
+    if "forward_channel" in channels:
+        numbers["command"] = AsTeleoperation(scenario).surgeon.velocity
+        numbers["command_delay"] = channels["forward_channel"].delay
+    arrays = {name: np.array(x, float).ravel() for name, x in numbers.items()}
+    metrics = _PageMetrics(task)
     return replace(
         model,
-        numbers=model.numbers | _Given(measured) | {"arm": np.ravel(arm), **lags},
-        measured=measured,
-        measures=measures,
-        reasons=reasons,
+        numbers=model.numbers | arrays,
+        reasons=[bound.name for bound in bounds],
+        metrics=metrics,
+        labels=_Labels(scenario) if metrics else {},
+        has_constant_command=HasConstantCommand(diagram),
         joints=joints,
     )
 
 
-def _Given(measured: Measured) -> dict[str, Array]:
-    """Returns the arrays of what is measured that do not begin as zeros, by name."""
-    fields = Fields(measured)
-    return {f"measured.{x}": np.array(fields[x], float).ravel() for x in _GIVEN}
+def _PageMetrics(task: Task[Any]) -> str:
+    """Returns what computes a task's metrics in a page; see Task.page_metrics.
+
+    A class that has Metrics() of its own has its own metrics.
+    """
+    owner = next(kind for kind in type(task).__mro__ if "Metrics" in vars(kind))
+    name: str = vars(owner).get("page_metrics", "")
+    return name
+
+
+def _Labels(scenario: AnyScenario) -> dict[str, str]:
+    """Returns what a page calls each metric, with its unit.
+
+    How a run ended has a row of its own there, and packets are not counted.
+    """
+    labels = {}
+    names = {name.partition(".")[0] for name in TaskOf(scenario).units}
+    names -= {"diverged", "diverged_at"}
+    for name, unit in MetricUnits(scenario).items():
+        if name.partition(".")[0] not in names:
+            continue
+        label = name.replace("_", " ").replace(".", ": ")
+        labels[name] = f"{label} [{unit}]" if unit else label
+    return labels
 
 
 def _Lags(channel: ChannelConfig, name: str, duration: float) -> Array:
@@ -361,8 +368,7 @@ def MakeModel(diagram: Diagram, config: SimulatorConfig, duration: float) -> Mod
     if diagram.HasSubsystemNamed("environment"):
         surfaces = SurfacesOf(diagram.GetSubsystemByName("environment")) or ()
     # Whatever is computed has to stay finite.
-    bounds = np.array([[0.0, run.evaluator.program.sizes[0], 0.0, _LARGEST]])
-    measured = Measured(bounds, Measures().Record(0, 0.0))
+    width = run.evaluator.program.sizes[0]
     planes = [x for s in surfaces for x in (*s.point_W, *s.normal_W)]
     numbers = {
         **{f"problem.{name}": x for name, x in Fields(run.problem).items()},
@@ -372,15 +378,12 @@ def MakeModel(diagram: Diagram, config: SimulatorConfig, duration: float) -> Mod
             if name in _START
         },
         "run": np.array([duration, config.accuracy, max_step]),
+        "bounds": np.array([0.0, width, -_LARGEST, _LARGEST]),
         "surfaces": np.array(planes, float),
     }
     return Model(
         diagram=diagram,
         run=run,
-        numbers={
-            name: np.array(x, float).ravel()
-            for name, x in (numbers | _Given(measured)).items()
-        },
+        numbers={name: np.array(x, float).ravel() for name, x in numbers.items()},
         surfaces=surfaces,
-        measured=measured,
     )

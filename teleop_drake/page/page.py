@@ -37,7 +37,7 @@ from teleop_drake.scenario.tree import ToTree
 from teleop_drake.scenario.yaml_text import DumpYaml
 from teleop_drake.sweep import ALIASES
 from teleop_drake.tasks import TaskOf
-from teleop_drake.tasks.insertion import FirstNormal
+from teleop_drake.tasks.insertion_metrics import FirstNormal
 from teleop_drake.validation import CheckChoice, Refuse
 
 _DELAYS = ("forward_delay", "return_delay")
@@ -238,7 +238,7 @@ def MakePage(
         models = {which: make({}) for which, make in makers.items()}
         view = _View(scenario, next(iter(models.values())).surfaces)
         inputs = _Inputs(scenario, vary, makers, models, notes)
-        if not next(iter(models.values())).measures.names:
+        if not next(iter(models.values())).metrics:
             notes.append("the metrics of this task are its own: `run` prints them")
     known = set().union(*(model.Signals() for model in models.values()))
     for signal in signals:
@@ -468,8 +468,9 @@ def _Data(
                 "module": (module := model.Module()),
                 "start": ConstantsOf(module),
                 "headers": model.Headers(),
-                "labels": model.measures.names,
-                "events": model.measures.EventNames(),
+                "metrics": model.metrics,
+                "labels": model.labels,
+                "has_constant_command": model.has_constant_command,
                 "reasons": model.reasons,
                 "joints": model.joints,
                 "width": model.run.evaluator.program.sizes[0],
@@ -550,13 +551,13 @@ def _Html(title: str, data: dict[str, Any]) -> str:
     """Returns the page: its parts, and the model as text that says nothing to HTML."""
     parts = {
         name: resources.files("teleop_drake.page").joinpath(name).read_text("utf-8")
-        for name in ("page.html", "page.css", "loop.js", "page.js")
+        for name in ("page.html", "page.css", "metrics.js", "loop.js", "page.js")
     }
     texts = {
         "title": html.escape(title),
         "version": html.escape(_Version()),
         "style": parts["page.css"],
-        "script": parts["loop.js"] + parts["page.js"],
+        "script": parts["loop.js"] + parts["metrics.js"] + parts["page.js"],
         "model": base64.b64encode(Packed(_Bytes(data))).decode(),
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda m: texts[m[1]], parts["page.html"])

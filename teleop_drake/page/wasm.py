@@ -12,26 +12,25 @@ from typing import Any, cast
 import llvmlite.binding as llvm
 
 from teleop_drake.compiler.source import Program
-from teleop_drake.integrator.measured_run import advance_and_measure
+from teleop_drake.integrator.advance import advance
 from teleop_drake.machine_code.cache import Kept
 from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
 from teleop_drake.machine_code.typed_code import MakeTypedCode
-from teleop_drake.machine_code.typed_expressions import BOOLEAN, EVALUATE, TypeOf
+from teleop_drake.machine_code.typed_expressions import EVALUATE, TypeOf
 
 _TRIPLE = "wasm32-unknown-unknown"
 
 # Optimisation.
 _LEVEL = 2
 
-# Returns what advance_and_measure() does, or -1 after an index outside of an array.
+# Returns what advance() does, or -1 after an index outside of an array.
 _RUN = """
 declare void @evaluate(double, ptr, ptr, ptr, ptr, ptr, ptr, i32)
-define i32 @run(ptr %problem, ptr %memory, ptr %measured, double %end,
-                double %accuracy, double %max, i32 %last) {
-  %is_last = icmp ne i32 %last, 0
-  %status = call i64 @advance_and_measure(
-      ptr @evaluate, ptr %problem, ptr %memory, ptr %measured, double %end,
-      double %accuracy, double %max, i1 %is_last)
+define i32 @run(ptr %problem, ptr %memory, double %end,
+                double %accuracy, double %max) {
+  %status = call i64 @advance(
+      ptr @evaluate, ptr %problem, ptr %memory, double %end,
+      double %accuracy, double %max)
   %fault = load ptr, ptr @fault
   %is_whole = icmp eq ptr %fault, null
   %short = trunc i64 %status to i32
@@ -48,9 +47,9 @@ _NO_FUNCTIONS = b"__linear_memory", b"__indirect_function_table"
 
 
 def MakeModule(program: Program, *arguments: Any) -> bytes:
-    """Returns a module that exports `run(problem, memory, measured, ..., is_last)`.
+    """Returns a module that exports `run(problem, memory, end, accuracy, max_step)`.
 
-    It does what advance_and_measure() does, and imports its memory and C's mathematics
+    It does what advance() does, and imports its memory and C's mathematics
     from `env`. Addresses below its memory's minimum are its own.
 
     Args:
@@ -64,7 +63,7 @@ def MakeModule(program: Program, *arguments: Any) -> bytes:
     traced = TraceProgram(
         program.text, dict(program.names), program.sizes, len(parameters), integers
     )
-    types = (EVALUATE, *map(TypeOf, (*arguments, 0.0, 0.0, 0.0)), BOOLEAN)
+    types = (EVALUATE, *map(TypeOf, (*arguments, 0.0, 0.0, 0.0)))
     run, model = _Run(types), _Head() + MakeCode(traced)
 
     def Emit(_: str) -> bytes:
@@ -94,7 +93,7 @@ def _Head() -> str:
 @functools.cache
 def _Run(types: tuple[Any, ...]) -> str:
     """Returns LLVM's code of run() and of all that it calls but evaluate()."""
-    code = MakeTypedCode(cast(FunctionType, advance_and_measure), types)
+    code = MakeTypedCode(cast(FunctionType, advance), types)
     return _Head() + _RUN + code
 
 

@@ -1,25 +1,22 @@
 """Runs a scenario and records it."""
 
-import contextlib
 import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any, cast
 
-import numpy as np
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.environments import Surface, SurfacesOf
-from teleop_drake.laws.task_space import MAX_ROTATION
 from teleop_drake.machine_code.compiled import Interpreted
-from teleop_drake.numerics.step_polynomials import finite_part, first_crossing, part
+from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
 from teleop_drake.scenario.config import DefaultSimulator
 from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.drake_run import RunInDrake
+from teleop_drake.simulation.ending import EndAtBound
 from teleop_drake.simulation.run import Job, Outcome
 from teleop_drake.simulation.stepping import NotesOnSamples, SystemsIn
 from teleop_drake.simulation.structure import Loop, Structure
@@ -153,10 +150,9 @@ def simulate(
     config, duration = scenario.simulator, scenario.duration
     job = Job(diagram, config, duration, speed_limit, progress)
     run, notes = _Run(job, engine, structure, loop)
-    _EndAtLimit(diagram, speed_limit, run)
+    EndAtBound(diagram, speed_limit, run)
     recording = MakeRecording(scenario, diagram, config, run, notes, loop)
-    with Interpreted() if run.engine == "compiled" else contextlib.nullcontext():
-        recording.events = task.FindEvents(recording)
+    recording.events = task.FindEvents(recording)
     return recording
 
 
@@ -278,57 +274,3 @@ def HasConstantCommand(diagram: Diagram) -> bool:
     """Returns whether the operator in a diagram, if there is one, tells so."""
     operators = [x for x in SystemsIn(diagram) if x.get_name() == "surgeon"]
     return all(getattr(x, "has_constant_command", False) for x in operators)
-
-
-# How far a joint may be past its limit, rad or m: rounding errors of a pose at it.
-_TOLERANCE = 1e-9
-
-
-def JointRanges(diagram: Diagram) -> dict[str, tuple[float, float]]:
-    """Returns the ranges of the joints of the robot's plant by their names.
-
-    None of a robot without a system `plant`.
-    """
-    if not diagram.HasSubsystemNamed("robot"):
-        return {}
-    robot = diagram.GetSubsystemByName("robot")
-    if not (isinstance(robot, Diagram) and robot.HasSubsystemNamed("plant")):
-        return {}
-    plant = robot.GetSubsystemByName("plant")
-    if not isinstance(plant, MultibodyPlant):
-        return {}
-    lower = plant.GetPositionLowerLimits() - _TOLERANCE
-    upper = plant.GetPositionUpperLimits() + _TOLERANCE
-    names = plant.GetPositionNames(
-        add_model_instance_prefix=False, always_add_suffix=False
-    )
-    return dict(zip(names, zip(lower, upper, strict=True), strict=True))
-
-
-def _EndAtLimit(diagram: Diagram, limit: SpeedLimit, run: Outcome) -> None:
-    """Ends a run, in place, where a joint of the robot's plant leaves its range.
-
-    Or where its tool is turned by MAX_ROTATION, or as fast as its speed limit.
-
-    The plant itself knows no stops: what it does beyond is left out. A robot without a
-    system `plant`, or whose joints turn without limit, has no ranges.
-    """
-    times, signals, steps = run.series
-    ranges, q = JointRanges(diagram), signals.get("joint_position")
-    beyond = {}
-    if ranges and q is not None:
-        for (name, (lower, upper)), x in zip(ranges.items(), q.T, strict=True):
-            reason = f"joint {name} leaves its range, {lower:.4g} to {upper:.4g}"
-            beyond[reason] = np.maximum(lower - x, x - upper)
-        reason = f"the tool is turned by {MAX_ROTATION:g} rad from the posture"
-        turned = np.linalg.norm(signals["tool_position"][:, 3:], axis=1)
-        beyond[reason] = turned - MAX_ROTATION
-    if run.is_too_fast:  # Less may be an overflow's.
-        speeds = np.linalg.norm(signals["tool_velocity"] / limit.speed, axis=1)
-        beyond[run.reason] = speeds - 1.0
-    ends = {x: first_crossing(times, y[steps], steps) for x, y in beyond.items()}
-    reason = min(ends, key=ends.__getitem__, default="")
-    if ends.get(reason, math.inf) < math.inf:
-        run.series = part(run.series, times[0], ends[reason])
-        if reason != run.reason:
-            run.termination, run.reason = "diverged", reason

@@ -9,10 +9,8 @@ from typing import Any, ClassVar, Generic, TypeVar
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.channels import ChannelConfig
-from teleop_drake.environments import Surface
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import AnyScenario
-from teleop_drake.tasks.measures import Measures, Places
 from teleop_drake.tasks.panels import AxisPanels, SignalRow
 
 _S = TypeVar("_S", bound=AnyScenario)
@@ -53,11 +51,14 @@ class Task(ABC, Generic[_S]):
             task needs them; one is `robot`.
         units: Scalar metrics by their dotted names, and their units. A name that ends
             in `.*` has a value for each task axis.
+        page_metrics: The name in page/metrics.js of what computes the metrics of this
+            very class in a page; empty: nothing there does, and the page says so.
     """
 
     controllers: ClassVar[tuple[str, ...]] = ()
     systems: ClassVar[tuple[str, ...]] = ("robot",)
     units: ClassVar[Mapping[str, str]]
+    page_metrics: ClassVar[str] = ""
 
     def Check(self, scenario: _S) -> None:
         """Checks a scenario, and what derives from several of its fields.
@@ -99,23 +100,6 @@ class Task(ABC, Generic[_S]):
         Args:
             recording: A run, its events not found yet.
         """
-
-    def Measures(
-        self,
-        scenario: _S,
-        places: Places,
-        surfaces: tuple[Surface, ...],
-        *,
-        is_constant: bool,
-    ) -> Measures:
-        """Returns what a page measures of a run; nothing unless a task says it.
-
-        Args:
-            places: Where in a row the signals are that a recording has.
-            surfaces: Of the environment.
-            is_constant: As Recording.has_constant_command.
-        """
-        return Measures()
 
     @abstractmethod
     def Metrics(self, recording: Recording) -> dict[str, Any]:

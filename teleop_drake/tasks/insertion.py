@@ -1,69 +1,41 @@
-"""Insertion: a teleoperated tool is pushed into what the environment is made of.
-
-Its metrics are overshoots, the puncture, the collision and the errors. Instants are
-located, not sampled; see teleop_drake.integrator.measuring.
-"""
+"""Insertion: a teleoperated tool is pushed into what the environment is made of."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.environments import CONTACT, PUNCTURE, FindSurface, Surface
-from teleop_drake.integrator.measuring import (
-    BEFORE,
-    DISTANCE,
-    MAXIMUM,
-    MINIMUM,
-    RMS,
-    SETTLING,
-    TIME,
-    VARIATION,
-)
+from teleop_drake.environments import CONTACT, PUNCTURE, FindSurface
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import CONTROLLERS, Scenario
 from teleop_drake.signals import AxisUnit
 from teleop_drake.stations import MakeArchitecture
 from teleop_drake.tasks.base import SpeedLimit, Task
-from teleop_drake.tasks.measures import Measures, Places, PlacesOf
+from teleop_drake.tasks.insertion_metrics import (
+    AXIS_METRICS,
+    COLLISION_METRICS,
+    PUNCTURE_METRICS,
+    UNITS,
+    FindCrossings,
+    InsertionRun,
+    StartVelocityOvershoot,
+)
 from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
 from teleop_drake.teleoperator import MakeTeleoperator
 
-# A command that is slower than this share of |v_d| points nowhere: it may be zero but
-# for rounding.
-AT_REST = 1e-6
 
-SETTLING_RATIO = 0.05
-"""Share of |v_d| under which the tool counts as settled; of the force too at rest."""
+class _EventNames(NamedTuple):
+    """Names of crossing a surface into it and out of it."""
 
-UNITS = {
-    "start_velocity_overshoot": "m/s",
-    "puncture.time": "s",
-    "puncture.velocity": "m/s",
-    "puncture.force": "N",
-    "puncture.velocity_overshoot": "m/s",
-    "collision.time": "s",
-    "collision.velocity": "m/s",
-    "collision.initial_impact_force": "N",
-    "collision.peak_force": "N",
-    "collision.rebound_velocity": "m/s",
-    "collision.settling_time": "s",
-    "collision.rest_time": "s",
-    "velocity_rms_error.*": "m/s",
-    "force_rms_error.*": "N",
-    "coordination_rms_error.*": "m",
-    "control_force_peak.*": "N",
-    "control_force_variation.*": "N",
-    "diverged": "",
-    "diverged_at": "s",
+    upwards: str
+    downwards: str
+
+
+_CROSSINGS = {
+    PUNCTURE: _EventNames("puncture", "heal"),
+    CONTACT: _EventNames("contact", "release"),
 }
-"""Scalar metrics of an insertion and their units; * stands for each task axis."""
-
-_WATCHED = "tool_position", "tool_velocity", "environment_force", "control_force"
-
-# What it is called to cross a surface into it and out of it.
-CROSSINGS = {PUNCTURE: ("puncture", "heal"), CONTACT: ("contact", "release")}
 
 
 class Insertion(Task[Scenario]):
@@ -75,6 +47,7 @@ class Insertion(Task[Scenario]):
     controllers = tuple(CONTROLLERS)
     systems = ("robot", "environment")
     units = UNITS
+    page_metrics: ClassVar[str] = "insertion"
 
     def Check(self, scenario: Scenario) -> None:
         """Checks a scenario, and the architecture that derives from it.
@@ -102,150 +75,31 @@ class Insertion(Task[Scenario]):
             name=f"{ratio:g} times the commanded speed",
         )
 
-    def Measures(
-        self,
-        scenario: Scenario,
-        places: Places,
-        surfaces: tuple[Surface, ...],
-        *,
-        is_constant: bool,
-    ) -> Measures:
-        """Returns what Metrics() describes.
-
-        Args:
-            is_constant: Whether the operator commands surgeon.velocity all the time.
-        """
-        v_d = np.asarray(scenario.surgeon.velocity, float)
-        n, speed = v_d.size, float(np.linalg.norm(v_d))
-        result = Measures(mode=places.get("surgeon_mode", (-1,))[0])
-        result.Watch(*(places[name] for name in _WATCHED))
-        is_felt = "felt_velocity" in places or "return_packet_received" in places
-        if "felt_velocity" in places or not is_felt:
-            result.Watch(places["felt_velocity" if is_felt else "tool_velocity"])
-        else:
-            result.Watch((places["return_packet_received"][0] + n, n, "m/s"))
-        if "velocity_command" in places:
-            sent = places["force_command"], places["velocity_command"]
-            result.Watch(*sent, late=True)
-        else:
-            result.Watch(places["forward_packet_received"])
-        p, v, F, F_c, felt, F_hd, v_dd = result.Vectors(n)
-        one = result.One()
-        for surface in surfaces:
-            depth = surface.normal_W @ p
-            # A layer may begin at infinity, along axes on which its normal has a part.
-            is_along = surface.normal_W != 0
-            begin = surface.point_W[is_along] @ surface.normal_W[is_along]
-            depth -= np.where(one, begin, 0.0)
-            is_first = FindSurface(surfaces, surface.name) is surface
-            names = CROSSINGS.get(surface.name, ()) if is_first else ()
-            result.AddEvent(depth, *names)
-        normal = FirstNormal(surfaces, v_d)
-        along = v_d @ normal * one if is_constant else normal @ v_dd
-        result.AddEvent(along + AT_REST * speed * one)
-        excess = normal @ v - along + result.One(1)
-        until = PUNCTURE, CONTACT
-        start = [excess, 0 * one]
-        result.Add(self, "start_velocity_overshoot", MAXIMUM, start, "", until)
-        if (found := FindSurface(surfaces, PUNCTURE)) is not None:
-            for name, operation, form, *ends in (
-                ("time", TIME, 0 * one),
-                ("velocity", BEFORE, found.normal_W @ v),
-                ("force", BEFORE, found.normal_W @ F),
-                ("velocity_overshoot", MAXIMUM, excess, CONTACT),
-            ):
-                result.Add(self, f"puncture.{name}", operation, [form], PUNCTURE, ends)
-        if (found := FindSurface(surfaces, CONTACT)) is not None:
-            v_x, F_x = found.normal_W @ v, found.normal_W @ F
-            slow = SETTLING_RATIO * speed * result.One(2)
-            near, alone = SETTLING_RATIO * result.One(3), result.One(4)
-            # Translation and rotation, each by itself.
-            apart = np.outer(np.arange(n) % 3 == 0, alone)
-            for name, operation, forms, *ends in (
-                ("time", TIME, []),
-                ("velocity", BEFORE, [v_x]),
-                ("initial_impact_force", MAXIMUM, [F_x], "release"),
-                ("peak_force", MAXIMUM, [F_x]),
-                ("rebound_velocity", MINIMUM, [v_x]),
-                ("settling_time", SETTLING, [v_x + slow + alone]),
-                ("rest_time", SETTLING, [*(v + slow + apart), *(F + near + apart)]),
-            ):
-                result.Add(self, f"collision.{name}", operation, forms, CONTACT, ends)
-        result.AddPerAxis(self, "velocity_rms_error", RMS, v - v_dd)
-        result.AddPerAxis(self, "force_rms_error", RMS, F - F_hd)
-        if is_felt:
-            name = "coordination_rms_error"
-            result.AddPerAxis(self, name, DISTANCE, felt[:3], p[:3])
-        result.AddPerAxis(self, "control_force_peak", MAXIMUM, F_c, -F_c)
-        result.AddPerAxis(self, "control_force_variation", VARIATION, F_c)
-        return result
-
     def FindEvents(self, recording: Recording) -> list[Event]:
         """Returns when the tool crosses a surface and when the operator switches.
 
         Args:
             recording: A run, its events not found yet.
         """
-        return self._Of(recording)[0]
-
-    def _Of(self, recording: Recording) -> tuple[list[Event], dict[str, Any]]:
-        scenario = recording.teleoperation
-        measures = self.Measures(
-            scenario,
-            PlacesOf(recording),
-            recording.surfaces,
-            is_constant=recording.has_constant_command,
-        )
-        return measures.Of(recording, scenario.forward_channel.delay)
+        events = _OperatorEvents(recording)
+        surfaces = recording.surfaces
+        for surface, crossings in zip(surfaces, FindCrossings(recording), strict=True):
+            names = _CROSSINGS.get(surface.name)
+            # Of several surfaces of a name the first one counts.
+            if names is None or surface is not FindSurface(surfaces, surface.name):
+                continue
+            for crossing in crossings:
+                name = names.upwards if crossing.is_upwards else names.downwards
+                events.append(Event(name=name, time=crossing.time))
+        return sorted(events, key=lambda event: event.time)
 
     def Metrics(self, recording: Recording) -> dict[str, Any]:
-        """Returns the metrics of an insertion.
+        """Returns the metrics of an insertion: those that the functions above describe.
 
-        With v_d = surgeon.velocity, and all times simulation time. An operator of
-        another kind than constant_velocity does not command that all the time: there
-        overshoots compare with the command as it arrives at the slave at each instant,
-        v_dd below. The surfaces are those that the environment told; x is the direction
-        of the normal into the surface in question. An overshoot is one in the direction
-        of the command: s = -1 if v_d_x < 0 by more than 1e-6 of |v_d|, else 1. Without
-        a surface of the name there is no puncture or collision.
-
-        * start_velocity_overshoot (m/s): max of s (v_x - v_d_x) before the puncture,
-          without a puncture before the contact, else over the whole run; at least 0.
-          Where the environment has no surfaces, x is the direction of v_d.
-        * puncture, None if the tool never crosses the surface `puncture`:
-            * time (s): when it first does.
-            * velocity (m/s): v_x then.
-            * force (N): F_e_x just before, in the layer's own law.
-            * velocity_overshoot (m/s): max of s (v_x - v_d_x) from the puncture to the
-              first contact after it, or to the end. Not floored.
-        * collision, None if the tool never reaches the surface `contact`:
-            * time (s): when it first does.
-            * velocity (m/s): v_x then.
-            * initial_impact_force (N): max of F_e_x until it first leaves the surface.
-            * peak_force (N): max of F_e_x from the first contact on.
-            * rebound_velocity (m/s): min of v_x from the first contact on, whatever the
-              command: away from the surface is along -x.
-            * settling_time (s): from the first contact until |v_x| stays under 5 % of
-              |v_d| to the end of the recording. None if it does not, or the run
-              diverges, or it was as slow for as long before without staying so: a
-              recording that happens to end while v_x passes through 0 has not settled.
-            * rest_time (s): the same of the tool in all directions and of the force:
-              until |v| stays under 5 % of |v_d|, and |F_e - F_end| under 5 % of
-              |F_end|, the force at the end of the run. A force that creeps ends
-              elsewhere in a longer run. With six axes, both hold of what moves and of
-              what turns, each by itself; moments count where there are any.
-        * velocity_rms_error (m/s per axis): rms over the run of v - v_dd, v_dd being
-          the velocity command as the slave receives it, or, in an architecture that
-          does not send it, the operator's command delayed by forward_channel.delay.
-        * force_rms_error (N per axis): rms over the run of F_e - F_hd, F_hd being the
-          haptic force as the slave receives it, or delayed by the same time.
-        * coordination_rms_error (m per axis): rms over the run of x_m - p_WT. Master
-          and tool begin at one place, and x_m is where the felt velocity takes the
-          master from there: over exact channels the tool's place one return delay ago,
-          unless the architecture lets the hand feel something else. Of six axes the
-          first three have it. None if the recording has not what was felt.
-        * control_force_peak (N per axis): max of |F_c|.
-        * control_force_variation (N per axis): total variation of F_c, jumps included.
+        * start_velocity_overshoot.
+        * puncture: PUNCTURE_METRICS, None if the tool never crosses that surface.
+        * collision: COLLISION_METRICS, None if it never reaches that surface.
+        * AXIS_METRICS, each per task axis.
         * diverged, diverged_at (s): whether the run ended early because the tool's
           speed grew out of bounds or the solver failed, and when; else None.
 
@@ -256,15 +110,19 @@ class Insertion(Task[Scenario]):
             The `metrics` object of `teleop-drake run --json`: finite numbers, lists of
             them with one entry per task axis, bool and None.
         """
+        run = InsertionRun(recording)
+        puncture = collision = None
+        if run.puncture_time is not None:
+            puncture = {name: f(run) for name, (f, _) in PUNCTURE_METRICS.items()}
+        if run.contact_time is not None:
+            collision = {name: f(run) for name, (f, _) in COLLISION_METRICS.items()}
+        per_axis = {name: f(run) for name, (f, _) in AXIS_METRICS.items()}
         has_diverged = recording.termination == "diverged"
-        _, found = self._Of(recording)
-        puncture, collision = (found.pop(x, {}) for x in ("puncture", "collision"))
-        per_axis = [name[:-2] for name in UNITS if name.endswith(".*")]
         return {
-            "start_velocity_overshoot": found.pop("start_velocity_overshoot"),
-            "puncture": puncture if puncture.get("time") is not None else None,
-            "collision": collision if collision.get("time") is not None else None,
-            **{x: list(found[x].values()) if x in found else None for x in per_axis},
+            "start_velocity_overshoot": StartVelocityOvershoot(run),
+            "puncture": puncture,
+            "collision": collision,
+            **{name: None if x is None else x.tolist() for name, x in per_axis.items()},
             "diverged": has_diverged,
             "diverged_at": float(recording.time[-1]) if has_diverged else None,
         }
@@ -308,10 +166,13 @@ class Insertion(Task[Scenario]):
         ]
 
 
-def FirstNormal(surfaces: tuple[Surface, ...], v_d: np.ndarray) -> np.ndarray:
-    """Returns the normal of the surface that comes first, else where v_d points."""
-    named = [FindSurface(surfaces, name) for name in (PUNCTURE, CONTACT)]
-    for surface in (*named, *surfaces):
-        if surface is not None:
-            return surface.normal_W
-    return v_d / np.linalg.norm(v_d)
+def _OperatorEvents(recording: Recording) -> list[Event]:
+    """Returns when the operator switches to holding a force, and when to stopping."""
+    if "surgeon_mode" not in recording:
+        return []
+    mode = recording["surgeon_mode"][:, 0]
+    events = []
+    for row in 1 + np.flatnonzero(np.diff(mode)):
+        name = "surgeon_force" if mode[row] == 1.0 else "surgeon_stop"
+        events.append(Event(name=name, time=float(recording.time[row])))
+    return events

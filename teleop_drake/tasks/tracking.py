@@ -1,14 +1,15 @@
 """Tracking: the demonstration of chapter 3, in which an arm learns a disturbance."""
 
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any, ClassVar
 
+import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Sine
 
-from teleop_drake.environments import Surface
-from teleop_drake.integrator.measuring import MAXIMUM, RMS
+from teleop_drake.arrays import Array
 from teleop_drake.laws.tracking import TrackingGains
+from teleop_drake.numerics.pieces import Pieces, maximum, minimum, rms
 from teleop_drake.recording import Event, Recording
 from teleop_drake.robots import PlantRobotConfig
 from teleop_drake.scenario import TrackingScenario, TrajectoryConfig
@@ -16,24 +17,56 @@ from teleop_drake.signals import NamedSignals
 from teleop_drake.systems.disturbance_force import DisturbanceForce
 from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
 from teleop_drake.tasks.base import SpeedLimit, Task
-from teleop_drake.tasks.measures import Measures, Places, PlacesOf
 from teleop_drake.tasks.panels import AxisPanels, AxisRow
 from teleop_drake.validation import GainMatrix
 
-UNITS = {
-    "max_error.*": "m",
-    "rms_error.*": "m",
-    "disturbance_rms_error.*": "N",
+
+class TrackingRun:
+    """The signals of a tracking in pieces (p, 5, n); see numerics.pieces.
+
+    Attributes:
+        pieces: Where the signals are polynomials.
+        error: r - r_d, m.
+        disturbance_error: W Phi - F_e, N.
+    """
+
+    def __init__(self, recording: Recording):
+        self.pieces = Pieces(recording.time, recording.steps)
+        signal = self.pieces.signal
+        desired = signal(recording["desired_position"])
+        self.error = signal(recording["tool_position"]) - desired
+        force = signal(recording["environment_force"])
+        self.disturbance_error = signal(recording["disturbance_estimate"]) - force
+
+
+def MaxError(run: TrackingRun) -> Array:
+    """Returns the max of |r - r_d| per axis, m."""
+    whole = run.pieces.since(None)
+    return np.abs(np.maximum(maximum(run.error, whole), -minimum(run.error, whole)))
+
+
+def RmsError(run: TrackingRun) -> Array:
+    """Returns the rms over the run of r - r_d per axis, m."""
+    return rms(run.error, run.pieces.length)
+
+
+def DisturbanceRmsError(run: TrackingRun) -> Array:
+    """Returns the rms over the run of W Phi - F_e per axis, N.
+
+    It is what the network does not know of the disturbance.
+    """
+    return rms(run.disturbance_error, run.pieces.length)
+
+
+METRICS = {
+    "max_error": (MaxError, "m"),
+    "rms_error": (RmsError, "m"),
+    "disturbance_rms_error": (DisturbanceRmsError, "N"),
 }
+"""Metrics of a tracking, each with a value for each task axis: function and unit."""
+
+UNITS = {f"{name}.*": unit for name, (_, unit) in METRICS.items()}
 """Scalar metrics of a tracking and their units; * stands for each task axis."""
-
-
-_WATCHED = (
-    "tool_position",
-    "desired_position",
-    "disturbance_estimate",
-    "environment_force",
-)
 
 
 class Tracking(Task[TrackingScenario]):
@@ -41,6 +74,7 @@ class Tracking(Task[TrackingScenario]):
 
     systems = ("robot", "reference")
     units = UNITS
+    page_metrics: ClassVar[str] = "tracking"
 
     def MakeDiagram(self, scenario: TrackingScenario) -> Diagram:
         """Makes the tracking of chapter 3.
@@ -59,40 +93,14 @@ class Tracking(Task[TrackingScenario]):
         """Returns no event: nothing is met and nobody switches."""
         return []
 
-    def Measures(
-        self,
-        scenario: TrackingScenario,
-        places: Places,
-        surfaces: tuple[Surface, ...],
-        *,
-        is_constant: bool,
-    ) -> Measures:
-        """Returns what Metrics() describes."""
-        result = Measures()
-        result.Watch(*(places[name] for name in _WATCHED))
-        p, desired, estimate, F = result.Vectors(scenario.num_axes)
-        error = p - desired
-        result.AddPerAxis(self, "max_error", MAXIMUM, error, -error)
-        result.AddPerAxis(self, "rms_error", RMS, error)
-        result.AddPerAxis(self, "disturbance_rms_error", RMS, estimate - F)
-        return result
-
     def Metrics(self, recording: Recording) -> dict[str, Any]:
-        """Returns the metrics of a tracking, each per task axis.
-
-        * max_error (m): max of |r - r_d|.
-        * rms_error (m): rms over the run of r - r_d.
-        * disturbance_rms_error (N): rms over the run of W Phi - F_e, what the network
-          does not know of the disturbance.
+        """Returns the metrics of a tracking, METRICS, each per task axis.
 
         Args:
             recording: A run, all of its numbers finite.
         """
-        scenario = cast(TrackingScenario, recording.scenario)
-        places = PlacesOf(recording)
-        measures = self.Measures(scenario, places, (), is_constant=False)
-        _, found = measures.Of(recording, 0.0)
-        return {name: list(axes.values()) for name, axes in found.items()}
+        run = TrackingRun(recording)
+        return {name: f(run).tolist() for name, (f, _) in METRICS.items()}
 
     def Particulars(self, recording: Recording) -> dict[str, Any]:
         """Returns diverged, and diverged_at in s or None."""

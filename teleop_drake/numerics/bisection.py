@@ -1,0 +1,43 @@
+"""Where a condition that holds at one end of an interval ceases to hold."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from teleop_drake.arrays import Array
+
+# Each round divides an interval into as many equal parts. They are tried at once,
+# which is quicker in numpy than one half after another.
+_PARTS = 8
+
+ROUNDS = 17
+"""Rounds that leave 2^-51 of an interval."""
+
+
+def bisect(
+    holds: Callable[[Array], Array],
+    low: ArrayLike,
+    high: ArrayLike,
+    rounds: int = ROUNDS,
+) -> Array:
+    """Returns where a condition ceases to hold in each of k intervals (k).
+
+    It is the upper end of what is left of the interval.
+
+    Args:
+        holds: Returns whether the condition holds at places (7, k), a column for each
+            interval.
+        low: Lower ends (k), where it holds.
+        high: Upper ends (k), where it does not.
+        rounds: How often an interval is divided by 8.
+    """
+    lower = np.asarray(low, float)
+    part = (np.asarray(high, float) - lower) / _PARTS
+    inner = np.arange(1.0, _PARTS)[:, np.newaxis]
+    for _ in range(rounds):
+        still_holds = np.logical_and.accumulate(holds(lower + inner * part))
+        lower = lower + still_holds.sum(axis=0) * part
+        part = part / _PARTS
+    result: Array = lower + _PARTS * part
+    return result

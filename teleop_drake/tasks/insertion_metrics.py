@@ -1,0 +1,433 @@
+"""Insertion: a teleoperated tool is pushed into what the environment is made of.
+
+Its metrics are the functions below, one each, on the signals of an InsertionRun. Their
+instants are roots of the polynomials of the run's steps, their peaks are extremes of
+them and their integrals are exact for them: see teleop_drake.numerics.pieces, which has
+what they are made of. A metric of one's own is one more such function, which the
+Metrics() of a task of one's own calls; a page does not know it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from teleop_drake.arrays import Array
+from teleop_drake.environments import CONTACT, PUNCTURE, FindSurface, Surface
+from teleop_drake.numerics.pieces import (
+    SAME_INSTANT,
+    Band,
+    Crossing,
+    Pieces,
+    first_after,
+    first_upwards,
+    integral,
+    maximum,
+    minimum,
+    rms,
+    settling_time,
+    value_before,
+    variation,
+)
+from teleop_drake.recording import Recording
+
+AT_REST = 1e-6
+"""A command that is slower than this share of |v_d| points nowhere: it may be zero but
+for rounding."""
+
+SETTLING_RATIO = 0.05
+"""Share of |v_d| under which the tool counts as settled; of the force too at rest."""
+
+
+class InsertionRun:
+    """The signals of an insertion in pieces, and what happened when.
+
+    A signal is an array (p, 5, n), see numerics.pieces. The pieces are the steps of the
+    recording, cut where the command jumps as it arrives at the slave, where it reverses
+    and where the tool crosses a surface. Times are in s.
+
+    With v_d = surgeon.velocity. An operator of another kind than constant_velocity does
+    not command that all the time: there overshoots compare with the command as it
+    arrives at the slave at each instant.
+
+    Attributes:
+        recording: The run, all of its numbers finite.
+        v_d: The velocity that the scenario commands, m/s (n).
+        speed: |v_d|, m/s.
+        puncture: The surface that is punctured; None without.
+        contact: The hard surface; None without.
+        normal: The normal (n) of the surface that comes first; without surfaces the
+            direction of v_d.
+        pieces: Where the signals are polynomials.
+        whole: All pieces.
+    """
+
+    def __init__(self, recording: Recording):
+        self.recording = recording
+        self.v_d = np.asarray(recording.teleoperation.surgeon.velocity, float)
+        self.speed = float(np.linalg.norm(self.v_d))
+        surfaces = recording.surfaces
+        self.puncture = FindSurface(surfaces, PUNCTURE)
+        self.contact = FindSurface(surfaces, CONTACT)
+        self.normal = FirstNormal(surfaces, self.v_d)
+        self._crossings = FindCrossings(recording)
+        cuts = self._Echoes()
+        # The command is known in pieces before it is known where it reverses.
+        self.pieces = Pieces(recording.time, recording.steps, cuts)
+        heading = self._Along(self._Received()) + AT_REST * self.speed
+        reversals = self.pieces.crossings(heading)
+        for crossings in (reversals, *self._crossings):
+            cuts += [crossing.time for crossing in crossings]
+        self.pieces = Pieces(recording.time, recording.steps, cuts)
+        self.whole = self.pieces.since(None)
+
+    # The signals.
+
+    @cached_property
+    def position(self) -> Array:
+        """Of the tool, m."""
+        return self.pieces.signal(self.recording["tool_position"])
+
+    @cached_property
+    def velocity(self) -> Array:
+        """Of the tool, m/s."""
+        return self.pieces.signal(self.recording["tool_velocity"])
+
+    @cached_property
+    def force(self) -> Array:
+        """What the environment is pushed with, N."""
+        return self.pieces.signal(self.recording["environment_force"])
+
+    @cached_property
+    def control_force(self) -> Array:
+        """F_c, N."""
+        return self.pieces.signal(self.recording["control_force"])
+
+    @cached_property
+    def received(self) -> Array:
+        """What the slave receives of the operator, [F_h; v_d] in N and m/s."""
+        return self._Received()
+
+    @property
+    def haptic_force(self) -> Array:
+        """The operator's force as the slave receives it, N."""
+        return self.received[..., : len(self.v_d)]
+
+    @property
+    def command(self) -> Array:
+        """The velocity command as the slave receives it, m/s."""
+        return self.received[..., len(self.v_d) :]
+
+    @cached_property
+    def felt_velocity(self) -> Array | None:
+        """The velocity that the operator feels, m/s; None if it was not recorded."""
+        n = len(self.v_d)
+        if "felt_velocity" in self.recording:
+            return self.pieces.signal(self.recording["felt_velocity"])
+        if "return_packet_received" in self.recording:
+            packet = self.recording["return_packet_received"]
+            return self.pieces.signal(packet[:, n : 2 * n])
+        return None
+
+    @cached_property
+    def overshoot(self) -> Array:
+        """How much faster the tool is than its command, m/s (p, 5).
+
+        Along the normal, in the direction of the command.
+        """
+        along = self._Along(self.received)
+        mean = along.mean(axis=1, keepdims=True)
+        excess = self.velocity @ self.normal - along
+        return np.where(mean < -AT_REST * self.speed, -excess, excess)
+
+    # What happened when.
+
+    @cached_property
+    def puncture_time(self) -> float | None:
+        """When the tool first crosses the surface `puncture`."""
+        return first_upwards(self._Crossings(self.puncture))
+
+    @cached_property
+    def contact_time(self) -> float | None:
+        """When the tool first reaches the surface `contact`."""
+        return first_upwards(self._Crossings(self.contact))
+
+    @cached_property
+    def contact_after_puncture(self) -> float | None:
+        """When the tool first reaches the surface `contact` after the puncture."""
+        crossings = self._Crossings(self.contact)
+        contacts = [crossing.time for crossing in crossings if crossing.is_upwards]
+        return first_after(self.puncture_time, contacts)
+
+    @cached_property
+    def release_time(self) -> float | None:
+        """When the tool first leaves the surface `contact`."""
+        crossings = self._Crossings(self.contact)
+        releases = [crossing.time for crossing in crossings if not crossing.is_upwards]
+        return first_after(self.contact_time, releases)
+
+    def _Crossings(self, surface: Surface | None) -> list[Crossing]:
+        if surface is None:
+            return []
+        return self._crossings[self.recording.surfaces.index(surface)]
+
+    def _Echoes(self) -> list[float]:
+        """Returns when a jump of the command arrives at the slave, the start too.
+
+        A command that arrives in a packet is recorded there, jumps and all.
+        """
+        if "velocity_command" not in self.recording:
+            return []
+        time = self.recording.time
+        commands = self.recording.commands
+        is_same_instant = np.diff(time) <= SAME_INSTANT
+        has_changed = (np.diff(commands, axis=0) != 0).any(axis=1)
+        jumps = 1 + np.flatnonzero(is_same_instant & has_changed)
+        delay = self.recording.teleoperation.forward_channel.delay
+        return [float(time[row]) + delay for row in [0, *jumps]]
+
+    def _Received(self) -> Array:
+        """Returns what the slave receives of the operator, in the pieces of now."""
+        if "velocity_command" not in self.recording:
+            return self.pieces.signal(self.recording["forward_packet_received"])
+        delay = self.recording.teleoperation.forward_channel.delay
+        return self.pieces.delayed(self.recording.commands, delay)
+
+    def _Along(self, received: Array) -> Array:
+        """Returns the command that overshoots compare with, along the normal, m/s."""
+        if self.recording.has_constant_command:
+            return np.full(received.shape[:2], self.v_d @ self.normal)
+        return received[..., len(self.v_d) :] @ self.normal
+
+
+# The metrics of an insertion. Of what x is, see InsertionRun: the direction of the
+# normal into the surface in question.
+
+
+def StartVelocityOvershoot(run: InsertionRun) -> float:
+    """Returns the max of s (v_x - v_d_x) before the puncture, m/s; at least 0.
+
+    Without a puncture it is that before the contact, else over the whole run. s is -1
+    where the command goes backwards by more than 1e-6 of |v_d|, else 1.
+    """
+    end = run.contact_time if run.puncture_time is None else run.puncture_time
+    return max(0.0, float(maximum(run.overshoot, run.pieces.between(None, end))))
+
+
+def PunctureTime(run: InsertionRun) -> float:
+    """Returns when the tool first crosses the surface `puncture`, s."""
+    assert run.puncture_time is not None
+    return run.puncture_time
+
+
+def PunctureVelocity(run: InsertionRun) -> float:
+    """Returns v_x then, m/s."""
+    assert run.puncture is not None
+    velocity = run.velocity @ run.puncture.normal_W
+    return float(value_before(velocity, run.pieces.since(run.puncture_time)))
+
+
+def PunctureForce(run: InsertionRun) -> float:
+    """Returns F_e_x just before, in the layer's own law, N."""
+    assert run.puncture is not None
+    force = run.force @ run.puncture.normal_W
+    return float(value_before(force, run.pieces.since(run.puncture_time)))
+
+
+def PunctureVelocityOvershoot(run: InsertionRun) -> float:
+    """Returns the max of s (v_x - v_d_x) after the puncture, m/s; see the start's.
+
+    Until the first contact after it, or to the end. It may be negative.
+    """
+    behind = run.pieces.between(run.puncture_time, run.contact_after_puncture)
+    return float(maximum(run.overshoot, behind))
+
+
+def CollisionTime(run: InsertionRun) -> float:
+    """Returns when the tool first reaches the surface `contact`, s."""
+    assert run.contact_time is not None
+    return run.contact_time
+
+
+def CollisionVelocity(run: InsertionRun) -> float:
+    """Returns v_x then, m/s."""
+    assert run.contact is not None
+    velocity = run.velocity @ run.contact.normal_W
+    return float(value_before(velocity, run.pieces.since(run.contact_time)))
+
+
+def InitialImpactForce(run: InsertionRun) -> float:
+    """Returns the max of F_e_x until the tool first leaves the surface, N."""
+    assert run.contact is not None
+    first_contact = run.pieces.between(run.contact_time, run.release_time)
+    return float(maximum(run.force @ run.contact.normal_W, first_contact))
+
+
+def PeakForce(run: InsertionRun) -> float:
+    """Returns the max of F_e_x from the first contact on, N."""
+    assert run.contact is not None
+    since_contact = run.pieces.since(run.contact_time)
+    return float(maximum(run.force @ run.contact.normal_W, since_contact))
+
+
+def ReboundVelocity(run: InsertionRun) -> float:
+    """Returns the min of v_x from the first contact on, m/s, whatever the command.
+
+    Away from the surface is along -x.
+    """
+    assert run.contact is not None
+    since_contact = run.pieces.since(run.contact_time)
+    return float(minimum(run.velocity @ run.contact.normal_W, since_contact))
+
+
+def SettlingTime(run: InsertionRun) -> float | None:
+    """Returns how long after contact |v_x| stays under 5 % of |v_d| to the end, s.
+
+    None if it does not, or the run diverges, or it was as slow for as long before
+    without staying so: a recording that happens to end while v_x passes through 0 has
+    not settled.
+    """
+    assert run.contact is not None
+    v_x = run.velocity @ run.contact.normal_W[:, np.newaxis]
+    return _Settling(run, [Band(v_x, np.zeros(1), SETTLING_RATIO * run.speed)])
+
+
+def RestTime(run: InsertionRun) -> float | None:
+    """Returns when all directions and the force have settled as well, s.
+
+    From the first contact until |v| stays under 5 % of |v_d|, and |F_e - F_end| under
+    5 % of |F_end|, the force at the end of the run. A force that creeps ends elsewhere
+    in a longer run. With six axes, both hold of what moves and of what turns, each by
+    itself; moments count where there are any.
+    """
+    bands = []
+    for first in range(0, len(run.v_d), 3):
+        velocity = run.velocity[..., first : first + 3]
+        force = run.force[..., first : first + 3]
+        at_rest = np.zeros(velocity.shape[-1])
+        bands.append(Band(velocity, at_rest, SETTLING_RATIO * run.speed))
+        if force.any():
+            end = force[-1, -1]
+            bands.append(Band(force, end, SETTLING_RATIO * float(np.linalg.norm(end))))
+    return _Settling(run, bands)
+
+
+def _Settling(run: InsertionRun, bands: Sequence[Band]) -> float | None:
+    """Returns how long after contact vectors stay in their bands, s, or None."""
+    if run.recording.termination == "diverged":
+        return None
+    since_contact = run.pieces.since(run.contact_time)
+    return settling_time(run.pieces, since_contact, bands)
+
+
+def VelocityRmsError(run: InsertionRun) -> Array:
+    """Returns the rms over the run of v - v_dd per axis, m/s.
+
+    v_dd is the velocity command as the slave receives it, or, in an architecture that
+    does not send it, the operator's command delayed by forward_channel.delay.
+    """
+    return rms(run.velocity - run.command, run.pieces.length)
+
+
+def ForceRmsError(run: InsertionRun) -> Array:
+    """Returns the rms over the run of F_e - F_hd per axis, N.
+
+    F_hd is the haptic force as the slave receives it, or delayed by the same time.
+    """
+    return rms(run.force - run.haptic_force, run.pieces.length)
+
+
+def CoordinationRmsError(run: InsertionRun) -> Array | None:
+    """Returns the rms over the run of x_m - p_WT per axis, m.
+
+    Master and tool begin at one place, and x_m is where the felt velocity takes the
+    master from there: over exact channels the tool's place one return delay ago, unless
+    the architecture lets the hand feel something else. Of six axes the first three have
+    it. None if the recording has not what was felt.
+    """
+    if run.felt_velocity is None:
+        return None
+    tool = run.position[..., :3]
+    felt = integral(run.felt_velocity[..., :3], run.pieces.length, tool[0, 0])
+    return rms(felt - tool, run.pieces.length)
+
+
+def ControlForcePeak(run: InsertionRun) -> Array:
+    """Returns the max of |F_c| per axis, N."""
+    most = maximum(run.control_force, run.whole)
+    least = minimum(run.control_force, run.whole)
+    return np.abs(np.maximum(most, -least))
+
+
+def ControlForceVariation(run: InsertionRun) -> Array:
+    """Returns the total variation of F_c per axis, jumps included, N."""
+    return variation(run.control_force)
+
+
+PUNCTURE_METRICS: Mapping[str, tuple[Callable[[InsertionRun], Any], str]] = {
+    "time": (PunctureTime, "s"),
+    "velocity": (PunctureVelocity, "m/s"),
+    "force": (PunctureForce, "N"),
+    "velocity_overshoot": (PunctureVelocityOvershoot, "m/s"),
+}
+"""Metrics of a run with a puncture: function and unit."""
+
+COLLISION_METRICS: Mapping[str, tuple[Callable[[InsertionRun], Any], str]] = {
+    "time": (CollisionTime, "s"),
+    "velocity": (CollisionVelocity, "m/s"),
+    "initial_impact_force": (InitialImpactForce, "N"),
+    "peak_force": (PeakForce, "N"),
+    "rebound_velocity": (ReboundVelocity, "m/s"),
+    "settling_time": (SettlingTime, "s"),
+    "rest_time": (RestTime, "s"),
+}
+"""Metrics of a run with a contact: function and unit."""
+
+AXIS_METRICS: Mapping[str, tuple[Callable[[InsertionRun], Any], str]] = {
+    "velocity_rms_error": (VelocityRmsError, "m/s"),
+    "force_rms_error": (ForceRmsError, "N"),
+    "coordination_rms_error": (CoordinationRmsError, "m"),
+    "control_force_peak": (ControlForcePeak, "N"),
+    "control_force_variation": (ControlForceVariation, "N"),
+}
+"""Metrics that have a value for each task axis: function and unit."""
+
+UNITS = {
+    "start_velocity_overshoot": "m/s",
+    **{f"puncture.{name}": unit for name, (_, unit) in PUNCTURE_METRICS.items()},
+    **{f"collision.{name}": unit for name, (_, unit) in COLLISION_METRICS.items()},
+    **{f"{name}.*": unit for name, (_, unit) in AXIS_METRICS.items()},
+    "diverged": "",
+    "diverged_at": "s",
+}
+"""Scalar metrics of an insertion and their units; * stands for each task axis."""
+
+
+def FirstNormal(surfaces: tuple[Surface, ...], v_d: np.ndarray) -> np.ndarray:
+    """Returns the normal of the surface that comes first, else where v_d points."""
+    named = [FindSurface(surfaces, name) for name in (PUNCTURE, CONTACT)]
+    for surface in (*named, *surfaces):
+        if surface is not None:
+            return surface.normal_W
+    return v_d / np.linalg.norm(v_d)
+
+
+def Depth(surface: Surface, position: Array) -> Array:
+    """Returns how far the tool is behind a surface, m (p, 5).
+
+    Args:
+        position: Of the tool in pieces, m (p, 5, n).
+    """
+    # A layer may begin at infinity, along axes on which its normal has a part.
+    is_along = surface.normal_W != 0
+    begin = surface.point_W[is_along] @ surface.normal_W[is_along]
+    return position @ surface.normal_W - begin
+
+
+def FindCrossings(recording: Recording) -> list[list[Crossing]]:
+    """Returns for each surface when the tool crosses it, upwards being into it."""
+    pieces = Pieces(recording.time, recording.steps)
+    position = pieces.signal(recording["tool_position"])
+    depths = [Depth(surface, position) for surface in recording.surfaces]
+    return [pieces.crossings(depth) for depth in depths]
