@@ -267,7 +267,9 @@ def _Hand(scenario: Scenario) -> dict[str, Any]:
         # At twice the force that is held on contact, a gamepad rumbles its strongest.
         "newtons": 2 * float(np.linalg.norm(0.0 if force is None else force)),
         "command": f"teleop-drake compare {scenario.name} --controllers all "
-        "--set surgeon.kind=recorded --set surgeon.file=hand.csv",
+        "--set surgeon.kind=recorded --set surgeon.file=hand.csv "
+        # A hand goes on commanding a velocity on contact.
+        "--set surgeon.contact_force=null",
     }
 
 
