@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from teleop_drake.numerics.pieces import Pieces, first_upwards
 from teleop_drake.numerics.step_polynomials import (
     DEGREE,
     finite_part,
-    first_crossing,
     integrate_product,
     interpolate,
     part,
@@ -63,11 +63,12 @@ def test_the_finite_part_ends_with_a_step():
 
 def test_the_first_crossing_upwards_is_a_root():
     times, signals, steps = series(jump=0.0)
-    y = signals["x"][steps][:, :, 0]
+    pieces = Pieces(times, steps)
+    y = pieces.signal(signals["x"])[..., 0]
     roots = [x.real for x in POWERS.roots() if x.imag == 0 and 0 < x.real < 2.1]
     for sign in (1, -1):
         first = min(x for x in roots if sign * POWERS.deriv()(x) > 0)
-        found = first_crossing(times, sign * y, steps)
+        found = first_upwards(pieces.crossings(sign * y))
         np.testing.assert_allclose(found, first, rtol=1e-12)
 
 

@@ -1,5 +1,6 @@
 """The living diagram in a real browser: it opens, simulates, and answers to clicks."""
 
+import dataclasses
 import math
 import re
 import time
@@ -11,17 +12,19 @@ from browsers import MakePictures
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Gain, Integrator, Sine
-from wasm_runs import RunModule
+from wasm_runs import AssertSameMetrics, RunModule
 
 import teleop_drake
 from teleop_drake.cli import main
 from teleop_drake.compiler.flatten import UnsupportedSystem
 from teleop_drake.figures.block_diagram import WriteDiagram
+from teleop_drake.numerics.step_polynomials import DEGREE
 from teleop_drake.page import WritePage
 from teleop_drake.page.model import MakeModel
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.sweep import FlattenMetrics
+from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.metrics import RunMetrics
 
 # What one of them compiles, the others find on the disk.
@@ -336,7 +339,139 @@ def test_a_hand_drives_and_can_be_repeated(look, tmp_path):
         )
 
 
-@pytest.mark.parametrize("name", ["loop.js", "page.js"])
+HOLD = """
+(async () => {
+  await teleop.ready;
+  const key = (type, key) => document.dispatchEvent(
+    new KeyboardEvent(type, { key, bubbles: true }));
+  const wait = (ms) => new Promise((go) => setTimeout(go, ms));
+  document.querySelectorAll("#tabs button")[1].click();
+  key("keydown", "d");
+  await wait(100);
+  key("keydown", "ArrowRight");
+  while (state.drive && state.hand.at(-1)[0] < 2.5) await wait(20);
+  key("keyup", "ArrowRight");
+  key("keydown", "Escape");
+  while (document.getElementById("saved").hidden || state.isBusy) await wait(20);
+  while (state.runs.length < 2) await wait(20);
+  const csv = await (await fetch(document.getElementById("save").href)).text();
+  const columns = state.runs.map((run) => ({ kind: run.loop.kind, end: run.time.at(-1),
+    reason: run.reason, metrics: run.metrics, labels: run.loop.labels }));
+  const table = [...document.querySelectorAll("#metrics tr")].map(
+    (row) => [...row.children].map((x) => x.textContent));
+  const command = document.getElementById("repeat").textContent;
+  return { csv, end: state.hand.at(-1)[0], columns, table, command };
+})()
+"""
+
+
+def test_a_run_that_ends_before_the_hand_has_its_own_metrics(look, tmp_path):
+    """Of a hand that one controller follows longer than the other one."""
+    page = tmp_path / "drive.html"
+    options = ["two_dof_collision", "--delay", "0.4", "--output", str(page)]
+    assert main(["drive", *options, "--quiet"]) == 0
+    seen = look(page, HOLD)
+    (tmp_path / "hand.csv").write_text(seen["csv"])
+    settings = {"surgeon.kind": "recorded", "surgeon.file": str(tmp_path / "hand.csv")}
+    settings |= {"delay": 0.4, "duration": seen["end"]}
+    assert "surgeon.contact_force=null" in seen["command"]
+    settings["surgeon.contact_force"] = None
+    first, second = seen["columns"]
+    assert first["reason"] and first["end"] < seen["end"] - 0.1
+    rows = {title: cells for title, *cells in seen["table"]}
+    for k, column in enumerate((first, second)):
+        more = {**settings, "controller.kind": column["kind"]}
+        native = simulate(LoadScenario("two_dof_collision", more))
+        assert column["end"] == pytest.approx(native.time[-1], rel=0, abs=1e-6)
+        AssertSameMetrics(column["metrics"], native, 1e-5)
+        for name, label in column["labels"].items():
+            if label in rows:
+                is_dash = rows[label][k] == "\N{EN DASH}"
+                assert is_dash == (name not in column["metrics"])
+
+
+END = """
+(async () => {
+  await teleop.ready;
+  const { run, metrics } = await teleop.run("direct_force");
+  return { end: run.time.at(-1), reason: run.reason, metrics };
+})()
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "more", "reason"),
+    [
+        (
+            "puma560_insertion",
+            {"surgeon.velocity": [-0.1, 0.0, 0.0], "duration": 2.5},
+            "joint wrist_bend leaves its range",
+        ),
+        ("one_dof", {"delay": 0.5}, "the tool exceeds its speed limit"),
+    ],
+)
+def test_it_ends_where_the_native_run_does(look, tmp_path, name, more, reason):
+    page = tmp_path / "page.html"
+    WritePage(name, page, controllers=["direct_force"], overrides=more)
+    seen = look(page, END)
+    scenario = LoadScenario(name, {"controller.kind": "direct_force", **more})
+    native = simulate(scenario)
+    assert (seen["reason"], native.termination) == (reason, "diverged")
+    assert seen["end"] == pytest.approx(native.time[-1], rel=0, abs=1e-9)
+    AssertSameMetrics(seen["metrics"], native, 1e-6)
+
+
+ROWS = """
+(async () => {
+  await teleop.ready;
+  const results = [];
+  for (const loop of chosen()) {
+    const { run, metrics, events } = await teleop.run(loop.kind);
+    const signals = Object.fromEntries(Object.keys(loop.signals).map((name) =>
+      [name, run.time.length && range(run.time.length).map(
+        (i) => run.row(run.signal(name), i))]));
+    const { time, ends } = run;
+    results.push({ kind: loop.kind, time: [...time], ends, signals, metrics, events });
+  }
+  return results;
+})()
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "kinds", "more"),
+    [
+        (
+            "two_dof_puncture",
+            ["proportional_damping"],
+            {"surgeon.kind": "human", "surgeon.stop_time": 0.7, "delay": 0.1}
+            | {"sensor.encoder.sample_period": 0.02, "duration": 1.3},
+        ),
+        ("two_dof_combined", ["direct_force", "wave_variables"], {}),
+        ("network_tracking_coupled", [], {"duration": 3.0}),
+    ],
+)
+def test_metrics_of_a_page_are_those_of_its_own_rows(look, tmp_path, name, kinds, more):
+    """What the page's script measures is what Python does, to the last digits."""
+    page = tmp_path / "page.html"
+    WritePage(name, page, controllers=kinds or None, overrides=more)
+    for seen in look(page, ROWS):
+        kind = {"controller.kind": seen["kind"]} if kinds else {}
+        scenario = LoadScenario(name, {**more, **kind})
+        native = simulate(scenario)
+        recording = dataclasses.replace(
+            native,
+            time=np.array(seen["time"]),
+            steps=np.array(seen["ends"])[:, np.newaxis] + np.arange(-DEGREE, 1),
+            signals={name: np.array(x) for name, x in seen["signals"].items()},
+        )
+        AssertSameMetrics(seen["metrics"], recording, 1e-9)
+        found = [(x["name"], x["time"]) for x in seen["events"]]
+        events = TaskOf(scenario).FindEvents(recording)
+        assert found == [(x.name, pytest.approx(x.time, rel=1e-13)) for x in events]
+
+
+@pytest.mark.parametrize("name", ["loop.js", "metrics.js", "page.js"])
 def test_each_function_has_a_line_that_says_what_it_does(name):
     path = Path(teleop_drake.__file__).parent / "page" / name
     lines = path.read_text("utf-8").splitlines()

@@ -9,12 +9,11 @@ import runs
 from hypothesis import given
 from hypothesis import strategies as st
 
-from teleop_drake.integrator.measuring import MAXIMUM, MINIMUM, RMS
 from teleop_drake.numerics.step_polynomials import DEGREE, shares
 from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import LoadScenario, Scenario
+from teleop_drake.simulation import simulate
 from teleop_drake.tasks import Insertion
-from teleop_drake.tasks.measures import Measures
 from teleop_drake.tasks.metrics import RunMetrics, RunSummary
 
 Function = Callable[[np.ndarray], np.ndarray]
@@ -652,22 +651,43 @@ def test_rest_on_a_spiral(tau_v, tau_F):
     assert rest == pytest.approx(expected, rel=1e-5)
 
 
-def test_measures_of_random_steps_are_those_of_their_polynomials():
-    y = np.random.default_rng(0).normal(size=(60, DEGREE + 1))
-    recording = dataclasses.replace(
-        Record([Still(0.0, 1.0)], RegularSteps(1 / 60)),
-        signals={"y": y.ravel()[:, np.newaxis]},
-        time=np.concatenate([(k + shares(DEGREE)) / 60 for k in range(60)]),
-        steps=np.arange(y.size).reshape(y.shape),
-    )
-    task, measures = Insertion(), Measures()
-    measures.Watch((0, 1, ""))
-    form, nodes = measures.Vectors(1)[0, 0], shares(DEGREE)
-    for k, operation in enumerate((MAXIMUM, MINIMUM, RMS)):
-        measures.Add(task, f"m{k}", operation, [form])
-    _, found = measures.Of(recording, 0.0)
-    polynomials = [np.polynomial.Polynomial.fit(nodes, x, DEGREE, (0, 1)) for x in y]
-    values = np.array([p(np.linspace(0, 1, 10_001)) for p in polynomials])
-    square = np.mean([(p * p).integ()(1) - (p * p).integ()(0) for p in polynomials])
-    expected = values.max(), values.min(), square**0.5
-    assert list(found.values()) == pytest.approx(expected, rel=1e-6)
+def OvershootBetween(recording, begin, end):
+    """Returns the max of v_x over the command that has arrived, by dense samples."""
+    t = np.linspace(begin, end, 100_001)[1:-1]
+    sent = t - recording.scenario.forward_channel.delay
+    command = recording.Interpolate("velocity_command", np.fmax(sent, 0))[:, 0]
+    command[sent < 0] = 0.0
+    return float((recording.Interpolate("tool_velocity", t)[:, 0] - command).max())
+
+
+@pytest.mark.parametrize("engine", ["compiled", "drake"])
+@pytest.mark.parametrize("stop", [0.7, 0.8999999999999999])
+def test_an_echo_at_a_tick_but_for_rounding(stop, engine):
+    """The command stops; its echo and a sample of the encoder are at one instant."""
+    more = {
+        "controller.kind": "proportional_damping",
+        "surgeon.kind": "human",
+        "surgeon.stop_time": stop,
+        "sensor.encoder.sample_period": 0.02,
+        "delay": 0.1,
+        "duration": 1.3,
+    }
+    recording = simulate(LoadScenario("two_dof_puncture", more), engine=engine)
+    expected = OvershootBetween(recording, 0.0, 1.3)
+    found = RunMetrics(recording)["start_velocity_overshoot"]
+    assert found == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("stop", [8.7, 9.1])
+def test_an_echo_at_a_tick_but_for_rounding_after_the_puncture(stop):
+    more = {
+        "controller.kind": "proportional_damping",
+        "surgeon.kind": "human",
+        "surgeon.stop_time": stop,
+        "sensor.encoder.sample_period": 0.02,
+        "duration": stop + 0.4,
+    }
+    recording = simulate(LoadScenario("one_dof", more), engine="compiled")
+    puncture = RunMetrics(recording)["puncture"]
+    expected = OvershootBetween(recording, puncture["time"], recording.time[-1])
+    assert puncture["velocity_overshoot"] == pytest.approx(expected, rel=1e-5)

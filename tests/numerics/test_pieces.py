@@ -1,0 +1,155 @@
+"""Tests of the primitives of metrics on signals in pieces."""
+
+import math
+
+import numpy as np
+import pytest
+
+from teleop_drake.numerics.bisection import bisect
+from teleop_drake.numerics.pieces import (
+    NODES,
+    Band,
+    Crossing,
+    Pieces,
+    extremes,
+    first_upwards,
+    integral,
+    maximum,
+    minimum,
+    rms,
+    settling_time,
+    value_before,
+    variation,
+)
+from teleop_drake.numerics.step_polynomials import DEGREE
+
+NUM = 60
+Y = np.random.default_rng(0).normal(size=(NUM, DEGREE + 1))
+TIMES = np.concatenate([(k + NODES) / NUM for k in range(NUM)])
+STEPS = np.arange(Y.size).reshape(Y.shape)
+POLYNOMIALS = [np.polynomial.Polynomial.fit(NODES, y, DEGREE, (0, 1)) for y in Y]
+EVERYWHERE = slice(0, NUM)
+
+
+def dense():
+    """Returns the values of the polynomials at many shares of their steps."""
+    return np.array([p(np.linspace(0, 1, 10_001)) for p in POLYNOMIALS])
+
+
+def smooth(times):
+    return np.stack([np.sin(7 * times), np.cos(3 * times)], axis=-1)
+
+
+def rows(num_steps, end=2.0):
+    """Returns times and steps of as many steps of unequal lengths."""
+    ends = end * np.linspace(0, 1, num_steps + 1) ** 1.5
+    times = ends[:-1, None] + NODES * np.diff(ends)[:, None]
+    return times.ravel(), np.arange(times.size).reshape(times.shape)
+
+
+def test_a_place_is_found_to_the_last_digit():
+    roots = np.array([0.1, 1 / 3, 0.999, 1.0])
+    found = bisect(lambda x: x < roots, np.zeros(4), np.ones(4))
+    np.testing.assert_allclose(found, roots, rtol=1e-14)
+
+
+def test_extremes_are_those_of_the_polynomials():
+    values = dense()
+    np.testing.assert_allclose(maximum(Y, EVERYWHERE), values.max(), rtol=1e-6)
+    np.testing.assert_allclose(minimum(Y, EVERYWHERE), values.min(), rtol=1e-6)
+    # All components of a vector at once, and in order where it rises and falls.
+    both = np.stack([Y, -Y], axis=-1)
+    expected = values.max(), -values.min()
+    np.testing.assert_allclose(maximum(both, EVERYWHERE), expected, rtol=1e-6)
+    (found,) = extremes(16 * (NODES - 0.4)[np.newaxis] ** 2)
+    expected = [2.56, 2.56, 0.36, 0.0, 0.16, 0.16, 1.96, 1.96, 5.76]
+    np.testing.assert_allclose(found, expected, atol=1e-11)
+
+
+def test_variation_counts_what_jumps():
+    steps = np.abs(np.diff(dense(), axis=1)).sum()
+    jumps = np.abs(Y[1:, 0] - Y[:-1, -1]).sum()
+    np.testing.assert_allclose(variation(Y), steps + jumps, rtol=1e-2)
+    t, places = rows(200, 4 * math.pi)
+    y = np.sin(t)[places]
+    np.testing.assert_allclose(variation(y), 8.0, rtol=1e-8)
+    assert variation(np.full((3, 5), 0.1)) == 0.0
+
+
+def test_rms_and_integral_are_exact():
+    length = np.full(NUM, 1 / NUM)
+    squares = [(p * p).integ() for p in POLYNOMIALS]
+    expected = math.sqrt(np.mean([s(1) - s(0) for s in squares]))
+    np.testing.assert_allclose(rms(Y[..., None], length), [expected], rtol=1e-12)
+    found = integral(Y[..., None], length, np.array([3.0]))[..., 0]
+    means = [p.integ()(1) - p.integ()(0) for p in POLYNOMIALS]
+    np.testing.assert_allclose(found[-1, -1], 3.0 + np.mean(means), rtol=1e-12)
+    np.testing.assert_allclose(found[1:, 0], found[:-1, -1], rtol=1e-12)
+
+
+def test_cuts_change_no_signal_and_instants_that_are_one_cut_once():
+    times, steps = rows(40)
+    ends = times[steps[:, -1]]
+    inner = [0.3, 0.30001, 1.7]
+    # These are at ends of steps, or twice the same instant.
+    known = [0.0, ends[3], ends[4] + 1e-12, ends[5] - 1e-12, 0.3 + 1e-13, 99.0]
+    pieces = Pieces(times, steps, [*inner, *known])
+    assert len(pieces.begin) == 40 + len(inner)
+    np.testing.assert_array_equal(pieces.begin[1:], pieces.end[:-1])
+    assert set(inner) <= {*pieces.end.tolist()}
+    points = pieces.begin[:, None] + NODES * pieces.length[:, None]
+    found = pieces.signal(smooth(times))
+    np.testing.assert_allclose(found, smooth(points), atol=2e-6)
+    delayed = pieces.delayed(smooth(times), 0.25)
+    expected = smooth(points - 0.25) * (points >= 0.25)[..., None]
+    is_inside = np.abs(points - 0.25) > 1e-9
+    np.testing.assert_allclose(delayed[is_inside], expected[is_inside], atol=3e-6)
+    span = pieces.between(0.3, 1.7)
+    assert (pieces.begin[span.start], pieces.end[span.stop - 1]) == (0.3, 1.7)
+
+
+def test_a_step_of_no_length_is_left_out():
+    """What Drake records where several events are at one instant but for rounding."""
+    times = np.concatenate([NODES, [1.0] * 4 + [1.0 + 2e-16], 1.0 + NODES])
+    values = np.concatenate([np.zeros(5), np.linspace(0, 9, 5), np.ones(5)])
+    pieces = Pieces(times, np.arange(15).reshape(3, 5))
+    signal = pieces.signal(values[:, np.newaxis])
+    np.testing.assert_array_equal(signal[..., 0], [[0.0] * 5, [1.0] * 5])
+
+
+@pytest.mark.parametrize("degree", [1, 2, DEGREE])
+def test_crossings_are_roots(degree):
+    t = np.linspace(0.0, 10.0, 20 * degree + 1)
+    steps = np.arange(20)[:, None] * degree + np.arange(degree + 1)
+    pieces = Pieces(t, steps)
+    found = pieces.crossings(pieces.signal((t - 3.3)[:, None])[..., 0])
+    assert found == [Crossing(pytest.approx(3.3, rel=1e-14), True)]
+    found = pieces.crossings(pieces.signal((7.1 - t)[:, None])[..., 0])
+    assert found == [Crossing(pytest.approx(7.1, rel=1e-14), False)]
+    assert first_upwards(found) is None
+
+
+def test_a_run_of_one_row_is_one_piece():
+    pieces = Pieces(np.array([0.5]), np.empty((0, 5), int), [0.5, 0.7])
+    y = pieces.signal(np.array([[2.0, -3.0]]))
+    assert pieces.length.tolist() == [1.0]
+    assert rms(y, pieces.length) == pytest.approx([2.0, 3.0])
+    assert value_before(y, slice(0, 1)).tolist() == [2.0, -3.0]
+    assert maximum(y, slice(1, 1)).tolist() == [2.0, -3.0]
+
+
+@pytest.mark.parametrize(
+    ("radius", "expected"), [(0.05, math.log(20)), (0.5, math.log(2)), (2.0, 0.0)]
+)
+def test_a_vector_settles_in_its_band(radius, expected):
+    t, steps = rows(400, 9.0)
+    spiral = np.exp(-t)[:, None] * np.stack([np.cos(9 * t), np.sin(9 * t)], axis=1)
+    pieces = Pieces(t, steps)
+    centre = np.array([1.0, -2.0])
+    band = Band(pieces.signal(centre + spiral), centre, radius)
+    found = settling_time(pieces, pieces.since(None), [band])
+    assert found == pytest.approx(expected, rel=1e-7, abs=1e-12)
+    # It is nowhere before it comes back for longer than it was there.
+    never = Band(band.y, centre, 1e-9)
+    assert settling_time(pieces, pieces.since(None), [band, never]) is None
+    assert settling_time(pieces, slice(400, 400), [band]) is None
