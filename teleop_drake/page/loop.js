@@ -181,10 +181,12 @@ class Run {
 
   // How far a row is out of a bound; see Bound.Excess() of simulation/ending.py.
   excess(rows, row, bound) {
-    const [begin, size, lower, upper] = this.z.bounds.slice(4 * bound, 4 * bound + 4);
-    const x = rows.subarray(row * this.width + begin, row * this.width + begin + size);
-    if (size === 1) return Math.max(lower - x[0], x[0] - upper);
-    return Math.hypot(...x.map((y) => y / upper)) - 1;
+    const at = 4 * bound, { bounds } = this.z, begin = row * this.width + bounds[at];
+    const size = bounds[at + 1], lower = bounds[at + 2], upper = bounds[at + 3];
+    if (size === 1) return Math.max(lower - rows[begin], rows[begin] - upper);
+    let square = 0;
+    for (let k = 0; k < size; ++k) square += (rows[begin + k] / upper) ** 2;
+    return Math.sqrt(square) - 1;
   }
 
   // Puts the first share of a step in place of the step with a last row.

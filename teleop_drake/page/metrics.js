@@ -6,13 +6,14 @@
 
 const NODES = [0, 0.25, 0.5, 0.75, 1];
 const SAME_INSTANT = 5e-12, INWARDS = 2 * SAME_INSTANT;
+const LEBESGUE = 2.3;
 const AT_REST = 1e-6, SETTLING_RATIO = 0.05;
 const AXES = ["x", "y", "z", "rx", "ry", "rz"];
 const CROSSINGS = { puncture: ["puncture", "heal"], contact: ["contact", "release"] };
 
 // Coefficients of ascending powers of the quartic through five values.
-function powersOf([y, ...others]) {
-  const [a, b, c, d] = others.map((x) => x - y);
+function powersOf(values) {
+  const y = values[0], a = values[1] - y, b = values[2] - y, c = values[3] - y, d = values[4] - y;
   return [
     y,
     (48 * a - 36 * b + 16 * c - 3 * d) / 3,
@@ -23,7 +24,11 @@ function powersOf([y, ...others]) {
 }
 
 // A polynomial at a share of its piece.
-const valueAt = (powers, x) => powers.reduceRight((sum, c) => sum * x + c, 0);
+function valueAt(powers, x) {
+  let value = 0;
+  for (let k = powers.length - 1; k >= 0; --k) value = value * x + powers[k];
+  return value;
+}
 
 // Where a condition that holds at the lower end of an interval ceases to hold.
 function bisect(holds, low, high) {
@@ -143,7 +148,12 @@ function extremes(values) {
 function maximum(y, [first, last]) {
   if (first >= last) return valueBefore(y, first);
   let most = -Infinity;
-  for (let i = first; i < last; ++i) most = Math.max(most, ...extremes(y[i]));
+  for (let i = first; i < last; ++i) {
+    const high = Math.max(...y[i]), low = Math.min(...y[i]);
+    // A quartic goes beyond half of its values' range by at most this factor.
+    if ((high + low) / 2 + LEBESGUE * (high - low) / 2 < most) continue;
+    most = Math.max(most, ...extremes(y[i]));
+  }
   return most;
 }
 const minimum = (y, span) => -maximum(negative(y), span);
