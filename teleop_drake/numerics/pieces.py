@@ -76,7 +76,7 @@ class Pieces:
         # A step between two instants that are one is a part of what jumps there.
         steps = steps[times[steps[:, -1]] - times[steps[:, 0]] > SAME_INSTANT]
         if len(steps) == 0:
-            steps = np.full((1, 2), len(times) - 1)
+            steps = np.full((1, len(NODES)), len(times) - 1)
         self._times = times
         self._steps = steps
         self._weights = lagrange(NODES, steps.shape[1] - 1)
