@@ -99,6 +99,21 @@ class AdaptiveBackstepping(FixedBlock):
         adaptive_errors,
     )
 
+    numeric_parameters: ClassVar = {
+        "Lambda": "m/(N s)",
+        "G1": "1/s",
+        "G2": "1/s",
+        "P": "",
+        "beta1": "",
+        "beta2": "",
+        "beta3": "",
+        "nu1": "",
+        "nu3": "",
+        "Upsilon": "",
+        "Psi0": "1/kg",
+        "Psi_min": "1/kg",
+    }
+
     def __init__(
         self, *, gains: BacksteppingGains, network: GaussianNetwork, **constants: Any
     ):

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -61,6 +61,8 @@ class DampedForce(FixedBlock):
     Raises:
         ScenarioError: If an argument is not allowed.
     """
+
+    numeric_parameters: ClassVar = {"damping": "N s/m"}
 
     def __init__(self, *, num_axes: int, damping: ArrayLike, against: str = "ground"):
         B = CheckGain("damping", damping, num_axes, may_be_zero=True)

@@ -1,7 +1,7 @@
 """Lawrence's architecture: position and force travel both ways."""
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,6 +64,16 @@ class FourChannelMaster(MasterSide):
         start: x_m at time 0 in m (n).
     """
 
+    numeric_parameters: ClassVar = {
+        "mass": "kg",
+        "local_stiffness": "N/m",
+        "local_damping": "N s/m",
+        "damping": "N s/m",
+        "motion": "",
+        "force": "",
+        "local_force": "",
+    }
+
     def __init__(self, config: "FourChannelConfig", *, start: ArrayLike):
         station = config.MakeStation("master", start)
         n = station.start.size
@@ -121,6 +131,15 @@ class FourChannelSlave(SlaveSide):
         config: Without nulls, as Resolve() makes it.
         start: p_WT at time 0 in m (n).
     """
+
+    numeric_parameters: ClassVar = {
+        "local_stiffness": "N/m",
+        "local_damping": "N s/m",
+        "damping": "N s/m",
+        "motion": "",
+        "force": "",
+        "local_force": "",
+    }
 
     def __init__(self, config: "FourChannelConfig", *, start: ArrayLike):
         station = config.MakeStation("slave", start)

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,6 +55,12 @@ class ProportionalMaster(MasterSide):
         config: Without nulls, as Resolve() makes it.
         start: x_m at time 0 in m (n).
     """
+
+    numeric_parameters: ClassVar = {
+        "mass": "kg",
+        "stiffness": "N/m",
+        "damping": "N s/m",
+    }
 
     def __init__(self, config: "ProportionalDampingConfig", *, start: ArrayLike):
         start = CheckStart(start)
@@ -116,6 +122,11 @@ class ProportionalSlave(SlaveSide):
     Args:
         config: Without nulls, as Resolve() makes it.
     """
+
+    numeric_parameters: ClassVar = {
+        "stiffness": "N/m",
+        "damping": "N s/m",
+    }
 
     def __init__(self, config: "ProportionalDampingConfig", *, num_axes: int):
         n = num_axes

@@ -1,6 +1,7 @@
 """Adaptive backstepping with robust terms beside the networks."""
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -37,6 +38,25 @@ class RobustBackstepping(AdaptiveBackstepping):
     """
 
     law = ("robust_backstepping", robust_rate, robust_errors)
+
+    numeric_parameters: ClassVar = {
+        "Lambda": "m/(N s)",
+        "G1": "1/s",
+        "G2": "1/s",
+        "P": "",
+        "beta1": "",
+        "beta2": "",
+        "beta3": "",
+        "nu1": "",
+        "nu3": "",
+        "Upsilon": "",
+        "Psi0": "1/kg",
+        "Psi_min": "1/kg",
+        "rho1": "m/s^2",
+        "eps1": "",
+        "rho3": "N/s",
+        "eps3": "",
+    }
 
     def __init__(
         self,

@@ -1,7 +1,7 @@
 """Direct force under passivity control in the time domain."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -86,6 +86,10 @@ class PassivityMaster(_Idle, MasterSide):
     Args:
         config: Without nulls, as Resolve() makes it. Its initial_energy is the scale.
     """
+
+    numeric_parameters: ClassVar = {
+        "maximum_mobility": "m/(N s)",
+    }
 
     def __init__(self, config: "TimeDomainPassivityConfig", *, num_axes: int):
         names = ("horizon", "maximum_mobility", "initial_energy")
@@ -185,6 +189,11 @@ class PassivitySlave(_Idle, SlaveSide):
     Args:
         config: Without nulls, as Resolve() makes it.
     """
+
+    numeric_parameters: ClassVar = {
+        "maximum_damping": "N s/m",
+        "local_damping": "N s/m",
+    }
 
     def __init__(self, config: "TimeDomainPassivityConfig", *, num_axes: int):
         n, names = num_axes, ("horizon", "maximum_damping", "initial_energy")

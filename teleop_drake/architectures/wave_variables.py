@@ -1,7 +1,7 @@
 """Wave variables: the channels carry waves, which delay cannot make active."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -71,6 +71,12 @@ class WaveMaster(MasterSide):
         start: x_m at time 0 in m (n).
     """
 
+    numeric_parameters: ClassVar = {
+        "impedance": "N s/m",
+        "damping": "N s/m",
+        "scaling": "",
+    }
+
     def __init__(self, config: "WaveVariablesConfig", *, start: ArrayLike):
         start = CheckStart(start)
         n = start.size
@@ -86,10 +92,11 @@ class WaveMaster(MasterSide):
             Kernel(
                 parameters={
                     "scaling": config.return_scaling,
-                    "root": wave_root(b),
+                    "impedance": b,
                     "damping": D,
                     "nothing": np.zeros(n),
                 },
+                derived={"root": (wave_root, "impedance")},
                 rate="velocity",
                 outputs={
                     "received": (times, ("return_packet", 0, n), "scaling"),
@@ -147,6 +154,11 @@ class WaveSlave(SlaveSide):
         config: Without a null that stands for a default, as Resolve() makes it.
     """
 
+    numeric_parameters: ClassVar = {
+        "impedance": "N s/m",
+        "scaling": "",
+    }
+
     def __init__(self, config: "WaveVariablesConfig", *, num_axes: int):
         n = num_axes
         CheckNumber("forward_scaling", config.forward_scaling, above=0, maximum=1)
@@ -156,8 +168,9 @@ class WaveSlave(SlaveSide):
             Kernel(
                 parameters={
                     "scaling": config.forward_scaling,
-                    "root": wave_root(config.Gain("impedance", n)),
+                    "impedance": config.Gain("impedance", n),
                 },
+                derived={"root": (wave_root, "impedance")},
                 outputs={
                     "received": (times, ("forward_packet", 0, n), "scaling"),
                     "control_force": (slave_force, "tool_velocity", "received", "root"),

@@ -2,11 +2,17 @@
 
 import functools
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context, PortDataType, System
+from pydrake.systems.framework import (
+    Context,
+    NumericParameterIndex,
+    PortDataType,
+    System,
+)
 
 from teleop_drake.arrays import Array
 from teleop_drake.compiler.block_events import CheckEvents
@@ -15,7 +21,7 @@ from teleop_drake.compiler.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
 from teleop_drake.compiler.primitives import PrimitiveKernel
 from teleop_drake.compiler.source import Program
 from teleop_drake.contexts import ContextsIn, DiscreteState
-from teleop_drake.kernel import Kernel
+from teleop_drake.kernel import Kernel, KernelBlock, KernelIn
 from teleop_drake.machine_code.cache import Kept
 from teleop_drake.machine_code.native import Evaluate, Library
 from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
@@ -35,7 +41,7 @@ def KernelOf(system: System, context: Context) -> Kernel:
         UnsupportedSystem: If it offers no kernel, or one of only a part of it.
     """
     if hasattr(system, "Kernel"):
-        own: Kernel = system.Kernel()
+        own = _OwnKernel(system, context)
         _CheckIsWhole(system, own)
         return own
     kind = type(system)
@@ -47,6 +53,22 @@ def KernelOf(system: System, context: Context) -> Kernel:
     if kernel is None:
         raise UnsupportedSystem(system, "it offers no kernel")
     return kernel
+
+
+def _OwnKernel(system: Any, context: Context) -> Kernel:
+    """Returns the kernel that a block offers, with the numbers of its Context.
+
+    A block of a user's own names a numeric parameter by its NumericParameterIndex.
+    """
+    if isinstance(system, KernelBlock):
+        return KernelIn(system, context)
+    kernel: Kernel = system.Kernel()
+    parameters = dict(kernel.parameters)
+    for name, value in kernel.parameters.items():
+        if isinstance(value, NumericParameterIndex):
+            vector = context.get_numeric_parameter(value)
+            parameters[name] = vector.CopyToVector()
+    return replace(kernel, parameters=parameters)
 
 
 def _CheckIsWhole(system: System, kernel: Kernel) -> None:

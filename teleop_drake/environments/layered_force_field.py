@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +22,9 @@ from teleop_drake.environments.surface import (
 from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
 from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.layered_force import (
+    LAYER_COLUMNS,
     contact_position,
+    layer_columns,
     layer_table,
     layered_force,
     puncture_position,
@@ -150,6 +153,13 @@ class LayeredForceField(KernelBlock):
 
     is_compiled = True
 
+    numeric_parameters: ClassVar = {
+        "stiffness": "N/m",
+        "damping": "N s/m",
+        "reference": "m",
+        "lateral_stiffness": "N/m",
+    }
+
     def __init__(
         self,
         *,
@@ -163,10 +173,12 @@ class LayeredForceField(KernelBlock):
         CheckLayers("layers", layers)
         self._surfaces = LayerSurfaces(layers, num_axes, starts_inside, direction)
         point = np.zeros(num_axes) if axis_point is None else axis_point
-        table = layer_table(layers)
-        starts = table[:, 0]
+        columns = layer_columns(layers)
+        starts = columns["start"]
+        names = ("empty", *(str(layer.name) for layer in layers))
+        self.element_names = dict.fromkeys(self.numeric_parameters, names)
         self._parameters = {
-            "layers": table,
+            **columns,
             "axis": np.array([UnitNormal(direction, num_axes), point], dtype=float),
             # The last number before each layer, and where the next one begins.
             "before": np.nextafter(starts, -math.inf),
@@ -194,6 +206,7 @@ class LayeredForceField(KernelBlock):
         law = ("layers", "axis", "mode", "tool_position", "tool_velocity")
         return Kernel(
             parameters=self._parameters,
+            derived={"layers": (layer_table, *LAYER_COLUMNS)},
             outputs={
                 "environment_force": (force_in_layer, *law),
                 "layer": (index_of_layer, "mode"),

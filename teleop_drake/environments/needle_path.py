@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -84,6 +85,11 @@ class NeedleInTissue(KernelBlock):
     """
 
     is_compiled = True
+
+    numeric_parameters: ClassVar = {
+        "stiffness": "N/m",
+        "drag": "N s/m",
+    }
 
     def __init__(self, config: NeedlePathConfig, start: ArrayLike):
         KernelBlock.__init__(self)

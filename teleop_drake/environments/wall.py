@@ -1,6 +1,8 @@
 """Environments behind one plane: walls that push back, rub, or relax."""
 
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -124,6 +126,17 @@ class ContactWall(Wall):
 
     is_compiled = True
 
+    numeric_parameters: ClassVar = {
+        "normal_law": "",
+        "friction_law": "",
+    }
+    element_names = MappingProxyType(
+        {
+            "normal_law": ("stiffness", "exponent", "damping"),
+            "friction_law": ("friction", "creep_speed"),
+        }
+    )
+
     def __init__(self, config: HuntCrossleyConfig, start: ArrayLike):
         Wall.__init__(self, config, start)
         normal_law = [config.stiffness, config.exponent, config.damping]
@@ -182,6 +195,15 @@ class RelaxingTissue(Wall):
 
     It does not act along the surface, is not pierced, and does not stick to the tool.
     """
+
+    numeric_parameters: ClassVar = {
+        "solid": "",
+    }
+    element_names = MappingProxyType(
+        {
+            "solid": ("stiffness", "branch_stiffness", "relaxation_time"),
+        }
+    )
 
     def __init__(self, config: StandardLinearSolidConfig, start: ArrayLike):
         Wall.__init__(self, config, start)

@@ -1,6 +1,6 @@
 """Kernels: descriptions of blocks, and all that is made of them for Drake."""
 
-from teleop_drake.kernel.block import FixedBlock, KernelBlock
+from teleop_drake.kernel.block import FixedBlock, KernelBlock, KernelIn
 from teleop_drake.kernel.kernel import (
     Delay,
     Kernel,
@@ -16,6 +16,7 @@ __all__ = [
     "FixedBlock",
     "Kernel",
     "KernelBlock",
+    "KernelIn",
     "Name",
     "Packet",
     "Term",

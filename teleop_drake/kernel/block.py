@@ -7,7 +7,9 @@ import re
 import weakref
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,11 +28,11 @@ from teleop_drake.kernel.callbacks import Weakly
 from teleop_drake.kernel.convertible import Convertible
 from teleop_drake.kernel.delay_line import DelayLine
 from teleop_drake.kernel.events import Events
-from teleop_drake.kernel.kernel import Kernel, Law, Name, Part, Term
+from teleop_drake.kernel.kernel import Delay, Kernel, Law, Name, Part, Term
 from teleop_drake.kernel.packet_line import PacketLine
+from teleop_drake.kernel.parameters import BlockParameters
 from teleop_drake.kernel.terms import WORDS, TermReader
 from teleop_drake.kernel.ticks import EndStep, Ticks
-from teleop_drake.machine_code.compiled import CompiledLaw
 from teleop_drake.validation import Choices, Refuse
 
 _Value = Callable[[Context], Any]
@@ -74,6 +76,8 @@ class DualBlock(_Rated, LeafSystem_[AutoDiffXd]):
         for i in range(context.num_abstract_states()):
             self.DeclareAbstractState(context.get_abstract_state(i))
         ports = [other.get_output_port(i) for i in range(other.num_output_ports())]
+        units = getattr(other, "numeric_parameters", {})
+        self.kernel_parameters = _MakeParameters(self, kernel, units)
         path = other.GetSystemPathname()
         lines = {delay.output: _NoDelayLine(self, path) for delay in kernel.delays}
         _DeclareTerms(self, kernel, {x.get_name(): x.size() for x in ports}, lines)
@@ -195,6 +199,10 @@ class KernelBlock(_Rated, Convertible):
             more than a few microseconds.
         other_events: The declarations of periodic and per-step events besides those
             of the kernel. A block that has some runs in Drake's Simulator only.
+        kernel_parameters: The parameters of the kernel in Drake's Contexts.
+        numeric_parameters: The units of the numbers that a Context can change, by the
+            names of parameters of the kernel or of fields of them.
+        element_names: Names of the elements of such an array, by the array's name.
     """
 
     dual = DualBlock
@@ -204,6 +212,8 @@ class KernelBlock(_Rated, Convertible):
     longest_step = math.inf
     optional_inputs: tuple[str, ...] = ()
     is_compiled = False
+    numeric_parameters: ClassVar[Mapping[str, str]] = {}
+    element_names: Mapping[str, Sequence[str]] = MappingProxyType({})
 
     @abstractmethod
     def Kernel(self) -> Kernel:
@@ -217,14 +227,13 @@ class KernelBlock(_Rated, Convertible):
         """
         self._is_declaring = True
         kernel = self.Kernel()
-        lines = {
-            delay.output: (PacketLine if delay.shown else DelayLine)(self, delay)
-            for delay in kernel.delays
-        }
+        self.kernel_parameters = _MakeParameters(self, kernel, self.numeric_parameters)
+        lines: dict[str, DelayLine | PacketLine] = {}
+        for delay in kernel.delays:
+            is_packets = delay.shown is not None
+            line = PacketLine if is_packets else DelayLine
+            lines[delay.output] = line(self, delay, _DelayName(kernel, delay))
         self.delays = tuple(lines.values())
-        self.longest_step = min(
-            (line.longest_step for line in self.delays), default=self.longest_step
-        )
         _DeclareTerms(self, kernel, sizes, lines)
 
         def Read(term: Term, place: str) -> _Value:
@@ -232,6 +241,11 @@ class KernelBlock(_Rated, Convertible):
 
         self._kernel_events = Events(self, kernel, Read)
         self._is_declaring = False
+
+    def LongestStep(self, context: Context) -> float:
+        """Returns the longest step in s that the solver may take, infinity if any."""
+        steps = [line.LongestStep(context) for line in self.delays]
+        return min(steps, default=self.longest_step)
 
     def NextJumpTime(self, context: Context) -> float:
         """Returns when a sample or what is delayed will jump next, s; infinity: never.
@@ -260,6 +274,44 @@ class KernelBlock(_Rated, Convertible):
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the guards of the transitions, if events are to be located."""
         return self._kernel_events.Witnesses(context)
+
+
+def KernelIn(block: KernelBlock, context: Context) -> Kernel:
+    """Returns the kernel of a block with the numbers of a Context of the block."""
+    kernel = block.Kernel()
+    values = block.kernel_parameters.In(context).values
+    delays = []
+    for delay in kernel.delays:
+        time = values.get(_DelayName(kernel, delay), delay.time)
+        delays.append(replace(delay, time=time))
+    parameters = {name: values[name] for name in kernel.parameters}
+    return replace(kernel, parameters=parameters, delays=delays)
+
+
+def _DelayName(kernel: Kernel, delay: Delay) -> str:
+    """Returns the name of the parameter that is a constant delay."""
+    return "delay" if len(kernel.delays) == 1 else f"delay.{delay.output}"
+
+
+def _MakeParameters(
+    block: Any, kernel: Kernel, units: Mapping[str, str]
+) -> BlockParameters:
+    """Declares the numeric parameters of a block: those with units, and its delays."""
+    delays = _DefaultDelays(kernel)
+    return BlockParameters(
+        block,
+        replace(kernel, parameters={**kernel.parameters, **delays}),
+        {**units, **dict.fromkeys(delays, "s")},
+    )
+
+
+def _DefaultDelays(kernel: Kernel) -> dict[str, float]:
+    """Returns the constant delays of a kernel in s, by the names of the parameters."""
+    return {
+        _DelayName(kernel, delay): delay.time
+        for delay in kernel.delays
+        if delay.shown is None and not callable(delay.time)
+    }
 
 
 class FixedBlock(KernelBlock):
@@ -313,6 +365,21 @@ def _ValuesOfMode(context: Any) -> Any:
     return ExtractValue(_ModeOf(context)).ravel()
 
 
+def _CallOfValues(law: Law, arguments: Sequence[_Value]) -> _Value:
+    """Returns the function of a Context that calls a law with values of that Context.
+
+    Calls of one and two arguments have short ways, which make a run some per cent
+    faster.
+    """
+    if len(arguments) == 1:
+        (only,) = arguments
+        return lambda context: law(only(context))
+    if len(arguments) == 2:
+        first, second = arguments
+        return lambda context: law(first(context), second(context))
+    return lambda context: law(*[argument(context) for argument in arguments])
+
+
 class _Reader(TermReader[_Value]):
     """Makes functions of a Context of terms.
 
@@ -343,21 +410,23 @@ class _Reader(TermReader[_Value]):
 
     def Call(self, law: Law, arguments: Sequence[Name | int]) -> _Value:
         parameters = self.kernel.parameters
-        names = list(itertools.takewhile(parameters.__contains__, arguments))
-        constants = [parameters[name] for name in names]  # type: ignore[index]
-        bound = law
-        if self._is_compiled:
-            bound = CompiledLaw(law, *constants)
-        elif constants:
-            bound = functools.partial(law, *constants)
+        names: Any = tuple(itertools.takewhile(parameters.__contains__, arguments))
         others = [self.Read(argument) for argument in arguments[len(names) :]]
-        if len(others) == 1:  # Short ways, which make a loop some per cent faster.
-            (first,) = others
-            return lambda context: bound(first(context))
-        if len(others) == 2:
-            first, second = others
-            return lambda context: bound(first(context), second(context))
-        return lambda context: bound(*[other(context) for other in others])
+        if not names and not self._is_compiled:
+            return _CallOfValues(law, others)
+        self.tickets.add(self._block.kernel_parameters.ticket)
+        numbers_in = self._block.kernel_parameters.In
+        if self._is_compiled:
+            return lambda context: numbers_in(context).Compiled(law, names)(
+                *[other(context) for other in others]
+            )
+
+        def CallWithNumbers(context: Context) -> Any:
+            values = numbers_in(context).values
+            constants = [values[name] for name in names]
+            return law(*constants, *[other(context) for other in others])
+
+        return CallWithNumbers
 
     def Word(self, word: str) -> _Value:
         block = self._block
@@ -383,7 +452,9 @@ class _Reader(TermReader[_Value]):
         return value
 
     def Parameter(self, name: str, value: Any) -> _Value:
-        return lambda context: value
+        numbers_in = self._block.kernel_parameters.In
+        self.tickets.add(self._block.kernel_parameters.ticket)
+        return lambda context: numbers_in(context).values[name]
 
     def Rate(self, term: Term) -> _Value:
         return self.Read(term)

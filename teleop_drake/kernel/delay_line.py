@@ -2,6 +2,8 @@
 
 import math
 from bisect import bisect_left, bisect_right
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -9,7 +11,6 @@ from pydrake.systems.framework import (
     Context,
     DiscreteValues,
     EventStatus,
-    LeafSystem,
     State,
 )
 
@@ -60,13 +61,20 @@ class DelayLine:
     Attributes:
         tickets: What the output depends on.
 
+    A constant delay is a numeric parameter of the block. It may differ from one run to
+    the next, and must not change within a run.
+
     Args:
-        block: The block, which has declared its inputs.
+        block: The block, which has declared its inputs and its parameters.
         delay: What it delays.
+        parameter: The name of the block's parameter that is the constant delay; empty
+            if the delay varies.
     """
 
-    def __init__(self, block: LeafSystem, delay: Delay):
-        self._block, self._delay = block, delay
+    def __init__(self, block: Any, delay: Delay, parameter: str):
+        self._block = block
+        self._delay = delay
+        self._parameter = parameter
         self._signal = block.GetInputPort(delay.signal)
         size = self._signal.size()
         self._jump = block.DeclareDiscreteState([-math.inf, *np.zeros(size)])
@@ -75,24 +83,33 @@ class DelayLine:
         self.tickets = {
             block.time_ticket(),
             block.abstract_state_ticket(self._history),
+            block.all_parameters_ticket(),
         }
-        interval = _SampleInterval(delay.max_sample_interval, self.longest_step)
+        shortest = delay.shortest if callable(delay.time) else delay.time
+        interval = _SampleInterval(delay.max_sample_interval, shortest)
         if interval < math.inf:
             DeclareTicks(block, Ticks(interval), None)
         block.DeclarePerStepUnrestrictedUpdateEvent(Weakly(self._RecordBeforeEvents))
         block.DeclarePerStepDiscreteUpdateEvent(Weakly(self._RecordAfterEvents))
 
-    @property
-    def longest_step(self) -> float:
-        """The least time under way in s: no step of the solver may be longer."""
-        time = self._delay.time
+    def LongestStep(self, context: Context) -> float:
+        """Returns the least time under way, s: no step of the solver may be longer."""
+        time = self._DelayIn(context)
         return self._delay.shortest if callable(time) else time
+
+    def _DelayIn(self, context: Context) -> float | Callable[[float], float]:
+        """Returns the constant delay of a Context in s, or the function T(t)."""
+        if callable(self._delay.time):
+            return self._delay.time
+        time: float = self._block.kernel_parameters.In(context).values[self._parameter]
+        return time
 
     def NextJumpTime(self, context: Context) -> float:
         """Returns when the output will jump next (s), infinity if no jump is known."""
         history = self._GetHistory(context)
+        delay = self._DelayIn(context)
         if not history.times:
-            return self._FetchTime(self._StoreKey(context.get_time()))
+            return self._FetchTime(_StoreKey(context.get_time(), delay))
         for jump in history.jumps:
             if jump > history.now:
                 return self._FetchTime(jump)
@@ -102,19 +119,9 @@ class DelayLine:
 
     def Eval(self, context: Context) -> Array:
         """Returns the delayed signal."""
-        key = self._FetchKey(context.get_time())
-        value = self._Deliver(self._GetHistory(context), key)
+        key = _FetchKey(context.get_time(), self._DelayIn(context))
+        value = self._Deliver(context, key)
         return np.array(self._delay.initial_value) if value is None else value
-
-    def _StoreKey(self, time: float) -> float:
-        """Returns the key under which the sample taken at a time is kept."""
-        delay = self._delay.time
-        return _Round(time) if callable(delay) else time + delay
-
-    def _FetchKey(self, time: float) -> float:
-        """Returns the key of the sample that is delivered at a time."""
-        delay = self._delay.time
-        return _Round(time - delay(time)) if callable(delay) else time
 
     def _FetchTime(self, key: float) -> float:
         """Returns when the sample with a key is delivered, s; infinity: never."""
@@ -148,12 +155,13 @@ class DelayLine:
         jump = None
         if history.times and self._HasJumped(context, history):
             jump = context.get_discrete_state(self._jump).value()[1:]
+        delay = self._DelayIn(context)
         longer = history.record(
-            self._StoreKey(time),
+            _StoreKey(time, delay),
             self._signal.Eval(context),
             jump=jump,
-            now=self._FetchKey(time),
-            spacing=self.longest_step / 1024,
+            now=_FetchKey(time, delay),
+            spacing=self.LongestStep(context) / 1024,
         )
         if longer is not history:
             state.get_mutable_abstract_state(self._history).set_value(longer)
@@ -173,19 +181,21 @@ class DelayLine:
         values.set_value(self._jump, jump)
         return EventStatus.Succeeded()
 
-    def _Deliver(self, history: SampleHistory, key: float) -> Array | None:
+    def _Deliver(self, context: Context, key: float) -> Array | None:
         """Returns the signal that has a key, None before the first sample."""
+        history = self._GetHistory(context)
         times = history.times
         i = bisect_left(times, key)
         if 0 < i < len(times) and key < times[i]:  # The usual case, for speed.
             return history.polynomial(i - 1).eval(key)
         if not times or key < times[0]:
             return None
-        if key > times[-1] + _STRETCH * self.longest_step:
+        longest_step = self.LongestStep(context)
+        if key > times[-1] + _STRETCH * longest_step:
             raise RuntimeError(
                 f"{type(self._block).__name__} {self._block.get_name()!r}: evaluated "
                 f"{key - history.now:.6g} s after the last step; allowed: at most "
-                f"the delay, {self.longest_step:.6g} s, which the integrator's "
+                f"the delay, {longest_step:.6g} s, which the integrator's "
                 "longest step must not exceed"
             )
         if i == len(times):
@@ -206,6 +216,16 @@ def _SampleInterval(max_sample_interval: float | None, shortest: float) -> float
         allowed = f"more than 0, at most the delay, {shortest} s, or infinity"
         Refuse("max_sample_interval", max_sample_interval, allowed)
     return max_sample_interval
+
+
+def _StoreKey(time: float, delay: float | Callable[[float], float]) -> float:
+    """Returns the key under which the sample taken at a time is kept."""
+    return _Round(time) if callable(delay) else time + delay
+
+
+def _FetchKey(time: float, delay: float | Callable[[float], float]) -> float:
+    """Returns the key of the sample that is delivered at a time."""
+    return _Round(time - delay(time)) if callable(delay) else time
 
 
 def _Round(time: float) -> float:

@@ -127,7 +127,10 @@ class Kernel:
             terms, with its width in `sizes`.
         rate: The time derivatives of the continuous state, a term; None without state.
         parameters: Numbers, arrays, and named tuples of them, by name. Another value
-            of the same kind compiles nothing anew.
+            of the same kind compiles nothing anew. Those of `derived` are among them.
+        derived: Parameters that follow from others, by name: a function, and the names
+            of the parameters that it takes. They are computed once, not in each
+            evaluation; `replace(kernel, parameters=...)` computes them anew.
         sizes: Width of the ports that are no vectors in Drake, and of other results.
         unused: Input ports that nothing of this depends on, such as a log's.
         transitions: Changes of the mode, by names of one's own.
@@ -140,11 +143,21 @@ class Kernel:
     outputs: Mapping[str, Term] = field(default_factory=dict)
     rate: Term | None = None
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    derived: Mapping[str, tuple[Law | str, ...]] = field(default_factory=dict)
     sizes: Mapping[str, int] = field(default_factory=dict)
     unused: tuple[str, ...] = ()
     transitions: Mapping[str, Transition] = field(default_factory=dict)
     initial_mode: Term | None = None
     delays: Sequence[Delay] = ()
+
+    def __post_init__(self) -> None:
+        """Computes the parameters that follow from others."""
+        parameters = dict(self.parameters)
+        for name, (function, *arguments) in self.derived.items():
+            assert callable(function)
+            taken = [parameters[key] for key in arguments]  # type: ignore[index]
+            parameters[name] = function(*taken)
+        object.__setattr__(self, "parameters", parameters)
 
 
 def times(a: Any, b: Any) -> Any:

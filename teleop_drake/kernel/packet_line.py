@@ -87,16 +87,14 @@ class PacketLine:
 
     Attributes:
         tickets: What the output depends on.
-        longest_step: Infinity: what is shown in a step was known before or ends it.
 
     Args:
         block: The block, which has declared its inputs.
         delay: What it delays.
+        parameter: Not used: packets have no constant delay.
     """
 
-    longest_step = math.inf
-
-    def __init__(self, block: LeafSystem, delay: Delay):
+    def __init__(self, block: LeafSystem, delay: Delay, parameter: str):
         self._delay = delay
         self._signal = block.GetInputPort(delay.signal)
         nothing = _Sent(-math.inf, -math.inf, np.array(delay.initial_value, float))
@@ -108,6 +106,10 @@ class PacketLine:
         }
         DeclareTicks(block, Ticks(delay.period), self._Send)
         block.DeclarePerStepUnrestrictedUpdateEvent(Weakly(self._Deliver))
+
+    def LongestStep(self, context: Context) -> float:
+        """Returns infinity: what is shown in a step was known before or ends it."""
+        return math.inf
 
     def NextJumpTime(self, context: Context) -> float:
         """Returns when the next packet will be shown (s), infinity if none is known."""

@@ -53,17 +53,30 @@ def layered_force(layer: Array, axis: Array, p_WT: Array, v_WT: Array) -> Array:
     return F_x * along + lateral_stiffness * lateral
 
 
-def layer_table(layers: Sequence[Layer]) -> Array:
-    """Returns layers as rows: start, stiffness, reference, damping, lateral stiffness.
+LAYER_COLUMNS = ("start", "stiffness", "reference", "damping", "lateral_stiffness")
+"""What a row of layer_table() has, in this order."""
 
-    The first row is that of the empty space before the layers.
+
+def layer_columns(layers: Sequence[Layer]) -> dict[str, Array]:
+    """Returns the numbers of layers by their names, see LAYER_COLUMNS.
+
+    The first entry is that of the empty space before the layers.
 
     Args:
         layers: By ascending start.
     """
-    names = ("start", "stiffness", "reference", "damping", "lateral_stiffness")
-    rows = [[getattr(layer, name) for name in names] for layer in layers]
-    return np.array([[-math.inf, 0.0, 0.0, 0.0, 0.0], *rows])
+    return {
+        name: np.array(
+            [-math.inf if name == "start" else 0.0]
+            + [getattr(layer, name) for layer in layers]
+        )
+        for name in LAYER_COLUMNS
+    }
+
+
+def layer_table(*columns: Array) -> Array:
+    """Returns layers as rows of LAYER_COLUMNS."""
+    return np.column_stack(columns)
 
 
 def contact_position(layers: Sequence[Layer]) -> float | None:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,6 +58,15 @@ class HumanHand(ModalOperator):
         goal: One of GOALS.
         **modes: As ModalOperator takes them.
     """
+
+    numeric_parameters: ClassVar = {
+        "velocity": "m/s",
+        "contact_force": "N",
+        "crossover": "rad/s",
+        "mass": "kg",
+        "damping": "N s/m",
+        "stiffness": "N/m",
+    }
 
     def __init__(self, *, human: HumanOperator, goal: str, **modes: Any):
         CheckChoice("goal", goal, GOALS)

@@ -4,7 +4,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -132,6 +132,11 @@ class ConstantVelocityOperator(PlannedOperator):
     """
 
     has_constant_command = True
+
+    numeric_parameters: ClassVar = {
+        "velocity": "m/s",
+        "contact_force": "N",
+    }
 
     def __init__(self, *, velocity: ArrayLike, **modes: Any):
         v_d = np.array(velocity, dtype=float)

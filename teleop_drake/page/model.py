@@ -356,7 +356,7 @@ def MakeModel(diagram: Diagram, config: SimulatorConfig, duration: float) -> Mod
     context = diagram.CreateDefaultContext()
     context.SetAccuracy(EVENT_ACCURACY)
     diagram.ExecuteInitializationEvents(context)
-    max_step = min(config.max_step_size, LongestStep(diagram, of_delays=False))
+    max_step = min(config.max_step_size, LongestStep(diagram, context, of_delays=False))
     run = CompiledRun(
         Evaluator(diagram, context),
         context,

@@ -83,7 +83,7 @@ def CompileLoop(
         evaluator = Evaluator(diagram, context, as_machine_code=True)
     except UnsupportedSystem as error:
         raise CannotCompile(str(error)) from error
-    longest_step = LongestStep(diagram, of_delays=False)
+    longest_step = LongestStep(diagram, context, of_delays=False)
     places = SignalPlaces(evaluator, diagram)
     return Loop(diagram, evaluator, places, None, longest_step), context
 

@@ -6,7 +6,7 @@ import time as clock
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
-from teleop_drake.contexts import DiscreteState
+from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.integrator.problem import same_within
 from teleop_drake.numerics.step_polynomials import DEGREE, Series, shares
 from teleop_drake.signals import SignalsOf
@@ -17,7 +17,7 @@ from teleop_drake.simulation.failures import (
 )
 from teleop_drake.simulation.run import Interruption, Job, Outcome, Pace
 from teleop_drake.simulation.simulator import MakeSimulator, TeleoperatorSimulator
-from teleop_drake.simulation.stepping import SystemsIn
+from teleop_drake.simulation.stepping import LongestStepOf
 from teleop_drake.validation import ScenarioError
 
 # Most steps that a block may force on a run. Each takes some milliseconds.
@@ -83,8 +83,9 @@ def RunInDrake(job: Job) -> Outcome:
 
 def _CheckSteps(job: Job) -> None:
     """Refuses a run that a delay or an operator forces to take too many steps."""
-    for system in SystemsIn(job.diagram):
-        step = getattr(system, "longest_step", math.inf)
+    contexts = ContextsIn(job.diagram, job.diagram.CreateDefaultContext())
+    for system, context in contexts.items():
+        step = LongestStepOf(system, context)
         num_steps = job.duration / step
         if num_steps > _MOST_FORCED_STEPS:
             raise ScenarioError(

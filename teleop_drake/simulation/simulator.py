@@ -129,15 +129,16 @@ class TeleoperatorSimulator(Simulator):
         before = self._stepping
         if before is not None and longest_step == before.step_limit:
             longest_step = before.longest_step  # What an earlier run has left.
-        longest_step = min(longest_step, LongestStep(self._diagram))
+        context = self._diagram.GetMyContextFromRoot(self.get_context())
+        longest_step = min(longest_step, LongestStep(self._diagram, context))
         integrator.set_maximum_step_size(longest_step)
         self._stepping = Stepping(self._diagram, longest_step)
         self._counts = 0, 0, 0
         self._is_stopped = False
-        context = self.get_mutable_context()
-        if context.get_accuracy() is None:
-            context.SetAccuracy(EVENT_ACCURACY)
-        self._trial.Begin(context)
+        root_context = self.get_mutable_context()
+        if root_context.get_accuracy() is None:
+            root_context.SetAccuracy(EVENT_ACCURACY)
+        self._trial.Begin(root_context)
         return Simulator.Initialize(self, *arguments, **keywords)
 
     def AdvancePendingEvents(self) -> SimulatorStatus:

@@ -20,6 +20,7 @@ import numpy as np
 from pydrake.systems.analysis import IntegratorBase
 from pydrake.systems.framework import Context, Diagram, System
 
+from teleop_drake.contexts import ContextsIn
 from teleop_drake.environments.surface import Surface, SurfacesOf
 from teleop_drake.integrator.problem import SAME
 from teleop_drake.kernel import KernelBlock
@@ -42,16 +43,30 @@ _STEP_GROWTH = 0.04
 _STEP_GROWTH_AFTER_CROSSING = 0.02
 
 
-def LongestStep(diagram: Diagram, *, of_delays: bool = True) -> float:
-    """Returns the longest step in s that a diagram's systems allow, or infinity."""
+def LongestStep(diagram: Diagram, context: Context, *, of_delays: bool = True) -> float:
+    """Returns the longest step in s that a diagram's systems allow, or infinity.
+
+    Args:
+        context: The Context of the diagram, whose delays count.
+        of_delays: Whether blocks that delay something are considered.
+    """
     return min(
-        (
-            getattr(system, "longest_step", math.inf)
-            for system in SystemsIn(diagram)
-            if of_delays or not getattr(system, "delays", ())
-        ),
-        default=math.inf,
+        LongestStepOf(system, own)
+        for system, own in ContextsIn(diagram, context).items()
+        if of_delays or not getattr(system, "delays", ())
     )
+
+
+def LongestStepOf(system: System, context: Context) -> float:
+    """Returns the longest step in s that one system allows, or infinity.
+
+    Args:
+        context: The Context of the system.
+    """
+    if isinstance(system, KernelBlock):
+        return system.LongestStep(context)
+    longest: float = getattr(system, "longest_step", math.inf)
+    return longest
 
 
 class _Motion(NamedTuple):
@@ -283,19 +298,22 @@ def SystemsIn(diagram: Diagram) -> Iterator[System]:
             yield from SystemsIn(system)
 
 
-def NotesOnSamples(diagram: Diagram) -> list[str]:
+def NotesOnSamples(diagram: Diagram, context: Context) -> list[str]:
     """Returns whether samples come too densely for the delays of a run in Drake.
 
     A delay is a polynomial through the ends of steps. A signal that bends at each
     sample is interpolated across the bends where no step ends between two samples.
+
+    Args:
+        context: The Context of the diagram, whose delays count.
     """
-    systems = list(SystemsIn(diagram))
-    lines = [x for system in systems for x in getattr(system, "delays", ())]
-    first_steps = [
-        _FIRST_STEP * line.longest_step for line in lines if isinstance(line, DelayLine)
-    ]
-    samplers = [system for system in systems if isinstance(system, KernelBlock)]
-    periods = [ticks.period for system in samplers for ticks in system.ticks]
+    first_steps = []
+    periods = []
+    for system, own in ContextsIn(diagram, context).items():
+        if isinstance(system, KernelBlock):
+            lines = [x for x in system.delays if isinstance(x, DelayLine)]
+            first_steps += [_FIRST_STEP * line.LongestStep(own) for line in lines]
+            periods += [ticks.period for ticks in system.ticks]
     if min(periods, default=math.inf) > min(first_steps, default=0.0):
         return []
     return [

@@ -1,5 +1,7 @@
 """The force that disturbs the robot in the demonstration of chapter 3."""
 
+from typing import ClassVar
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -33,6 +35,10 @@ class DisturbanceForce(FixedBlock):
         kind: linear or coupled; coupled needs two task axes.
         gain: K in N/m (n, n).
     """
+
+    numeric_parameters: ClassVar = {
+        "gain": "N/m",
+    }
 
     def __init__(self, *, kind: str, gain: ArrayLike):
         K = np.array(gain, dtype=float)

@@ -159,7 +159,6 @@ def test_a_wrong_transition_or_delay_is_found():
     for block, changes in [
         ("operator", {"guard": WRONG_PLACE}),
         ("operator", {"mode": (with_stop, "mode")}),
-        ("transport", {"time": 0.301}),
         ("transport", {"initial_value": [1, 2.1]}),
         ("variable", {"time": lambda t: 0.2}),
         ("network", {"shown": lambda k: np.inf}),

@@ -59,7 +59,7 @@ def test_it_delivers_by_the_rule_of_its_keys():
 def test_it_has_no_feedthrough_and_says_how_long_steps_may_be():
     line = Slowing([0.0, 0.0])
     assert not line.HasAnyDirectFeedthrough()
-    assert line.longest_step == 0.5
+    assert line.LongestStep(line.CreateDefaultContext()) == 0.5
     assert line.GetOutputPort("delayed_signal").size() == 2
     # The first packet is sent at time 0.
     assert line.NextJumpTime(line.CreateDefaultContext()) == pytest.approx(0.5)

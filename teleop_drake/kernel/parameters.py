@@ -1,0 +1,178 @@
+"""The numbers of a kernel as numeric parameters of a block's Context.
+
+A kernel names its parameters. Each of them is a number, an array, or a (named) tuple of
+such. A block names in `numeric_parameters` which of these numbers a user may change.
+Each becomes one numeric parameter of Drake, in this order: a vector whose elements are
+those of the array, row by row. All others are constants, or follow from these.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.autodiffutils import AutoDiffXd, ExtractValue
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    BasicVector_,
+    Context,
+    LeafSystem_,
+    ValueProducer,
+)
+
+from teleop_drake.arrays import Array
+from teleop_drake.kernel.callbacks import Weakly
+from teleop_drake.kernel.kernel import Kernel
+from teleop_drake.machine_code.compiled import CompiledLaw
+
+
+class NamedParameter(NamedTuple):
+    """A numeric parameter of a block.
+
+    Attributes:
+        name: The name of a parameter of the kernel, or of a field of one.
+        number: The index of the parameter in the block's Context.
+        unit: The unit of its elements, empty for numbers without a unit.
+        shape: The shape of the array that it stands for.
+    """
+
+    name: str
+    number: int
+    unit: str
+    shape: tuple[int, ...]
+
+
+class Numbers:
+    """The parameters of a kernel with the numbers of one Context.
+
+    It does not change, so that a copy of a Context may share it.
+
+    Attributes:
+        values: The parameters by their names, as the kernel has them.
+    """
+
+    def __init__(self, values: Mapping[str, Any]):
+        self.values = values
+        self._laws: dict[Any, CompiledLaw] = {}
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Numbers":
+        return self
+
+    def Compiled(self, law: Callable[..., Any], names: tuple[str, ...]) -> CompiledLaw:
+        """Returns a law as machine code whose first arguments are parameters."""
+        key = law, names
+        if key not in self._laws:
+            constants = [self.values[name] for name in names]
+            self._laws[key] = CompiledLaw(law, *constants)
+        return self._laws[key]
+
+
+class BlockParameters:
+    """Declares the numeric parameters of a block, and reads them from its Context.
+
+    Args:
+        block: A LeafSystem of float or of AutoDiffXd.
+        kernel: Its kernel, with the default numbers.
+        units: The unit of each number that becomes a numeric parameter, by the name of
+            a parameter of the kernel, or of a field of a named tuple among them.
+
+    Attributes:
+        named: The numeric parameters, in the order of their numbers.
+        ticket: The prerequisite of what depends on a parameter.
+    """
+
+    def __init__(self, block: Any, kernel: Kernel, units: Mapping[str, str]):
+        self._kernel = kernel
+        self._last = Numbers(kernel.parameters)
+        self._last_key: tuple[bytes, ...] | None = None
+        scalar = AutoDiffXd if isinstance(block, LeafSystem_[AutoDiffXd]) else float
+        leaves = dict(_Leaves(kernel.parameters))
+        self.named: list[NamedParameter] = []
+        for name, unit in units.items():
+            default = BasicVector_[scalar](leaves[name].ravel())
+            number = int(block.DeclareNumericParameter(default))
+            shape = leaves[name].shape
+            self.named.append(NamedParameter(name, number, unit, shape))
+        self.ticket = block.all_parameters_ticket()
+        self._entry = block.DeclareCacheEntry(
+            "numbers of the kernel",
+            ValueProducer(
+                allocate=_AllocateNumbers,
+                calc=Weakly(self._CalcNumbers),
+            ),
+            {self.ticket},
+        )
+
+    def In(self, context: Context) -> Numbers:
+        """Returns the parameters of the kernel with the numbers of a Context."""
+        numbers: Numbers = self._entry.EvalAbstract(context).get_value()
+        return numbers
+
+    def _CalcNumbers(self, context: Context, result: AbstractValue) -> None:
+        """Sets the cache entry; equal numbers share what was compiled for them.
+
+        Drake calls it again whenever all parameters are copied from another Context.
+        """
+        arrays = {x.name: _ArrayIn(context, x) for x in self.named}
+        if any(array.dtype == object for array in arrays.values()):
+            # They have derivatives, which do not decide what was compiled.
+            result.set_value(self._With(arrays))
+            return
+        key = tuple(array.tobytes() for array in arrays.values())
+        if key != self._last_key:
+            self._last = self._With(arrays)
+            self._last_key = key
+        result.set_value(self._last)
+
+    def _With(self, arrays: Mapping[str, Array]) -> Numbers:
+        """Returns the parameters of the kernel with other numbers."""
+        parameters = _Filled(self._kernel.parameters, arrays)
+        return Numbers(replace(self._kernel, parameters=parameters).parameters)
+
+
+def _AllocateNumbers() -> AbstractValue:
+    return AbstractValue.Make(Numbers({}))
+
+
+def _ArrayIn(context: Any, parameter: NamedParameter) -> Array:
+    """Returns a numeric parameter as the array that it stands for.
+
+    In a Context of AutoDiffXd the array holds plain numbers unless one of them has
+    derivatives.
+    """
+    vector = context.get_numeric_parameter(parameter.number).CopyToVector()
+    if vector.dtype == object and not any(x.derivatives().size for x in vector):
+        vector = ExtractValue(vector).ravel()
+    array: Array = vector.reshape(parameter.shape)
+    return array
+
+
+def _Parts(value: Any) -> Mapping[str, Any] | None:
+    """Returns the parts of a mapping or a named tuple by name; None of other values."""
+    if isinstance(value, Mapping):
+        return value
+    if hasattr(value, "_fields"):
+        return dict(zip(value._fields, value, strict=True))
+    return None
+
+
+def _Leaves(value: Any, name: str = "") -> Iterator[tuple[str, Array]]:
+    """Yields the name and the array of every number in a tree of parameters."""
+    parts = _Parts(value)
+    if parts is None:
+        yield name, np.asarray(value)
+        return
+    for key, part in parts.items():
+        yield from _Leaves(part, key)
+
+
+def _Filled(value: Any, arrays: Mapping[str, Array], name: str = "") -> Any:
+    """Returns a tree of parameters in which those of some names have other arrays."""
+    parts = _Parts(value)
+    if parts is None:
+        array = arrays.get(name)
+        if array is None:
+            return value
+        return array.item() if array.ndim == 0 else array
+    filled = {key: _Filled(part, arrays, key) for key, part in parts.items()}
+    return filled if isinstance(value, Mapping) else type(value)(**filled)

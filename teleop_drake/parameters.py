@@ -1,0 +1,243 @@
+"""The numbers in a diagram's Context by name: those that a run can be made with.
+
+A name is the path of a system, a dot and the name of a parameter, as
+`controller/law.damping`. One element of a parameter that is an array has its place
+behind it, as `law.G1(0,1)` of a matrix, or its name, as `environment.stiffness(bone)`.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import Context, Diagram, System
+
+from teleop_drake.arrays import Array
+from teleop_drake.contexts import ContextsIn
+from teleop_drake.validation import Choices, Refuse
+
+
+class ParameterValue(NamedTuple):
+    """The value of a parameter in a Context, a number or an array, and its unit.
+
+    The unit is empty if the system does not tell it.
+    """
+
+    value: float | Array
+    unit: str
+
+
+class _Parameter(NamedTuple):
+    """A parameter of one system: how to read it from a Context, and how to set it.
+
+    Its elements may have names.
+    """
+
+    name: str
+    unit: str
+    read: Callable[[], Array]
+    write: Callable[[Array], None]
+    elements: tuple[str, ...] = ()
+
+
+def NamedParameters(
+    diagram: System, context: Context | None = None
+) -> dict[str, ParameterValue]:
+    """Returns the numbers that a Context of a diagram can change, by name.
+
+    They are the numeric parameters of all systems in the diagram, Drake's own included.
+    A MultibodyPlant has the mass of each body and the damping of each joint.
+
+    Args:
+        diagram: A Diagram, or a system by itself.
+        context: Its Context; None: the default Context.
+
+    Returns:
+        The value and the unit of each parameter, by `system/path.parameter`.
+    """
+    context = context or diagram.CreateDefaultContext()
+    return {
+        name: ParameterValue(_AsNumber(parameter.read()), parameter.unit)
+        for name, parameter in _ParametersIn(diagram, context).items()
+    }
+
+
+def SetParameter(
+    diagram: System, context: Context, name: str, value: ArrayLike
+) -> None:
+    """Sets a parameter, or one element of it, in a Context.
+
+    Args:
+        name: As NamedParameters() has it, or with the place of an element behind it.
+        value: A number, which an array takes for each of its elements; or an array of
+            the parameter's shape.
+
+    Raises:
+        ScenarioError: If there is no such parameter, or the value does not fit.
+    """
+    parameters = _ParametersIn(diagram, context)
+    whole, bracket, place = name.partition("(")
+    if whole not in parameters:
+        Refuse("parameter", name, Choices(name, list(parameters)))
+    parameter = parameters[whole]
+    array = np.array(parameter.read(), dtype=float)
+    number = np.asarray(value, dtype=float)
+    if not np.isfinite(number).all():
+        Refuse(name, value, "finite")
+    if bracket:
+        if number.ndim:
+            Refuse(name, value, "a number")
+        array[_PlaceIn(name, place, parameter, array.shape)] = number
+    else:
+        if number.shape not in ((), array.shape):
+            Refuse(name, value, f"a number or an array of shape {array.shape}")
+        array[...] = number
+    parameter.write(array)
+
+
+def _PlaceIn(
+    name: str, place: str, parameter: _Parameter, shape: tuple[int, ...]
+) -> tuple[int, ...]:
+    """Returns the indices of the element that is named behind a parameter's name."""
+    words = [word.strip() for word in place.removesuffix(")").split(",")]
+    if len(words) == 1 and words[0] in parameter.elements:
+        return (parameter.elements.index(words[0]),)
+    if all(word.isdecimal() for word in words) and len(words) == len(shape):
+        indices = tuple(int(word) for word in words)
+        if np.all(np.less(indices, shape)):
+            return indices
+    allowed = f"a place in an array of shape {shape}"
+    if parameter.elements:
+        allowed += f", or one of {', '.join(parameter.elements)}"
+    Refuse("parameter", name, allowed)
+
+
+def _AsNumber(array: Array) -> float | Array:
+    return array.item() if array.ndim == 0 else array
+
+
+def _ParametersIn(diagram: System, context: Context) -> dict[str, _Parameter]:
+    """Returns the parameters of all systems in a diagram by their full names."""
+    found: dict[str, _Parameter] = {}
+    for system, own in ContextsIn(diagram, context).items():
+        if isinstance(system, Diagram):
+            continue
+        path = _PathIn(diagram, system)
+        for parameter in _ParametersOf(system, own):
+            found[f"{path}.{parameter.name}" if path else parameter.name] = parameter
+    return found
+
+
+def _PathIn(diagram: System, system: System) -> str:
+    """Returns the path of a system in a diagram, as `robot/plant`; empty: itself."""
+    inside = system.GetSystemPathname().removeprefix(diagram.GetSystemPathname())
+    return inside.strip(":").replace("::", "/")
+
+
+def _ParametersOf(system: System, context: Context) -> Iterator[_Parameter]:
+    if isinstance(system, MultibodyPlant):
+        yield from _ParametersOfPlant(system, context)
+    elif hasattr(system, "kernel_parameters"):
+        yield from _ParametersOfKernel(system, context)
+    else:
+        yield from _NumericParameters(context)
+
+
+def _ParametersOfKernel(block: Any, context: Context) -> Iterator[_Parameter]:
+    """Yields the parameters of one of this package's blocks."""
+    for name, number, unit, shape in block.kernel_parameters.named:
+        elements = tuple(block.element_names.get(name, ()))
+        yield _InContext(context, number, name, unit, shape)._replace(elements=elements)
+
+
+def _NumericParameters(context: Context) -> Iterator[_Parameter]:
+    """Yields the numeric parameters of a system of Drake's, or of a user's own."""
+    for number in range(context.num_numeric_parameter_groups()):
+        names = _FieldsOf(context.get_numeric_parameter(number))
+        if names:
+            yield from _Elements(context, number, names)
+        else:
+            size = context.get_numeric_parameter(number).size()
+            yield _InContext(context, number, f"parameter{number}", "", (size,))
+
+
+def _InContext(
+    context: Context, number: int, name: str, unit: str, shape: tuple[int, ...]
+) -> _Parameter:
+    """Returns a numeric parameter as one array."""
+
+    def Read() -> Array:
+        vector: Array = context.get_numeric_parameter(number).CopyToVector()
+        return vector.reshape(shape)
+
+    def Write(value: Array) -> None:
+        context.get_mutable_numeric_parameter(number).SetFromVector(value.ravel())
+
+    return _Parameter(name, unit, Read, Write)
+
+
+def _Elements(
+    context: Context, number: int, names: dict[str, int]
+) -> Iterator[_Parameter]:
+    """Yields the elements of a numeric parameter that have names of their own."""
+    for name, i in names.items():
+
+        def Read(i: int = i) -> Array:
+            return np.array(context.get_numeric_parameter(number).GetAtIndex(i))
+
+        def Write(value: Array, i: int = i) -> None:
+            vector = context.get_mutable_numeric_parameter(number)
+            vector.SetAtIndex(i, float(value))
+
+        yield _Parameter(name, "", Read, Write)
+
+
+def _FieldsOf(vector: Any) -> dict[str, int]:
+    """Returns the places of the elements that a vector of Drake's has methods for.
+
+    PendulumParams has set_mass(), for instance. The place of an element is where its
+    method changes a copy of the vector.
+    """
+    places = {}
+    for method in dir(vector):
+        name = method.removeprefix("set_")
+        if name in (method, "value"):
+            continue
+        copy = vector.Clone()
+        copy.SetFromVector(np.zeros(vector.size()))
+        getattr(copy, method)(1.0)
+        places[name] = int(np.argmax(copy.CopyToVector()))
+    return places
+
+
+def _ParametersOfPlant(plant: MultibodyPlant, context: Context) -> Iterator[_Parameter]:
+    """Yields the mass of each body and the damping of each joint.
+
+    A body that is changed in mass keeps its centre of mass and its unit inertia.
+    """
+    for number in range(1, plant.num_bodies()):  # 0 is the world.
+        body = plant.get_body(BodyIndex(number))
+
+        def ReadMass(body: Any = body) -> Array:
+            return np.array(body.get_mass(context))
+
+        def WriteMass(value: Array, body: Any = body) -> None:
+            body.SetMass(context, float(value))
+
+        yield _Parameter(f"{body.name()}.mass", "kg", ReadMass, WriteMass)
+    for joint_index in plant.GetJointIndices():
+        joint = plant.get_joint(joint_index)
+        if joint.num_velocities() == 0:
+            continue
+
+        def ReadDamping(joint: Any = joint) -> Array:
+            return np.array(joint.GetDampingVector(context))
+
+        def WriteDamping(value: Array, joint: Any = joint) -> None:
+            joint.SetDampingVector(context, value)
+
+        name = f"{joint.name()}.damping"
+        unit = "N m s/rad" if joint.type_name() == "revolute" else "N s/m"
+        yield _Parameter(name, unit, ReadDamping, WriteDamping)
