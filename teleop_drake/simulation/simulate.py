@@ -199,7 +199,7 @@ def _Run(
             notes = [f"Run in Drake's Simulator: {error}."]
     if run is None:
         run = RunInDrake(job)
-        notes += NotesOnSamples(job.diagram)
+        notes += NotesOnSamples(job.diagram, job.diagram.CreateDefaultContext())
     if run.termination == "diverged":
         run.series = finite_part(run.series)
         if len(run.series[0]) == 0:
