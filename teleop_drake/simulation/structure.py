@@ -239,7 +239,7 @@ def _Outline(block: Block, kernel: Kernel) -> list[Any]:
     return [
         block.path,
         [port.size() for port in outputs],
-        dataclasses.replace(kernel, parameters=names, delays=()),
+        dataclasses.replace(kernel, parameters=names, derived={}, delays=()),
         [(x.signal, x.output, len(x.initial_value)) for x in kernel.delays],
         # That of delays is Drake's alone.
         None if kernel.delays else getattr(system, "longest_step", None),
