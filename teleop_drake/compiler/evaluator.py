@@ -1,6 +1,5 @@
 """A diagram as one function, in Python or in machine code."""
 
-import functools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -25,7 +24,6 @@ from teleop_drake.kernel import Kernel, KernelBlock, KernelIn
 from teleop_drake.machine_code.cache import Kept
 from teleop_drake.machine_code.native import Evaluate, Library
 from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
-from teleop_drake.machine_code.surroundings import UpToDate
 from teleop_drake.machine_code.symbols import Untraceable
 
 
@@ -94,6 +92,7 @@ class Evaluator:
         system: The diagram, or a block by itself.
         context: Its context, whose parameters and fixed inputs are taken over.
         as_machine_code: Whether to compile it.
+        like: Another one, whose machine code is used if it would be the same.
 
     Attributes:
         system: The diagram.
@@ -105,8 +104,15 @@ class Evaluator:
         UnsupportedSystem: If a block cannot be compiled; it is named.
     """
 
+    function: Callable[..., Any]
+
     def __init__(
-        self, system: System, context: Context, *, as_machine_code: bool = False
+        self,
+        system: System,
+        context: Context,
+        *,
+        as_machine_code: bool = False,
+        like: "Evaluator | None" = None,
     ):
         self.blocks = Flatten(system)
         self.system = system
@@ -115,6 +121,9 @@ class Evaluator:
         for block, kernel in zip(self.blocks, kernels, strict=True):
             CheckEvents(block.system, kernel, contexts[block.system])
         self.program = Program(self.blocks, kernels)
+        if like is not None and self.program.HasCodeOf(like.program):
+            self.function = like.function
+            return
         compiler = CompileEvaluate if as_machine_code else _InPython
         try:
             self.function = compiler(self.program)
@@ -191,29 +200,9 @@ def CompileEvaluate(program: Program) -> Evaluate:
             loop until something has converged.
     """
     parameters, integers = program.parameters
-    evaluate, _ = _Compiled(
-        program.text,
-        tuple(program.names.items()),
-        program.sizes,
-        len(parameters),
-        tuple(integers.tolist()),
-    ).Get()
-    return evaluate
-
-
-@functools.cache
-def _Compiled(
-    text: str,
-    names: tuple[tuple[str, Callable[..., Any]], ...],
-    sizes: tuple[int, int, int],
-    num_parameters: int,
-    integers: tuple[int, ...],
-) -> UpToDate[Evaluate]:
-    def Make() -> Evaluate:
-        q = np.array(integers, np.int64)
-        traced = TraceProgram(text, dict(names), sizes, num_parameters, q)
-        data, is_from_cache = Kept("evaluate", MakeCode(traced))
-        library = Library(data, "evaluate")
-        return Evaluate(library.Address("evaluate"), library, is_from_cache)
-
-    return UpToDate([function for _, function in names], Make)
+    traced = TraceProgram(
+        program.text, program.names, program.sizes, len(parameters), integers
+    )
+    data, is_from_cache = Kept("evaluate", MakeCode(traced))
+    library = Library(data, "evaluate")
+    return Evaluate(library.Address("evaluate"), library, is_from_cache)

@@ -206,6 +206,22 @@ class Program:
         ]
         return program
 
+    def HasTextOf(self, other: "Program") -> bool:
+        """Returns whether another program differs in its numbers and functions alone.
+
+        Its integers are no numbers in this sense: they decide which code there is.
+        """
+        return (
+            self.text == other.text
+            and self.sizes == other.sizes
+            and len(self.parameters[0]) == len(other.parameters[0])
+            and np.array_equal(self.parameters[1], other.parameters[1])
+        )
+
+    def HasCodeOf(self, other: "Program") -> bool:
+        """Returns whether another program differs in its numbers alone."""
+        return self.names == other.names and self.HasTextOf(other)
+
     def OwnerOf(self, function: Callable[..., Any]) -> System | None:
         """Returns the first block whose kernel has a function."""
         for output, (_, _, term) in self._terms.items():

@@ -16,7 +16,6 @@ from teleop_drake.arrays import Array
 from teleop_drake.machine_code.cache import Kept
 from teleop_drake.machine_code.native import BoundEvaluate, Library
 from teleop_drake.machine_code.scalar_code import IsWhole, LeavesOf, MakeCode, TraceLaw
-from teleop_drake.machine_code.surroundings import Surroundings, UpToDate
 from teleop_drake.machine_code.symbols import Untraceable
 
 Law = Callable[..., Array]
@@ -49,8 +48,9 @@ def TellOnce(error: Untraceable) -> None:
 class CompiledLaw:
     """A law as machine code; within Interpreted() it is called as it is.
 
-    It is the same function to within rounding. It is compiled when it is first called,
-    and kept in the user's cache. A law that does what a graph of operations cannot, see
+    It is the same function to within rounding. Each thread traces it at its first call.
+    What it reads from outside of its arguments is read then, and not again: a new
+    CompiledLaw traces anew. A law that does what a graph of operations cannot, see
     `tracing`, stays as it is, and a line in the log says why.
 
     Args:
@@ -70,7 +70,7 @@ class CompiledLaw:
         if _is_interpreted.get():
             return self.law(*arguments)
         call: _Call | None = getattr(self._local, "call", None)
-        if call is None or not all(map(Surroundings.AreSame, call.surroundings)):
+        if call is None:
             call = self._local.call = self._Prepare(arguments)
         if call.run is None:
             return self.law(*arguments)
@@ -84,17 +84,12 @@ class CompiledLaw:
         result = np.array(self.law(*arguments), dtype=float)
         samples = [*self.law.args, *(np.asarray(x, dtype=float) for x in arguments)]
         try:
-            library, *surroundings = _LibraryOf(
-                cast(FunctionType, self.law.func), samples
-            )
-            surroundings.append(Surroundings(self.law.args))
-            if not all(x.AreSame() for x in surroundings):
-                raise Untraceable("what it reads changes, or cannot be compared")
+            library = _LibraryOf(cast(FunctionType, self.law.func), samples)
         except Untraceable as error:
             error.function = self.law.func
             error.place = error.place or f"{self.law.func.__name__}()"
             TellOnce(error)
-            return _Call((), [], None, result)
+            return _Call([], None, result)
         values = [np.asarray(x) for x in LeavesOf(samples) if not IsWhole(x)]
         memory = np.concatenate([np.ravel(value) for value in values])
         ends = np.cumsum([value.size for value in values])
@@ -104,38 +99,19 @@ class CompiledLaw:
         ]
         places = places[len(places) - len(arguments) :]
         run = BoundEvaluate(library, memory, result)
-        return _Call(tuple(surroundings), places, run, result)
+        return _Call(places, run, result)
 
 
 class _Call(NamedTuple):
     """What a call of a law works with."""
 
-    surroundings: tuple[Surroundings, ...]
     places: list[Array]  # Where arguments go.
     run: Callable[[], None] | None  # What to call then; None: the law itself.
     result: Array
 
 
-_libraries: dict[tuple[FunctionType, str], UpToDate[Library]] = {}
-
-
-def _LibraryOf(
-    law: FunctionType, samples: Sequence[Any]
-) -> tuple[Library, Surroundings]:
+def _LibraryOf(law: FunctionType, samples: Sequence[Any]) -> Library:
     """Returns a law for arguments of these shapes as machine code."""
-    structure = repr([_StructureOf(sample) for sample in samples])
-    if (law, structure) not in _libraries:
-        samples = copy.deepcopy(samples)
-
-        def Make() -> Library:
-            data, _ = Kept(law.__name__.strip("<>"), MakeCode(TraceLaw(law, samples)))
-            return Library(data, "evaluate")
-
-        _libraries[law, structure] = UpToDate([law], Make)
-    return _libraries[law, structure].Get()
-
-
-def _StructureOf(sample: Any) -> Any:
-    if isinstance(sample, tuple):
-        return type(sample), *map(_StructureOf, sample)
-    return np.asarray(sample).tolist() if IsWhole(sample) else np.shape(sample)
+    program = TraceLaw(law, copy.deepcopy(samples))
+    data, _ = Kept(law.__name__.strip("<>"), MakeCode(program))
+    return Library(data, "evaluate")

@@ -10,7 +10,6 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Gain, Integrator
 
-from teleop_drake.compiler import evaluator as compiler
 from teleop_drake.compiler.check import CheckKernel, Compare
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import UnsupportedSystem
@@ -22,7 +21,6 @@ from teleop_drake.kernel import Kernel
 def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
-    compiler._Compiled.cache_clear()
     return tmp_path / "teleop-drake" / "kernels"
 
 
@@ -45,12 +43,29 @@ def check_machine_code(diagram):
 def test_numbers_are_data_and_structure_is_code(cache):
     first = check_machine_code(decay(3.0))
     assert not first.is_from_cache
-    assert check_machine_code(decay(4.0)) is first
-    compiler._Compiled.cache_clear()  # As in another process.
     other = check_machine_code(decay(4.0))
     assert other is not first
     assert other.is_from_cache
     assert len(list(cache.rglob("evaluate_*.o"))) == 1
+
+
+def test_code_is_used_again_where_it_would_be_the_same():
+    def Compiled(diagram, like=None):
+        context = diagram.CreateDefaultContext()
+        return Evaluator(diagram, context, as_machine_code=True, like=like)
+
+    first = Compiled(decay(3.0))
+    assert Compiled(decay(4.0), like=first).function is first.function
+    other = Integrator([1.0])
+    other.set_name("other")
+    builder = DiagramBuilder()
+    builder.AddSystem(other)
+    builder.ExportInput(other.get_input_port())
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    diagram.get_input_port().FixValue(context, [0.0])
+    anew = Evaluator(diagram, context, as_machine_code=True, like=first)
+    assert anew.function is not first.function
 
 
 RATES = {"rate": 4.0}
