@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         TrackingScenario,
     )
     from teleop_drake.simulation import MakeDiagram, MakeSimulator, simulate
+    from teleop_drake.simulation.compile import Compile
     from teleop_drake.sweep import Sweep
     from teleop_drake.sweep.tuning import Tune
     from teleop_drake.tasks.metrics import RunMetrics, RunSummary
@@ -38,6 +39,7 @@ __version__ = "0.1.0"
 
 __all__ = [
     "AnalyzeStability",
+    "Compile",
     "Explore",
     "LinearizePorts",
     "LoadRecording",
@@ -81,6 +83,7 @@ _PLACES = {
         *("ScenarioToYaml", "TrackingScenario"),
     ],
     "simulation": ["MakeDiagram", "MakeSimulator", "simulate"],
+    "simulation.compile": ["Compile"],
     "sweep": ["Sweep"],
     "sweep.tuning": ["Tune"],
     "tasks.metrics": ["RunMetrics", "RunSummary"],

@@ -2,8 +2,8 @@
 
 import importlib
 import json
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -139,6 +139,31 @@ class Recording:
         """Makes the steps of a recording without."""
         if self.steps.shape[1] == 0:
             self.steps = straight_steps(self.time)
+
+    def FindLater(
+        self,
+        *,
+        events: Callable[["Recording"], list[Event]],
+        notes: Callable[["Recording"], list[str]],
+    ) -> None:
+        """Has the events and the notes found by functions when they are asked for."""
+        self.__dict__["_finders"] = {"events": events, "notes": notes}
+        del self.events, self.notes
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name):
+            """Finds the events or the notes; see FindLater()."""
+            finders = self.__dict__.get("_finders", {})
+            if name not in finders:
+                raise AttributeError(f"a Recording has no attribute {name!r}")
+            value = finders[name](self)
+            setattr(self, name, value)
+            return value
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Returns the fields, for pickle and copy."""
+        return {item.name: getattr(self, item.name) for item in fields(self)}
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Returns the samples (N, k) of a signal.

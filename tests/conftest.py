@@ -36,13 +36,6 @@ def _IsSlowRun(config):
     return config.option.markexpr == "slow"
 
 
-@pytest.fixture(autouse=True)
-def _own_loops():
-    """Lets no test take over a loop that another one has made, or has changed."""
-    if structure := sys.modules.get("teleop_drake.simulation.structure"):
-        structure._loops.clear()
-
-
 @pytest.hookimpl(tryfirst=True)  # Hypothesis and pytest-xdist read the seed.
 def pytest_configure(config):
     """Chooses between the same examples and a search."""

@@ -51,7 +51,7 @@ def _Load(scenario: AnyScenario, text: str) -> Recording | None:
 def _Simulate(scenario: AnyScenario, engine: str, text: str) -> Recording:
     recording = simulate(scenario, engine=engine)
     if folder is not None:
-        parts = vars(recording).copy()
+        parts = recording.__getstate__()
         del parts["scenario"]  # It does not pickle.
         with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
             pickle.dump(parts, file)

@@ -1,5 +1,8 @@
 """Tests of what a notebook and pandas make of a recording."""
 
+import copy
+import dataclasses
+import pickle
 import re
 import sys
 
@@ -30,7 +33,7 @@ def test_repr_is_short_and_says_what_happened():
         "<Recording of two_dof_combined, adaptive_backstepping: 0.2 s in "
     )
     assert len(text) < 200 and "\n" not in text and "completed" in text
-    recording = Recording(**recording.__dict__)
+    recording = dataclasses.replace(recording)
     recording.events = [Event(name=f"e{i}", time=0.1 * i) for i in range(5)]
     assert "e0 at 0 s, e1 at 0.1 s, e2 at 0.2 s, 2 more events" in repr(recording)
 
@@ -46,8 +49,27 @@ def test_html_has_every_metric_with_its_unit_and_a_figure():
     assert "data:image/png;base64,iVBOR" in html
 
 
+def test_events_and_notes_are_found_once_and_when_they_are_asked_for():
+    recording = dataclasses.replace(ShortRun(), scenario=None)  # It does not pickle.
+    calls = []
+
+    def FindEvents(run):
+        calls.append(run)
+        return [Event(name="contact", time=0.1)]
+
+    recording.FindLater(events=FindEvents, notes=lambda run: ["a note"])
+    assert calls == []
+    for other in (recording, copy.copy(recording), dataclasses.replace(recording)):
+        assert other.EventTimes("contact") == [0.1]
+        assert other.notes == ["a note"]
+    assert calls == [recording]
+    assert pickle.loads(pickle.dumps(recording)).notes == ["a note"]
+    with pytest.raises(AttributeError, match="a Recording has no attribute 'evens'"):
+        recording.evens  # noqa: B018
+
+
 def test_html_of_a_run_without_a_number_says_so():
-    recording = Recording(**ShortRun().__dict__)
+    recording = dataclasses.replace(ShortRun())
     recording.signals = {
         n: np.full_like(x, np.nan) for n, x in recording.signals.items()
     }

@@ -359,6 +359,7 @@ class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
     """Chapters 4 and 5 as one n-dimensional law; see laws.backstepping."""
 
     kind = "adaptive_backstepping"
+    derives_from_channels = False
     block: ClassVar[type[AdaptiveBackstepping]] = AdaptiveBackstepping
 
     @classmethod

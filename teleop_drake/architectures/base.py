@@ -126,10 +126,13 @@ class ArchitectureConfig(KindConfig, ABC):
         forward_parts: Names of the vectors (n each) in a forward packet, for tables;
             empty: they are numbered.
         return_parts: The same of a return packet.
+        derives_from_channels: Whether MakeArchitecture() reads the channels, or the
+            duration, of its facts.
     """
 
     forward_parts: ClassVar[tuple[str, ...]] = ()
     return_parts: ClassVar[tuple[str, ...]] = ()
+    derives_from_channels: ClassVar[bool] = True
 
     @property
     def has_gains_of_delay(self) -> bool:

@@ -98,6 +98,7 @@ class DampedForceConfig(ControlLawConfig):
     """Direct force and a damper at the tool; see architectures.damped_force."""
 
     kind = "damped_force"
+    derives_from_channels = False
 
     # B, N s/m, >= 0. Null: 2 sqrt(K m), with the stiffness K of the haptic device at
     # low frequency, H(s) = K/s + ..., and the largest apparent mass m at the start

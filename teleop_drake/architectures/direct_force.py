@@ -48,6 +48,7 @@ class DirectForceConfig(ControlLawConfig):
     """F_c(t) = F_h(t - T_f); it has no parameters."""
 
     kind = "direct_force"
+    derives_from_channels = False
 
     def MakeControlLaw(self, facts: Facts, path: str) -> DirectForce:
         """Makes the law."""

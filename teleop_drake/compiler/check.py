@@ -24,7 +24,7 @@ from teleop_drake.compiler.engine import CompiledRun, Visited
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.contexts import ContextsIn
 
-__all__ = ["CheckKernel", "CheckVisited", "Compare", "KernelDisagrees"]
+__all__ = ["CheckKernel", "CheckVisited", "Compare", "HoldsOwnCode", "KernelDisagrees"]
 
 
 # Between what a kernel and its block compute, as a share of the largest element; the
@@ -130,6 +130,20 @@ def _SetModes(evaluator: Evaluator, context: Context, m: Array) -> None:
             size = own.get_discrete_state(i).size()
             own.SetDiscreteState(i, m[first : first + size])
             first += size
+
+
+# Packages whose laws and blocks are held by their own tests.
+_TESTED = ("teleop_drake", "pydrake")
+
+
+def HoldsOwnCode(evaluator: Evaluator) -> bool:
+    """Returns whether a program holds a user's own block or function."""
+    program = evaluator.program
+    code = [
+        *(type(block.system) for block in evaluator.blocks),
+        *program.functions,
+    ]
+    return any(item.__module__.partition(".")[0] not in _TESTED for item in code)
 
 
 def CheckVisited(

@@ -1,5 +1,6 @@
 """Runs a compiled diagram."""
 
+import itertools
 from collections.abc import Callable, Iterable, Sequence, Sized
 from typing import Any, NamedTuple
 
@@ -109,10 +110,7 @@ class CompiledRun:
         self._num_rows, self._chunk = 0, _FIRST_CHUNK
         self._integrate: Callable[..., Any] = integrator.advance
         if isinstance(evaluator.function, Evaluate):
-            # Once a process for all diagrams: nothing in it is a user's.
-            numbers = 0.0, accuracy, max_step
-            types = EVALUATE, *map(TypeOf, (self.problem, self.memory, *numbers))
-            self._integrate = CompileTyped(integrator.advance, types)
+            self._integrate = _CompiledAdvance(self.problem, self.memory)
 
     @property
     def time(self) -> float:
@@ -265,6 +263,24 @@ class CompiledRun:
         self.memory = memory._replace(steps=steps, values=values, breaks=breaks)
 
 
+# The integrator in machine code, once it is made.
+_advance: list[Callable[..., int]] = []
+
+
+def _CompiledAdvance(
+    system: problem.Problem, memory: problem.Memory
+) -> Callable[..., int]:
+    """Returns the integrator in machine code, which is that of all diagrams.
+
+    Args:
+        system: Any system, and its memory: they have the types of all others.
+    """
+    if not _advance:
+        types = map(TypeOf, (system, memory, 0.0, 0.0, 0.0))
+        _advance.append(CompileTyped(integrator.advance, (EVALUATE, *types)))
+    return _advance[0]
+
+
 def _Delays(program: Program, start: float, end: float) -> problem.Delays:
     delays = [delay for delay, _, _ in program.delays]
     packets = [np.reshape(_Packets(delay, end), (-1, 3)) for delay in delays]
@@ -300,8 +316,8 @@ def _Integers(numbers: Iterable[int]) -> Indices:
 
 def _Ranges(groups: Sequence[Sized]) -> Indices:
     """Returns where each group begins and ends if they stand one after another."""
-    ends = np.cumsum([0, *map(len, groups)], dtype=np.int64)
-    return np.column_stack((ends[:-1], ends[1:]))
+    ends = [0, *itertools.accumulate(map(len, groups))]
+    return np.array([ends[:-1], ends[1:]], np.int64).T.copy()
 
 
 def _Packets(delay: Delay, end: float) -> Sequence[Packet]:

@@ -10,6 +10,7 @@ from typing import Any
 from teleop_drake.kinds import KIND_KEYS, IsOwn
 from teleop_drake.scenario.overrides import DELAYS, Given, ParseOverrides, SetPath
 from teleop_drake.scenario.scenario import (
+    CHANNELS,
     AnyScenario,
     Scenario,
     ScenarioFiles,
@@ -64,12 +65,35 @@ def LoadOverridden(
     """
     path = _FindScenario(name_or_path)
     tree = ToTree(_CompleteTree(path, ReadText(path)))
-    pairs = ParseOverrides(overrides)
-    replaced = [SetPath(tree, dotted, value) for dotted, value in pairs]
+    replaced = _SetPaths(tree, overrides)
     scenario = FromTree(tree, _SchemaOf(tree))
     scenario._Check()
     scenario._Remember(ToTree(scenario))
     return scenario, replaced
+
+
+def Overridden(
+    scenario: AnyScenario, overrides: Mapping[str, Any] | Iterable[str]
+) -> tuple[AnyScenario, set[str]]:
+    """Returns a valid scenario with overrides, and the names of the fields they are in.
+
+    Where these are the channels alone, as in most sweeps, only channels are checked.
+    """
+    tree = ToTree(scenario)
+    fields = {path.partition(".")[0] for path in _SetPaths(tree, overrides)}
+    changed = FromTree(tree, type(scenario))
+    if isinstance(changed, Scenario) and fields <= set(CHANNELS):
+        changed._CheckChannels()
+    else:
+        changed._Check()
+    return changed, fields
+
+
+def _SetPaths(
+    tree: dict[str, Any], overrides: Mapping[str, Any] | Iterable[str]
+) -> list[str]:
+    """Replaces values in a tree, and returns the paths with the numbers of elements."""
+    return [SetPath(tree, path, value) for path, value in ParseOverrides(overrides)]
 
 
 def ReadScenario(
@@ -132,7 +156,7 @@ def CheckSteps(scenario: AnyScenario) -> None:
     """
     steps: dict[str, float] = {}
     if isinstance(scenario, Scenario):
-        for path in ("forward_channel", "return_channel"):
+        for path in CHANNELS:
             channel = getattr(scenario, path)
             steps[f"{path}.delay"] = channel.LongestStep(scenario.duration)
             steps[f"{path}.sample_period"] = channel.PacketPeriod()

@@ -73,6 +73,10 @@ _MOST_GRAVITY = 1000.0
 _FARTHEST_START = 1e6
 
 
+CHANNELS = ("forward_channel", "return_channel")
+"""The fields of a Scenario that are channels."""
+
+
 @dataclass(kw_only=True, eq=False)
 class _ScenarioBase(FixedFields):
     """What every scenario has."""
@@ -204,8 +208,10 @@ class Scenario(_ScenarioBase):
 
     def ConstantDelays(self) -> list[ConstantDelay]:
         """Returns the forward and the return delay that stand for the channels."""
-        paths = ("forward_channel", "return_channel")
-        return [getattr(self, x).AsConstantDelay(x, self.duration) for x in paths]
+        return [
+            getattr(self, path).AsConstantDelay(path, self.duration)
+            for path in CHANNELS
+        ]
 
     @property
     def initial_psi(self) -> Array:
@@ -222,10 +228,7 @@ class Scenario(_ScenarioBase):
             self.surgeon.Check("surgeon", n)
         self.haptic_device.Check("haptic_device")
         # The channels, which need the duration.
-        for path in ("forward_channel", "return_channel"):
-            channel = getattr(self, path)
-            if reads_files or not _Files(channel):
-                channel.Check(path, self.duration)
+        self._CheckChannels(reads_files=reads_files)
         # The tissue and the tool in front of it.
         with Within("environment"):
             self.environment.Check()
@@ -248,6 +251,12 @@ class Scenario(_ScenarioBase):
         ):
             controller.CheckInitialPsi(self.Facts())
         CheckSimulatorConfig(self.simulator)
+
+    def _CheckChannels(self, *, reads_files: bool = True) -> None:
+        for path in CHANNELS:
+            channel = getattr(self, path)
+            if reads_files or not _Files(channel):
+                channel.Check(path, self.duration)
 
 
 @dataclass(kw_only=True, eq=False)

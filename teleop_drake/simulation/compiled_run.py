@@ -1,14 +1,17 @@
 """Runs a diagram as machine code."""
 
+import threading
 import time as clock
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Context, Diagram
+from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.arrays import Array, Indices
-from teleop_drake.compiler.check import CheckVisited
-from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.compiler.check import CheckVisited, HoldsOwnCode
+from teleop_drake.compiler.engine import CompiledRun, Visited
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf, UnsupportedSystem
 from teleop_drake.integrator.problem import EVALUATIONS, SAME, STEPS, TRIES
@@ -19,86 +22,111 @@ from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
 from teleop_drake.simulation.run import Interruption, Job, Outcome, Pace
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
-from teleop_drake.simulation.structure import Loop, Structure, WhyNotSolved
 from teleop_drake.tasks import TaskOf
 from teleop_drake.validation import ScenarioError
-
-# Programs that have agreed with their diagrams. Later runs of a structure differ in
-# their parameters alone.
-_checked: set[str] = set()
 
 
 class CannotCompile(ScenarioError):
     """A run that has to be Drake's; the message says why."""
 
 
-def RunCompiled(
-    job: Job, structure: Structure | None = None, loop: Loop | None = None
-) -> Outcome:
-    """Runs a diagram as machine code.
+@dataclass(kw_only=True)
+class CompiledDiagram:
+    """A diagram as machine code.
+
+    Attributes:
+        diagram: The model.
+        context: Its Context, which the comparison with Drake's callbacks changes.
+        evaluator: What the blocks compute.
+        places: The columns of each recorded signal in a row, by its name.
+        start: Where a run begins.
+        longest_step: The longest step that the blocks allow, s.
+        parts: Systems that stand in the place of the diagram's, by their paths.
+    """
+
+    diagram: Diagram
+    context: Context
+    evaluator: Evaluator
+    places: dict[str, slice]
+    start: Visited
+    longest_step: float
+    parts: Mapping[str, System] = field(default_factory=dict)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _is_checked: bool = False
+
+    def Start(self, config: SimulatorConfig, end: float) -> CompiledRun:
+        """Returns a run until a time in s; it has not begun."""
+        return CompiledRun(
+            self.evaluator,
+            None,
+            start=self.start,
+            end=end,
+            accuracy=config.accuracy,
+            max_step=min(config.max_step_size, self.longest_step),
+        )
+
+    def Run(self, job: Job) -> Outcome:
+        """Runs it. The first run of a user's own code is compared with Drake.
+
+        Raises:
+            KernelDisagrees: If the machine code does not compute what the diagram does.
+        """
+        run = self.Start(job.config, job.duration)
+        outcome = _Run(run, job, self.places)
+        systems = {system.get_name(): system for system in self.diagram.GetSystems()}
+        outcome.TakeStatistics({**systems, **self.parts}.values())
+        self.Check(run.visited)
+        return outcome
+
+    def Check(self, visited: Iterable[Visited] = ()) -> None:
+        """Compares a user's own code with Drake's callbacks, the first time.
+
+        Args:
+            visited: Where it is compared, besides the start.
+        """
+        with self._lock:  # There is one Context.
+            if self._is_checked:
+                return
+            if HoldsOwnCode(self.evaluator):
+                states = [self.start, *visited]
+                CheckVisited(self.evaluator, self.diagram, self.context, states)
+            self._is_checked = True
+
+
+def CompileDiagram(
+    diagram: Diagram,
+    config: SimulatorConfig,
+    inputs: Mapping[str, Array] | None = None,
+    like: Evaluator | None = None,
+) -> CompiledDiagram:
+    """Compiles a diagram.
 
     Args:
-        structure: Keeps the program for others; None: it is not kept.
-        loop: What was kept of the diagram, with the blocks for this run.
+        config: The solver that will be asked for.
+        inputs: What the inputs of the diagram are fed with at first, by their names.
+        like: Of another diagram, whose machine code is used if it would be the same.
 
     Raises:
-        CannotCompile: If a block, or the solver that is asked for, has no machine code.
-        KernelDisagrees: If the machine code does not compute what the diagram does.
-    """
-    diagram, context = job.diagram, None
-    if loop is None:
-        loop, context = CompileLoop(diagram, job.config)
-    run = StartRun(loop, context, job.config, job.duration)
-    outcome = _Run(run, job, loop.places)
-    if context is None:
-        outcome.TakeStatistics(loop.parts.values())
-        return outcome
-    program = loop.evaluator.program.text
-    is_known = program in _checked
-    visited = run.visited[-1:] if is_known else [run.start, *run.visited]
-    CheckVisited(loop.evaluator, diagram, context, visited)
-    _checked.add(program)
-    outcome.TakeStatistics(diagram.GetSystems())
-    if structure is not None:
-        structure.Keep(loop._replace(start=run.start))
-    return outcome
-
-
-def CompileLoop(
-    diagram: Diagram, config: SimulatorConfig, **inputs: Array
-) -> tuple[Loop, Context]:
-    """Compiles a diagram, and returns where it starts; see RunCompiled().
-
-    Args:
-        inputs: What the inputs of the diagram are fed with at first, by their names.
+        CannotCompile: If a block, or the solver, has no machine code.
     """
     if why := WhyNotSolved(config):
         raise CannotCompile(why)
     context = diagram.CreateDefaultContext()
     context.SetAccuracy(EVENT_ACCURACY)
-    for name, values in inputs.items():
+    for name, values in (inputs or {}).items():
         diagram.GetInputPort(name).FixValue(context, values)
     diagram.ExecuteInitializationEvents(context)
     try:
-        evaluator = Evaluator(diagram, context, as_machine_code=True)
+        evaluator = Evaluator(diagram, context, as_machine_code=True, like=like)
     except UnsupportedSystem as error:
         raise CannotCompile(str(error)) from error
-    longest_step = LongestStep(diagram, context, of_delays=False)
-    places = SignalPlaces(evaluator, diagram)
-    return Loop(diagram, evaluator, places, None, longest_step), context
-
-
-def StartRun(
-    loop: Loop, context: Context | None, config: SimulatorConfig, end: float
-) -> CompiledRun:
-    """Returns the run of a loop until a time in s; it has not begun."""
-    return CompiledRun(
-        loop.evaluator,
-        context,
-        start=loop.start,
-        end=end,
-        accuracy=config.accuracy,
-        max_step=min(config.max_step_size, loop.longest_step),
+    return CompiledDiagram(
+        diagram=diagram,
+        context=context,
+        evaluator=evaluator,
+        places=SignalPlaces(evaluator, diagram),
+        start=Visited(context.get_time(), *evaluator.ReadContext(context)),
+        longest_step=LongestStep(diagram, of_delays=False),
     )
 
 
@@ -114,12 +142,19 @@ def StartFed(
         The run, which agrees with the diagram where it starts; where the signals are in
         its rows, by their names; and what is fed, by the names of the blocks.
     """
-    loop, context = CompileLoop(diagram, config, **inputs)
-    run = StartRun(loop, context, config, end)
-    CheckVisited(loop.evaluator, diagram, context, [run.start])
-    fed, blocks = loop.evaluator.program.fed, loop.evaluator.blocks
+    compiled = CompileDiagram(diagram, config, inputs)
+    compiled.Check()
+    blocks, fed = compiled.evaluator.blocks, compiled.evaluator.program.fed
     places = {blocks[i].system.get_name(): place for (i, _), place in fed.items()}
-    return run, loop.places, places
+    return compiled.Start(config, end), compiled.places, places
+
+
+def WhyNotSolved(config: SimulatorConfig) -> str:
+    """Returns why compiled runs have no such solver; empty: they have."""
+    if config.integration_scheme == "runge_kutta5" and config.use_error_control:
+        return ""
+    scheme = config.integration_scheme
+    return f"compiled runs use runge_kutta5 with error control, not {scheme}"
 
 
 def WhyNotCompiled(scenario: AnyScenario) -> str:

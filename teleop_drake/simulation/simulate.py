@@ -2,7 +2,8 @@
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any, cast
 
 from pydrake.systems.analysis import SimulatorConfig
@@ -11,7 +12,7 @@ from pydrake.systems.framework import Diagram, System
 from teleop_drake.environments import Surface, SurfacesOf
 from teleop_drake.machine_code.compiled import Interpreted
 from teleop_drake.numerics.step_polynomials import finite_part
-from teleop_drake.recording import Recording, SolverStatistics
+from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
 from teleop_drake.scenario.config import DefaultSimulator
 from teleop_drake.signals import SignalsOf
@@ -19,7 +20,6 @@ from teleop_drake.simulation.drake_run import RunInDrake
 from teleop_drake.simulation.ending import EndAtBound
 from teleop_drake.simulation.run import Job, Outcome
 from teleop_drake.simulation.stepping import NotesOnSamples, SystemsIn
-from teleop_drake.simulation.structure import Loop, Structure
 from teleop_drake.tasks import SpeedLimit, Task, TaskOf
 from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
 
@@ -129,7 +129,8 @@ def simulate(
         config = simulator or DefaultSimulator()
         job = Job(scenario, config, duration, _Finite(), progress)
         run, notes = _Run(job, engine)
-        return MakeRecording(None, job.diagram, config, run, notes)
+        _EndWhereFinite(run)
+        return MakeRecording(None, scenario, config, run, notes)
     scenario = AsScenario(scenario)
     given = {"duration": duration, "simulator": simulator}
     changes = {key: value for key, value in given.items() if value is not None}
@@ -137,23 +138,38 @@ def simulate(
         scenario = dataclasses.replace(scenario, **changes)  # type: ignore[arg-type]
     task = task or TaskOf(scenario)
     scenario.Validate()
-    structure = loop = None
     if teleoperator is not None:
         _CheckTeleoperator(scenario, task, teleoperator)
-    elif engine != "drake":
-        structure = Structure(scenario, task)
-        loop = structure.Find()
-    diagram = loop.diagram if loop else teleoperator or task.MakeDiagram(scenario)
     CheckSteps(scenario)
+    job = Job(
+        diagram=teleoperator or task.MakeDiagram(scenario),
+        config=scenario.simulator,
+        duration=scenario.duration,
+        speed_limit=task.MakeSpeedLimit(scenario),
+        progress=progress,
+    )
+    run, notes = _Run(job, engine)
+    return Finish(scenario, task, job, run, notes)
 
-    speed_limit = task.MakeSpeedLimit(scenario)
-    config, duration = scenario.simulator, scenario.duration
-    job = Job(diagram, config, duration, speed_limit, progress)
-    run, notes = _Run(job, engine, structure, loop)
-    EndAtBound(diagram, speed_limit, run)
-    recording = MakeRecording(scenario, diagram, config, run, notes, loop)
-    recording.events = task.FindEvents(recording)
-    return recording
+
+def Finish(
+    scenario: AnyScenario,
+    task: Task[Any],
+    job: Job,
+    run: Outcome,
+    notes: list[str],
+    facts: "ModelFacts | None" = None,
+) -> Recording:
+    """Makes the recording of a scenario's run, with its events.
+
+    Args:
+        facts: Those of the model; None: of the job's diagram.
+    """
+    _EndWhereFinite(run)
+    EndAtBound(job.diagram, job.speed_limit, run)
+    return MakeRecording(
+        scenario, job.diagram, job.config, run, notes, facts, task.FindEvents
+    )
 
 
 class _Finite(SpeedLimit):
@@ -180,31 +196,27 @@ def _CheckDiagram(system: System, duration: float | None, other: object) -> None
     SignalsOf(system)
 
 
-def _Run(
-    job: Job,
-    engine: str,
-    structure: Structure | None = None,
-    loop: Loop | None = None,
-) -> tuple[Outcome, list[str]]:
+def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:
     """Runs a diagram, and says why it was not compiled if it should have been."""
-    run, notes = None, []
+    notes: list[str] = []
     if engine != "drake":
-        from teleop_drake.simulation.compiled_run import CannotCompile, RunCompiled
+        from teleop_drake.simulation.compiled_run import CannotCompile, CompileDiagram
 
         try:
             with Interpreted():  # There are too few calls to pay compiling.
-                run = RunCompiled(job, structure, loop)
+                return CompileDiagram(job.diagram, job.config).Run(job), notes
         except CannotCompile as error:
-            assert loop is None, "the diagram of a loop has other blocks"
             notes = [f"Run in Drake's Simulator: {error}."]
-    if run is None:
-        run = RunInDrake(job)
-        notes += NotesOnSamples(job.diagram, job.diagram.CreateDefaultContext())
-    if run.termination == "diverged":
-        run.series = finite_part(run.series)
-        if len(run.series[0]) == 0:
-            raise ValueError(f"the run has no start: {run.reason}")
-    return run, notes
+    return RunInDrake(job), notes + NotesOnSamples(job.diagram)
+
+
+def _EndWhereFinite(run: Outcome) -> None:
+    """Leaves out, in place, what a diverged run has after its last finite numbers."""
+    if run.termination != "diverged":
+        return
+    run.series = finite_part(run.series)
+    if len(run.series[0]) == 0:
+        raise ValueError(f"the run has no start: {run.reason}")
 
 
 def _CheckTeleoperator(
@@ -221,29 +233,76 @@ def _CheckTeleoperator(
         Refuse("teleoperator.robot.num_axes", size, allowed)
 
 
+@dataclass(frozen=True)
+class ModelFacts:
+    """What a recording tells of its model.
+
+    Attributes:
+        surfaces: Those of the environment; None: it tells none.
+        reporters: Systems with a method RunNotes(), which says what to note of a run.
+        has_constant_command: As in Recording.
+    """
+
+    surfaces: tuple[Surface, ...] | None
+    reporters: tuple[Any, ...]
+    has_constant_command: bool
+
+    def With(
+        self, systems: Iterable[System], surfaces: tuple[Surface, ...] | None
+    ) -> "ModelFacts":
+        """Returns the facts of a model with other systems and surfaces."""
+        reporters = _Reporters(systems)
+        return dataclasses.replace(self, surfaces=surfaces, reporters=reporters)
+
+
+def ModelFactsOf(diagram: Diagram) -> ModelFacts:
+    """Returns the facts of a scenario's diagram."""
+    surfaces: tuple[Surface, ...] | None = ()
+    if diagram.HasSubsystemNamed("environment"):
+        surfaces = SurfacesOf(diagram.GetSubsystemByName("environment"))
+    reporters = _Reporters(SystemsIn(diagram))
+    return ModelFacts(surfaces, reporters, HasConstantCommand(diagram))
+
+
+def _Reporters(systems: Iterable[System]) -> tuple[Any, ...]:
+    return tuple(system for system in systems if hasattr(system, "RunNotes"))
+
+
 def MakeRecording(
     scenario: AnyScenario | None,
     diagram: Diagram,
     config: SimulatorConfig,
     run: Outcome,
     notes: list[str],
-    loop: Loop | None = None,
+    facts: ModelFacts | None = None,
+    find_events: Callable[[Recording], list[Event]] = lambda recording: [],
 ) -> Recording:
-    """Makes the recording of a run, without its events."""
-    systems = list(SystemsIn(diagram))
-    surfaces: tuple[Surface, ...] | None = ()
-    if loop is not None:
-        systems = [block.system for block in loop.evaluator.blocks]
-        surfaces = SurfacesOf(loop.parts["environment"])
-    elif scenario is not None and diagram.HasSubsystemNamed("environment"):
-        surfaces = SurfacesOf(diagram.GetSubsystemByName("environment"))
-    return Recording(
+    """Makes the recording of a run, whose events and notes are found when asked for.
+
+    Args:
+        notes: Those that are known already.
+        facts: Those of the model; None: of the diagram.
+        find_events: Returns the events of a recording.
+    """
+    if scenario is None:
+        reporters = _Reporters(SystemsIn(diagram))
+        facts = ModelFacts((), reporters, has_constant_command=True)
+    model = facts or ModelFactsOf(diagram)
+    time, signals, steps = run.series
+
+    def FindNotes(recording: Recording) -> list[str]:
+        found = [_NO_SURFACES] if model.surfaces is None else []
+        for reporter in model.reporters:
+            found += reporter.RunNotes(time, signals)
+        return found + notes
+
+    recording = Recording(
         scenario=cast(AnyScenario, scenario),
-        time=run.series[0],
-        signals=run.series[1],
-        steps=run.series[2],
+        time=time,
+        signals=signals,
+        steps=steps,
         events=[],
-        surfaces=surfaces or (),
+        surfaces=model.surfaces or (),
         solver=SolverStatistics(
             engine=run.engine,
             scheme=config.integration_scheme,
@@ -251,23 +310,15 @@ def MakeRecording(
             steps=run.steps,
             derivative_evaluations=run.derivative_evaluations,
             wall_time_s=run.wall_time,
-            real_time_factor=float(run.series[0][-1]) / run.wall_time,
+            real_time_factor=float(time[-1]) / run.wall_time,
         ),
         channels=run.channels,
         termination=run.termination,
         reason=run.reason,
-        notes=[
-            *([_NO_SURFACES] if surfaces is None else []),
-            *(
-                note
-                for system in systems
-                if hasattr(system, "RunNotes")
-                for note in system.RunNotes(*run.series[:2])
-            ),
-            *notes,
-        ],
-        has_constant_command=scenario is None or HasConstantCommand(diagram),
+        has_constant_command=model.has_constant_command,
     )
+    recording.FindLater(events=find_events, notes=FindNotes)
+    return recording
 
 
 def HasConstantCommand(diagram: Diagram) -> bool:

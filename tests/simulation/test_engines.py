@@ -37,7 +37,7 @@ def in_python(monkeypatch):
     monkeypatch.setattr(
         compiled_run,
         "Evaluator",
-        lambda diagram, context, as_machine_code: Evaluator(diagram, context),
+        lambda diagram, context, **options: Evaluator(diagram, context),
     )
 
 

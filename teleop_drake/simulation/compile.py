@@ -1,0 +1,362 @@
+"""A scenario as a program that is kept, and runs with other numbers.
+
+    loop = Compile("one_dof")
+    for delay in (0.02, 0.07, 0.2):
+        print(loop.Run(delay=delay).EventTimes("contact"))
+
+Machine code has no number of the scenario in it, so one program serves for all of them.
+To make a teleoperator takes far longer than to run it. Therefore a run makes only those
+blocks anew that its changes reach: the channels, the environment, the sides of the
+architecture. Other changes make the whole diagram anew, and still use the program.
+"""
+
+import copy
+import dataclasses
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from pydrake.systems.framework import Context, System
+
+from teleop_drake.architectures import Architecture
+from teleop_drake.compiler.check import HoldsOwnCode
+from teleop_drake.compiler.engine import Visited
+from teleop_drake.compiler.evaluator import KernelOf
+from teleop_drake.compiler.flatten import Block, Flatten, Source, UnsupportedSystem
+from teleop_drake.contexts import ContextsIn, DiscreteState
+from teleop_drake.environments import CONTACT, FindSurface, SurfacesOf
+from teleop_drake.kernel import Kernel
+from teleop_drake.machine_code.compiled import Interpreted
+from teleop_drake.recording import Recording
+from teleop_drake.robots.facts import FactsOfConfig
+from teleop_drake.scenario import (
+    AnyScenario,
+    AsScenario,
+    CheckSteps,
+    Scenario,
+    ScenarioError,
+    ScenarioLike,
+)
+from teleop_drake.scenario.loading import Overridden
+from teleop_drake.simulation.compiled_run import (
+    CompiledDiagram,
+    CompileDiagram,
+    WhyNotSolved,
+)
+from teleop_drake.simulation.run import Job
+from teleop_drake.simulation.simulate import Finish, ModelFacts, ModelFactsOf
+from teleop_drake.stations import MakeArchitecture
+from teleop_drake.tasks import Task, TaskOf
+
+_CHANNELS = ("forward_channel", "return_channel")
+
+# Fields of a scenario from which no system but a channel is made, unless the
+# architecture derives defaults from them.
+_OF_THE_RUN = {"name", "description", "duration", "simulator", "divergence_speed_ratio"}
+_OF_CHANNELS = {*_OF_THE_RUN, *_CHANNELS}
+
+# Fields from which parts are made that can be exchanged.
+_OF_PARTS = {*_OF_CHANNELS, "controller", "environment"}
+
+
+class NeedsAnotherProgram(ScenarioError):
+    """A change that a compiled scenario cannot take; the message names the key."""
+
+
+def Compile(scenario: ScenarioLike) -> "CompiledScenario":
+    """Compiles a scenario for many runs that differ in their numbers.
+
+    What laws read from outside of their arguments is read now, when they are traced.
+
+    Args:
+        scenario: What to compile, or its name or file.
+
+    Raises:
+        ScenarioError: If the scenario is not valid.
+        CannotCompile: If a block, or the solver, has no machine code; simulate() runs
+            such a scenario in Drake.
+    """
+    return CompiledScenario(AsScenario(scenario))
+
+
+class CompiledScenario:
+    """A scenario as machine code; see Compile(). Runs may go side by side in threads.
+
+    Args:
+        scenario: What to compile.
+
+    Attributes:
+        scenario: What Run() simulates, without its changes.
+    """
+
+    def __init__(self, scenario: AnyScenario):
+        scenario.Validate()
+        CheckSteps(scenario)
+        self.scenario: Any = copy.deepcopy(scenario)
+        self._task: Task[Any] = TaskOf(scenario)
+        with Interpreted():  # There are too few calls to pay compiling.
+            diagram = self._task.MakeDiagram(self.scenario)
+            self._compiled = CompileDiagram(diagram, self.scenario.simulator)
+        self._facts = ModelFactsOf(diagram)
+
+    def Run(self, **changes: Any) -> Recording:
+        """Simulates the scenario with other numbers.
+
+            recording = loop.Run(delay=0.07, **{"controller.G1": 3.0})
+
+        Args:
+            changes: New values by the keys of `--set`, as LoadScenario() takes them.
+
+        Raises:
+            ScenarioError: If a key is unknown or a value is not allowed.
+            NeedsAnotherProgram: If a change makes a loop of another structure, such as
+                a delay of 0, or another kind of controller.
+            KernelDisagrees: If the machine code of a user's own block does not compute
+                what the block does.
+        """
+        with Interpreted():
+            if not changes:
+                return self._Record(self.scenario, self._compiled, self._facts)
+            scenario, compiled = self._Changed(changes)
+            return self._Record(scenario, compiled, self._FactsOf(compiled))
+
+    def _Record(
+        self, scenario: Any, compiled: CompiledDiagram, facts: ModelFacts
+    ) -> Recording:
+        job = Job(
+            diagram=compiled.diagram,
+            config=scenario.simulator,
+            duration=scenario.duration,
+            speed_limit=self._task.MakeSpeedLimit(scenario),
+            progress=None,
+        )
+        return Finish(scenario, self._task, job, compiled.Run(job), [], facts)
+
+    def _FactsOf(self, compiled: CompiledDiagram) -> ModelFacts:
+        """Returns what a recording tells of a model that is not quite this one."""
+        if compiled.diagram is not self._compiled.diagram:
+            return ModelFactsOf(compiled.diagram)
+        if "environment" not in compiled.parts:
+            systems = [block.system for block in compiled.evaluator.blocks]
+            return self._facts.With(systems, self._facts.surfaces)
+        systems = [block.system for block in compiled.evaluator.blocks]
+        return self._facts.With(systems, SurfacesOf(compiled.parts["environment"]))
+
+    def _Changed(self, changes: Mapping[str, Any]) -> tuple[Any, CompiledDiagram]:
+        """Returns the scenario with changes, and what runs it."""
+        scenario, fields = Overridden(self.scenario, changes)
+        CheckSteps(scenario)
+        if why := WhyNotSolved(scenario.simulator):
+            raise NeedsAnotherProgram(f"{_Named(changes)}: {why}")
+        parts = self._Parts(scenario, fields)
+        compiled = None if parts is None else _With(self._compiled, parts, scenario)
+        if compiled is None:
+            compiled = self._Remade(scenario, changes)
+        return scenario, compiled
+
+    def _Remade(self, scenario: Any, changes: Mapping[str, Any]) -> CompiledDiagram:
+        """Returns a new diagram with the same program, or refuses the changes."""
+        known = self._compiled.evaluator
+        diagram = self._task.MakeDiagram(scenario)
+        compiled = CompileDiagram(diagram, scenario.simulator, like=known)
+        if not compiled.evaluator.program.HasTextOf(known.program):
+            if len(changes) > 1:
+                for key, value in changes.items():
+                    self._Changed({key: value})  # The one to blame is named alone.
+            raise NeedsAnotherProgram(
+                f"{_Named(changes)}: must not change the structure of the loop, for "
+                "which this program was compiled; Compile() the changed scenario"
+            )
+        return compiled
+
+    def _Parts(self, scenario: Any, fields: set[str]) -> dict[str, System] | None:
+        """Returns the systems that differ by their paths; None: the diagram does.
+
+        A user's own code is compared with the diagram that it is a part of.
+
+        Args:
+            scenario: With its changes.
+            fields: The fields of the scenario that changed.
+        """
+        has_channels = bool(self._task.Channels(scenario))
+        if not (has_channels and _IsOfPackage(self._task) and fields <= _OF_PARTS):
+            return None
+        if HoldsOwnCode(self._compiled.evaluator):
+            return None
+        parts: dict[str, System] = {}
+        architecture = self._architecture
+        chosen = scenario.controller.Chosen()
+        is_free = _IsOfPackage(chosen) and not chosen.derives_from_channels
+        if not (is_free and fields <= _OF_CHANNELS):
+            environment = self._compiled.diagram.GetSubsystemByName("environment")
+            if "environment" in fields:
+                environment = _AddEnvironment(parts, scenario)
+            facts = scenario.Facts(environment=environment)
+            architecture = MakeArchitecture(scenario, facts=facts)
+            _AddSides(parts, scenario, architecture)
+        packets = {
+            "forward_channel": architecture.initial_forward_packet,
+            "return_channel": architecture.initial_return_packet,
+        }
+        for name, packet in packets.items():
+            if not parts and not fields & {name, "duration"}:
+                continue
+            channel = getattr(scenario, name).MakeChannel(
+                size=len(packet),
+                initial_value=packet,
+                duration=scenario.duration,
+                stream=name,
+            )
+            channel.set_name(name)
+            parts[name] = channel
+        return parts
+
+    @cached_property
+    def _architecture(self) -> Architecture:
+        """The architecture of the scenario, whose systems belong to no diagram."""
+        return MakeArchitecture(self.scenario)
+
+
+def _IsOfPackage(item: object) -> bool:
+    return type(item).__module__.startswith("teleop_drake.")
+
+
+def _Named(changes: Mapping[str, Any]) -> str:
+    return ", ".join(f"{key} = {value!r}" for key, value in changes.items())
+
+
+def _AddEnvironment(parts: dict[str, System], scenario: Scenario) -> System:
+    """Adds the environment of a scenario and its operator, who feels its surfaces."""
+    start = scenario.robot.start
+    environment = scenario.environment.MakeEnvironment(start)
+    contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
+    parts["environment"] = environment
+    parts["master/surgeon"] = scenario.surgeon.MakeOperator(
+        start=start, contact_surface=contact
+    )
+    return environment
+
+
+def _AddSides(
+    parts: dict[str, System], scenario: Scenario, architecture: Architecture
+) -> None:
+    """Adds the two sides of an architecture."""
+    is_ideal = scenario.actuator.is_ideal and scenario.sensor.is_ideal
+    parts["controller" if is_ideal else "controller/law"] = architecture.slave_side
+    master_side = architecture.master_side
+    if master_side is not None:
+        parts[f"master/{master_side.get_name() or 'master_side'}"] = master_side
+
+
+class _Part(NamedTuple):
+    """A block that takes the place of another one.
+
+    Attributes:
+        block: The block, connected as the other one.
+        kernel: What it computes.
+        context: Its Context at the start.
+    """
+
+    block: Block
+    kernel: Kernel
+    context: Context
+
+
+def _With(
+    compiled: CompiledDiagram, parts: Mapping[str, System], scenario: Any
+) -> CompiledDiagram | None:
+    """Returns a model with other systems in its diagram's places, None if none fits."""
+    program, blocks = compiled.evaluator.program, list(compiled.evaluator.blocks)
+    kernels = list(program.kernels)
+    start = Visited(compiled.start.t, *(array.copy() for array in compiled.start[1:]))
+    for path, system in parts.items():
+        inside = [f"{block.path}/".startswith(f"{path}/") for block in blocks]
+        places = [i for i, is_inside in enumerate(inside) if is_inside]
+        replacing = _PartsOf(system, path, places, scenario)
+        if replacing is None:
+            return None
+        for i, part in zip(places, replacing, strict=True):
+            state = part.context.get_continuous_state_vector().CopyToVector()
+            mode = DiscreteState(part.context)
+            if part.kernel.delays:  # What they remember is for Drake alone.
+                mode = start.m[program.modes[i]]
+            if not (
+                _IsLike(part, blocks[i], kernels[i])
+                and state.size == start.x[program.states[i]].size
+                and mode.size == start.m[program.modes[i]].size
+            ):
+                return None
+            blocks[i] = dataclasses.replace(blocks[i], system=part.block.system)
+            kernels[i] = part.kernel
+            start.x[program.states[i]] = state
+            start.m[program.modes[i]] = mode
+    changed = program.With(kernels)
+    if changed is None:
+        return None
+    for delay, _, columns in changed.delays:
+        start.y[columns] = delay.initial_value
+    evaluator = copy.copy(compiled.evaluator)
+    evaluator.blocks, evaluator.program = blocks, changed
+    return dataclasses.replace(
+        compiled, evaluator=evaluator, start=start, parts=dict(parts)
+    )
+
+
+def _PartsOf(
+    system: System, path: str, places: list[int], scenario: Any
+) -> list[_Part] | None:
+    """Returns the blocks of a system; None if they are others, or have no kernels.
+
+    Args:
+        path: The system's place in the diagram.
+        places: The indices of its blocks among those of the diagram.
+        scenario: Where the tool starts.
+    """
+    found = Flatten(system, path)
+    if len(found) != len(places):
+        return None
+    context = system.CreateDefaultContext()
+    if path == "environment":
+        position = FactsOfConfig(scenario.robot).start  # As Drake's numbers have it.
+        system.GetInputPort("tool_position").FixValue(context, position)
+        system.GetInputPort("tool_velocity").FixValue(context, 0 * position)
+        system.ExecuteInitializationEvents(context)
+    contexts = ContextsIn(system, context)
+    parts = []
+    for block in found:
+        own = contexts[block.system]
+        inputs = {
+            port: Source(source.block + places[0], source.port)
+            for port, source in block.inputs.items()
+        }
+        try:
+            kernel = KernelOf(block.system, own)
+        except UnsupportedSystem:
+            return None
+        if kernel.initial_mode is not None and path != "environment":
+            return None
+        parts.append(_Part(dataclasses.replace(block, inputs=inputs), kernel, own))
+    return parts
+
+
+def _IsLike(part: _Part, block: Block, kernel: Kernel) -> bool:
+    """Returns whether a block differs from another one in its numbers alone."""
+    return _Structure(part.block, part.kernel) == _Structure(block, kernel) and (
+        part.block.inputs.items() <= block.inputs.items()
+    )
+
+
+def _Structure(block: Block, kernel: Kernel) -> list[Any]:
+    """Returns what a program has of a block, without its numbers."""
+    system = block.system
+    outputs = map(system.get_output_port, range(system.num_output_ports()))
+    return [
+        block.path,
+        [port.size() for port in outputs],
+        dataclasses.replace(
+            kernel, parameters=dict.fromkeys(kernel.parameters), delays=()
+        ),
+        [(x.signal, x.output, len(x.initial_value)) for x in kernel.delays],
+        # The longest step of a delay is for Drake alone.
+        None if kernel.delays else getattr(system, "longest_step", None),
+    ]

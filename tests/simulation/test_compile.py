@@ -1,0 +1,430 @@
+"""A compiled scenario gives the numbers of simulate(), bit for bit."""
+
+import dataclasses
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import LeafSystem
+
+from teleop_drake import Compile
+from teleop_drake.architectures import ARCHITECTURE_KINDS, ControlLawConfig
+from teleop_drake.architectures.base import LAW_INPUTS
+from teleop_drake.architectures.direct_force import DirectForceConfig
+from teleop_drake.compiler import check, evaluator
+from teleop_drake.compiler.check import KernelDisagrees
+from teleop_drake.compiler.evaluator import KernelOf
+from teleop_drake.compiler.flatten import Flatten
+from teleop_drake.contexts import ContextsIn
+from teleop_drake.kernel import Kernel, KernelBlock
+from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.simulation import simulate
+from teleop_drake.simulation.compile import NeedsAnotherProgram
+from teleop_drake.simulation.compiled_run import CannotCompile
+from teleop_drake.stations import MakeArchitecture
+from teleop_drake.tasks import TaskOf
+from teleop_drake.teleoperator import MakeTeleoperator
+
+SHORT = {"duration": 0.6, "simulator.accuracy": 1e-6}
+
+CHANNELS = [
+    *({"delay": 0.03}, {"delay": 0.17}),
+    {"kind": "sampled", "delay": 0.04, "sample_period": 0.01},
+    {"kind": "sampled", "delay": 0.05, "sample_period": 0.02},
+    {
+        **{"kind": "variable", "delay": 0.05},
+        "sinusoid": {"amplitude": 0.02, "frequency": 5.0},
+    },
+    *(
+        {
+            **{"kind": "network", "delay": 0.02, "sample_period": 0.01, "seed": seed},
+            "jitter": {"kind": "uniform", "std": 0.004},
+        }
+        for seed in (1, 2)
+    ),
+]
+
+# The tool starts in the second layer where that begins behind it.
+NUMBERS = {
+    "controller.G1": (1.5, 9.0),
+    "controller.leakage": (0.0, 0.1),
+    "environment.layers.tissue.stiffness": (0.0, 0.4),
+    "environment.layers.free.start": (-0.002, 0.002),
+    "environment.layers.bone.start": (0.004, 0.02),
+}
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """The diagrams that were made."""
+    diagrams = []
+    task = type(TaskOf(LoadScenario("one_dof")))
+    make = task.MakeDiagram
+
+    def MakeDiagram(self, scenario):
+        diagrams.append(scenario.name)
+        return make(self, scenario)
+
+    monkeypatch.setattr(task, "MakeDiagram", MakeDiagram)
+    return diagrams
+
+
+@pytest.fixture
+def traced(monkeypatch):
+    """The programs that were traced."""
+    texts = []
+    trace = evaluator.TraceProgram
+
+    def TraceProgram(text, *others):
+        texts.append(text)
+        return trace(text, *others)
+
+    monkeypatch.setattr(evaluator, "TraceProgram", TraceProgram)
+    return texts
+
+
+def Numbers(recording):
+    solver = dataclasses.asdict(recording.solver)
+    del solver["wall_time_s"], solver["real_time_factor"]
+    return [
+        recording.time.tobytes(),
+        {name: x.tobytes() for name, x in recording.signals.items()},
+        *(recording.events, recording.channels, solver, recording.notes),
+        *(recording.termination, recording.reason, recording.has_constant_command),
+        [(x.name, x.point_W.tolist()) for x in recording.surfaces],
+    ]
+
+
+def Load(task, kind, **others):
+    return LoadScenario(task, SHORT | {"controller.kind": kind} | others)
+
+
+@pytest.mark.parametrize(
+    ("task", "kind", "num"),
+    [
+        ("one_dof", "adaptive_backstepping", 6),
+        ("two_dof_collision", "direct_force", 3),
+        # Their defaults derive from the delays.
+        ("one_dof", "smith_predictor", 3),
+        ("one_dof", "wave_variables", 3),
+    ],
+)
+def test_runs_with_other_numbers_are_those_of_simulate(task, kind, num, made, traced):
+    rng = np.random.default_rng(num)
+    numbers = NUMBERS if task == "one_dof" else {"divergence_speed_ratio": (5.0, 9.0)}
+    program = Compile(Load(task, kind, delay=0.05))
+    runs, others = [], {}
+    for i in range(num):
+        if i % 3:  # Every third run has other channels alone.
+            others = {key: rng.uniform(*ends) for key, ends in numbers.items()}
+        forward, back = (CHANNELS[k] for k in rng.integers(len(CHANNELS), size=2))
+        channels = {"forward_channel": forward, "return_channel": back}
+        runs.append(channels | others | {"duration": rng.uniform(0.3, 0.9)})
+    found = [Numbers(program.Run(**changes)) for changes in runs]
+    assert len(made) == len(traced) == 1
+    for changes, numbers in zip(runs, found, strict=True):
+        assert Numbers(simulate(Load(task, kind, **changes))) == numbers
+
+
+# Numbers of a scenario, each with values that are likely to be special.
+VALUES = {
+    "delay": [0.02, 0.3],
+    "controller.G1": [0.5, 4.0, 9.0],
+    "controller.Lambda": [1.0, 2.5],
+    "controller.adaptation_rate": [0.0, 0.3, 2.0],
+    "controller.leakage": [0.0, 0.01],
+    "controller.initial_psi": ["auto", 0.7, 1.0],
+    "environment.layers.tissue.stiffness": [0.0, 0.05, 0.4],
+    "environment.layers.tissue.damping": [0.0, 0.1],
+    "robot.mass": [0.5, 1.0, 3.0],
+    "robot.damping": [0.0, 0.2],
+    "surgeon.velocity": [[0.004], [0.02]],
+    "divergence_speed_ratio": [1.01, 5.0],
+    "actuator.bandwidth": [50.0, 80.0],
+    "sensor.encoder": [
+        {"sample_period": 0.002},
+        {"sample_period": 0.01, "resolution": 1e-6},
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    "task", ["one_dof", pytest.param("two_dof_puncture", marks=pytest.mark.slow)]
+)
+def test_any_other_numbers_need_no_other_program(task, traced):
+    rng = np.random.default_rng(23)
+    given = {"actuator.bandwidth": 60.0, "sensor.encoder": {"sample_period": 0.004}}
+    program = Compile(LoadScenario(task, SHORT | given))
+    runs, changed = [], set()
+    for _ in range(9 if task == "one_dof" else 14):
+        keys = rng.choice(list(VALUES), size=3, replace=False)
+        changes = {key: VALUES[key][rng.integers(len(VALUES[key]))] for key in keys}
+        if task != "one_dof":
+            changes |= {"surgeon.velocity": rng.uniform(0.02, 0.2, 2).tolist()}
+            changes = {k: x for k, x in changes.items() if k[:6] != "robot."}
+        runs.append(changes)
+        changed |= changes.keys()
+    assert len(changed) > 9
+    found = [Numbers(program.Run(**changes)) for changes in runs]
+    assert len(traced) == 1
+    for changes, numbers in zip(runs, found, strict=True):
+        assert Numbers(simulate(LoadScenario(task, SHORT | given | changes))) == numbers
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"delay": 0.0}, "delay = 0.0"),
+        ({"duration": 0.5, "return_channel.delay": 0.0}, "return_channel.delay = 0.0"),
+        ({"controller.kind": "direct_force"}, "controller.kind = 'direct_force'"),
+        ({"controller.network.count": 4}, "controller.network.count = 4"),
+        ({"actuator.bandwidth": 100.0}, "actuator.bandwidth = 100.0"),
+        (
+            {"environment.layers": [{"name": "wall", "start": 0.01, "stiffness": 9.0}]},
+            "environment.layers = ",
+        ),
+    ],
+)
+def test_what_needs_another_program_is_refused_by_name(changes, named, one_dof):
+    with pytest.raises(NeedsAnotherProgram) as error:
+        one_dof.Run(**changes)
+    (line,) = str(error.value).splitlines()
+    assert line.startswith(named)
+    assert line.endswith("; Compile() the changed scenario")
+
+
+@pytest.fixture(scope="module")
+def one_dof():
+    return Compile(Load("one_dof", "adaptive_backstepping", delay=0.05))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"dely": 0.1}, "dely = 0.1: unknown key 'dely', must be one of"),
+        ({"delay": -0.1}, "forward_channel.delay = -0.1: must be 0 or a finite"),
+        ({"controller.G1": "much"}, "controller.G1 = 'much': must be"),
+        ({"simulator.integration_scheme": "runge_kutta3"}, "compiled runs use"),
+    ],
+)
+def test_bad_changes_are_refused_in_one_line(changes, message, one_dof):
+    with pytest.raises(ScenarioError) as error:
+        one_dof.Run(**changes)
+    (line,) = str(error.value).splitlines()
+    assert message in line
+
+
+def test_a_run_leaves_no_trace(one_dof):
+    before = Numbers(one_dof.Run())
+    one_dof.Run(**{"delay": 0.1, "environment.layers.free.start": -0.002})
+    assert Numbers(one_dof.Run()) == before
+
+
+def test_what_drake_runs_is_not_compiled():
+    with pytest.raises(CannotCompile, match=r"BrakedForceLaw .*: it offers no kernel"):
+        Compile(Load("one_dof", "own_kinds:BrakedForce"))
+
+
+def Delays(k):
+    return {"delay": 0.02 + 0.01 * k, "controller.G1": 2.0 + 0.1 * k}
+
+
+def test_threads_give_the_numbers_of_one_after_the_other(one_dof):
+    expected = [Numbers(one_dof.Run(**Delays(k))) for k in range(8)]
+    with ThreadPoolExecutor(2) as pool:
+        runs = pool.map(lambda k: one_dof.Run(**Delays(k)), range(8))
+        assert [Numbers(run) for run in runs] == expected
+
+
+@pytest.mark.parametrize(
+    "kind", [x.kind for x in ARCHITECTURE_KINDS.kinds if not x.derives_from_channels]
+)
+def test_an_architecture_derives_from_channels_or_tells_so(kind):
+    """Of a kind that derives nothing, both sides are the same for other channels."""
+    found = []
+    for channel in CHANNELS:
+        scenario = Load(
+            "one_dof", kind, forward_channel=channel, duration=1 + len(found)
+        )
+        made = MakeArchitecture(scenario)
+        sides = [x for x in (made.master_side, made.slave_side) if x is not None]
+        parameters = []
+        for side in sides:
+            contexts = ContextsIn(side, side.CreateDefaultContext())
+            for block in Flatten(side):
+                context = contexts[block.system]
+                state = context.get_continuous_state_vector().CopyToVector()
+                kernel = KernelOf(block.system, context)
+                parameters += [repr(kernel.parameters), state.tolist()]
+        packets = made.initial_forward_packet, made.initial_return_packet
+        found.append((parameters, packets))
+    assert all(each == found[0] for each in found)
+
+
+@dataclasses.dataclass(kw_only=True, eq=False)
+class Hesitant(DirectForceConfig):
+    """Direct force that is the weaker, the longer the delay is."""
+
+    def MakeControlLaw(self, facts, path):
+        return Scaled(1.0 / (1.0 + facts.round_trip))
+
+
+class Scaled(KernelBlock):
+    """F_c = gain F_h, and a second gain from outside."""
+
+    def __init__(self, gain, law=None):
+        KernelBlock.__init__(self)
+        self.set_name("scaled")
+        self._gain, self._law = gain, law or scaled
+        for name in LAW_INPUTS:
+            self.DeclareVectorInputPort(name, 1)
+        self.DeclareOutputs(control_force=1)
+
+    def Kernel(self):
+        return Kernel(
+            parameters={"gain": self._gain},
+            outputs={"control_force": (self._law, "gain", "haptic_force")},
+            unused=LAW_INPUTS[1:],
+        )
+
+
+SECOND_GAIN = [1.0]
+
+
+def scaled(gain, force):
+    return SECOND_GAIN[0] * gain * force
+
+
+def test_an_own_architecture_derives_from_channels():
+    """It inherits from a kind of the package that does not."""
+    own = f"{__name__}:Hesitant"
+    program = Compile(Load("one_dof", own, delay=0.05))
+    run = program.Run(delay=0.1)
+    assert run.solver.engine == "compiled"
+    assert Numbers(run) == Numbers(simulate(Load("one_dof", own, delay=0.1)))
+
+
+def test_what_a_law_reads_is_read_when_it_is_traced(monkeypatch):
+    scenario = Load("one_dof", f"{__name__}:Hesitant", delay=0.05, duration=0.2)
+    program = Compile(scenario)
+    first = program.Run()
+    assert Numbers(simulate(scenario)) == Numbers(first)
+    monkeypatch.setitem(globals(), "SECOND_GAIN", [2.0])
+    assert Numbers(program.Run()) == Numbers(first)
+    second = simulate(scenario)
+    assert second.solver.engine == "compiled"
+    assert np.abs(second["control_force"]).max() == pytest.approx(
+        2 * np.abs(first["control_force"]).max(), rel=0.05
+    )
+
+
+CALLS = []
+
+
+class Shared:
+    """What two laws have in common."""
+
+    gain = 1.0
+
+
+shared = Shared()
+
+
+def appending(gain, force):
+    CALLS.append(gain)
+    return gain * force
+
+
+def reading_the_clock(gain, force):
+    return gain * force + 0.0 * time.time()
+
+
+def writing(gain, force):
+    shared.gain = 1.0 + force[0]
+    return gain * force
+
+
+def reading(position, velocity):
+    return shared.gain * velocity
+
+
+class Reader(KernelBlock):
+    """An environment whose force is that of a law."""
+
+    def __init__(self):
+        KernelBlock.__init__(self)
+        self.set_name("environment")
+        for name in ("tool_position", "tool_velocity"):
+            self.DeclareVectorInputPort(name, 1)
+        self.DeclareOutputs(environment_force=1)
+
+    def Kernel(self):
+        law = (reading, "tool_position", "tool_velocity")
+        return Kernel(outputs={"environment_force": law})
+
+
+@pytest.mark.parametrize(
+    ("law", "place"),
+    [
+        (appending, "appending(), line"),
+        (reading_the_clock, "reading_the_clock(), line"),
+        (writing, "writing(), line"),
+    ],
+)
+def test_a_law_of_which_the_state_changes_in_a_run_runs_in_drake(law, place):
+    scenario = Load("one_dof", "direct_force", duration=0.05)
+    teleoperator = MakeTeleoperator(
+        scenario, control_law=Scaled(0.5, law), environment=Reader()
+    )
+    recording = simulate(scenario, teleoperator=teleoperator)
+    assert recording.solver.engine == "drake"
+    assert any(place in note for note in recording.notes)
+
+
+class Wrong(LeafSystem):
+    """A law whose kernel is wrong from a force on."""
+
+    def __init__(self, limit):
+        LeafSystem.__init__(self)
+        self.set_name("wrong")
+        self._limit = limit
+        ports = [self.DeclareVectorInputPort(name, 1) for name in LAW_INPUTS]
+        self._force = ports[0]
+        self.DeclareVectorOutputPort(
+            "control_force", 1, self._Calc, {self._force.ticket()}
+        )
+
+    def _Calc(self, context, output):
+        output.SetFromVector(np.minimum(self._force.Eval(context), self._limit))
+
+    def Kernel(self):
+        outputs = {"control_force": (unlimited, "haptic_force")}
+        return Kernel(outputs=outputs, unused=LAW_INPUTS[1:])
+
+
+def unlimited(force):
+    return force + 0.0
+
+
+@dataclasses.dataclass(kw_only=True, eq=False)
+class WrongConfig(ControlLawConfig):
+    """Wrong from a force on."""
+
+    limit: float = -1.0
+
+    def MakeControlLaw(self, facts, path):
+        return Wrong(self.limit)
+
+
+@pytest.mark.parametrize("limit", [-1.0, 1e-4], ids=["at the start", "on the way"])
+def test_a_kernel_that_is_wrong_is_found_in_the_first_run(limit):
+    kind = {"controller.parameters": {"limit": limit}}
+    program = Compile(Load("one_dof", f"{__name__}:WrongConfig", **kind))
+    with pytest.raises(KernelDisagrees, match="wrong: its kernel says control_force"):
+        program.Run()
+
+
+def test_blocks_of_the_package_are_not_compared(monkeypatch):
+    monkeypatch.setattr(check, "Compare", None)
+    assert simulate(Load("one_dof", "direct_force")).solver.engine == "compiled"
