@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import itertools
 import pickle
 import random
 import sys
@@ -67,27 +68,10 @@ class Contents:
         )
 
     def Restore(self, values: Sequence[Any] | None = None) -> None:
-        """Makes values what they were; None: all that Python lets us."""
+        """Makes values what they were; None: all that Python can."""
         for value, parts in self._known.values():
-            if values is not None and not any(value is x for x in values):
-                continue
-            if isinstance(value, np.ndarray) and value.flags.writeable:
-                is_of_objects = parts[0] is _OBJECTS
-                old = parts[1:] if is_of_objects else np.frombuffer(*parts)
-                np.asarray(value)[...] = Reshaped(old, value.shape)
-            elif isinstance(value, list):
-                value[:] = parts[1:]
-            elif isinstance(value, (dict, type)):
-                half = 1 + len(parts) // 2
-                items = dict(zip(parts[1:half], parts[half:], strict=True))
-                if isinstance(value, dict):
-                    value.clear()
-                    value.update(items)
-                for name, attribute in items.items() if isinstance(value, type) else ():
-                    setattr(value, name, attribute)
-            elif isinstance(value, set):
-                value.clear()
-                value.update(parts[1:])
+            if values is None or any(value is x for x in values):
+                _Restore(value, parts)
 
 
 _OBJECTS = object()
@@ -105,7 +89,7 @@ def _Parts(value: Any) -> tuple[Any, ...]:
             return _OBJECTS, *plain.flat
         return plain.tobytes(), plain.dtype
     if isinstance(value, dict):
-        return dict, *value.keys(), *value.values()
+        return dict, *itertools.chain.from_iterable(value.items())
     if isinstance(value, (tuple, list, set)):
         return type(value), *value
     if isinstance(value, FunctionType):
@@ -120,10 +104,12 @@ def _Parts(value: Any) -> tuple[Any, ...]:
         package = value.__module__.split(".")[0]
         if package in sys.stdlib_module_names or package in _FOREIGN:
             return ()
-        own = {
-            k: x for k, x in vars(value).items() if k[:2] != "__" and not callable(x)
-        }
-        return type, *own.keys(), *own.values()
+        own = [
+            (name, x)
+            for name, x in vars(value).items()
+            if not (name.startswith("__") or callable(x))
+        ]
+        return type, *itertools.chain.from_iterable(own)
     slots = [getattr(value, x) for x in _Slots(value.__class__) if hasattr(value, x)]
     attributes = getattr(value, "__dict__", None)
     if isinstance(attributes, dict) and not isinstance(value, random.Random):
@@ -133,6 +119,26 @@ def _Parts(value: Any) -> tuple[Any, ...]:
     with contextlib.suppress(Exception):
         return (pickle.dumps(value),)
     return ()
+
+
+def _Restore(value: Any, parts: tuple[Any, ...]) -> None:
+    """Makes a value of its parts again, if it is of a kind that can be changed."""
+    kind, *items = parts
+    if isinstance(value, np.ndarray):
+        if value.flags.writeable:
+            old = items if kind is _OBJECTS else np.frombuffer(*parts)
+            np.asarray(value)[...] = Reshaped(old, value.shape)
+    elif isinstance(value, list):
+        value[:] = items
+    elif isinstance(value, set):
+        value.clear()
+        value.update(items)
+    elif isinstance(value, dict):
+        value.clear()
+        value.update(zip(items[::2], items[1::2], strict=True))
+    elif isinstance(value, type):
+        for name, attribute in zip(items[::2], items[1::2], strict=True):
+            setattr(value, name, attribute)
 
 
 @functools.cache
