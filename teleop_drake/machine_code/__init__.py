@@ -15,9 +15,9 @@ follow from the arguments.
 * *Compiled and kept.* `native` makes an object file of LLVM's code and links it into
   the process. `cache` keeps it on disk by the hash of the code, of llvmlite's version
   and of the processor. It cannot be out of date: each process traces anew.
-* *Looked up again.* Machine code holds what functions read from outside of their
-  arguments. `surroundings` compares all of that before each run, and before each call
-  of a compiled law; what has changed is traced anew.
+* *Read when traced.* Machine code holds what functions read from outside of their
+  arguments as it was when they were traced, as in numba and JAX. No trace is kept: each
+  diagram that is compiled, and each CompiledLaw, traces anew.
 * *Refused*, by function and line: what is in no graph, such as loops until numbers have
   converged, caught errors, random numbers, state that changes from call to call
   (`contents` sees that), indices in writing that depend on numbers, and functions of

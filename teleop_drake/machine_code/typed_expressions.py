@@ -89,8 +89,7 @@ def TypeOf(value: Any) -> Type:
 def Header(value: Any) -> list[int]:
     """Returns what is in memory of a named tuple: addresses and dimensions."""
     if isinstance(value, np.ndarray):
-        # Several times as fast as value.ctypes.data.
-        return [value.__array_interface__["data"][0], *value.shape]
+        return [value.ctypes.data, *value.shape]
     if isinstance(value, (int, np.integer)):
         return [int(value)]
     return [number for item in value for number in Header(item)]

@@ -136,11 +136,11 @@ class CompiledScenario:
         """Returns what a recording tells of a model that is not quite this one."""
         if compiled.diagram is not self._compiled.diagram:
             return ModelFactsOf(compiled.diagram)
-        if "environment" not in compiled.parts:
-            systems = [block.system for block in compiled.evaluator.blocks]
-            return self._facts.With(systems, self._facts.surfaces)
+        surfaces = self._facts.surfaces
+        if "environment" in compiled.parts:
+            surfaces = SurfacesOf(compiled.parts["environment"])
         systems = [block.system for block in compiled.evaluator.blocks]
-        return self._facts.With(systems, SurfacesOf(compiled.parts["environment"]))
+        return self._facts.With(systems, surfaces)
 
     def _Changed(self, changes: Mapping[str, Any]) -> tuple[Any, CompiledDiagram]:
         """Returns the scenario with changes, and what runs it."""
@@ -160,14 +160,24 @@ class CompiledScenario:
         diagram = self._task.MakeDiagram(scenario)
         compiled = CompileDiagram(diagram, scenario.simulator, like=known)
         if not compiled.evaluator.program.HasTextOf(known.program):
-            if len(changes) > 1:
-                for key, value in changes.items():
-                    self._Changed({key: value})  # The one to blame is named alone.
+            self._RefuseOne(changes)
             raise NeedsAnotherProgram(
                 f"{_Named(changes)}: must not change the structure of the loop, for "
                 "which this program was compiled; Compile() the changed scenario"
             )
         return compiled
+
+    def _RefuseOne(self, changes: Mapping[str, Any]) -> None:
+        """Refuses the first of several changes that needs another program by itself."""
+        if len(changes) == 1:
+            return
+        for key, value in changes.items():
+            try:
+                self._Changed({key: value})
+            except NeedsAnotherProgram:
+                raise
+            except ScenarioError:  # It is not valid without the others.
+                continue
 
     def _Parts(self, scenario: Any, fields: set[str]) -> dict[str, System] | None:
         """Returns the systems that differ by their paths; None: the diagram does.

@@ -108,10 +108,11 @@ def simulate(
         task: What it is run for: makes the diagram, limits the speed, and finds the
             events; None: the task of the scenario.
         progress: Called now and then with the simulated time in s.
-        engine: What runs it: `drake`, or `compiled`, machine code, which is compiled
-            once for each structure of a diagram and then runs many times as fast;
-            `auto`: machine code where possible. What cannot be compiled is run by
-            Drake, and a note in the recording says why.
+        engine: What runs it: `drake`, or `compiled`, machine code, which runs many
+            times as fast and is compiled once for each structure of a diagram; `auto`:
+            machine code where possible. What laws read from outside of their arguments
+            is read at the start, when they are traced. What cannot be compiled is run
+            by Drake, and a note in the recording says why. Compile() is for many runs.
 
     Returns:
         The recording.
