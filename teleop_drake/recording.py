@@ -159,6 +159,7 @@ class Recording:
                 raise AttributeError(f"a Recording has no attribute {name!r}")
             value = finders[name](self)
             setattr(self, name, value)
+            finders.pop(name, None)  # It refers to the model.
             return value
 
     def __getstate__(self) -> dict[str, Any]:

@@ -84,20 +84,22 @@ class CompiledScenario:
 
     Args:
         scenario: What to compile.
-
-    Attributes:
-        scenario: What Run() simulates, without its changes.
     """
 
     def __init__(self, scenario: AnyScenario):
         scenario.Validate()
         CheckSteps(scenario)
-        self.scenario: Any = copy.deepcopy(scenario)
+        self._scenario: Any = copy.deepcopy(scenario)
         self._task: Task[Any] = TaskOf(scenario)
         with Interpreted():  # There are too few calls to pay compiling.
-            diagram = self._task.MakeDiagram(self.scenario)
-            self._compiled = CompileDiagram(diagram, self.scenario.simulator)
+            diagram = self._task.MakeDiagram(self._scenario)
+            self._compiled = CompileDiagram(diagram, self._scenario.simulator)
         self._facts = ModelFactsOf(diagram)
+
+    @property
+    def scenario(self) -> AnyScenario:
+        """What Run() simulates without changes; a copy."""
+        return copy.deepcopy(self._scenario)
 
     def Run(self, **changes: Any) -> Recording:
         """Simulates the scenario with other numbers.
@@ -144,7 +146,7 @@ class CompiledScenario:
 
     def _Changed(self, changes: Mapping[str, Any]) -> tuple[Any, CompiledDiagram]:
         """Returns the scenario with changes, and what runs it."""
-        scenario, fields = Overridden(self.scenario, changes)
+        scenario, fields = Overridden(self._scenario, changes)
         CheckSteps(scenario)
         if why := WhyNotSolved(scenario.simulator):
             raise NeedsAnotherProgram(f"{_Named(changes)}: {why}")
@@ -224,7 +226,7 @@ class CompiledScenario:
     @cached_property
     def _architecture(self) -> Architecture:
         """The architecture of the scenario, whose systems belong to no diagram."""
-        return MakeArchitecture(self.scenario)
+        return MakeArchitecture(self._scenario)
 
 
 def _IsOfPackage(item: object) -> bool:

@@ -218,7 +218,12 @@ def test_bad_changes_are_refused_in_one_line(changes, message, one_dof):
 def test_a_run_leaves_no_trace(one_dof):
     before = Numbers(one_dof.Run())
     one_dof.Run(**{"delay": 0.1, "environment.layers.free.start": -0.002})
+    one_dof.scenario.forward_channel.delay = 0.2
+    recording = one_dof.Run()
+    assert Numbers(recording) == before
+    recording.scenario.duration = 0.1
     assert Numbers(one_dof.Run()) == before
+    assert one_dof.scenario.duration == 0.6
 
 
 def test_what_drake_runs_is_not_compiled():
