@@ -152,7 +152,8 @@ class CompiledScenario:
             raise NeedsAnotherProgram(f"{_Named(changes)}: {why}")
         parts = self._Parts(scenario, fields)
         compiled = None if parts is None else _With(self._compiled, parts, scenario)
-        if compiled is None:
+        # A user's own code is compared with the diagram that it is a part of.
+        if compiled is None or HoldsOwnCode(compiled.evaluator):
             compiled = self._Remade(scenario, changes)
         return scenario, compiled
 
@@ -184,16 +185,12 @@ class CompiledScenario:
     def _Parts(self, scenario: Any, fields: set[str]) -> dict[str, System] | None:
         """Returns the systems that differ by their paths; None: the diagram does.
 
-        A user's own code is compared with the diagram that it is a part of.
-
         Args:
             scenario: With its changes.
             fields: The fields of the scenario that changed.
         """
         has_channels = bool(self._task.Channels(scenario))
         if not (has_channels and _IsOfPackage(self._task) and fields <= _OF_PARTS):
-            return None
-        if HoldsOwnCode(self._compiled.evaluator):
             return None
         parts: dict[str, System] = {}
         architecture = self._architecture

@@ -17,9 +17,12 @@ from teleop_drake.compiler.check import KernelDisagrees
 from teleop_drake.compiler.evaluator import KernelOf
 from teleop_drake.compiler.flatten import Flatten
 from teleop_drake.contexts import ContextsIn
+from teleop_drake.environments import LayersEnvironmentConfig
+from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.simulation import simulate
+from teleop_drake.scenario.tree import ToTree
+from teleop_drake.simulation import compiled_run, simulate
 from teleop_drake.simulation.compile import NeedsAnotherProgram
 from teleop_drake.simulation.compiled_run import CannotCompile
 from teleop_drake.stations import MakeArchitecture
@@ -428,6 +431,38 @@ def test_a_kernel_that_is_wrong_is_found_in_the_first_run(limit):
     program = Compile(Load("one_dof", f"{__name__}:WrongConfig", **kind))
     with pytest.raises(KernelDisagrees, match="wrong: its kernel says control_force"):
         program.Run()
+
+
+class OwnField(LayeredForceField):
+    """A block of a user's own."""
+
+
+@dataclasses.dataclass(kw_only=True, eq=False)
+class OwnLayers(LayersEnvironmentConfig):
+    """The layers of the package, as a block of a user's own."""
+
+    def MakeEnvironment(self, start):
+        return OwnField(
+            layers=self.layers,
+            num_axes=np.size(start),
+            starts_inside=self._StartsInside(start),
+            direction=self.direction,
+            axis_point=start,
+        )
+
+
+def test_an_own_block_that_a_change_brings_in_is_compared(monkeypatch, one_dof):
+    compared = []
+
+    def CheckVisited(evaluator, diagram, context, visited):
+        compared.append(type(diagram.GetSubsystemByName("environment")))
+
+    monkeypatch.setattr(compiled_run, "CheckVisited", CheckVisited)
+    one_dof.Run()
+    layers = ToTree(one_dof.scenario.environment.layers)
+    own = {"kind": f"{__name__}:OwnLayers", "layers": layers}
+    one_dof.Run(environment=own)
+    assert compared == [OwnField]
 
 
 def test_blocks_of_the_package_are_not_compared(monkeypatch):
