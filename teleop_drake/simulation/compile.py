@@ -38,6 +38,7 @@ from teleop_drake.scenario import (
     ScenarioLike,
 )
 from teleop_drake.scenario.loading import Overridden
+from teleop_drake.scenario.scenario import CHANNELS
 from teleop_drake.simulation.compiled_run import (
     CompiledDiagram,
     CompileDiagram,
@@ -48,12 +49,10 @@ from teleop_drake.simulation.simulate import Finish, ModelFacts, ModelFactsOf
 from teleop_drake.stations import MakeArchitecture
 from teleop_drake.tasks import Task, TaskOf
 
-_CHANNELS = ("forward_channel", "return_channel")
-
 # Fields of a scenario from which no system but a channel is made, unless the
 # architecture derives defaults from them.
 _OF_THE_RUN = {"name", "description", "duration", "simulator", "divergence_speed_ratio"}
-_OF_CHANNELS = {*_OF_THE_RUN, *_CHANNELS}
+_OF_CHANNELS = {*_OF_THE_RUN, *CHANNELS}
 
 # Fields from which parts are made that can be exchanged.
 _OF_PARTS = {*_OF_CHANNELS, "controller", "environment"}
