@@ -362,7 +362,7 @@ def _Structure(block: Block, kernel: Kernel) -> list[Any]:
         block.path,
         [port.size() for port in outputs],
         dataclasses.replace(
-            kernel, parameters=dict.fromkeys(kernel.parameters), delays=()
+            kernel, parameters=dict.fromkeys(kernel.parameters), derived={}, delays=()
         ),
         [(x.signal, x.output, len(x.initial_value)) for x in kernel.delays],
         # The longest step of a delay is for Drake alone.

@@ -126,7 +126,7 @@ def CompileDiagram(
         evaluator=evaluator,
         places=SignalPlaces(evaluator, diagram),
         start=Visited(context.get_time(), *evaluator.ReadContext(context)),
-        longest_step=LongestStep(diagram, of_delays=False),
+        longest_step=LongestStep(diagram, context, of_delays=False),
     )
 
 

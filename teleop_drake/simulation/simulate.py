@@ -208,7 +208,8 @@ def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:
                 return CompileDiagram(job.diagram, job.config).Run(job), notes
         except CannotCompile as error:
             notes = [f"Run in Drake's Simulator: {error}."]
-    return RunInDrake(job), notes + NotesOnSamples(job.diagram)
+    context = job.diagram.CreateDefaultContext()
+    return RunInDrake(job), notes + NotesOnSamples(job.diagram, context)
 
 
 def _EndWhereFinite(run: Outcome) -> None:
