@@ -3,7 +3,6 @@
 import contextlib
 import json
 import os
-import threading
 import time as clock
 import warnings
 from collections import deque
@@ -24,6 +23,7 @@ from teleop_drake.simulation import simulate
 from teleop_drake.simulation.compiled_run import WhyNotCompiled
 from teleop_drake.sweep.folder import SweepFolder, Versions
 from teleop_drake.sweep.plan import PlanSweep, Source, SweepPlan
+from teleop_drake.sweep.programs import Programs
 from teleop_drake.sweep.result import SweepError, SweepResult
 from teleop_drake.sweep.values import File, GivenGrid, GivenOverrides, Notice, Progress
 from teleop_drake.sweep.workers import Workers
@@ -43,9 +43,6 @@ _MAX_RUNS_HERE = 100
 # there would not be so many calls.
 _RUNS_PER_CALL = 20
 _MIN_CALLS = 16
-
-# What was compiled is shared by the threads of a process, which simulate in turn.
-_one_at_a_time = threading.Lock()
 
 
 def Sweep(
@@ -234,20 +231,21 @@ def _SimulateRuns(
         if why:
             notice(f"Run in Drake's Simulator: {why}.")
         is_compiled = not why
-    if executor is not None:
-        size = 1
-        if is_compiled:
-            size = max(min(_RUNS_PER_CALL, len(runs) // _MIN_CALLS), 1)
-        yield from _SimulateOn(executor, plan, list(runs), size)
-        return
-    if is_compiled and jobs is None:
+    if executor is None and is_compiled and jobs is None:
         yield from _SimulateHere(plan, runs)
     if not runs:
+        return
+    # The runs of a call share their programs.
+    size = 1
+    if is_compiled:
+        size = max(min(_RUNS_PER_CALL, len(runs) // _MIN_CALLS), 1)
+    if executor is not None:
+        yield from _SimulateOn(executor, plan, list(runs), size)
         return
     # A sweep that is left early leaves no process behind.
     workers = Workers(min(len(runs), jobs or os.cpu_count() or 1), __name__)
     try:
-        yield from _SimulateOn(workers, plan, list(runs), 1)
+        yield from _SimulateOn(workers, plan, list(runs), size)
     except BaseException:
         workers.shutdown(cancel_futures=True)
         raise
@@ -256,6 +254,7 @@ def _SimulateRuns(
 
 def _SimulateHere(plan: SweepPlan, runs: deque[int]) -> Generator[Record, None, None]:
     """Simulates runs in this process, and removes them, until workers would pay."""
+    programs = Programs()
     num_done = 0
     total_time = 0.0
     while runs and num_done < _MAX_RUNS_HERE:
@@ -264,7 +263,7 @@ def _SimulateHere(plan: SweepPlan, runs: deque[int]) -> Generator[Record, None, 
             return
         point = plan.points[runs[0]]
         start = clock.thread_time()  # Other threads may draw.
-        outcome = _SimulateOne(partial(plan.Load, point), "auto")
+        outcome = _SimulateOne(programs, partial(plan.Load, point), point, "auto")
         if num_done > 0:
             total_time += clock.thread_time() - start
         num_done += 1
@@ -286,9 +285,14 @@ def _SimulateOn(
         lost: list[Sequence[int]] = []
         futures = {}
         for call in calls:
-            overrides = [plan.Overrides(plan.points[run]) for run in call]
+            points = [plan.points[run] for run in call]
             future = executor.submit(
-                _SimulateCall, plan.source, overrides, engine, Versions()
+                _SimulateCall,
+                plan.source,
+                [plan.Overrides(point) for point in points],
+                points,
+                engine,
+                Versions(),
             )
             futures[future] = call
         try:
@@ -330,6 +334,7 @@ def _Await(future: Future[list[Record]]) -> list[Record] | Exception:
 def _SimulateCall(
     source: Source,
     runs: Sequence[list[str]],
+    points: Sequence[Mapping[str, Any]],
     engine: str,
     versions: Mapping[str, str],
 ) -> list[Record]:
@@ -337,6 +342,7 @@ def _SimulateCall(
 
     Args:
         runs: The overrides of each.
+        points: The values that each has in the sweep, by the keys of the grid.
         versions: Those of the packages where the sweep was started.
 
     Raises:
@@ -346,17 +352,26 @@ def _SimulateCall(
         raise SweepError(
             f"executor: must have workers with {versions}, and one has {Versions()}"
         )
+    programs = Programs()
     outcomes = []
-    for overrides in runs:
-        with _one_at_a_time:
-            outcomes.append(_SimulateOne(partial(source.Load, overrides), engine))
+    for overrides, point in zip(runs, points, strict=True):
+        load = partial(source.Load, overrides)
+        outcomes.append(_SimulateOne(programs, load, point, engine))
     return outcomes
 
 
-def _SimulateOne(load: Callable[[], AnyScenario], engine: str) -> Record:
-    """Simulates one run and returns its outcome."""
+def _SimulateOne(
+    programs: Programs,
+    load: Callable[[], AnyScenario],
+    point: Mapping[str, Any],
+    engine: str,
+) -> Record:
+    """Simulates one run and returns its outcome; see Programs.Simulate()."""
     try:
-        recording = simulate(load(), engine=engine)
+        if engine == "drake":
+            recording = simulate(load(), engine=engine)
+        else:
+            recording = programs.Simulate(load, point)
         if recording.termination == "interrupted":
             raise KeyboardInterrupt
         outcome: Record = {

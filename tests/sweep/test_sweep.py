@@ -535,7 +535,7 @@ def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, in_this_process):
     assert MakeParser().parse_args(["run", "one_dof"]).engine == "auto"
     engines, said = [], []
 
-    def Simulate(load, engine):
+    def Simulate(programs, load, point, engine):
         engines.append(engine)
         return {"status": "failed", "reason": "not run", "metrics": None}
 

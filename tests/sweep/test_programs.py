@@ -1,0 +1,63 @@
+"""Runs of a sweep that share a program are those of simulate()."""
+
+import pytest
+
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+from teleop_drake.simulation.compile import CompiledScenario
+from teleop_drake.sweep.programs import Programs
+from teleop_drake.tasks.metrics import RunSummary
+
+SHORT = {"duration": 0.5, "controller.kind": "damped_force"}
+# A delay of 0 makes another structure.
+POINTS = [{"delay": 0.1}, {"delay": 0.02}, {"delay": 0.0}, {"delay": 0.05}]
+
+
+def Summary(recording):
+    summary = RunSummary(recording)
+    del summary["solver"]["wall_time_s"], summary["solver"]["real_time_factor"]
+    return summary
+
+
+def Load(point):
+    return LoadScenario("one_dof", {**SHORT, **point})
+
+
+def test_runs_are_those_of_simulate():
+    programs = Programs()
+    for point in POINTS:
+        recording = programs.Simulate(lambda point=point: Load(point), point)
+        assert Summary(recording) == Summary(simulate(Load(point)))
+
+
+def test_runs_of_one_structure_share_a_program(monkeypatch):
+    changes = []
+    run = CompiledScenario.Run
+
+    def Run(program, **values):
+        changes.append(values)
+        return run(program, **values)
+
+    monkeypatch.setattr(CompiledScenario, "Run", Run)
+    programs = Programs()
+    for point in POINTS[:2]:
+        programs.Simulate(lambda point=point: Load(point), point)
+    delays = {f"{way}_channel.delay": 0.02 for way in ("forward", "return")}
+    assert changes == [{}, delays]
+
+
+def test_what_cannot_be_compiled_runs_in_drake():
+    def LoadOther():
+        changes = {"simulator.integration_scheme": "runge_kutta3", "duration": 0.05}
+        return LoadScenario("one_dof", changes)
+
+    recording = Programs().Simulate(LoadOther, {"delay": 0.1})
+    assert recording.solver.engine == "drake"
+    assert any("runge_kutta3" in note for note in recording.notes)
+
+
+def test_what_is_not_valid_is_refused_by_its_own_message():
+    programs = Programs()
+    programs.Simulate(lambda: Load({"delay": 0.1}), {"delay": 0.1})
+    with pytest.raises(ValueError, match="forward_channel.delay = -1"):
+        programs.Simulate(lambda: Load({"delay": -1.0}), {"delay": -1.0})
