@@ -59,5 +59,5 @@ def test_what_cannot_be_compiled_runs_in_drake():
 def test_what_is_not_valid_is_refused_by_its_own_message():
     programs = Programs()
     programs.Simulate(lambda: Load({"delay": 0.1}), {"delay": 0.1})
-    with pytest.raises(ValueError, match="forward_channel.delay = -1"):
+    with pytest.raises(ValueError, match=r"forward_channel\.delay = -1"):
         programs.Simulate(lambda: Load({"delay": -1.0}), {"delay": -1.0})
