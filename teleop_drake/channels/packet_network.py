@@ -32,7 +32,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from teleop_drake.channels.variable import DelayProfile
-from teleop_drake.integrator.problem import TIE, same_within
+from teleop_drake.numerics.instants import TIE, same_within
 from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,

@@ -10,9 +10,9 @@ from teleop_drake.channels.base import (
     ChannelConfig,
     ConstantDelay,
 )
-from teleop_drake.integrator.problem import TIE
 from teleop_drake.kernel import Delay
 from teleop_drake.kernel.ticks import DeclareTicks, Ticks
+from teleop_drake.numerics.instants import TIE
 from teleop_drake.validation import REQUIRED, CheckNumber, Refuse
 
 

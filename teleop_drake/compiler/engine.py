@@ -17,6 +17,7 @@ from teleop_drake.kernel.packet_line import PacketsUntil
 from teleop_drake.machine_code.native import Evaluate
 from teleop_drake.machine_code.typed_code import CompileTyped
 from teleop_drake.machine_code.typed_expressions import EVALUATE, TypeOf
+from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.piecewise import Pieces, fit_pieces
 from teleop_drake.numerics.step_polynomials import DEGREE
 
@@ -189,7 +190,7 @@ class CompiledRun:
             ArithmeticError: If it cannot go on.
         """
         sample = None
-        while sample is None or self.time < time - problem.SAME:
+        while sample is None or self.time < time - SAME:
             _, rows, _ = self.Advance(time)
             self._num_rows = 0
             if self.failure or self.error is not None:

@@ -30,13 +30,11 @@ from teleop_drake.integrator.problem import (
     IS_STARTED,
     POLYNOMIALS,
     ROWS,
-    SAME,
     STEPS,
     TRIES,
     Delays,
     Memory,
     Problem,
-    same_within,
 )
 from teleop_drake.integrator.transitions import (
     change_modes,
@@ -45,6 +43,7 @@ from teleop_drake.integrator.transitions import (
     next_time,
     note_guards,
 )
+from teleop_drake.numerics.instants import SAME, same_within
 
 Evaluate = Callable[..., None]
 

@@ -5,7 +5,8 @@ All functions here are in the part of Python that machine_code/typed_code compil
 
 import math
 
-from teleop_drake.integrator.problem import Memory, Transitions, same_within
+from teleop_drake.integrator.problem import Memory, Transitions
+from teleop_drake.numerics.instants import same_within
 
 
 def next_time(k: int, transitions: Transitions, memory: Memory) -> float:

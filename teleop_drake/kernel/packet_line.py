@@ -10,10 +10,10 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from teleop_drake.arrays import Array
-from teleop_drake.integrator.problem import same_within
 from teleop_drake.kernel.callbacks import Weakly
 from teleop_drake.kernel.kernel import Delay, Packet
 from teleop_drake.kernel.ticks import DeclareTicks, Ticks
+from teleop_drake.numerics.instants import same_within
 
 
 def PacketsUntil(delay: Delay, end: float) -> list[Packet]:

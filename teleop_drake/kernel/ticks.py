@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
-from teleop_drake.integrator.problem import same_within
 from teleop_drake.kernel.callbacks import Weakly
+from teleop_drake.numerics.instants import same_within
 
 # Longer than any simulation: an event with this period happens once.
 _ONCE = 1e12

@@ -18,7 +18,7 @@ from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf, Source
 from teleop_drake.environments.surface import Surface, SurfacesOf
-from teleop_drake.integrator.problem import SAME
+from teleop_drake.numerics.instants import SAME
 from teleop_drake.operators.hand import HandOperator
 from teleop_drake.page.wasm import MakeModule
 from teleop_drake.robots import PlantRobotConfig, RobotConfig

@@ -14,7 +14,8 @@ from teleop_drake.compiler.check import CheckVisited, HoldsOwnCode
 from teleop_drake.compiler.engine import CompiledRun, Visited
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf, UnsupportedSystem
-from teleop_drake.integrator.problem import EVALUATIONS, SAME, STEPS, TRIES
+from teleop_drake.integrator.problem import EVALUATIONS, STEPS, TRIES
+from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import SignalsOf

@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from teleop_drake.contexts import ContextsIn, DiscreteState
-from teleop_drake.integrator.problem import same_within
+from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.step_polynomials import DEGREE, Series, shares
 from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.failures import (

@@ -22,10 +22,10 @@ from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.environments.surface import Surface, SurfacesOf
-from teleop_drake.integrator.problem import SAME
 from teleop_drake.kernel import KernelBlock
 from teleop_drake.kernel.delay_line import DelayLine
 from teleop_drake.kernel.ticks import Ticks
+from teleop_drake.numerics.instants import SAME
 
 # A step across a boundary as short as twice this many s is not bisected any further.
 _EVENT_WINDOW = 2e-7
