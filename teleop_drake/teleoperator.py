@@ -1,5 +1,6 @@
 """The whole loop as one Diagram: Fig. 2.1 of the thesis."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
@@ -7,7 +8,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from teleop_drake.architectures import Architecture
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.environments import SurfacesOf
-from teleop_drake.scenario import AsTeleoperation, CheckStart, ScenarioLike
+from teleop_drake.scenario import AsTeleoperation, CheckStart, Scenario, ScenarioLike
 from teleop_drake.signals import NamedSignals
 from teleop_drake.stations import (
     MakeArchitecture,
@@ -117,22 +118,8 @@ def AddTeleoperator(
         haptic_device=haptic_device,
     )
     controller = WithDrivesAndSensors(architecture.slave_side, scenario)
-    channels = {"forward_channel": forward_channel, "return_channel": return_channel}
-    for name, sender, packet, initial_value in (
-        ("forward_channel", master, "forward", architecture.initial_forward_packet),
-        ("return_channel", controller, "return", architecture.initial_return_packet),
-    ):
-        size = sender.GetOutputPort(f"{packet}_packet").size()
-        if side is not None:
-            channels[name] = TransportDelay(
-                delay=0.0, size=size, initial_value=initial_value
-            )
-        channels[name] = channels[name] or getattr(scenario, name).MakeChannel(
-            size=size,
-            initial_value=initial_value,
-            duration=scenario.duration,
-            stream=name,
-        )
+    own = {"forward_channel": forward_channel, "return_channel": return_channel}
+    channels = _MakeChannels(scenario, architecture, master, controller, own, side)
     systems = {
         "master": master,
         "forward_channel": channels["forward_channel"],
@@ -146,6 +133,45 @@ def AddTeleoperator(
             builder.AddNamedSystem(name, system)
     _CloseLoop(builder)
     return architecture
+
+
+def _MakeChannels(
+    scenario: Scenario,
+    architecture: Architecture,
+    master: System,
+    controller: System,
+    own: Mapping[str, System | None],
+    side: str | None,
+) -> dict[str, System]:
+    """Returns the channels by name: a user's own, or those of the scenario.
+
+    Of one side of the loop they let pass what they get.
+    """
+    packets = {
+        "forward_channel": (
+            master.GetOutputPort("forward_packet"),
+            architecture.initial_forward_packet,
+        ),
+        "return_channel": (
+            controller.GetOutputPort("return_packet"),
+            architecture.initial_return_packet,
+        ),
+    }
+    channels: dict[str, System] = {}
+    for name, (port, initial_value) in packets.items():
+        size = port.size()
+        if side is not None:
+            channels[name] = TransportDelay(
+                delay=0.0, size=size, initial_value=initial_value
+            )
+            continue
+        channels[name] = own[name] or getattr(scenario, name).MakeChannel(
+            size=size,
+            initial_value=initial_value,
+            duration=scenario.duration,
+            stream=name,
+        )
+    return channels
 
 
 _CONNECTIONS = (

@@ -1,7 +1,7 @@
 """The bodies and joints of a MultibodyPlant as flat arrays."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -44,73 +44,143 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
         UnsupportedSystem: If something in the plant moves or acts in another way.
     """
     _CheckForces(plant)
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
-    poses: dict[int, tuple[int, RigidTransform]] = {
-        int(plant.world_body().index()): (-1, RigidTransform())
-    }
+    links = _ReadLinks(plant, context)
+    inertias = _ReadInertias(plant, context, links.poses)
+    motors = _ReadMotors(plant, context)
+    return PlantTree(
+        tree=RigidBodyTree(
+            parents=links.parents,
+            is_prismatic=links.is_prismatic,
+            frames=links.frames,
+            axes=links.axes,
+            masses=inertias.masses,
+            moments=inertias.moments,
+            inertias=inertias.inertias,
+            rotor_inertias=motors.rotor_inertias,
+            damping=links.damping,
+            gravity=np.array(_Gravity(plant).gravity_vector()),
+        ),
+        poses=links.poses,
+        actuated=motors.actuated,
+        effort_limits=motors.effort_limits,
+    )
+
+
+class _Links(NamedTuple):
+    """The links of a plant, n of them, without their inertias.
+
+    Attributes:
+        poses: As in PlantTree.
+        parents: The link that each link hangs on, -1 for the world (n).
+        is_prismatic: Whether a link slides instead of turning (n).
+        frames: Pose of the joint's frame in the parent's frame (n, 3, 4).
+        axes: Unit vector of the joint in that frame (n, 3).
+        damping: Of the joint, N m s/rad or N s/m (n).
+    """
+
+    poses: dict[int, tuple[int, RigidTransform]]
+    parents: np.ndarray
+    is_prismatic: np.ndarray
+    frames: np.ndarray
+    axes: np.ndarray
+    damping: np.ndarray
+
+
+def _ReadLinks(plant: MultibodyPlant, context: Context) -> _Links:
+    """Reads the joints of a plant, from the world outward."""
     n = plant.num_velocities()
-    parents, is_prismatic = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    frames, axes = np.zeros((n, 3, 4)), np.zeros((n, 3))
-    damping = np.zeros(n)
-    # From the world outward: each round reaches the joints next to known bodies.
-    pending = joints
+    links = _Links(
+        poses={int(plant.world_body().index()): (-1, RigidTransform())},
+        parents=np.zeros(n, np.int64),
+        is_prismatic=np.zeros(n, np.int64),
+        frames=np.zeros((n, 3, 4)),
+        axes=np.zeros((n, 3)),
+        damping=np.zeros(n),
+    )
+    # Each round reaches the joints next to known bodies.
+    pending = [plant.get_joint(index) for index in plant.GetJointIndices()]
     while pending:
-        reached = [joint for joint in pending if _IsReached(joint, poses)]
+        reached = [joint for joint in pending if _IsReached(joint, links.poses)]
         for joint in reached:
-            inboard, outboard, sign = _Ends(joint, poses)
-            link, X_LB = poses[int(inboard.body().index())]
-            X_LF = X_LB @ inboard.CalcPoseInBodyFrame(context)
-            X_MB = outboard.CalcPoseInBodyFrame(context).inverse()
-            outer = int(outboard.body().index())
-            if isinstance(joint, multibody.WeldJoint):
-                X_FM = joint.X_FM() if sign > 0 else joint.X_FM().inverse()
-                poses[outer] = link, X_LF @ X_FM @ X_MB
-                continue
-            axis = _Axis(plant, joint)
-            i = joint.velocity_start()
-            if joint.position_start() != i or link >= i:
-                raise UnsupportedSystem(
-                    plant, f"the velocity of joint {joint.name()} is out of order"
-                )
-            parents[i] = link
-            is_prismatic[i] = isinstance(joint, multibody.PrismaticJoint)
-            frames[i] = X_LF.GetAsMatrix34()
-            axes[i] = sign * axis
-            damping[i] = joint.GetDamping(context)
-            poses[outer] = i, X_MB
+            _AddLink(links, plant, joint, context)
         pending = [joint for joint in pending if joint not in reached]
-    masses, moments, inertias = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
+    return links
+
+
+def _AddLink(
+    links: _Links, plant: MultibodyPlant, joint: Any, context: Context
+) -> None:
+    """Adds the link that hangs on a joint, or a body that is welded to a link."""
+    inboard, outboard, sign = _Ends(joint, links.poses)
+    link, X_LB = links.poses[int(inboard.body().index())]
+    X_LF = X_LB @ inboard.CalcPoseInBodyFrame(context)
+    X_MB = outboard.CalcPoseInBodyFrame(context).inverse()
+    outer = int(outboard.body().index())
+    if isinstance(joint, multibody.WeldJoint):
+        X_FM = joint.X_FM() if sign > 0 else joint.X_FM().inverse()
+        links.poses[outer] = link, X_LF @ X_FM @ X_MB
+        return
+    axis = _Axis(plant, joint)
+    i = joint.velocity_start()
+    if joint.position_start() != i or link >= i:
+        raise UnsupportedSystem(
+            plant, f"the velocity of joint {joint.name()} is out of order"
+        )
+    links.parents[i] = link
+    links.is_prismatic[i] = isinstance(joint, multibody.PrismaticJoint)
+    links.frames[i] = X_LF.GetAsMatrix34()
+    links.axes[i] = sign * axis
+    links.damping[i] = joint.GetDamping(context)
+    links.poses[outer] = i, X_MB
+
+
+class _Inertias(NamedTuple):
+    """Of each of n links, in its frame: mass, first moment and rotational inertia."""
+
+    masses: np.ndarray
+    moments: np.ndarray
+    inertias: np.ndarray
+
+
+def _ReadInertias(
+    plant: MultibodyPlant,
+    context: Context,
+    poses: dict[int, tuple[int, RigidTransform]],
+) -> _Inertias:
+    """Adds up the inertias of the bodies that make a link."""
+    n = plant.num_velocities()
+    sums = _Inertias(np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3)))
     for index, (link, X_LB) in poses.items():
-        if link >= 0:
-            body = plant.get_body(multibody.BodyIndex(index))
-            M_B = body.CalcSpatialInertiaInBodyFrame(context)
-            M = M_B.ReExpress(X_LB.rotation()).Shift(-X_LB.translation())
-            masses[link] += M.get_mass()
-            moments[link] += M.CalcComMoment()
-            inertias[link] += M.CalcRotationalInertia().CopyToFullMatrix3()
-    rotor_inertias = np.zeros(n)
-    actuated, limits = [], []
+        if link < 0:
+            continue
+        body = plant.get_body(multibody.BodyIndex(index))
+        M_B = body.CalcSpatialInertiaInBodyFrame(context)
+        M = M_B.ReExpress(X_LB.rotation()).Shift(-X_LB.translation())
+        sums.masses[link] += M.get_mass()
+        sums.moments[link] += M.CalcComMoment()
+        sums.inertias[link] += M.CalcRotationalInertia().CopyToFullMatrix3()
+    return sums
+
+
+class _Motors(NamedTuple):
+    """The actuators: as in PlantTree, and the inertia of rotors at each joint (n)."""
+
+    actuated: np.ndarray
+    effort_limits: np.ndarray
+    rotor_inertias: np.ndarray
+
+
+def _ReadMotors(plant: MultibodyPlant, context: Context) -> _Motors:
+    actuated = []
+    limits = []
+    rotor_inertias = np.zeros(plant.num_velocities())
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_joint_actuator(multibody.JointActuatorIndex(index))
         actuated.append(actuator.joint().velocity_start())
         limits.append(actuator.effort_limit())
         rotor_inertias[actuated[-1]] += actuator.calc_reflected_inertia(context)
-    return PlantTree(
-        tree=RigidBodyTree(
-            parents=parents,
-            is_prismatic=is_prismatic,
-            frames=frames,
-            axes=axes,
-            masses=masses,
-            moments=moments,
-            inertias=inertias,
-            rotor_inertias=rotor_inertias,
-            damping=damping,
-            gravity=np.array(_Gravity(plant).gravity_vector()),
-        ),
-        poses=poses,
-        actuated=np.array(actuated, np.int64),
-        effort_limits=np.array(limits, float),
+    return _Motors(
+        np.array(actuated, np.int64), np.array(limits, float), rotor_inertias
     )
 
 

@@ -531,31 +531,56 @@ def advance(
                 return STUCK
             continue
         counts[STEPS] += 1
-        is_at_stop, length = h == stop - t, h
-        has_come, share = is_due(problem.transitions, memory), 1.0
-        if not has_come and is_near(problem.transitions, memory):
-            share = _find_moment(evaluate, h, problem, memory)
-            has_come = share < 1.0
-        if has_come:
-            length = h * _locate(evaluate, h, share, problem, memory)
-            is_at_stop = is_at_stop and length == h
-            if length < h:
-                _interpolate(length / h, h, memory)
-                _copy(memory.x_stage, memory.x_next)
-            end, dx = t + length, memory.dx
-            _evaluate(True, evaluate, end, memory.x_next, problem, memory, dx)
-        note_guards(False, problem.transitions, memory)
-        end = stop if is_at_stop else t + length
-        _record_step(evaluate, length, h, end, problem, memory)
-        _copy(memory.x_next, memory.x)
-        if not is_at_stop or h * factor > clock[1]:
-            clock[1] = h * factor
-        clock[0] = end
-        if (has_come or is_at_stop) and end < t_end:
-            _let_happen(evaluate, problem, memory)
-        else:
-            _copy(memory.stages[NUM_STAGES - 1], memory.stages[0])
-            if len(delays.times) > 0:
-                values, num = memory.values, counts[POLYNOMIALS]
-                _copy(values[num - 1, 4], values[num, 0])
+        _end_step(evaluate, h, h * factor, stop, t_end, problem, memory)
     return DONE
+
+
+def _end_step(
+    evaluate: Evaluate,
+    h: float,
+    next_h: float,
+    stop: float,
+    t_end: float,
+    problem: Problem,
+    memory: Memory,
+) -> None:
+    """Ends a step that is accurate enough: at its end, or where a guard is crossed.
+
+    Args:
+        h: Length of the step in s.
+        next_h: Length that the next one may have, s.
+        stop: Where a step has to end, s.
+        t_end: When the run ends, s.
+    """
+    clock, counts = memory.clock, memory.counts
+    t = clock[0]
+    # Whether a transition happens in the step, and at which share of it.
+    has_come = is_due(problem.transitions, memory)
+    share = 1.0
+    if not has_come and is_near(problem.transitions, memory):
+        share = _find_moment(evaluate, h, problem, memory)
+        has_come = share < 1.0
+    length = h
+    if has_come:
+        length = h * _locate(evaluate, h, share, problem, memory)
+        if length < h:
+            _interpolate(length / h, h, memory)
+            _copy(memory.x_stage, memory.x_next)
+        dx = memory.dx
+        _evaluate(True, evaluate, t + length, memory.x_next, problem, memory, dx)
+    note_guards(False, problem.transitions, memory)
+    # What the step leaves behind.
+    is_at_stop = h == stop - t and length == h
+    end = stop if is_at_stop else t + length
+    _record_step(evaluate, length, h, end, problem, memory)
+    _copy(memory.x_next, memory.x)
+    if not is_at_stop or next_h > clock[1]:
+        clock[1] = next_h
+    clock[0] = end
+    if (has_come or is_at_stop) and end < t_end:
+        _let_happen(evaluate, problem, memory)
+        return
+    _copy(memory.stages[NUM_STAGES - 1], memory.stages[0])
+    if len(problem.delays.times) > 0:
+        num = counts[POLYNOMIALS]
+        _copy(memory.values[num - 1, 4], memory.values[num, 0])
