@@ -216,7 +216,8 @@ def WithDrivesAndSensors(slave_side: System, scenario: Scenario) -> System:
 
 def _AddSensors(builder: DiagramBuilder, scenario: Scenario) -> dict[str, Any]:
     """Adds inputs and sensors; returns what is measured by the law's names for it."""
-    n, sensor = scenario.num_axes, scenario.sensor
+    n = scenario.num_axes
+    sensor = scenario.sensor
     measured = {}
     for name in ("tool_position", "tool_velocity", "environment_force"):
         signal = builder.AddNamedSystem(name, PassThrough(n))

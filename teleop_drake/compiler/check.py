@@ -35,10 +35,12 @@ _TOLERANCE = 1e-9
 _TOLERANCE_OF_RUN = 1e-5
 
 # How long a run is, and the steps of Drake's Simulator, in s.
-_DURATION, _STEP = 1.5, 0.005
+_DURATION = 1.5
+_STEP = 0.005
 
 # How often the two are compared, and how near to a jump they are not, in s.
-_NUM_SAMPLES, _NEAR_A_JUMP = 60, 1e-5
+_NUM_SAMPLES = 60
+_NEAR_A_JUMP = 1e-5
 
 # Packets and samplers are likely to act at round times, s.
 _NOT_ROUND = 1e-3 * math.e
@@ -139,7 +141,8 @@ def CheckVisited(
     Raises:
         KernelDisagrees: If a kernel is wrong; it names the block and what differs.
     """
-    program, contexts = evaluator.program, ContextsIn(system, context)
+    program = evaluator.program
+    contexts = ContextsIn(system, context)
     parts = {part.start: part for _, _, part in program.delays}
     for t, x, m, y in visited:
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
@@ -176,7 +179,8 @@ def Compare(
         KernelDisagrees: If anything differs; it names the block.
     """
     y, dx = evaluator.Evaluate(context, delayed)
-    program, contexts = evaluator.program, ContextsIn(system, context)
+    program = evaluator.program
+    contexts = ContextsIn(system, context)
     given = {part.start for _, _, part in program.delays if delayed is not None}
     _CompareOutputs(evaluator, contexts, y, given, _TOLERANCE)
     x_dot = system.EvalTimeDerivatives(context).CopyToVector()

@@ -87,11 +87,13 @@ class CompiledRun:
         if start is None:
             assert context is not None
             start = Visited(context.get_time(), *evaluator.ReadContext(context))
-        self.evaluator, self.start = evaluator, start
+        self.evaluator = evaluator
+        self.start = start
         self.failure = ""
         self.error: Exception | None = None
         self.visited: list[Visited] = []
-        self._accuracy, self._max_step = accuracy, max_step
+        self._accuracy = accuracy
+        self._max_step = max_step
         program = self.evaluator.program
         self.problem = problem.Problem(
             *program.parameters,
@@ -108,7 +110,8 @@ class CompiledRun:
             room=_CHUNK,
         )
         self._times, self._rows = np.empty(0), np.empty((0, len(start.y)))
-        self._num_rows, self._chunk = 0, _FIRST_CHUNK
+        self._num_rows = 0
+        self._chunk = _FIRST_CHUNK
         self._integrate: Callable[..., Any] = integrator.advance
         if isinstance(evaluator.function, Evaluate):
             self._integrate = _CompiledAdvance(self.problem, self.memory)
@@ -150,9 +153,11 @@ class CompiledRun:
             if not self._MakesStepShorter(error):
                 self.error = error
         memory = self.memory
-        num, memory.counts[problem.ROWS] = int(memory.counts[problem.ROWS]), 0
+        num = int(memory.counts[problem.ROWS])
+        memory.counts[problem.ROWS] = 0
         self._num_rows += num
-        times, rows = memory.row_times[:num], memory.rows[:num]
+        times = memory.row_times[:num]
+        rows = memory.rows[:num]
         ends = np.flatnonzero(memory.row_ends[:num])
         steps = ends[:, np.newaxis] + np.arange(-DEGREE, 1)
         if num:
@@ -218,13 +223,15 @@ class CompiledRun:
 
     def _MakeRoomForRows(self) -> None:
         """Lets the next rows follow the others in their arrays, which grow."""
-        first, end = self._num_rows, self._num_rows + self._chunk
+        first = self._num_rows
+        end = self._num_rows + self._chunk
         if end > len(self._times):
             # What is not written takes no memory.
             times, rows = self.Rows()
             room = max(2 * len(times), _FIRST_CHUNK + 4 * _CHUNK)
             self._times, self._rows = np.empty(room), np.empty((room, rows.shape[1]))
-            self._times[:first], self._rows[:first] = times, rows
+            self._times[:first] = times
+            self._rows[:first] = rows
         self.memory = self.memory._replace(
             row_times=self._times[first:end],
             row_ends=np.empty(self._chunk, np.int64),
@@ -233,7 +240,8 @@ class CompiledRun:
 
     def _MakeRoom(self) -> None:
         """Forgets the polynomials that no delay reaches, and grows what is full."""
-        memory, counts = self.memory, self.memory.counts
+        memory = self.memory
+        counts = self.memory.counts
         num = counts[problem.POLYNOMIALS]
         delays = self.problem.delays
         reached = self.time
@@ -248,7 +256,8 @@ class CompiledRun:
             else:
                 reached = -np.inf
         oldest = int(np.searchsorted(memory.steps[:num, 1], reached - 1e-9))
-        steps, values = memory.steps, memory.values
+        steps = memory.steps
+        values = memory.values
         if num - oldest > len(steps) // 2:
             steps, values = (
                 np.concatenate([array, np.zeros_like(array)])

@@ -156,9 +156,11 @@ class Evaluator:
         Returns:
             x, m, and y with what no kernel delivers.
         """
-        program, contexts = self.program, ContextsIn(self.system, context)
+        program = self.program
+        contexts = ContextsIn(self.system, context)
         num_y, _, num_m = program.sizes
-        y, m = np.zeros(num_y), np.zeros(num_m)
+        y = np.zeros(num_y)
+        m = np.zeros(num_m)
         x = context.get_continuous_state_vector().CopyToVector()
         for block, part in zip(self.blocks, program.modes, strict=True):
             m[part] = DiscreteState(contexts[block.system])

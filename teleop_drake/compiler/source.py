@@ -69,9 +69,11 @@ class Parameters:
         array = np.asarray(value)
         store: list[Any]
         if array.dtype.kind in "iub":
-            name, store = "q", self._integers
+            name = "q"
+            store = self._integers
         else:
-            name, store = "p", self._numbers
+            name = "p"
+            store = self._numbers
         first = len(store)
         store.extend(array.ravel().tolist())
         if array.ndim == 0:
@@ -127,7 +129,8 @@ class Program:
     """
 
     def __init__(self, blocks: Sequence[Block], kernels: Sequence[Kernel]):
-        self._blocks, self.kernels = blocks, kernels
+        self._blocks = blocks
+        self.kernels = kernels
         self._parameters = Parameters()
         self._parameter_texts: dict[tuple[int, str], tuple[str, int | None]] = {}
         self.functions: list[Law] = []
@@ -268,7 +271,8 @@ class Program:
 
     def _CheckInputs(self, i: int) -> None:
         """Raises UnsupportedSystem if a block is connected to what it does not take."""
-        block, kernel = self._blocks[i], self.kernels[i]
+        block = self._blocks[i]
+        kernel = self.kernels[i]
         taken = {*kernel.unused, *(delay.signal for delay in kernel.delays)}
         for name in block.inputs:
             if name not in taken | self._readers[i].names:
@@ -305,7 +309,8 @@ class Program:
 
     def Slot(self, i: int, name: str) -> slice:
         """Returns where in y a port of a block is, after what fills it in."""
-        block, kernel = self._blocks[i], self.kernels[i]
+        block = self._blocks[i]
+        kernel = self.kernels[i]
         source = block.inputs.get(name, Source(i, name))
         if source in self.signals:
             self.Write(source)
@@ -328,7 +333,9 @@ class _Reader(TermReader[_Texts]):
 
     def __init__(self, program: Program, i: int, system: System, kernel: Kernel):
         super().__init__(kernel)
-        self._program, self._i, self._system = program, i, system
+        self._program = program
+        self._i = i
+        self._system = system
 
     def Number(self, number: int) -> _Texts:
         return [(repr(number), None)]

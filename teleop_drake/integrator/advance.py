@@ -58,7 +58,9 @@ _MAX_ECHO = 4
 _MOST_TRIES = 10_000
 
 # How advance() ended.
-DONE, FULL, STUCK = 0, 1, 2
+DONE = 0
+FULL = 1
+STUCK = 2
 
 
 def _add_past(
@@ -72,9 +74,11 @@ def _add_past(
 ) -> None:
     """Adds a signal as it was at a time to what comes out of its delay."""
     num = memory.counts[POLYNOMIALS]
-    first, size = delays.outputs[d], delays.sizes[d]
+    first = delays.outputs[d]
+    size = delays.sizes[d]
     # The last polynomial that begins before s, or at s.
-    low, high = -1, num - 1
+    low = -1
+    high = num - 1
     while low < high:
         middle = (low + high + 1) // 2
         begin = memory.steps[middle, 0]
@@ -111,7 +115,8 @@ def _add_sent(
 
 def evaluate_pieces(knots: Array, coefficients: Array, x: float) -> float:
     """Returns the value at x, beyond the ends that of the nearer end."""
-    low, high = 0, len(coefficients) - 1
+    low = 0
+    high = len(coefficients) - 1
     while low < high:
         middle = (low + high + 1) // 2
         if knots[middle] <= x:
@@ -144,9 +149,11 @@ def _arrival(s: float, d: int, delays: Delays) -> float:
     """Returns when what is sent at s comes out of a delay, s: t - T(t) = s."""
     if delays.piece_ranges[d, 0] == delays.piece_ranges[d, 1]:
         return s + float(delays.times[d])
-    low, high = s, s + delay_at(s, d, delays)
+    low = s
+    high = s + delay_at(s, d, delays)
     while high - delay_at(high, d, delays) < s:
-        low, high = high, high + delay_at(high, d, delays)
+        low = high
+        high = high + delay_at(high, d, delays)
     middle = (low + high) / 2
     while low < middle < high:
         if middle - delay_at(middle, d, delays) < s:
@@ -165,7 +172,8 @@ def _fetch(t: float, delays: Delays, memory: Memory) -> None:
     is_after = t <= memory.clock[0]
     column = 0
     for d in range(len(delays.times)):
-        first, size = delays.outputs[d], delays.sizes[d]
+        first = delays.outputs[d]
+        size = delays.sizes[d]
         for i in range(size):
             memory.y[first + i] = 0.0
         if delays.times[d] < math.inf:
@@ -176,7 +184,8 @@ def _fetch(t: float, delays: Delays, memory: Memory) -> None:
         else:
             k = memory.next_packets[d] - 1
             shown, sent = delays.packets[k, 0], delays.packets[k, 1]
-            previous, slope = delays.packets[k, 2], 0.0
+            previous = delays.packets[k, 2]
+            slope = 0.0
             if previous > -math.inf:
                 slope = (t - shown) / (sent - previous)
                 _add_sent(previous, -slope, d, column, delays, memory)
@@ -201,10 +210,12 @@ def _evaluate(
 
 def _interpolate(theta: float, h: float, memory: Memory) -> None:
     """Puts the dense output of the step into x_stage."""
-    stages, result = memory.stages, memory.x_stage
+    stages = memory.stages
+    result = memory.x_stage
     _copy(memory.x, result)
     for s in range(NUM_STAGES):
-        power, weight = theta, 0.0
+        power = theta
+        weight = 0.0
         for k in range(4):
             weight += P[s, k] * power
             power *= theta
@@ -234,7 +245,9 @@ def _record_step(
 
     Completes the polynomials of the delayed signals.
     """
-    t, row, delays = memory.clock[0], memory.counts[ROWS], problem.delays
+    t = memory.clock[0]
+    row = memory.counts[ROWS]
+    delays = problem.delays
     _write(row + 3, end, memory)
     _keep_node(4, delays, memory)
     for node in range(1, 4):
@@ -247,7 +260,8 @@ def _record_step(
     memory.counts[ROWS] = row + 4
     if len(delays.times) > 0:
         num = memory.counts[POLYNOMIALS]
-        memory.steps[num, 0], memory.steps[num, 1] = t, t + length
+        memory.steps[num, 0] = t
+        memory.steps[num, 1] = t + length
         memory.counts[POLYNOMIALS] = num + 1
 
 
@@ -271,7 +285,8 @@ def _copy(source: Array, target: Array) -> None:
 
 def _write(row: int, t: float, memory: Memory) -> None:
     """Writes the signals as they are at a time to a row."""
-    memory.row_times[row], memory.row_ends[row] = t, 0
+    memory.row_times[row] = t
+    memory.row_ends[row] = 0
     _copy(memory.y, memory.rows[row])
 
 
@@ -289,7 +304,8 @@ def _add_break(t: float, order: int, memory: Memory) -> None:
             memory.breaks[i, 1] = min(memory.breaks[i, 1], float(order))
             return
     if num < len(memory.breaks):
-        memory.breaks[num, 0], memory.breaks[num, 1] = t, order
+        memory.breaks[num, 0] = t
+        memory.breaks[num, 1] = order
         memory.counts[BREAKS] = num + 1
 
 
@@ -357,7 +373,8 @@ def _show_packets(t: float, delays: Delays, memory: Memory) -> bool:
 
 def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     """Makes what happens now happen: breaks, packets and transitions."""
-    t, delays = memory.clock[0], problem.delays
+    t = memory.clock[0]
+    delays = problem.delays
     order = _take_break(t, memory)
     if order >= 0:  # Transitions see what was there before a jump arrives.
         memory.clock[0] = -math.inf
@@ -372,7 +389,9 @@ def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
 
 def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
     """Returns where the step has to end at the latest."""
-    stop, delays, transitions = t_end, problem.delays, problem.transitions
+    stop = t_end
+    delays = problem.delays
+    transitions = problem.transitions
     for d in range(len(delays.times)):
         if memory.next_packets[d] < delays.packet_ranges[d, 1]:
             stop = min(stop, delays.packets[memory.next_packets[d], 0])
@@ -385,7 +404,9 @@ def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
 
 def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> float:
     """Tries a step; returns its error, the largest of all states."""
-    t, x, stages = memory.clock[0], memory.x, memory.stages
+    t = memory.clock[0]
+    x = memory.x
+    stages = memory.stages
     n = len(x)
     for s in range(1, NUM_STAGES):
         is_last = s == NUM_STAGES - 1
@@ -394,7 +415,8 @@ def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> flo
         for i in range(n):
             target[i] = x[i] + h * target[i]
         _evaluate(is_last, evaluate, t + C[s] * h, target, problem, memory, stages[s])
-    error, errors = 0.0, memory.dx
+    error = 0.0
+    errors = memory.dx
     _combine(E, NUM_STAGES, stages, errors)
     for i in range(n):
         # Not a number is larger than any.
@@ -407,7 +429,8 @@ def _is_due_at(
     share: float, evaluate: Evaluate, h: float, problem: Problem, memory: Memory
 ) -> bool:
     """Returns whether a guard is due at a share of the step."""
-    t, x = memory.clock[0] + share * h, memory.x_stage
+    t = memory.clock[0] + share * h
+    x = memory.x_stage
     _interpolate(share, h, memory)
     _evaluate(True, evaluate, t, x, problem, memory, memory.dx)
     return is_due(problem.transitions, memory)
@@ -444,7 +467,8 @@ def _locate(
 
 def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     """Records the first row, and makes what happens at the first time."""
-    clock, delays = memory.clock, problem.delays
+    clock = memory.clock
+    delays = problem.delays
     memory.counts[IS_STARTED] = 1
     _evaluate(True, evaluate, clock[0], memory.x, problem, memory, memory.stages[0])
     _record(clock[0], memory)
@@ -506,7 +530,9 @@ def advance(
         DONE, FULL (it has to be called again), or STUCK if the smallest step is too
         inaccurate.
     """
-    clock, counts, delays = memory.clock, memory.counts, problem.delays
+    clock = memory.clock
+    counts = memory.counts
+    delays = problem.delays
     longest = max_step
     for delay in delays.times:
         longest = min(longest, delay)
@@ -552,7 +578,8 @@ def _end_step(
         stop: Where a step has to end, s.
         t_end: When the run ends, s.
     """
-    clock, counts = memory.clock, memory.counts
+    clock = memory.clock
+    counts = memory.counts
     t = clock[0]
     # Whether a transition happens in the step, and at which share of it.
     has_come = is_due(problem.transitions, memory)

@@ -153,8 +153,10 @@ def make_memory(
         first_step: Length of the first step in s.
         room: For how many polynomials and rows.
     """
-    n, width = len(x), len(problem.delays.initial_values)
-    transitions, periods = problem.transitions, problem.transitions.periods
+    n = len(x)
+    width = len(problem.delays.initial_values)
+    transitions = problem.transitions
+    periods = problem.transitions.periods
     gone = np.where(transitions.guards < 0, time - transitions.offsets, 0.0)
     gone -= same_within(time)
     ticks = np.where(periods < np.inf, np.ceil(gone / periods), gone > 0)

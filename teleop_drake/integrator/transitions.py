@@ -14,7 +14,8 @@ def next_time(k: int, transitions: Transitions, memory: Memory) -> float:
 
     Periods are not added up, so that nothing drifts.
     """
-    ticks, time = memory.ticks[k], float(transitions.offsets[k])
+    ticks = memory.ticks[k]
+    time = float(transitions.offsets[k])
     return time + ticks * transitions.periods[k] if ticks > 0 else time
 
 

@@ -115,13 +115,15 @@ def _DeclareTerms(
     def Reader(place: str) -> _Reader:
         return _Reader(block, kernel, place, is_compiled=block.is_compiled)
 
-    values, tickets = {}, {}
+    values = {}
+    tickets = {}
     for output, term in kernel.outputs.items():
         reader = Reader(f"outputs.{output}")
         values[output] = reader.Read(term)
         tickets[output] = reader.tickets or {block.nothing_ticket()}
     for output, line in lines.items():
-        values[output], tickets[output] = line.Eval, line.tickets
+        values[output] = line.Eval
+        tickets[output] = line.tickets
     block._kernel_outputs = {port: _Callback(block, values[port]) for port in sizes}
     for port, size in sizes.items():
         callback = Weakly(block._kernel_outputs[port])
@@ -395,7 +397,9 @@ class _Reader(TermReader[_Value]):
 
     def __init__(self, block: Any, kernel: Kernel, place: str, *, is_compiled: bool):
         super().__init__(kernel)
-        self._block, self._place, self._is_compiled = block, place, is_compiled
+        self._block = block
+        self._place = place
+        self._is_compiled = is_compiled
         self.tickets: set[DependencyTicket] = set()
 
     def Number(self, number: int) -> _Value:
@@ -477,5 +481,6 @@ class _Reader(TermReader[_Value]):
         evaluate = self._Dual(lambda context: port.Eval(context))
         if name not in block.optional_inputs:
             return evaluate
-        has_value, nothing = port.HasValue, np.zeros(port.size())
+        has_value = port.HasValue
+        nothing = np.zeros(port.size())
         return lambda context: evaluate(context) if has_value(context) else nothing

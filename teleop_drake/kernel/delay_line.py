@@ -125,14 +125,17 @@ class DelayLine:
 
     def _FetchTime(self, key: float) -> float:
         """Returns when the sample with a key is delivered, s; infinity: never."""
-        delay, end = self._delay.time, self._delay.end
+        delay = self._delay.time
+        end = self._delay.end
         if not callable(delay):
             return key
-        early, late = key, min(key + delay(key), end)
+        early = key
+        late = min(key + delay(key), end)
         while late - delay(late) < key:
             if late == end:
                 return math.inf
-            early, late = late, min(late + delay(late), end)
+            early = late
+            late = min(late + delay(late), end)
         while early < (middle := (early + late) / 2) < late:
             if middle - delay(middle) < key:
                 early = middle

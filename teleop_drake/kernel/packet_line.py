@@ -122,7 +122,8 @@ class PacketLine:
 
     def Eval(self, context: Context) -> Array:
         """Returns what is shown."""
-        packets, time = self._PacketsIn(context).packets, context.get_time()
+        packets = self._PacketsIn(context).packets
+        time = context.get_time()
         # What arrives now is shown once the step has ended here.
         i = bisect_left(packets, time - same_within(time), key=_SHOWN) - 1
         packet = packets[max(i, 0)]

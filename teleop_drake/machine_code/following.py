@@ -181,7 +181,8 @@ class _Followed(Opaque):
             raise error from None
 
     def _Line(self, traceback: Any) -> int:
-        line, codes = self._function.__code__.co_firstlineno, self._Codes()
+        line = self._function.__code__.co_firstlineno
+        codes = self._Codes()
         while traceback is not None:
             if traceback.tb_frame.f_code in codes:
                 line = traceback.tb_lineno
@@ -197,7 +198,9 @@ class _Followed(Opaque):
 
     def _Copy(self) -> FunctionType:
         """Returns the function with what it has from outside replaced."""
-        function, graph, codes = self._function, self._graph, self._Codes()
+        function = self._function
+        graph = self._graph
+        codes = self._Codes()
         for code in codes:
             _CheckCode(code, code is codes[0])
         graph.codes |= set(codes)

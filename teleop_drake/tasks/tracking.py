@@ -174,7 +174,9 @@ def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
         ScenarioError: If the scenario is not valid.
     """
     scenario.Validate()
-    n, config, law = scenario.num_axes, scenario.robot, scenario.controller
+    n = scenario.num_axes
+    config = scenario.robot
+    law = scenario.controller
     assert isinstance(config, PlantRobotConfig)  # Validated.
     disturbance = scenario.disturbance
     systems: dict[str, System] = {
