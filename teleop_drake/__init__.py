@@ -4,12 +4,15 @@ The model of P. P. Sarda, "Control of a Teleoperating Robotic Arm Subject to Tim
 Delays", MS thesis, The University of Texas at Arlington, 2012.
 
 What most people need can be had from here, `from teleop_drake import LoadScenario,
-simulate`, say. It is imported when it is first asked for: the package itself imports
-nothing.
+simulate`, say. Each name is imported on first use, so that to import the package
+itself is cheap.
 """
 
+from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from teleop_drake.upper import ProvideUpperFunction
 
 if TYPE_CHECKING:
     from teleop_drake.analysis.stability import AnalyzeStability
@@ -91,6 +94,22 @@ _PLACES = {
 }
 
 
+def _LoadRecordingHtml() -> Callable[..., Any]:
+    from teleop_drake.figures.notebook import RecordingHtml
+
+    return RecordingHtml
+
+
+def _LoadDiagramPage() -> Callable[..., Any]:
+    from teleop_drake.page import DiagramPage
+
+    return DiagramPage
+
+
+ProvideUpperFunction("RecordingHtml", _LoadRecordingHtml)
+ProvideUpperFunction("DiagramPage", _LoadDiagramPage)
+
+
 def __getattr__(name: str) -> Any:
     """Imports one of the names of the package when it is first asked for."""
     for place, names in _PLACES.items():
@@ -103,5 +122,11 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     """Returns what there is, imported or not."""
-    hidden = {"Any", "TYPE_CHECKING", "import_module"}
+    hidden = {
+        "Any",
+        "Callable",
+        "ProvideUpperFunction",
+        "TYPE_CHECKING",
+        "import_module",
+    }
     return sorted({*globals(), *__all__} - hidden)

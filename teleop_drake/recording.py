@@ -1,6 +1,5 @@
 """The record of a simulation: plain arrays, events and solver statistics."""
 
-import importlib
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, fields, replace
@@ -25,12 +24,11 @@ from teleop_drake.scenario import (
     ScenarioToYaml,
 )
 from teleop_drake.signals import AxesOf
+from teleop_drake.upper import UpperFunction
 from teleop_drake.validation import Choices, Refuse, Show
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.figure import Figure
-    from pydrake.geometry import Meshcat
 
 
 class UnknownSignal(KeyError):
@@ -45,16 +43,6 @@ FORMAT = 3
 
 # Fields that JSON takes as they are.
 _PLAIN = ("termination", "reason", "notes", "has_constant_command")
-
-
-def _FromAbove(place: str) -> Any:
-    """Returns what shows a recording, `module:name` as a user's own kinds are named.
-
-    It stands above this file: whoever shows a recording imports it, and a recording
-    knows only by name who does.
-    """
-    module, _, name = place.partition(":")
-    return getattr(importlib.import_module(f"teleop_drake.{module}"), name)
 
 
 @dataclass(kw_only=True)
@@ -101,7 +89,7 @@ class Recording:
 
     Attributes:
         scenario: What was simulated, a Scenario or a TrackingScenario; None for a
-            Diagram of one's own, of which Save() and Animate() want more.
+            Diagram of one's own, which Save() refuses.
         time: (N,) in s: the ends of the integrator's steps, and instants in between. A
             time that stands twice marks a jump: the first row is before it, the second
             one after.
@@ -204,33 +192,11 @@ class Recording:
 
     def _repr_html_(self) -> str:
         """Returns what a notebook shows: the metrics and a small figure."""
-        html: str = _FromAbove("figures.notebook:RecordingHtml")(self)
-        return html
+        return str(UpperFunction("RecordingHtml")(self))
 
     def _ipython_key_completions_(self) -> list[str]:
         """Returns the names of the signals, for the tab key after `recording["`."""
         return list(self.signals)
-
-    def plot(self, **options: Any) -> "Figure":
-        """Plots the run; the options are those of figures.runs.PlotRun()."""
-        figure: Figure = _FromAbove("figures.runs:PlotRun")(self, **options)
-        return figure
-
-    def Animate(self, meshcat: "Meshcat | None" = None) -> Any:
-        """Plays the run in three dimensions; see figures.scene.MakeReplay.
-
-        Args:
-            meshcat: Where it is played; None: only in what is returned.
-
-        Returns:
-            A Replay: a page that plays it, which a notebook shows and Save() writes.
-        """
-        self._CheckScenario("Animate")
-        return _FromAbove("figures.scene:MakeReplay")(self, meshcat)
-
-    def _CheckScenario(self, member: str) -> None:
-        if self.scenario is None:
-            Refuse("recording.scenario", None, f"that of a scenario for {member}()")
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """Returns the signals as a table, which needs pandas (the extra `data`).
@@ -336,7 +302,8 @@ class Recording:
         Raises:
             OSError: If the file cannot be written.
         """
-        self._CheckScenario("Save")
+        if self.scenario is None:
+            Refuse("recording.scenario", None, "that of a scenario for Save()")
         description = {
             "format": FORMAT,
             "scenario": ScenarioToYaml(self.scenario),

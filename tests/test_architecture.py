@@ -32,7 +32,14 @@ def Floor(module: str) -> str:
 @functools.cache
 def Nodes(source: str) -> list[ast.AST]:
     """Returns the syntax of a file that the tests ask about, the file itself first."""
-    kinds = (ast.Module, ast.Import, ast.ImportFrom, ast.Call, ast.FunctionDef)
+    kinds = (
+        ast.Module,
+        ast.Import,
+        ast.ImportFrom,
+        ast.Call,
+        ast.FunctionDef,
+        ast.Constant,
+    )
     return [node for node in ast.walk(ast.parse(source)) if isinstance(node, kinds)]
 
 
@@ -41,9 +48,46 @@ def Source(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
+def NamedModules(source: str) -> set[str]:
+    """Returns the modules of the package that the strings of a file name.
+
+    Such a string is `teleop_drake.room.file`, `teleop_drake.room.file:Name` or, without
+    the package, `room.file:Name`. A string like `teleop_drake.cli.commands.`, to which
+    a file's name is added, names the folder.
+    """
+    named = set()
+    for node in Nodes(source):
+        if not isinstance(node, ast.Constant) or not isinstance(node.value, str):
+            continue
+        module, colon, _ = node.value.partition(":")
+        module = module.rstrip(".")
+        candidates = [module, f"teleop_drake.{module}"] if colon else [module]
+        named.update(name for name in candidates if name in MODULES)
+    return named - {"teleop_drake"}
+
+
+def NameBegin(name: ast.expr) -> str:
+    """Returns the part of a module's name that a file tells."""
+    if isinstance(name, ast.JoinedStr):
+        name = name.values[0]
+    return str(name.value) if isinstance(name, ast.Constant) else ""
+
+
+def ImportsUnknownModules(source: str) -> bool:
+    """Returns whether a file imports modules of which it does not tell the room."""
+    importers = ("import_module", "importlib.import_module", "__import__")
+    return any(
+        isinstance(node, ast.Call)
+        and ast.unparse(node.func) in importers
+        and NameBegin(node.args[0]).rstrip(".") in ("", "teleop_drake")
+        for node in Nodes(source)
+    )
+
+
 def Imports(path: Path) -> set[str]:
-    """Returns the modules that a file imports, anywhere in it."""
-    imports = set()
+    """Returns the modules that a file imports, anywhere in it, or names in strings."""
+    # A file that names its own folder reads the data beside it.
+    imports = NamedModules(Source(path)) - {Module(path.parent / "__init__.py")}
     for node in Nodes(Source(path)):
         if isinstance(node, ast.Import):
             imports.update(alias.name for alias in node.names)
@@ -95,6 +139,33 @@ def test_files_do_not_import_in_circles():
 def test_circles_are_found():
     with pytest.raises(pytest.fail.Exception, match=r"(a imports b|b imports a)"):
         AssertNoCircle({"a": {"b"}, "b": {"a"}})
+
+
+def test_imports_by_strings_are_found():
+    assert NamedModules("import_module('teleop_drake.page').A") == {"teleop_drake.page"}
+    assert NamedModules("F('figures.runs:PlotRun')") == {"teleop_drake.figures.runs"}
+    commands = "import_module(f'teleop_drake.cli.commands.{name}')"
+    assert NamedModules(commands) == {"teleop_drake.cli.commands"}
+    assert not ImportsUnknownModules(commands)
+    assert NamedModules("F('page', 'a: b')") == set()
+
+
+@pytest.mark.parametrize("name", ["module", "f'teleop_drake.{x}'", "'teleop_drake'"])
+def test_imports_of_unknown_modules_are_found(name):
+    assert ImportsUnknownModules(f"importlib.import_module({name})")
+
+
+def test_unknown_modules_are_those_of_the_user():
+    """The package's root is an exception: it stands above all rooms.
+
+    A kind of a user's own is in a user's module, and so is what a user's law imports.
+    """
+    found = [
+        str(path.relative_to(PACKAGE))
+        for path in FILES
+        if ImportsUnknownModules(Source(path))
+    ]
+    assert found == ["__init__.py", "kinds.py", "machine_code/following.py"]
 
 
 # Mathematics: no Drake, names in snake_case.

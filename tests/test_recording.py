@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from runs import Run
 
+from teleop_drake.figures.runs import PlotRun
 from teleop_drake.recording import Event, Recording, UnknownSignal
 from teleop_drake.tasks.metrics import RunMetrics
 
@@ -78,8 +79,8 @@ def test_html_of_a_run_without_a_number_says_so():
     assert "1 &lt; 2" in html and "<table>" not in html
 
 
-def test_plot_is_the_figure_of_the_run():
-    figure = ShortRun("one_dof").plot(signals=["tool_velocity"])
+def test_a_notebook_shows_the_figure_of_a_run():
+    figure = PlotRun(ShortRun("one_dof"), signals=["tool_velocity"])
     # A notebook shows it without pyplot.
     assert figure._repr_png_().startswith(b"\x89PNG")
     labels = [ax.get_ylabel() for ax in figure.axes]

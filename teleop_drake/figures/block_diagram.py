@@ -13,13 +13,14 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable
-from importlib import import_module, metadata
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.files import Replacing
+from teleop_drake.upper import UpperFunction
 from teleop_drake.validation import Refuse
 
 _SUFFIXES = (".svg", ".png", ".pdf", ".dot", ".html")
@@ -153,8 +154,7 @@ def WriteDiagram(
     if suffix not in _SUFFIXES:
         Refuse("path", str(path), f"a file that ends in one of {', '.join(_SUFFIXES)}")
     if suffix == ".html":
-        # The page is made of pictures that this module makes.
-        content = import_module("teleop_drake.page").DiagramPage(system).html.encode()
+        content = UpperFunction("DiagramPage")(system).html.encode()
     elif suffix == ".dot":
         content = DiagramDot(system, max_depth=max_depth).encode()
     else:

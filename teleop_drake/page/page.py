@@ -9,7 +9,7 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module, resources
+from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
@@ -458,7 +458,7 @@ def _Data(
     kinds = list(dict.fromkeys(which[0] for which in models))
     return {
         "title": title,
-        "version": _Version(),
+        "version": metadata.version("teleop-drake"),
         "notes": notes,
         "inputs": _DataOfInputs(inputs, choices),
         "controllers": [
@@ -544,11 +544,6 @@ def _OwnersOf(key: str) -> list[str]:
     return _OWNERS.get(first, [first])
 
 
-def _Version() -> str:
-    """Returns the version of the package, which itself imports this file by name."""
-    return str(import_module("teleop_drake").__version__)
-
-
 def _Html(title: str, data: dict[str, Any]) -> str:
     """Returns the page: its parts, and the model as text that says nothing to HTML."""
     parts = {
@@ -557,7 +552,7 @@ def _Html(title: str, data: dict[str, Any]) -> str:
     }
     texts = {
         "title": html.escape(title),
-        "version": html.escape(_Version()),
+        "version": html.escape(metadata.version("teleop-drake")),
         "style": parts["page.css"],
         "script": parts["loop.js"] + parts["metrics.js"] + parts["page.js"],
         "model": base64.b64encode(Packed(_Bytes(data))).decode(),

@@ -16,6 +16,8 @@ from pydrake.systems.primitives import Gain, Integrator, Sine
 
 from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.figures.runs import PlotRun
+from teleop_drake.figures.scene import MakeReplay
 from teleop_drake.recording import UnknownSignal
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
@@ -112,14 +114,15 @@ def test_a_recording_without_scenario_shows_itself_or_refuses(tmp_path):
     recording = simulate(LateLoop(Gain(0.5, 1)), duration=1.5)
     assert repr(recording).startswith("<Recording of a diagram: 1.5 s in ")
     assert "1.5 s" in recording._repr_html_()
-    (ax,) = recording.plot(time=(0.5, 1.0)).axes
+    (ax,) = PlotRun(recording, time=(0.5, 1.0)).axes
     assert ax.get_ylabel() == "x" and ax.lines[1].get_xdata()[-1] == 1.0
     table = recording.to_dataframe()
     np.testing.assert_array_equal(table["x", 0], recording["x"][:, 0])
     with pytest.raises(UnknownSignal, match="signal 'y': must be"):
-        recording.plot(signals=["y"])
+        PlotRun(recording, signals=["y"])
     for refused in (
-        *(partial(recording.Save, tmp_path / "a.npz"), recording.Animate),
+        *(partial(recording.Save, tmp_path / "a.npz"), partial(MakeReplay, recording)),
+        partial(MakeReplay, {"a": recording}),
         *(partial(RunMetrics, recording), partial(RunSummary, recording)),
     ):
         with pytest.raises(ScenarioError, match=r"^recording.scenario = null: must be"):

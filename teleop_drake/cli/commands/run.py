@@ -53,7 +53,9 @@ def Execute(args: argparse.Namespace) -> int:
         written = [recording_path, *figure_paths, summary_path]
         written += _Draw(recording, figure_paths, drawing)
     if args.html is not None:
-        recording.Animate().Save(args.html)
+        from teleop_drake.figures.scene import MakeReplay
+
+        MakeReplay(recording).Save(args.html)
         written.append(args.html)
     table = Table({record["controller"]: recording}, [record])
     output.Tell(args, record, Headline(recording), table, written=written)

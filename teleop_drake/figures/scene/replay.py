@@ -24,6 +24,7 @@ from teleop_drake.figures.scene.scene import (
 from teleop_drake.figures.style import GREY, RunColor
 from teleop_drake.files import Replacing
 from teleop_drake.recording import Recording
+from teleop_drake.validation import Refuse
 
 # Slow motion begins so long before a puncture or a contact, and ends so long after it
 # has been felt, s. Of a run that bounces the first contacts are shown so.
@@ -77,10 +78,13 @@ def MakeReplay(
 
     Raises:
         ValueError: If there is none, or their numbers of axes differ.
+        ScenarioError: If a run is of a Diagram, which has no scenario.
     """
     if isinstance(recordings, Recording):
-        kind = recordings.scenario.controller.kind.replace("_", " ")
-        recordings = {kind: recordings}
+        recordings = {_NameOf(recordings): recordings}
+    runs = list(recordings.values())
+    if any(run.scenario is None for run in runs):
+        Refuse("recording.scenario", None, "that of a scenario for MakeReplay()")
     if meshcat is None:  # Nobody is going to see where it listens.
         logger = logging.getLogger("drake")
         level = logger.level
@@ -88,8 +92,7 @@ def MakeReplay(
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
         logger.setLevel(level)
     AnimateRuns(recordings, meshcat)
-    runs = recordings.values()
-    title = next(iter(runs)).scenario.name
+    title = runs[0].scenario.name
     data = {"slow": [span for run in runs for span in _SlowSpans(run)]}
     player = (resources.files(__package__) / "player.html").read_text(encoding="utf-8")
     head, _, rest = meshcat.StaticHtml().rpartition("</body>")
@@ -97,6 +100,13 @@ def MakeReplay(
 <script>const replay = {json.dumps(data, allow_nan=False)};</script>
 {player}</body>{rest}"""
     return Replay(title, page)
+
+
+def _NameOf(run: Recording) -> str:
+    """Returns the name of a single run on the page: that of its controller."""
+    if run.scenario is None:
+        return "diagram"
+    return str(run.scenario.controller.kind.replace("_", " "))
 
 
 def _SlowSpans(run: Recording) -> list[tuple[float, float]]:

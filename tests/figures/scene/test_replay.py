@@ -59,7 +59,7 @@ def test_the_page_stands_alone(replay):
 
 
 def test_a_notebook_shows_it():
-    replay = MakeRecording(kind="adaptive_backstepping").Animate()
+    replay = MakeReplay(MakeRecording(kind="adaptive_backstepping"))
     assert replay._repr_html_().startswith("<iframe srcdoc=")
     assert ">adaptive backstepping</b>" in replay.html
     assert repr(replay).startswith("<Replay of one_dof, 2")
