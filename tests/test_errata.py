@@ -16,7 +16,7 @@ from teleop_drake.laws.layered_force import layer_columns, layer_table, layered_
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.thesis.claims.measures import BasisFunctions
-from teleop_drake.thesis.report import LoadClaims
+from teleop_drake.thesis.report import CLAIMS
 
 ERRATA = Path(teleop_drake.__file__).parent / "thesis" / "errata.md"
 TESTS = Path(__file__).parent
@@ -44,7 +44,7 @@ def test_every_test_that_the_errata_name_exists():
 def test_every_row_that_the_errata_name_exists():
     rows = re.findall(r"row `([^`]+)`", ERRATA.read_text(encoding="utf-8"))
     assert rows
-    assert set(rows) <= {claim.key for claim in LoadClaims()}
+    assert set(rows) <= {claim.key for claim in CLAIMS}
 
 
 def test_printed_sign_of_the_haptic_device_runs_away():

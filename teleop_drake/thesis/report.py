@@ -25,8 +25,14 @@ from pathlib import Path
 from string import Template
 
 from teleop_drake.files import Replacing
-from teleop_drake.thesis.claims import chapter3, chapter4, chapter5, conclusions
-from teleop_drake.thesis.claims.claim import VERDICTS, LoadClaims, Row
+from teleop_drake.thesis.claims import (
+    chapter3,
+    chapter4,
+    chapter5_bone,
+    chapter5_tissue,
+    conclusions,
+)
+from teleop_drake.thesis.claims.claim import VERDICTS, Row
 from teleop_drake.thesis.figures import FIGURES, ThesisFigure, WritePicture
 from teleop_drake.thesis.runs import ThesisRuns
 from teleop_drake.validation import Refuse
@@ -34,8 +40,14 @@ from teleop_drake.validation import Refuse
 FORMATS = ("png", "svg")
 """What figures are written as, unless something else is asked for."""
 
-# What measures the claims.
-MODULES = (chapter3, chapter4, chapter5, conclusions)
+CLAIMS = [
+    *chapter3.CLAIMS,
+    *chapter4.CLAIMS,
+    *chapter5_tissue.CLAIMS,
+    *chapter5_bone.CLAIMS,
+    *conclusions.CLAIMS,
+]
+"""All claims, in the thesis's order."""
 
 _CHAPTERS = {
     "2": "The loop and the task",
@@ -47,7 +59,7 @@ _CHAPTERS = {
 
 def Ledger(runs: ThesisRuns) -> list[Row]:
     """Returns a row for each claim, in the thesis's order."""
-    return [claim.Judge(runs) for claim in LoadClaims()]
+    return [claim.Judge(runs) for claim in CLAIMS]
 
 
 def SelectFigures(only: Sequence[str] | None = None) -> list[ThesisFigure]:

@@ -11,8 +11,9 @@ import pytest
 from teleop_drake.laws.backstepping import BacksteppingGains, unpack_state
 from teleop_drake.laws.gaussian_network import GaussianNetwork, gaussian_functions
 from teleop_drake.scenario import LoadScenario
-from teleop_drake.thesis.claims.claim import VERDICTS, Claim, Found, LoadClaims
+from teleop_drake.thesis.claims.claim import VERDICTS, Claim, Found
 from teleop_drake.thesis.claims.separate_updates import SeparateRate
+from teleop_drake.thesis.report import CLAIMS
 from teleop_drake.thesis.runs import ADAPTIVE, SHORT, Run, ThesisRuns
 
 pytestmark = pytest.mark.xdist_group("thesis")
@@ -85,7 +86,7 @@ class Changed(ThesisRuns):
 
 def Verdicts(key, runs):
     """The verdicts of the claims whose keys begin so."""
-    claims = [claim for claim in LoadClaims() if claim.key.startswith(key)]
+    claims = [claim for claim in CLAIMS if claim.key.startswith(key)]
     return {claim.key: claim.Judge(runs).verdict for claim in claims}
 
 

@@ -1,21 +1,17 @@
-"""Claims of the thesis: what each says, how it is measured, and the verdict.
+"""What a claim of the thesis is, how it is measured, and what its verdict is.
 
-Their texts stand in claims.yaml, their measures in the modules of the chapters.
+The claims themselves are in the modules of the chapters, beside their measures.
 """
 
-import inspect
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
-from functools import partial
-from importlib import resources
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-import yaml
 
-from teleop_drake.thesis.claims.measures import LargestJump
-from teleop_drake.thesis.runs import Both, Run, ThesisRuns
+from teleop_drake.thesis.claims.measures import LargestJump, UnlearnedShare
+from teleop_drake.thesis.runs import ADAPTIVE, Both, Run, ThesisRuns
 
 REPRODUCED = "reproduced"
 IN_KIND = "reproduced in kind"
@@ -69,25 +65,9 @@ class Found(NamedTuple):
     reason: str = ""
 
 
-Measure = Callable[..., Found]
-
-MEASURES: dict[str, Measure] = {}
-"""By the key in claims.yaml, or by the name that its entry has under `measure`."""
-
-
-def Measures(*keys: str) -> Callable[[Measure], Measure]:
-    """Registers a measure: a function of the runs and of fields of the entry."""
-
-    def Register(measure: Measure) -> Measure:
-        MEASURES.update(dict.fromkeys(keys, measure))
-        return measure
-
-    return Register
-
-
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """A claim as claims.yaml has it, see Row.
+    """A claim before it is measured, see Row.
 
     Attributes:
         measure: Measures it on runs.
@@ -152,29 +132,6 @@ _SCALES = {"mm": 1e3, "mm/s": 1e3, "mN": 1e3, "%": 1e2}
 """How many of a unit there are in one SI unit; 1 for all others."""
 
 
-def LoadClaims() -> list[Claim]:
-    """Returns the claims of claims.yaml; the modules of the chapters are imported."""
-    text = (resources.files(__package__) / "claims.yaml").read_text("utf-8")
-    known = {field.name for field in fields(Claim)}
-    claims = []
-    for entry in yaml.safe_load(text):
-        for item in entry.get("each", [{}]):
-            values = {**entry, **item}
-            if "less" in values:
-                measure = partial(_IsLess, **values["less"])
-            else:
-                function = MEASURES[values.get("measure", entry["key"])]
-                names = values.keys() & inspect.signature(function).parameters
-                measure = partial(function, **{name: values[name] for name in names})
-            texts: dict[str, Any] = {
-                name: x.format(**values) if isinstance(x, str) else x
-                for name, x in values.items()
-                if name in known - {"measure"}
-            }
-            claims.append(Claim(**texts, measure=measure))
-    return claims
-
-
 def Compared(runs: ThesisRuns, task: str) -> Both:
     """Returns both runs of a task; those of case I as long as the arm is inside."""
     both = runs.OfBoth(task)
@@ -189,7 +146,7 @@ _QUANTITIES: dict[str, Callable[[Run], float]] = {
 }
 
 
-def _IsLess(
+def IsLess(
     runs: ThesisRuns, *, task: str, of: str, unit: str, than: float = 1.0
 ) -> Found:
     """Tells whether `of`, a metric or one of _QUANTITIES, is less on every axis."""
@@ -201,6 +158,12 @@ def _IsLess(
     if len(direct) == 1:
         return Found(holds, Pair(float(direct[0]), float(adaptive[0]), unit))
     return Found(holds, f"direct {Axes(direct)}; adaptive {Axes(adaptive)} {unit}")
+
+
+def NetworksLearn(runs: ThesisRuns, task: str) -> Found:
+    """Tells whether the third network leaves less than half of dF_e/dt unlearned."""
+    share = UnlearnedShare(runs(task, ADAPTIVE).recording)
+    return Found(share < 0.5, f"{share:.1%} unlearned")
 
 
 # Numbers as the rows write them.

@@ -9,7 +9,7 @@ from teleop_drake.architectures.adaptive_backstepping import AdaptiveBacksteppin
 from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import AsTeleoperation, LoadScenario
 from teleop_drake.scenario.tree import ToTree
-from teleop_drake.thesis.claims.claim import Axes, Found, Measures, Pair, Seconds
+from teleop_drake.thesis.claims.claim import Axes, Claim, Found, Pair, Seconds
 from teleop_drake.thesis.claims.learning import (
     INSIDE,
     PathDistance,
@@ -58,7 +58,6 @@ _ENVIRONMENTS: dict[str, tuple[str, Change]] = {
 """Environments and estimates that the design of chapter 5 does not know."""
 
 
-@Measures("6-comparable-without-delay")
 def _ComparableWithoutDelay(runs: ThesisRuns) -> Found:
     both = runs.ShortOfBoth(_THIRD, Delay(0.0))
     overshoot, largest = both.Numbers(_OVERSHOOT), both.Numbers(_LARGEST)
@@ -66,14 +65,12 @@ def _ComparableWithoutDelay(runs: ThesisRuns) -> Found:
     return Found(all(0.5 < d / a < 2.0 for d, a in (overshoot, largest)), text)
 
 
-@Measures("6-rest-without-delay")
 def _RestWithoutDelay(runs: ThesisRuns) -> Found:
     direct, adaptive = (run[_SETTLING] for run in runs.ShortOfBoth(_THIRD, Delay(0.0)))
     text = f"direct {Seconds(direct)}, adaptive {Seconds(adaptive)}"
     return Found(direct is not None and adaptive is not None, text)
 
 
-@Measures("6-delay-causes-overshoot")
 def _DelayCausesOvershoot(runs: ThesisRuns) -> Found:
     tried = (runs("one_dof", DIRECT), runs.Short("one_dof", DIRECT, Delay(0.0)))
     overshoots = [1e3 * run.Number(_OVERSHOOT) for run in tried]
@@ -85,7 +82,6 @@ def _DelayCausesOvershoot(runs: ThesisRuns) -> Found:
     )
 
 
-@Measures("6-outperforms")
 def _Outperforms(runs: ThesisRuns) -> Found:
     worse = []
     compared = 0
@@ -108,7 +104,6 @@ def _Outperforms(runs: ThesisRuns) -> Found:
     )
 
 
-@Measures("6-higher-delays")
 def _HigherDelays(runs: ThesisRuns) -> Found:
     direct, adaptive = runs.ShortOfBoth(_THIRD, Delay(0.2))
     fourfold = runs.Short(_THIRD, ADAPTIVE, Delay(0.4), {"duration": 6.0})
@@ -127,7 +122,6 @@ def _HigherDelays(runs: ThesisRuns) -> Found:
     )
 
 
-@Measures("6-tuning-the-haptic-device")
 def _TuningTheHapticDevice(runs: ThesisRuns) -> Found:
     change = {"haptic_device.numerator": [25.0, 5.0]}
     tried = (runs(_THIRD, ADAPTIVE), runs.Short(_THIRD, ADAPTIVE, change))
@@ -143,7 +137,6 @@ def _TuningTheHapticDevice(runs: ThesisRuns) -> Found:
     )
 
 
-@Measures("6-slows-down")
 def _SlowsDown(runs: ThesisRuns) -> Found:
     not_slower = []
     for task in TASKS:
@@ -154,7 +147,6 @@ def _SlowsDown(runs: ThesisRuns) -> Found:
     return Found(not not_slower, "not slower at: " + (", ".join(not_slower) or "none"))
 
 
-@Measures("6-guarantees-stability")
 def _GuaranteesStability(runs: ThesisRuns) -> Found:
     scenario = AsTeleoperation(LoadScenario(_THIRD, {**ADAPTIVE, **Delay(0.4)}))
     (moving,) = (x for x in OperatingPoints(scenario) if x.name == "free")
@@ -173,7 +165,6 @@ def _GuaranteesStability(runs: ThesisRuns) -> Found:
     )
 
 
-@Measures("6-adds-robustness")
 def _AddsRobustness(runs: ThesisRuns) -> Found:
     ratios = {}
     for title, (name, change) in _ENVIRONMENTS.items():
@@ -199,7 +190,6 @@ def _OrNever(run: Run, metric: str) -> float:
     return np.inf if is_never else value
 
 
-@Measures("6-adaptation-matters")
 def _AdaptationMatters(runs: ThesisRuns) -> Found:
     changes = {}
     for name in TASKS:
@@ -223,7 +213,6 @@ def _Separate(name: str) -> Change:
     }
 
 
-@Measures("6-tuning-functions-learn")
 def _TuningFunctionsLearn(runs: ThesisRuns) -> Found:
     tried = [runs(LEARNING, x).recording for x in ({}, _Separate(LEARNING))]
     drift = WeightDrift(tried[0].teleoperation, INSIDE)
@@ -237,7 +226,6 @@ def _TuningFunctionsLearn(runs: ThesisRuns) -> Found:
     )
 
 
-@Measures("6-tuning-functions-filter")
 def _TuningFunctionsFilter(runs: ThesisRuns) -> Found:
     tuned, separate, silent = (
         runs(_THIRD, *changes)["control_force_variation"]
@@ -248,3 +236,166 @@ def _TuningFunctionsFilter(runs: ThesisRuns) -> Found:
         f"with {Axes(tuned)}; without {Axes(separate)} N",
         f"It is lowest without any adaptation: {Axes(silent)} N.",
     )
+
+
+CLAIMS = [
+    Claim(
+        key="6-comparable-without-delay",
+        place="section 6.2",
+        claim="Without delay both are comparable (case III): motion and forces.",
+        criterion=(
+            "puncture overshoot and largest force of one are less than twice "
+            "those of the other"
+        ),
+        measure=_ComparableWithoutDelay,
+    ),
+    Claim(
+        key="6-rest-without-delay",
+        place="section 6.2",
+        claim="Without delay both are comparable (case III): rest on the bone.",
+        criterion="both come to rest (5 % of v_d)",
+        reason="The bouncing of direct force is no effect of the delay.",
+        measure=_RestWithoutDelay,
+    ),
+    Claim(
+        key="6-delay-causes-overshoot",
+        place="section 6.2",
+        claim=(
+            "Overshoot and collision force of direct force are effects of the "
+            "delay (one axis)."
+        ),
+        criterion="without delay both fall to less than half",
+        reason=(
+            "Most of the overshoot is the haptic device's integrator, which "
+            "still pushes against tissue that is no longer there. Without delay"
+            " the constant force arrives during the first impact and adds to "
+            "it."
+        ),
+        measure=_DelayCausesOvershoot,
+    ),
+    Claim(
+        key="6-outperforms",
+        place="section 6.2",
+        claim=(
+            "At 0.1 s each way the adaptive controller outperforms direct force"
+            " completely."
+        ),
+        criterion=(
+            "start overshoot, puncture overshoot, first impact and largest "
+            "force are not larger in any of the four tasks"
+        ),
+        reason=(
+            "A damper at the tool, against the commanded velocity, does most of it "
+            "without a force sensor and without networks (docs/why_adaptive.md)."
+        ),
+        measure=_Outperforms,
+    ),
+    Claim(
+        key="6-higher-delays",
+        place="abstract",
+        claim=(
+            "At higher delays the adaptive controller still performs "
+            "reasonably, while direct force is destabilised (case III, 0.2 s "
+            "each way)."
+        ),
+        criterion=(
+            "direct force diverges; adaptive ends, settles, and overshoots by "
+            "less than v_d"
+        ),
+        measure=_HigherDelays,
+    ),
+    Claim(
+        key="6-tuning-the-haptic-device",
+        place="section 6.2",
+        claim=(
+            "Tuning the gains of the haptic device makes the adaptive "
+            "controller more robust (case III)."
+        ),
+        criterion=(
+            "with the integral gain at a tenth, start and puncture overshoot "
+            "fall to less than half"
+        ),
+        measure=_TuningTheHapticDevice,
+    ),
+    Claim(
+        key="6-slows-down",
+        place="section 6.2",
+        claim="The auxiliary error slows the tool down at puncture and collision.",
+        criterion=(
+            "slower than with direct force, by 0.1 % or more, at every puncture"
+            " and every first contact"
+        ),
+        reason=(
+            "Before the contact there is no force error to speak of in s, and "
+            "free motion is a matter of the surgeon's loop."
+        ),
+        measure=_SlowsDown,
+    ),
+    Claim(
+        key="6-guarantees-stability",
+        place="abstract; (4.44), (5.43)",
+        claim="The design guarantees stability.",
+        criterion=(
+            "no root of the loop of case III, linearised at rest in free space "
+            "with 0.4 s each way, lies right of the imaginary axis; and with "
+            "0.5 s each way neither case II nor III diverges if the operator "
+            "never switches to force"
+        ),
+        reason=(
+            "The proof takes F_h and v_d as given signals that do not jump. The"
+            " loop that the delay closes through the surgeon is not part of it."
+        ),
+        measure=_GuaranteesStability,
+    ),
+    Claim(
+        key="6-adds-robustness",
+        place="abstract",
+        claim=(
+            "The neural networks inherently add robustness to an unknown environment."
+        ),
+        criterion=(
+            "in some of seven variations of bone, tissue and Psi0 an overshoot,"
+            " a force on the bone or the settling time is lower by 10 % than "
+            "without adaptation"
+        ),
+        reason="What the law bears, it bears with fixed gains.",
+        measure=_AddsRobustness,
+    ),
+    Claim(
+        key="6-adaptation-matters",
+        place="abstract, 6.1",
+        claim="The adapting networks bring about the improvement.",
+        criterion=(
+            "without adaptation some overshoot, force on the bone, rebound or "
+            "settling time grows by 10 % or more"
+        ),
+        reason=(
+            "The same law with all weights at 0 and Psi at Psi0, a linear "
+            "controller with fixed gains, does as well."
+        ),
+        measure=_AdaptationMatters,
+    ),
+    Claim(
+        key="6-tuning-functions-learn",
+        place="section 2.6",
+        claim="The tuning functions reduce the networks' approximation error.",
+        criterion=(
+            "in two_dof_learning, where the networks learn, less is unlearned, "
+            "by 10 %, than where W1 and Psi adapt by s and W3 by z alone"
+        ),
+        measure=_TuningFunctionsLearn,
+    ),
+    Claim(
+        key="6-tuning-functions-filter",
+        place="abstract",
+        claim=(
+            "The tuning functions filter high frequencies and smooth the control force."
+        ),
+        criterion=(
+            "in case III its total variation is lower on both axes than where "
+            "W1 and Psi adapt by s and W3 by z alone"
+        ),
+        reason="The force is smooth because it is a state.",
+        measure=_TuningFunctionsFilter,
+    ),
+]

@@ -1,0 +1,324 @@
+"""Chapter 5, two degrees of freedom: cases II and III, in which the tool meets bone."""
+
+import itertools
+from functools import partial
+
+import numpy as np
+
+from teleop_drake.thesis.claims.chapter5_tissue import CASES, SETTLING, V_D, OfCase
+from teleop_drake.thesis.claims.claim import (
+    Claim,
+    Found,
+    IsLess,
+    Listed,
+    Pair,
+    Seconds,
+    Shares,
+)
+from teleop_drake.thesis.claims.measures import (
+    During,
+    FirstEvent,
+    ImpactForces,
+    PathError,
+    RiseTime,
+)
+from teleop_drake.thesis.runs import ADAPTIVE, Delay, ThesisRuns
+
+
+def _NeverConverges(runs: ThesisRuns, case: str) -> Found:
+    direct, adaptive = (run[SETTLING] for run in OfCase(runs, case))
+    text = f"direct {Seconds(direct)}, adaptive {Seconds(adaptive)}"
+    return Found(direct is None and adaptive is not None, text)
+
+
+def _LowerFirstImpact(runs: ThesisRuns, case: str) -> Found:
+    both = OfCase(runs, case)
+    direct, adaptive = both.Numbers("collision.initial_impact_force")
+    speeds = Pair(*both.Numbers("collision.velocity"), "m/s")
+    return Found(
+        adaptive <= 0.75 * direct,
+        Pair(direct, adaptive, "N"),
+        f"Speed at the contact: {speeds}.",
+    )
+
+
+def _DirectPosition(runs: ThesisRuns, case: str) -> Found:
+    direct, adaptive = (PathError(run.recording) for run in OfCase(runs, case))
+    return Found(
+        (direct < 0.15).all(),
+        Shares(direct),
+        f"Adaptive: {Shares(adaptive)}.",
+    )
+
+
+def _DirectUnstable(runs: ThesisRuns, case: str, axis: str) -> Found:
+    recording = OfCase(runs, case).direct.recording
+    contact, end = FirstEvent(recording, "contact"), float(recording.time[-1])
+    p = recording["tool_position"][:, "xy".index(axis)]
+    away = np.abs(p - p[np.searchsorted(recording.time, contact)])
+    windows = ((contact, contact + 2.0), (end - 2.0, end))
+    early, late = (float(away[During(recording, *x)].max()) for x in windows)
+    return Found(late >= 1.1 * early, f"first {early:.3g}, last {late:.3g} m")
+
+
+def _Sluggish(runs: ThesisRuns, case: str) -> Found:
+    direct, adaptive = (RiseTime(run.recording) for run in OfCase(runs, case))
+    return Found(adaptive > direct, Pair(direct, adaptive, "s"))
+
+
+def _StableOnBone(runs: ThesisRuns, case: str) -> Found:
+    recording = OfCase(runs, case).adaptive.recording
+    asked = float(np.asarray(recording.teleoperation.surgeon.contact_force)[0])
+    force = float(recording["environment_force"][-1, 0])
+    speed = float(np.linalg.norm(recording["tool_velocity"][-1]))
+    text = f"{force:.4g} N of {asked:g} N, {speed:.2g} m/s"
+    return Found(abs(force / asked - 1) < 0.01 and speed < 0.01 * V_D, text)
+
+
+def _DampsOut(runs: ThesisRuns) -> Found:
+    run = OfCase(runs, "II").adaptive
+    hits, settling = ImpactForces(run.recording), run[SETTLING]
+    return Found(
+        settling is not None and all(b < a for a, b in itertools.pairwise(hits)),
+        f"{Listed(hits)} N; settled after {Seconds(settling)}",
+    )
+
+
+def _DirectImpactsGrow(runs: ThesisRuns) -> Found:
+    hits = ImpactForces(OfCase(runs, "II").direct.recording)
+    holds = len(hits) > 1 and min(hits[1:]) > hits[0]
+    return Found(holds, f"{Listed(hits)} N")
+
+
+def _LargerGains(runs: ThesisRuns) -> Found:
+    gains = [{"controller.G1": 4.0 * x, "controller.G2": 30.0 * x} for x in (1.5, 2)]
+    times, errors = [], []
+    for delay in ({}, Delay(0.0)):
+        tried = [runs(CASES["II"], ADAPTIVE, x, delay) for x in ({}, *gains)]
+        times.append(", ".join(Seconds(x[SETTLING]) for x in tried))
+        errors.append([run["velocity_rms_error"][0] for run in tried])
+    return Found(
+        (np.diff(errors[0]) < 0).all(),
+        f"{Listed(errors[0])} m/s; settled after {times[0]}",
+        f"It is not the delay: without it the error is {Listed(errors[1])} m/s, and "
+        f"the tool settles after {times[1]}.",
+    )
+
+
+# Texts of several claims.
+_HALF_THE_ERROR = (
+    "less than half the rms of v - v_d(t - T_f) of direct force on both axes"
+)
+_BOUNCES = (
+    "Once the force is constant nothing feeds energy and nothing takes it: the "
+    "tool goes on bouncing."
+)
+_FREE = "Nothing holds the tool there, with a delay or without."
+
+CLAIMS = [
+    Claim(
+        key="5-II-tracking",
+        place="section 5.2, case II, Fig. 5.7",
+        claim=(
+            "Adaptive tracks the velocity well on both axes, before and after "
+            "the collision."
+        ),
+        criterion=_HALF_THE_ERROR,
+        measure=partial(
+            IsLess,
+            task="two_dof_collision",
+            of="velocity_rms_error",
+            than=0.5,
+            unit="m/s",
+        ),
+    ),
+    Claim(
+        key="5-III-tracking",
+        place="section 5.2, case III, Fig. 5.14",
+        claim="Adaptive tracks the velocity well on both axes.",
+        criterion=_HALF_THE_ERROR,
+        measure=partial(
+            IsLess,
+            task="two_dof_combined",
+            of="velocity_rms_error",
+            than=0.5,
+            unit="m/s",
+        ),
+    ),
+    *(
+        Claim(
+            key=f"5-{case}-direct-never-converges",
+            place=f"section 5.2, case {case}, Fig. {figure}",
+            claim="Direct force never converges; the adaptive controller does.",
+            criterion="only the latter comes to rest (5 % of v_d) before the end",
+            reason=(
+                "A constant force on a spring without damping cannot come to "
+                "rest, whatever the delay."
+            ),
+            measure=partial(_NeverConverges, case=case),
+        )
+        for case, figure in (
+            ("II", "5.7"),
+            ("III", "5.14"),
+        )
+    ),
+    *(
+        Claim(
+            key=f"5-{case}-lower-first-impact",
+            place=f"section 5.2, case {case}, Fig. {figure}",
+            claim="The first impact is much weaker with the adaptive controller.",
+            criterion="by at least a quarter",
+            reason=(
+                "Direct force swings, and where in its swing it meets the bone "
+                "is a matter of the task."
+            ),
+            measure=partial(_LowerFirstImpact, case=case),
+        )
+        for case, figure in (
+            ("II", "5.8"),
+            ("III", "5.15"),
+        )
+    ),
+    Claim(
+        key="5-II-damps-out",
+        place="section 5.2, case II, Fig. 5.8",
+        claim="With the adaptive controller the impacts die out quickly.",
+        criterion="each is weaker than the one before, and the tool settles",
+        measure=_DampsOut,
+    ),
+    Claim(
+        key="5-II-direct-impacts-grow",
+        place="section 5.2, case II, Fig. 5.8",
+        claim="With direct force the impacts grow with time.",
+        criterion="every later one is stronger than the first",
+        reason=(
+            "They grow once, before the constant force has arrived. From then "
+            "on the energy of arm and spring is constant: no growth for ever."
+        ),
+        measure=_DirectImpactsGrow,
+    ),
+    *(
+        Claim(
+            key=f"5-{case}-direct-position",
+            place=f"section 5.2, case {case}, Fig. {figure}",
+            claim="Direct force tracks the position well before the collision.",
+            criterion="within 15 % of the way to the bone, on both axes",
+            reason="The axes are coupled through M_r^-1, and the loop swings.",
+            measure=partial(_DirectPosition, case=case),
+        )
+        for case, figure in (
+            ("II", "5.9"),
+            ("III", "5.16"),
+        )
+    ),
+    *(
+        Claim(
+            key=f"5-{case}-direct-unstable-{axis}",
+            place=f"section 5.2, case {case}, Fig. {figure}",
+            claim=f"Direct force is unstable along {axis} after the collision.",
+            criterion=(
+                "in the last two seconds the tool gets farther, by 10 % or "
+                "more, from where it first touched the bone than in the first "
+                "two"
+            ),
+            reason=reason,
+            measure=partial(_DirectUnstable, case=case, axis=axis),
+        )
+        for case, axis, figure, reason in (
+            ("II", "x", "5.9", _BOUNCES),
+            ("II", "y", "5.9", _FREE),
+            ("III", "x", "5.16", _BOUNCES),
+            ("III", "y", "5.16", _FREE),
+        )
+    ),
+    *(
+        Claim(
+            key=f"5-{case}-sluggish",
+            place=f"section 5.2, case {case}, Fig. {figure}",
+            claim="The adaptive controller is sluggish at the start.",
+            criterion="it takes longer to reach 90 % of v_d",
+            measure=partial(_Sluggish, case=case),
+        )
+        for case, figure in (
+            ("II", "5.9"),
+            ("III", "5.16"),
+        )
+    ),
+    *(
+        Claim(
+            key=f"5-{case}-stable-on-bone",
+            place=f"section 5.2, case {case}, Fig. {figure}",
+            claim="The adaptive controller reaches the bone and stays there.",
+            criterion=(
+                "in the end F_e is within 1 % of the commanded force, and the "
+                "speed below 1 % of v_d"
+            ),
+            measure=partial(_StableOnBone, case=case),
+        )
+        for case, figure in (
+            ("II", "5.9"),
+            ("III", "5.16"),
+        )
+    ),
+    *(
+        Claim(
+            key=f"5-{case}-less-force",
+            place=f"section 5.2, case {case}, Fig. {figure}",
+            claim="Adaptive needs less control force.",
+            criterion="lower peak on every axis",
+            reason=(
+                "The backstepping law pushes hard at the start and stops the "
+                "bouncing with force."
+            ),
+            measure=partial(IsLess, task=task, of="control_force_peak", unit="N"),
+        )
+        for case, figure, task in (
+            ("II", "5.10", "two_dof_collision"),
+            ("III", "5.17", "two_dof_combined"),
+        )
+    ),
+    *(
+        Claim(
+            key=f"5-{case}-less-variation",
+            place=f"section 5.2, case {case}, Fig. {figure}",
+            claim="The adaptive controller's force is the smoother one: it moves less.",
+            criterion="lower total variation on every axis",
+            measure=partial(IsLess, task=task, of="control_force_variation", unit="N"),
+        )
+        for case, figure, task in (
+            ("II", "5.10", "two_dof_collision"),
+            ("III", "5.17", "two_dof_combined"),
+        )
+    ),
+    *(
+        Claim(
+            key=f"5-{case}-no-jumps",
+            place=f"section 5.2, case {case}, Fig. {figure}",
+            claim=(
+                "The adaptive controller's force is smooth; that of direct "
+                "force is abrupt."
+            ),
+            criterion="its largest jump is below 1 % of that of direct force",
+            reason="It is a state, so it cannot jump.",
+            measure=partial(IsLess, task=task, of="largest jump", than=0.01, unit="N"),
+        )
+        for case, figure, task in (
+            ("II", "5.10", "two_dof_collision"),
+            ("III", "5.17", "two_dof_combined"),
+        )
+    ),
+    Claim(
+        key="5-II-larger-gains",
+        place="(4.51), (5.50)",
+        claim="Larger gains G1 and G2 make the tracking error arbitrarily small.",
+        criterion=(
+            "in case II the rms of v_x - v_d(t - T_f) falls with 1.5 and again "
+            "with twice the gains"
+        ),
+        reason=(
+            "The law does not know dF_e/dt on the bone, and larger gains damp "
+            "the tool less there."
+        ),
+        measure=_LargerGains,
+    ),
+]
