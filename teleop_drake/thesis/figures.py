@@ -4,48 +4,18 @@ Each has the number that it has in the thesis and shows the same quantities. Uni
 SI prefixes where that makes them readable.
 """
 
-import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from importlib import resources
 from pathlib import Path
-from typing import Any
 
-import matplotlib
-import numpy as np
-import yaml
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.environments.surface import CONTACT, FindSurface, MaterialAt, Surface
 from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.figures.runs import PlotRows, SaveFigure
-from teleop_drake.figures.style import (
-    BOUNDARY_STYLE,
-    COLORS,
-    FONT_SIZE,
-    LINES,
-    SMALL_FONT_SIZE,
-    WIDTH,
-    AddLegend,
-    FormatAxes,
-    Key,
-    NameAbove,
-    RunStyle,
-    Widen,
-)
-from teleop_drake.laws.gaussian_network import equidistant_lattice
-from teleop_drake.recording import Recording
-from teleop_drake.scenario import AsTeleoperation, LoadScenario
-from teleop_drake.tasks.panels import AxisName, SignalRow
-from teleop_drake.teleoperator import MakeTeleoperator
-from teleop_drake.thesis.runs import ADAPTIVE, ThesisRuns
-
-ROW_HEIGHT = 1.9  # inches
-LEGEND_HEIGHT = 0.7  # inches
+from teleop_drake.figures.runs import SaveFigure
+from teleop_drake.thesis import plots
+from teleop_drake.thesis.runs import ThesisRuns
 
 
 @dataclass(kw_only=True)
@@ -99,228 +69,204 @@ def WritePicture(
     return paths
 
 
-def TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, list[Axes]]:
-    """Returns empty panels against time, with first puncture and contact marked."""
-    figure = Figure(
-        figsize=(WIDTH, ROW_HEIGHT * num_rows + LEGEND_HEIGHT), layout="constrained"
-    )
-    axes = list(figure.subplots(num_rows, 1, sharex=True, squeeze=False)[:, 0])
-    for ax in axes:
-        FormatAxes(ax)
-        ax.set_xlim(0.0, float(recording.time[-1]))
-        for name in ("puncture", "contact"):
-            for time in recording.EventTimes(name)[:1]:
-                ax.axvline(time, **BOUNDARY_STYLE)
-                if ax is axes[0]:
-                    NameAbove(ax, time, name)
-    axes[-1].set_xlabel("time [s]", fontsize=FONT_SIZE)
-    return figure, axes
+@dataclass(frozen=True, kw_only=True)
+class _Kind:
+    """What figures of several tasks show.
+
+    Attributes:
+        title, caption: As in ThesisFigure; the caption does not tell the task.
+        make: Makes the figure of a `task` from runs.
+    """
+
+    title: str
+    caption: str
+    make: Callable[..., Figure]
 
 
-def _AddLegend(figure: Figure, handles: Sequence[Line2D], title: str = "") -> None:
-    ncols = len(handles) if len(handles) <= 5 else 4
-    AddLegend(figure, handles, ncols=ncols, fontsize=SMALL_FONT_SIZE, title=title)
+_BESIDE = (
+    "Left against time, right against the position along x; dotted lines mark "
+    "the end of the tissue and the surface of the bone. A cross is where a run "
+    "that diverges is ended."
+)
+_TRACKING = _Kind(
+    title="Tracking",
+    caption="Position of the tool and the trajectory that it is to follow.",
+    make=partial(
+        plots.PlotAgainstReference,
+        signals={"actual": "tool_position", "desired": "desired_position"},
+        label="position",
+        unit="m",
+    ),
+)
+_DISTURBANCE = _Kind(
+    title="Disturbance and its estimate",
+    caption="The force and what the network makes of it.",
+    make=partial(
+        plots.PlotAgainstReference,
+        signals={"actual": "environment_force", "estimated": "disturbance_estimate"},
+        label="disturbance",
+        unit="N",
+    ),
+)
+_VELOCITY = _Kind(
+    title="Velocity of the tool",
+    caption="Velocity of the tool with either controller, and in grey what the surgeon "
+    "commands. " + _BESIDE,
+    make=partial(
+        plots.PlotBoth, signal="tool_velocity", label="velocity $v_{axis}$", unit="m/s"
+    ),
+)
+_SENSED_FORCE = _Kind(
+    title="Sensed force",
+    caption="Force of the robot on its environment, as the sensor at the tool reads "
+    "it. " + _BESIDE,
+    make=partial(
+        plots.PlotBoth,
+        signal="environment_force",
+        label="sensed force $F_{{e,{axis}}}$",
+        unit="N",
+    ),
+)
+_CONTROL_FORCE = _Kind(
+    title="Control force",
+    caption="Force that the controller asks of the robot: the delayed haptic force "
+    "under direct force, the state of the backstepping law otherwise. " + _BESIDE,
+    make=partial(
+        plots.PlotBoth,
+        signal="control_force",
+        label="control force $F_{{c,{axis}}}$",
+        unit="N",
+    ),
+)
+_WEIGHTS_1 = _Kind(
+    title="Weights of the first network",
+    caption=(
+        "Weights for the unknown dynamics of the robot and its environment, a curve"
+        " for each Gaussian; colour and line style tell where its centre is."
+    ),
+    make=partial(plots.PlotWeights, signal="weights_1"),
+)
+_PSI = _Kind(
+    title="Estimate of the inverse inertia",
+    caption=(
+        "Entries of the matrix that stands for the inverse inertia, and below how "
+        "far each is from its initial value."
+    ),
+    make=plots.PlotPsi,
+)
+_WEIGHTS_3 = _Kind(
+    title="Weights of the third network",
+    caption=(
+        "Weights for the rate of change of the environment's force, a curve for "
+        "each Gaussian; colour and line style tell where its centre is."
+    ),
+    make=partial(plots.PlotWeights, signal="weights_3"),
+)
+_POSITION = _Kind(
+    title="Position of the tool",
+    caption=(
+        "Position of the tool with either controller against time; dotted lines "
+        "mark the end of the tissue and the surface of the bone."
+    ),
+    make=partial(
+        plots.PlotBoth, signal="tool_position", label="position ${axis}$", unit="m"
+    ),
+)
+_LEARNED = [_WEIGHTS_1, _PSI, _WEIGHTS_3]
 
 
-# Chapter 2: the loop and the stiffness of the environment.
+def _Group(
+    *, chapter: int, first: int, task: str, about: str, kinds: Sequence[_Kind]
+) -> list[ThesisFigure]:
+    """Returns figures of a task with consecutive numbers.
 
-
-def _MakeLoop(runs: ThesisRuns) -> Diagram:
-    """Returns the diagram of the loop; no run is needed."""
-    return MakeTeleoperator(AsTeleoperation(LoadScenario("one_dof")))
-
-
-def _PlotStiffness(runs: ThesisRuns) -> Figure:
-    """Plots the springs of one axis at the scale of each; no run is needed."""
-    scenario = AsTeleoperation(LoadScenario("one_dof"))
-    surfaces = scenario.Surfaces()
-    contact = FindSurface(surfaces, CONTACT)
-    assert contact is not None
-    surface = float(contact.point_W[0])
-    figure = Figure(figsize=(WIDTH, ROW_HEIGHT + LEGEND_HEIGHT), layout="constrained")
-    # Bone is 15000 times as stiff as tissue: each panel has the scale of one of them.
-    tissue, bone = figure.subplots(1, 2)
-    _DrawStiffness(tissue, surfaces, 0.0, surface)
-    tissue.set_xlabel("position $x$ [mm]", fontsize=FONT_SIZE)
-    _DrawStiffness(bone, surfaces, surface - 2e-5, surface + 6e-5)
-    bone.set_xlabel("position $x$ [mm], at the bone", fontsize=FONT_SIZE)
-    bone.ticklabel_format(axis="x", useOffset=False)
-    tissue.set_ylim(*(1.25 * np.array(tissue.get_ylim())))
-    tissue.plot([surface * 1e3] * 2, [0.0, tissue.get_ylim()[1]], color=COLORS[0])
-    return figure
-
-
-def _DrawStiffness(
-    ax: Axes, surfaces: Sequence[Surface], low: float, high: float
-) -> None:
-    """Draws the force of the springs, in mN, from low to high (both in m)."""
-    starts = [float(surface.point_W[0]) for surface in surfaces]
-    FormatAxes(ax)
-    # Both sides of a jump.
-    edges = [low, *(start for start in starts if low < start < high), high]
-    x, force = [], []
-    for begin, end in itertools.pairwise(edges):
-        material = MaterialAt(surfaces, [begin])
-        assert material is not None
-        x += [begin, end]
-        force += [material.Force(begin, 0.0), material.Force(end, 0.0)]
-    ax.plot(np.array(x) * 1e3, np.array(force) * 1e3, color=COLORS[0])
-    ax.set_ylabel("stiffness force [mN]", fontsize=FONT_SIZE)
-    ends = [*starts[1:], high]
-    for surface, start, end in zip(surfaces, starts, ends, strict=True):
-        if end <= low or start >= high or surface.material is None:
-            continue
-        if start > low:
-            ax.axvline(start * 1e3, **BOUNDARY_STYLE)
-        ax.annotate(
-            surface.material.name,
-            (max(start, low) * 1e3, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="bottom",
-            fontsize=SMALL_FONT_SIZE,
+    Args:
+        first: The number of the first figure in the chapter.
+        about: What each caption begins with.
+    """
+    return [
+        ThesisFigure(
+            number=f"{chapter}.{number}",
+            title=kind.title,
+            caption=f"{about} {kind.caption}",
+            make=partial(kind.make, task=task),
         )
-
-
-# Chapter 3: tracking, and the disturbance with its estimate.
-
-
-def _PlotAgainstReference(
-    runs: ThesisRuns, task: str, signals: Mapping[str, str], label: str, unit: str
-) -> Figure:
-    """Plots signals, by their names in the legend, on each axis against time."""
-    recording = runs(task).recording
-    figure, axes = TimeFigure(recording, 2)
-    for k, (ax, axis) in enumerate(zip(axes, "xz", strict=True)):
-        for i, (name, signal) in enumerate(signals.items()):
-            ax.plot(recording.time, recording[signal][:, k], **RunStyle(i), label=name)
-        values = [recording[signal][:, k] for signal in signals.values()]
-        ax.set_ylim(Widen((float(np.min(values)), float(np.max(values))), 1.0))
-        ax.set_ylabel(f"{label}, ${axis}$ [{unit}]", fontsize=FONT_SIZE)
-    _AddLegend(figure, axes[0].get_lines()[-len(signals) :])
-    return figure
-
-
-# Chapters 4 and 5: both controllers together, and what the adaptive one learns.
-
-
-def _Compare(
-    runs: ThesisRuns, task: str, *, signal: str, label: str, unit: str
-) -> Figure:
-    """Plots a signal with direct force and adaptive; the label has a place {axis}."""
-    both = runs.OfBoth(task)
-    n = both.adaptive.recording.scenario.num_axes
-    rows = [
-        SignalRow(
-            label=label.format(axis=AxisName(k)),
-            unit=unit,
-            signal=signal,
-            components=[k],
-            command=n + k if signal == "tool_velocity" else None,
-        )
-        for k in range(n)
+        for number, kind in enumerate(kinds, first)
     ]
-    recordings = {
-        "direct force": both.direct.recording,
-        "adaptive": both.adaptive.recording,
-    }
-    figure = PlotRows(recordings, rows)
-    figure.set_size_inches(WIDTH, ROW_HEIGHT * n + LEGEND_HEIGHT)
-    if signal == "tool_position":
-        # The panels against x go; those against time take their place.
-        for left, right in zip(figure.axes[::2], figure.axes[1::2], strict=True):
-            cell = left.get_subplotspec()
-            assert cell is not None
-            left.set_subplotspec(cell.get_gridspec()[cell.rowspan.start, :])
-            right.remove()
-    return figure
 
 
-def _PlotPsi(runs: ThesisRuns, task: str) -> Figure:
-    """Plots the entries of Psi, and below how far each is from its initial value."""
-    recording = runs(task, ADAPTIVE).recording
-    n = recording.scenario.num_axes
-    figure, (above, below) = TimeFigure(recording, 2)
-    # Psi hardly moves; the second panel magnifies by how much.
-    change = recording["psi"] - recording["psi"][0]
-    for k in range(n * n):
-        label = rf"$\Psi_{{{k // n + 1}{k % n + 1}}}$" if n > 1 else r"$\Psi$"
-        above.plot(recording.time, recording["psi"][:, k], **RunStyle(k), label=label)
-        below.plot(recording.time, change[:, k], **RunStyle(k))
-    above.set_ylabel(r"$\Psi$ [1/kg]", fontsize=FONT_SIZE)
-    below.set_ylabel(r"$\Psi - \Psi_0$ [1/kg]", fontsize=FONT_SIZE)
-    _AddLegend(figure, above.get_lines()[-n * n :])
-    return figure
+_ALL = [
+    ThesisFigure(
+        number="2.1",
+        title="The loop",
+        caption=(
+            "Surgeon and haptic device, the two channels, controller, robot and "
+            "environment, drawn from the very diagram that is simulated."
+        ),
+        make=plots.MakeLoop,
+    ),
+    ThesisFigure(
+        number="2.4",
+        title="Stiffness profile",
+        caption=(
+            "Force of the environment's springs against the position of the tool: on "
+            "the left at the scale of the tissue, on the right at that of the bone. "
+            "Damping is left out."
+        ),
+        make=plots.PlotStiffness,
+    ),
+    *_Group(
+        chapter=3,
+        first=2,
+        task="network_tracking_linear",
+        about=(
+            "Planar arm under gravity, disturbed by a force that is proportional to the"
+            " position on each axis (case I)."
+        ),
+        kinds=[_TRACKING, _DISTURBANCE],
+    ),
+    *_Group(
+        chapter=3,
+        first=4,
+        task="network_tracking_coupled",
+        about=(
+            "Planar arm under gravity, disturbed by a force that is nonlinear and "
+            "couples the axes (case II)."
+        ),
+        kinds=[_TRACKING, _DISTURBANCE],
+    ),
+    *_Group(
+        chapter=4,
+        first=1,
+        task="one_dof",
+        about=(
+            "The slider of chapter 4 goes through tissue into free space and on to "
+            "bone."
+        ),
+        kinds=[_VELOCITY, _SENSED_FORCE, _CONTROL_FORCE, *_LEARNED],
+    ),
+    *_Group(
+        chapter=5,
+        first=1,
+        task="two_dof_puncture",
+        about="Planar arm, case I: through tissue into free space.",
+        kinds=[_VELOCITY, _SENSED_FORCE, _CONTROL_FORCE, *_LEARNED],
+    ),
+    *_Group(
+        chapter=5,
+        first=7,
+        task="two_dof_collision",
+        about="Planar arm, case II: through free space on to bone.",
+        kinds=[_VELOCITY, _SENSED_FORCE, _POSITION, _CONTROL_FORCE, *_LEARNED],
+    ),
+    *_Group(
+        chapter=5,
+        first=14,
+        task="two_dof_combined",
+        about="Planar arm, case III: through tissue into free space and on to bone.",
+        kinds=[_VELOCITY, _SENSED_FORCE, _POSITION, _CONTROL_FORCE, *_LEARNED],
+    ),
+]
 
-
-def _PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
-    """Plots weights in the colour of their centre's x, the style of its distance."""
-    recording = runs(task, ADAPTIVE).recording
-    scenario = recording.scenario
-    n = scenario.num_axes
-    network = scenario.controller.network
-    centres, _ = equidistant_lattice(network.lower, network.upper, network.count)
-    weights = recording[signal].reshape(-1, n, len(centres))
-    x_values = np.unique(centres[:, 0])
-    # Centres on either side of the straight path look alike.
-    distances = np.round(np.linalg.norm(centres[:, 1:], axis=1), 9)
-    distance_values = np.unique(distances)
-    colors = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, len(x_values)))
-    name, unit = {"weights_1": ("W_1", "m/s²"), "weights_3": ("W_3", "N/s")}[signal]
-
-    def Style(x: float, distance: float) -> dict[str, Any]:
-        rank = int(np.searchsorted(distance_values, distance))
-        return {
-            "color": colors[np.searchsorted(x_values, x)],
-            "linestyle": LINES[rank % len(LINES)],
-            "linewidth": 1.1 if rank == 0 else 0.7,
-        }
-
-    figure, axes = TimeFigure(recording, n)
-    for k, ax in enumerate(axes):
-        for i, (centre, distance) in enumerate(zip(centres, distances, strict=True)):
-            ax.plot(recording.time, weights[:, k, i], **Style(centre[0], distance))
-        ax.set_ylabel(f"weights ${name}$, {AxisName(k)} [{unit}]", fontsize=FONT_SIZE)
-    handles = [Key(f"$x$ = {1e3 * x:.4g} mm", **Style(x, 0.0)) for x in x_values]
-    if len(distance_values) > 1:
-        handles += [
-            Key(
-                rf"$y$ = {'±' if y else ''}{1e3 * y:.4g} mm",
-                **Style(x_values[0], y) | {"color": "black"},
-            )
-            for y in distance_values
-        ]
-    _AddLegend(figure, handles, "centre of the Gaussian at")
-    return figure
-
-
-_MAKE: dict[str, Callable[..., Figure | Diagram]] = {
-    "loop": _MakeLoop,
-    "stiffness": _PlotStiffness,
-    "reference": _PlotAgainstReference,
-    "both": _Compare,
-    "psi": _PlotPsi,
-    "weights": _PlotWeights,
-}
-"""What makes a figure, by the name in figures.yaml."""
-
-
-def _LoadFigures() -> dict[str, ThesisFigure]:
-    """Returns the figures of figures.yaml by their number, in the thesis's order."""
-    text = resources.files(__package__).joinpath("figures.yaml").read_text("utf-8")
-    figures = {}
-    for group in yaml.safe_load(text):
-        for number, entry in zip(group["numbers"], group["figures"], strict=True):
-            options = group.get("of", {}) | entry.get("with", {})
-            figures[number] = ThesisFigure(
-                number=number,
-                title=entry["title"],
-                caption=f"{group.get('about', '')} {entry['caption']}".strip(),
-                make=partial(_MAKE[entry["make"]], **options),
-            )
-    return figures
-
-
-FIGURES = _LoadFigures()
+FIGURES = {figure.number: figure for figure in _ALL}
 """All figures by their number, in the thesis's order."""

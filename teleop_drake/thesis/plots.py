@@ -1,0 +1,234 @@
+"""Plots of the thesis: what its figures show, from runs."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from pydrake.systems.framework import Diagram
+
+from teleop_drake.environments.surface import CONTACT, FindSurface, MaterialAt, Surface
+from teleop_drake.figures.runs import PlotRows
+from teleop_drake.figures.style import (
+    BOUNDARY_STYLE,
+    COLORS,
+    FONT_SIZE,
+    LINES,
+    SMALL_FONT_SIZE,
+    WIDTH,
+    AddLegend,
+    FormatAxes,
+    Key,
+    NameAbove,
+    RunStyle,
+    Widen,
+)
+from teleop_drake.laws.gaussian_network import equidistant_lattice
+from teleop_drake.recording import Recording
+from teleop_drake.scenario import AsTeleoperation, LoadScenario
+from teleop_drake.tasks.panels import AxisName, SignalRow
+from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.thesis.runs import ADAPTIVE, ThesisRuns
+
+ROW_HEIGHT = 1.9  # inches
+LEGEND_HEIGHT = 0.7  # inches
+
+
+def TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, list[Axes]]:
+    """Returns empty panels against time, with first puncture and contact marked."""
+    figure = Figure(
+        figsize=(WIDTH, ROW_HEIGHT * num_rows + LEGEND_HEIGHT), layout="constrained"
+    )
+    axes = list(figure.subplots(num_rows, 1, sharex=True, squeeze=False)[:, 0])
+    for ax in axes:
+        FormatAxes(ax)
+        ax.set_xlim(0.0, float(recording.time[-1]))
+        for name in ("puncture", "contact"):
+            for time in recording.EventTimes(name)[:1]:
+                ax.axvline(time, **BOUNDARY_STYLE)
+                if ax is axes[0]:
+                    NameAbove(ax, time, name)
+    axes[-1].set_xlabel("time [s]", fontsize=FONT_SIZE)
+    return figure, axes
+
+
+def _AddLegend(figure: Figure, handles: Sequence[Line2D], title: str = "") -> None:
+    ncols = len(handles) if len(handles) <= 5 else 4
+    AddLegend(figure, handles, ncols=ncols, fontsize=SMALL_FONT_SIZE, title=title)
+
+
+# Chapter 2: the loop and the stiffness of the environment.
+
+
+def MakeLoop(runs: ThesisRuns) -> Diagram:
+    """Returns the diagram of the loop; no run is needed."""
+    return MakeTeleoperator(AsTeleoperation(LoadScenario("one_dof")))
+
+
+def PlotStiffness(runs: ThesisRuns) -> Figure:
+    """Plots the springs of one axis at the scale of each; no run is needed."""
+    scenario = AsTeleoperation(LoadScenario("one_dof"))
+    surfaces = scenario.Surfaces()
+    contact = FindSurface(surfaces, CONTACT)
+    assert contact is not None
+    surface = float(contact.point_W[0])
+    figure = Figure(figsize=(WIDTH, ROW_HEIGHT + LEGEND_HEIGHT), layout="constrained")
+    # Bone is 15000 times as stiff as tissue: each panel has the scale of one of them.
+    tissue, bone = figure.subplots(1, 2)
+    _DrawStiffness(tissue, surfaces, 0.0, surface)
+    tissue.set_xlabel("position $x$ [mm]", fontsize=FONT_SIZE)
+    _DrawStiffness(bone, surfaces, surface - 2e-5, surface + 6e-5)
+    bone.set_xlabel("position $x$ [mm], at the bone", fontsize=FONT_SIZE)
+    bone.ticklabel_format(axis="x", useOffset=False)
+    tissue.set_ylim(*(1.25 * np.array(tissue.get_ylim())))
+    tissue.plot([surface * 1e3] * 2, [0.0, tissue.get_ylim()[1]], color=COLORS[0])
+    return figure
+
+
+def _DrawStiffness(
+    ax: Axes, surfaces: Sequence[Surface], low: float, high: float
+) -> None:
+    """Draws the force of the springs, in mN, from low to high (both in m)."""
+    starts = [float(surface.point_W[0]) for surface in surfaces]
+    FormatAxes(ax)
+    # Both sides of a jump.
+    edges = [low, *(start for start in starts if low < start < high), high]
+    x, force = [], []
+    for begin, end in itertools.pairwise(edges):
+        material = MaterialAt(surfaces, [begin])
+        assert material is not None
+        x += [begin, end]
+        force += [material.Force(begin, 0.0), material.Force(end, 0.0)]
+    ax.plot(np.array(x) * 1e3, np.array(force) * 1e3, color=COLORS[0])
+    ax.set_ylabel("stiffness force [mN]", fontsize=FONT_SIZE)
+    ends = [*starts[1:], high]
+    for surface, start, end in zip(surfaces, starts, ends, strict=True):
+        if end <= low or start >= high or surface.material is None:
+            continue
+        if start > low:
+            ax.axvline(start * 1e3, **BOUNDARY_STYLE)
+        ax.annotate(
+            surface.material.name,
+            (max(start, low) * 1e3, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="bottom",
+            fontsize=SMALL_FONT_SIZE,
+        )
+
+
+# Chapter 3: tracking, and the disturbance with its estimate.
+
+
+def PlotAgainstReference(
+    runs: ThesisRuns, task: str, signals: Mapping[str, str], label: str, unit: str
+) -> Figure:
+    """Plots signals, by their names in the legend, on each axis against time."""
+    recording = runs(task).recording
+    figure, axes = TimeFigure(recording, 2)
+    for k, (ax, axis) in enumerate(zip(axes, "xz", strict=True)):
+        for i, (name, signal) in enumerate(signals.items()):
+            ax.plot(recording.time, recording[signal][:, k], **RunStyle(i), label=name)
+        values = [recording[signal][:, k] for signal in signals.values()]
+        ax.set_ylim(Widen((float(np.min(values)), float(np.max(values))), 1.0))
+        ax.set_ylabel(f"{label}, ${axis}$ [{unit}]", fontsize=FONT_SIZE)
+    _AddLegend(figure, axes[0].get_lines()[-len(signals) :])
+    return figure
+
+
+# Chapters 4 and 5: both controllers together, and what the adaptive one learns.
+
+
+def PlotBoth(
+    runs: ThesisRuns, task: str, *, signal: str, label: str, unit: str
+) -> Figure:
+    """Plots a signal with direct force and adaptive; the label has a place {axis}."""
+    both = runs.OfBoth(task)
+    n = both.adaptive.recording.scenario.num_axes
+    rows = [
+        SignalRow(
+            label=label.format(axis=AxisName(k)),
+            unit=unit,
+            signal=signal,
+            components=[k],
+            command=n + k if signal == "tool_velocity" else None,
+        )
+        for k in range(n)
+    ]
+    recordings = {
+        "direct force": both.direct.recording,
+        "adaptive": both.adaptive.recording,
+    }
+    figure = PlotRows(recordings, rows)
+    figure.set_size_inches(WIDTH, ROW_HEIGHT * n + LEGEND_HEIGHT)
+    if signal == "tool_position":
+        # The panels against x go; those against time take their place.
+        for left, right in zip(figure.axes[::2], figure.axes[1::2], strict=True):
+            cell = left.get_subplotspec()
+            assert cell is not None
+            left.set_subplotspec(cell.get_gridspec()[cell.rowspan.start, :])
+            right.remove()
+    return figure
+
+
+def PlotPsi(runs: ThesisRuns, task: str) -> Figure:
+    """Plots the entries of Psi, and below how far each is from its initial value."""
+    recording = runs(task, ADAPTIVE).recording
+    n = recording.scenario.num_axes
+    figure, (above, below) = TimeFigure(recording, 2)
+    # Psi hardly moves; the second panel magnifies by how much.
+    change = recording["psi"] - recording["psi"][0]
+    for k in range(n * n):
+        label = rf"$\Psi_{{{k // n + 1}{k % n + 1}}}$" if n > 1 else r"$\Psi$"
+        above.plot(recording.time, recording["psi"][:, k], **RunStyle(k), label=label)
+        below.plot(recording.time, change[:, k], **RunStyle(k))
+    above.set_ylabel(r"$\Psi$ [1/kg]", fontsize=FONT_SIZE)
+    below.set_ylabel(r"$\Psi - \Psi_0$ [1/kg]", fontsize=FONT_SIZE)
+    _AddLegend(figure, above.get_lines()[-n * n :])
+    return figure
+
+
+def PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
+    """Plots weights in the colour of their centre's x, the style of its distance."""
+    recording = runs(task, ADAPTIVE).recording
+    scenario = recording.scenario
+    n = scenario.num_axes
+    network = scenario.controller.network
+    centres, _ = equidistant_lattice(network.lower, network.upper, network.count)
+    weights = recording[signal].reshape(-1, n, len(centres))
+    x_values = np.unique(centres[:, 0])
+    # Centres on either side of the straight path look alike.
+    distances = np.round(np.linalg.norm(centres[:, 1:], axis=1), 9)
+    distance_values = np.unique(distances)
+    colors = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, len(x_values)))
+    name, unit = {"weights_1": ("W_1", "m/s²"), "weights_3": ("W_3", "N/s")}[signal]
+
+    def Style(x: float, distance: float) -> dict[str, Any]:
+        rank = int(np.searchsorted(distance_values, distance))
+        return {
+            "color": colors[np.searchsorted(x_values, x)],
+            "linestyle": LINES[rank % len(LINES)],
+            "linewidth": 1.1 if rank == 0 else 0.7,
+        }
+
+    figure, axes = TimeFigure(recording, n)
+    for k, ax in enumerate(axes):
+        for i, (centre, distance) in enumerate(zip(centres, distances, strict=True)):
+            ax.plot(recording.time, weights[:, k, i], **Style(centre[0], distance))
+        ax.set_ylabel(f"weights ${name}$, {AxisName(k)} [{unit}]", fontsize=FONT_SIZE)
+    handles = [Key(f"$x$ = {1e3 * x:.4g} mm", **Style(x, 0.0)) for x in x_values]
+    if len(distance_values) > 1:
+        handles += [
+            Key(
+                rf"$y$ = {'±' if y else ''}{1e3 * y:.4g} mm",
+                **Style(x_values[0], y) | {"color": "black"},
+            )
+            for y in distance_values
+        ]
+    _AddLegend(figure, handles, "centre of the Gaussian at")
+    return figure
