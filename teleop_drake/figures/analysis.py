@@ -23,7 +23,8 @@ from teleop_drake.analysis.transparency import FeltStiffness, Transparency
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.environments import ShownNormal
 from teleop_drake.figures import style
-from teleop_drake.figures.style import FONT_SIZE, GREY, WIDTH, AddLegend, Figure, Key
+from teleop_drake.figures.layout import MakePanels, NameAxes, NameColumns, NameX
+from teleop_drake.figures.style import GREY, WIDTH, AddLegend, Figure, Key
 from teleop_drake.linear_model.operating_point import POSITION, OperatingPoints
 from teleop_drake.numerics.delay_margin import eigenloci, sweep_frequencies
 from teleop_drake.scenario import Scenario
@@ -92,7 +93,7 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
         math.floor(min(limits) / 90) * 90, math.ceil(max(limits) / 90 + 0.5) * 90
     )
     bottom.yaxis.set_major_locator(MultipleLocator(90))
-    _NameAxes(axes, "frequency [rad/s]", "|eigenlocus of L|", "phase [°]")
+    NameAxes(axes, "frequency [rad/s]", "|eigenlocus of L|", "phase [°]")
     handles: list[Artist] = [
         _THIN("L without delay"),
         _THICK(f"with {points[0].delay:.4g} s round trip"),
@@ -155,7 +156,7 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
         ax.plot([-1], [0], "+", color="black", ms=7, zorder=5)
         limits = (-_NYQUIST_RANGE, _NYQUIST_RANGE)
         ax.set(xlim=limits, ylim=limits, aspect="equal")
-    _NameAxes(axes, "real part", "imaginary part")
+    NameAxes(axes, "real part", "imaginary part")
     handles = [
         _THIN("without delay"),
         _THICK(f"with {points[0].delay:.4g} s round trip"),
@@ -185,8 +186,8 @@ def PlotStableDelays(
     if not rows:
         Refuse("operating points", [], "one or more")
     height = 0.6 + 0.26 * len(rows) + 0.35
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
-    ax = figure.subplots()
+    figure, axes = MakePanels(1, 1, height=height)
+    ax = axes[0, 0]
     for i, (_, point) in enumerate(rows):
         ax.barh(i, point.max_delay, 0.7, color=_UNSTABLE, zorder=1)
         for begin, end in point.stable_delays:
@@ -201,7 +202,7 @@ def PlotStableDelays(
         range(len(rows)),
         [f"{kind}, {point.label}" if several else point.label for kind, point in rows],
     )
-    ax.set_xlabel("round-trip delay [s]", fontsize=FONT_SIZE)
+    NameX([ax], "round-trip delay [s]")
     style.FormatTicks(ax)
     AddLegend(figure, _STABILITY_KEYS, ncols=3)
     return figure
@@ -249,7 +250,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         is_x = ShownNormal(scenario.Surfaces(), scenario.num_axes)[0] == 1
         direction = "x" if is_x else "along the surface's normal"
         label = f"tool position {direction} [m]"
-    _NameAxes(axes, label, "round-trip delay [s]")
+    NameAxes(axes, label, "round-trip delay [s]")
     AddLegend(figure, _STABILITY_KEYS, ncols=3)
     return figure
 
@@ -312,7 +313,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
         _ExplainLlewellyn(bottom, w, point.llewellyn.min(axis=1))
         top.set(xlim=(w[0], w[-1]), ylim=(1e-2, 1e3))
     labels = ("|impedance| [N s/m]", "Llewellyn's parameter")
-    _NameAxes(axes, "frequency [rad/s]", *labels)
+    NameAxes(axes, "frequency [rad/s]", *labels)
     below = "below 1: some passive operator and environment destabilise it"
     handles = [
         _THICK("felt, with delay"),
@@ -362,7 +363,7 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
         ax.axvline(1.0, color=GREY, linewidth=0.6, linestyle=":")
         ax.set_xlim(w[0], w[-1])
     axes[0, 0].set_ylim(-1.1 * limit, 1.1 * limit)
-    _NameAxes(axes, "frequency of the hand [rad/s]", "felt stiffness [N/m]")
+    NameAxes(axes, "frequency of the hand [rad/s]", "felt stiffness [N/m]")
     handles = [Key(label, **style.RunStyle(i)) for i, label in enumerate(labels)]
     AddLegend(figure, handles, ncols=4)
     return figure
@@ -372,10 +373,10 @@ def _Panels(
     rows: int, titles: Sequence[str], height: float = 2 * _ROW_HEIGHT
 ) -> tuple[Figure, np.ndarray]:
     """Returns a figure with a column of panels for each title."""
-    figure = Figure(figsize=(WIDTH, height), layout="constrained")
-    axes = figure.subplots(rows, len(titles), sharex="col", sharey="row", squeeze=False)
-    for ax, title in zip(axes[0], titles, strict=True):
-        ax.set_title(title, fontsize=FONT_SIZE)
+    figure, axes = MakePanels(
+        rows, len(titles), height=height, share_x="col", share_y="row"
+    )
+    NameColumns(axes, titles)
     return figure, axes
 
 
@@ -391,16 +392,6 @@ def _LoopPanels(
         for point in points
     ]
     return points, *_Panels(rows, titles)
-
-
-def _NameAxes(axes: np.ndarray, x: str, *y: str) -> None:
-    """Names what is drawn, along the columns below and along the rows at the left."""
-    for ax in axes.flat:
-        style.FormatTicks(ax)
-    for ax in axes[-1]:
-        ax.set_xlabel(x, fontsize=FONT_SIZE)
-    for ax, label in zip(axes[:, 0], y, strict=True):
-        ax.set_ylabel(label, fontsize=FONT_SIZE)
 
 
 def _LocusStyle(i: int) -> dict[str, Any]:

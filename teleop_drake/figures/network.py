@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from teleop_drake.channels import NetworkChannelConfig
 from teleop_drake.channels.packet_network import PacketNetwork, Receiver
 from teleop_drake.figures import style
-from teleop_drake.figures.style import COLORS, FONT_SIZE, Figure
+from teleop_drake.figures.layout import MakePanels, NameColumns, NameX, NameY
+from teleop_drake.figures.style import COLORS, Figure
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import TaskOf
 from teleop_drake.validation import Refuse
@@ -43,11 +43,15 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
     networks = _Networks(recording)
     if not networks:
         Refuse("recording", recording.scenario.name, "a run with a channel of packets")
-    figure = Figure(
-        figsize=(style.WidthOf(columns), 3 * _ROW_HEIGHT + 0.4),
-        layout=ConstrainedLayoutEngine(w_pad=0.1),
+    figure, axes = MakePanels(
+        3,
+        len(networks),
+        height=3 * _ROW_HEIGHT + 0.4,
+        width=style.WidthOf(columns),
+        share_x="all",
+        share_y="row",
+        padding=0.1,
     )
-    axes = figure.subplots(3, len(networks), sharex=True, sharey="row", squeeze=False)
     end = float(recording.time[-1])
     for column, (name, config) in zip(axes.T, networks.items(), strict=True):
         network = config.Network(recording.scenario.duration, stream=name)
@@ -57,16 +61,16 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
         _DrawDelays(delay, sent, arrivals)
         age.plot(*_Age(network, config.receiver, end), color=COLORS[0], lw=0.9)
         _DrawLoss(loss, sent, np.isinf(arrivals), end)
-        delay.set_title(name.replace("_", " "), fontsize=FONT_SIZE)
-        loss.set_xlabel("time [s]", fontsize=FONT_SIZE)
         loss.set_xlim(0.0, end or 1.0)
         for ax in column:
             style.FormatAxes(ax)
     labels = ("delay of packets [ms]", "age of information [ms]", "packets lost [%]")
-    for ax, label in zip(axes[:, 0], labels, strict=True):
+    NameColumns(axes, [name.replace("_", " ") for name in networks])
+    NameX(axes[-1], "time [s]")
+    NameY(axes[:, 0], labels)
+    for ax in axes[:, 0]:
         # Where nothing is lost a range of its own would be rounding.
         ax.set_ylim(0.0, max(ax.get_ylim()[1], 1.0))
-        ax.set_ylabel(label, fontsize=FONT_SIZE)
     figure.align_ylabels(axes[:, 0])
     lines = [line for ax in axes[:, 0] for line in ax.get_lines()]
     handles = [x for x in lines if x.get_label() in ("lost packet", "lost in all")]

@@ -12,11 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator
 
 from teleop_drake.environments import CONTACT, PUNCTURE
 from teleop_drake.figures import style
+from teleop_drake.figures.curves import Curve, CurveAt, RangeOf, SampleCurve, TimeLimits
+from teleop_drake.figures.layout import MakePanels, NameX
 from teleop_drake.figures.saving import SaveFigure
 from teleop_drake.figures.selection import (
     CheckRecordings,
@@ -38,12 +39,6 @@ _LOW_ROW_HEIGHT = 0.9  # Where there are runs below others.
 _MAX_OVERLAID = 3
 _MAX_BESIDE = 5
 _MAX_MULTIPLES = 10
-
-# Points across a panel: enough that no corner shows.
-_NUM_POINTS = 1500
-
-# A run that diverges may widen the range of a panel by this share on either side.
-_DIVERGED_SHARE = 1.0
 
 # Up to this many components of a signal have a name each in a legend.
 _MAX_NAMED_COMPONENTS = 4
@@ -116,7 +111,7 @@ def PlotRun(
         if not names:
             Refuse("signals", [], "the name of one signal or more")
         rows = [
-            [(name.replace("_", " "), "", [_Sample(recording, None, name)])]
+            [(name.replace("_", " "), "", [SampleCurve(recording, None, name)])]
             for name in names
         ]
         return _PlotAgainstTime(recording, rows, [], columns)
@@ -134,7 +129,7 @@ def PlotRun(
 
 
 # A panel against time: its label, its unit and its curves.
-_Panel = tuple[str, str, Sequence["_Curve"]]
+_Panel = tuple[str, str, Sequence[Curve]]
 
 
 def _AxisRows(recording: Recording, panels: AxisPanels) -> list[list[_Panel]]:
@@ -143,7 +138,7 @@ def _AxisRows(recording: Recording, panels: AxisPanels) -> list[list[_Panel]]:
     for row in panels.rows:
         rows.append([])
         for k in range(recording["tool_position"].shape[1]):
-            curves = [_Sample(recording, None, x, [k]) for x in row.signals]
+            curves = [SampleCurve(recording, None, x, [k]) for x in row.signals]
             if row.reference:
                 curves = [
                     x._replace(
@@ -163,12 +158,16 @@ def _PlotAgainstTime(
 ) -> Figure:
     """Plots panels, with a line for each component of each curve; names tell which."""
     height = _ROW_HEIGHT * len(rows) + (0.7 if names else 0.3)
-    size = (style.WidthOf(columns), height)
-    figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(len(rows), len(rows[0]), sharex=True, squeeze=False)
+    figure, axes = MakePanels(
+        len(rows),
+        len(rows[0]),
+        height=height,
+        width=style.WidthOf(columns),
+        share_x="all",
+    )
     for (i, j), ax in np.ndenumerate(axes):
         label, unit, curves = rows[i][j]
-        y_range = _Range([recording] * len(curves), curves)
+        y_range = RangeOf([recording] * len(curves), curves)
         scale, unit = style.ScaleAndUnit(y_range, unit)
         style.FormatAxes(ax)
         ax.set_ylim(style.Widen(y_range, scale))
@@ -176,9 +175,8 @@ def _PlotAgainstTime(
         lines = ((curve.time, y) for curve in curves for y in curve.y.T)
         for k, (t, y) in enumerate(lines):
             ax.plot(t, y * scale, **style.RunStyle(k))
-    for ax in axes[-1]:
-        ax.set_xlim(_TimeLimits([recording]))
-        ax.set_xlabel("time [s]", fontsize=FONT_SIZE)
+    axes[-1, 0].set_xlim(TimeLimits([recording]))
+    NameX(axes[-1], "time [s]")
     figure.align_ylabels(axes)
     handles = [style.Key(name, **style.RunStyle(k)) for k, name in enumerate(names)]
     style.AddLegend(figure, handles, ncols=len(names) if columns == 2 else 1)
@@ -201,13 +199,15 @@ def PlotRows(
     num_banks = math.ceil(len(places) / _MAX_BESIDE)
     num_beside = math.ceil(len(places) / num_banks)
     row_height = _ROW_HEIGHT if num_banks == 1 else _LOW_ROW_HEIGHT
-    figure = Figure(
-        figsize=(style.WidthOf(columns), row_height * num_banks * len(rows) + 0.7),
+    figure, grid = MakePanels(
+        num_banks * len(rows),
+        num_beside,
+        height=row_height * num_banks * len(rows) + 0.7,
+        width=style.WidthOf(columns),
+        share_x="col",
+        share_y="row",
         # Aligned labels may end up a little further out than the layout reckons.
-        layout=ConstrainedLayoutEngine(w_pad=0.1),
-    )
-    grid = figure.subplots(
-        num_banks * len(rows), num_beside, sharex="col", sharey="row", squeeze=False
+        padding=0.1,
     )
     # A row for each signal and a column for each place, wherever it is on the page.
     axes = np.hstack(np.vsplit(grid, num_banks))
@@ -216,7 +216,7 @@ def PlotRows(
     axes = axes[:, : len(places)]
     # These hold for the whole column.
     for place, ax in zip(places, axes[0], strict=True):
-        ax.set_xlim(shown.x_limits if place.is_position else _TimeLimits(shown.runs))
+        ax.set_xlim(shown.x_limits if place.is_position else TimeLimits(shown.runs))
     for row, row_axes in zip(rows, axes, strict=True):
         shown.DrawRow(row_axes, places, row)
     for place, column in zip(places, axes.T, strict=True):
@@ -240,13 +240,6 @@ def PlotRows(
     return figure
 
 
-def _TimeLimits(runs: Sequence[Recording]) -> tuple[float, float]:
-    """Returns the span of time of some runs in s; of a single sample it is 1 s."""
-    begin = min(float(run.time[0]) for run in runs)
-    end = max(float(run.time[-1]) for run in runs)
-    return begin, end if end > begin else begin + 1.0
-
-
 class _Place(NamedTuple):
     """A column of panels: the numbers of the runs in it, and what they are against."""
 
@@ -266,74 +259,6 @@ def _PlacesOf(num_runs: int, columns: int) -> list[_Place]:
     return [_Place(everyone), _Place(everyone, True)][:columns]
 
 
-class _Curve(NamedTuple):
-    """The components of a signal of one run.
-
-    Attributes:
-        time: (T,) in s; a time that stands twice is a jump.
-        x: (T,) position in m along the direction that is shown.
-        y: (T, k).
-    """
-
-    time: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
-
-
-def _At(
-    run: Recording, normal_W: np.ndarray | None, signal: str, time: np.ndarray
-) -> _Curve:
-    """Returns a signal at some times."""
-    x = time if normal_W is None else run.Interpolate("tool_position", time) @ normal_W
-    return _Curve(time, x, run.Interpolate(signal, time))
-
-
-def _Sample(
-    run: Recording,
-    normal_W: np.ndarray | None,
-    signal: str,
-    components: Sequence[int] | None = None,
-) -> _Curve:
-    """Returns a signal at the samples and, where it moves fast, between them."""
-    time = run.time
-    x = time if normal_W is None else run["tool_position"] @ normal_W
-    columns = slice(None) if components is None else components
-    curve = _Curve(time, x, run[signal][:, columns])
-    if curve.y.shape[1] > 1 or time[0] == time[-1]:
-        return curve  # Telemetry, which is slow.
-    parts = np.ceil(_NUM_POINTS * np.diff(time) / (time[-1] - time[0])).astype(int)
-    between = [
-        np.linspace(time[i], time[i + 1], parts[i], endpoint=False)[1:]
-        for i in np.flatnonzero(parts > 1)
-    ]
-    if not between:
-        return curve
-    extra = _At(run, normal_W, signal, np.concatenate(between))
-    extra = extra._replace(y=extra.y[:, columns])
-    # Stable: the two sides of a jump stay in their order.
-    order = np.argsort(np.concatenate([time, extra.time]), kind="stable")
-    both = zip(curve, extra, strict=True)
-    return _Curve(*(np.concatenate(parts)[order] for parts in both))
-
-
-def _Range(
-    runs: Sequence[Recording], curves: Sequence[_Curve], commands: Sequence[_Curve] = ()
-) -> tuple[float, float]:
-    """Returns the range that shows the runs, those that diverge only in part."""
-    is_wild = [run.termination == "diverged" for run in runs]
-    if all(is_wild):
-        # What is left is the time before it becomes hopeless.
-        shown = [curve.y[curve.time <= 0.8 * curve.time[-1]] for curve in curves]
-    else:
-        shown = [x.y for x, wild in zip(curves, is_wild, strict=True) if not wild]
-    shown += [command.y for command in commands]
-    low, high = min(y.min() for y in shown), max(y.max() for y in shown)
-    margin = _DIVERGED_SHARE * (high - low)
-    wild = [x.y.ravel() for x, wild in zip(curves, is_wild, strict=True) if wild]
-    every = np.concatenate([*wild, [low, high]])
-    return float(max(every.min(), low - margin)), float(min(every.max(), high + margin))
-
-
 class _Runs:
     """The runs of a figure, and what their panels against the position share.
 
@@ -347,9 +272,9 @@ class _Runs:
         self.runs = list(recordings.values())
         self._normal_W = NormalOfRuns(self.runs)
         curves = [
-            _Sample(run, self._normal_W, "tool_position", [0]) for run in self.runs
+            SampleCurve(run, self._normal_W, "tool_position", [0]) for run in self.runs
         ]
-        x_range = _Range(self.runs, [x._replace(y=x.x[:, None]) for x in curves])
+        x_range = RangeOf(self.runs, [x._replace(y=x.x[:, None]) for x in curves])
         self.x_scale, unit = style.ScaleAndUnit(x_range, "m")
         self.x_limits = style.Widen(x_range, self.x_scale)
         self.x_label = f"{_PositionName(self._normal_W)} [{unit}]"
@@ -369,13 +294,15 @@ class _Runs:
     ) -> None:
         """Draws a signal into its row of panels."""
         normal_W = self._normal_W
-        curves = [_Sample(x, normal_W, row.signal, row.components) for x in self.runs]
+        curves = [
+            SampleCurve(x, normal_W, row.signal, row.components) for x in self.runs
+        ]
         commands = [
-            _Curve(x.time, x["tool_position"] @ normal_W, x.commands[:, [k]])
+            Curve(x.time, x["tool_position"] @ normal_W, x.commands[:, [k]])
             for x in self.runs
             if (k := row.command) is not None
         ]
-        y_range = _Range(self.runs, curves, commands)
+        y_range = RangeOf(self.runs, curves, commands)
         scale, unit = style.ScaleAndUnit(y_range, row.unit)
         # The position that the right column is against has no panel there.
         is_x = row.signal == "tool_position" and len(row.components) == 1
@@ -400,7 +327,7 @@ class _Runs:
         if len(row.components) > 1:
             _AddComponentLegend(row_axes[0], row)
 
-    def _X(self, place: _Place, curve: _Curve) -> np.ndarray:
+    def _X(self, place: _Place, curve: Curve) -> np.ndarray:
         return curve.x * self.x_scale if place.is_position else curve.time
 
     def _DrawRun(
@@ -409,7 +336,7 @@ class _Runs:
         place: _Place,
         row: SignalRow,
         i: int,
-        curve: _Curve,
+        curve: Curve,
         scale: float,
     ) -> None:
         """Draws run i, its first puncture and contact, and where it diverges."""
@@ -424,7 +351,7 @@ class _Runs:
             return
         for event, (marker, _) in _EVENTS.items():
             if time := run.EventTimes(event)[:1]:
-                mark = _At(run, self._normal_W, row.signal, np.array(time))
+                mark = CurveAt(run, self._normal_W, row.signal, np.array(time))
                 y = mark.y[:, row.components[0]] * scale
                 look = style.EventStyle(marker, style.RunColor(i))
                 ax.plot(self._X(place, mark), y, **look)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.figures.sweeps import PlotMap, PlotStability
+from teleop_drake.figures.sweep_maps import PlotMap, PlotStability
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.sweep import PlanSweep, SweepResult
 from teleop_drake.sweep.boundary import Boundary, FindBoundaries

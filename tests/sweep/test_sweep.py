@@ -21,7 +21,8 @@ from teleop_drake.cli import main
 from teleop_drake.cli.commands.sweep import PlanOf
 from teleop_drake.cli.main import MakeParser
 from teleop_drake.figures.runs import SaveFigure
-from teleop_drake.figures.sweeps import PlotStability, PlotSweep
+from teleop_drake.figures.sweep_maps import PlotStability
+from teleop_drake.figures.sweeps import PlotSweep
 from teleop_drake.scenario import (
     CONTROLLERS,
     LoadScenario,

@@ -15,7 +15,8 @@ from teleop_drake.cli.progress import SweepProgress
 from teleop_drake.cli.tables import SeedsTable
 
 if TYPE_CHECKING:
-    from teleop_drake.figures.sweeps import Boundaries, SweepGrid
+    from teleop_drake.figures.sweep_grid import SweepGrid
+    from teleop_drake.figures.sweep_maps import Boundaries
     from teleop_drake.sweep import SweepPlan, SweepResult
     from teleop_drake.sweep.study import Study
 
@@ -247,14 +248,9 @@ def _Draw(
 ) -> tuple[list[Path], str]:
     """Draws the metrics; returns the files, or why there are none."""
     from teleop_drake.figures.runs import SaveFigure
-    from teleop_drake.figures.sweeps import (
-        MAX_PANELS,
-        PlotMap,
-        PlotSeeds,
-        PlotStability,
-        PlotSweep,
-        SweepGrid,
-    )
+    from teleop_drake.figures.sweep_grid import MAX_PANELS, SweepGrid
+    from teleop_drake.figures.sweep_maps import PlotMap, PlotStability
+    from teleop_drake.figures.sweeps import PlotSeeds, PlotSweep
     from teleop_drake.sweep import VariesSeedsOnly
 
     metrics = list(names) or result.Metrics()

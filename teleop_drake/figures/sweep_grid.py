@@ -1,0 +1,181 @@
+"""Panels of a sweep: which axis of its grid is drawn along which direction."""
+
+import itertools
+import math
+import textwrap
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.lines import Line2D
+
+from teleop_drake.figures import style
+from teleop_drake.figures.layout import MakePanels
+from teleop_drake.figures.style import FONT_SIZE, Figure, Key
+from teleop_drake.sweep import MetricUnits, SweepResult
+from teleop_drake.sweep.statistics import CONTROLLERS, SEED
+from teleop_drake.validation import Refuse
+
+MAX_PANELS = 24
+"""More in a figure would be too small to read."""
+
+MAX_NAMED_LINES = 8
+"""More lines are not all named."""
+
+SEQUENCE = colormaps["viridis"]
+"""Colours of values that have an order."""
+
+
+class SweepGrid:
+    """Who is who among the axes of a sweep.
+
+    `Arrange` brings an array of the grid's shape into (rows, columns, lines, x,
+    seeds). Columns are controllers and lines the values of `line_key`, the last key
+    that is neither of these; where there is none, lines are controllers. The
+    `panel_points` (rows, columns) are the keys and values that a panel has.
+
+    Raises:
+        ValueError: If no number is varied, or it would take too many panels.
+    """
+
+    def __init__(self, result: SweepResult) -> None:
+        axes = result.axes
+        varied = [key for key, values in axes.items() if len(values) > 1]
+        controller = [key for key in axes if key in CONTROLLERS][:1]
+        seed = [key for key in axes if key == SEED]
+        numeric = [
+            key
+            for key in (*style.DELAYS, *axes)
+            if key in axes and key not in seed and all(map(style.IsNumber, axes[key]))
+        ]
+        if not numeric:
+            Refuse("result", "with no key with numbers", "of one such key or more")
+        x_key = next((key for key in numeric if key in varied), numeric[0])
+        others = [k for k in varied if k not in (x_key, *controller, *seed)]
+        self.x_key = x_key
+        self.lines_are_controllers = not others
+        *row_keys, self.line_key = others or controller or [""]
+        columns = controller if others else []
+        self.line_values = axes.get(self.line_key, [])
+        self.column_values = [value for key in columns for value in axes[key]]
+        rows = list(itertools.product(*(axes[key] for key in row_keys)))
+        self.panel_points = [
+            [
+                dict(zip((*row_keys, *columns), (*row, *column), strict=True))
+                for column in itertools.product(*(axes[key] for key in columns))
+            ]
+            for row in rows
+        ]
+        self.row_titles = [
+            ", ".join(map(style.LabelOfValue, row_keys, row)) for row in rows
+        ]
+        num_columns = max(len(self.column_values), 1)
+        if len(rows) * num_columns > MAX_PANELS:
+            needs = f"needs {len(rows)} x {num_columns} panels"
+            Refuse("result", needs, f"of {MAX_PANELS} panels at most")
+        keys = [*row_keys, *columns, self.line_key, x_key, *seed]
+        names = list(axes)
+        rest = [key for key in names if key not in keys]  # One value each.
+        self._order = [names.index(key) for key in [*rest, *keys] if key in names]
+        self.shape = (
+            len(rows),
+            num_columns,
+            max(len(self.line_values), 1),
+            len(axes[x_key]),
+            len(axes[SEED]) if seed else 1,
+        )
+        x = np.array(axes[x_key], dtype=float)
+        self._x_order = np.argsort(x)
+        self.x = x[self._x_order]
+
+    @property
+    def has_two_keys(self) -> bool:
+        """Whether two keys beside the controller and the seed are varied."""
+        return bool(self.line_values) and not self.lines_are_controllers
+
+    def Arrange(self, values: np.ndarray) -> np.ndarray:
+        """Returns an array of the grid's shape as (rows, columns, lines, x, seeds)."""
+        return values.transpose(self._order).reshape(self.shape)[..., self._x_order, :]
+
+    def MakePanels(self, num_metrics: int = 1) -> tuple[Figure, np.ndarray]:
+        """Returns a figure and its panels (metrics, rows, columns).
+
+        Metrics of one panel each stand side by side, others below each other.
+        """
+        num_rows, num_columns = self.shape[:2]
+        across = min(num_metrics, 3) if num_rows == num_columns == 1 else 1
+        down = math.ceil(num_metrics / across) * num_rows
+        figure, axes = MakePanels(
+            down,
+            across * num_columns,
+            height=0.8 + (2.6 if down == 1 else 1.7) * down,
+            share_x="all",
+            padding=0.1,
+        )
+        panels = axes.reshape(-1, num_rows, num_columns)[:num_metrics]
+        for ax in axes.ravel()[panels.size :]:
+            ax.remove()
+        for ax in panels.ravel()[-axes.shape[1] :]:
+            ax.set_xlabel(style.AxisLabel(self.x_key), fontsize=FONT_SIZE)
+            ax.tick_params(labelbottom=True)
+        for metric in panels:
+            for ax in metric.ravel()[1:]:
+                ax.sharey(metric[0, 0])
+            for ax in metric[:, 1:].ravel():
+                ax.tick_params(labelleft=False)
+        return figure, panels
+
+    def AddTitles(self, panels: np.ndarray, num_marks: int = 0) -> None:
+        """Names the controllers, and the rows, above marks on as many levels."""
+        for (_, i, j), ax in np.ndenumerate(panels):
+            names = [style.ValueLabel(x) for x in self.column_values[j : j + 1]]
+            names += [self.row_titles[i]] if self.row_titles[i] else []
+            ax.set_title(
+                ", ".join(names) or " ",  # Also that makes room for the marks.
+                fontsize=FONT_SIZE,
+                y=1.03 + 0.035 * num_marks,
+                pad=2,
+            )
+
+    def LineStyle(self, i: int) -> dict[str, Any]:
+        """Returns how line i is drawn."""
+        if self.lines_are_controllers:
+            return style.RunStyle(i)
+        share = i / max(len(self.line_values) - 1, 1)
+        return {"color": SEQUENCE(0.92 * share), "linewidth": 1.1}
+
+    def LineCoordinates(self) -> tuple[np.ndarray, list[str] | None]:
+        """Returns where the lines are on an axis, and their names if not numbers."""
+        values = self.line_values
+        if all(map(style.IsNumber, values)) and list(values) == sorted(values):
+            return np.array(values, dtype=float), None
+        return np.arange(len(values)), [style.ValueLabel(value) for value in values]
+
+    def LineHandles(self) -> list[Line2D]:
+        """Returns what the legend says of the lines."""
+        values = self.line_values
+        step = math.ceil(len(values) / MAX_NAMED_LINES)
+        return [
+            Key(
+                style.ValueLabel(value)
+                if self.lines_are_controllers
+                else style.LabelOfValue(self.line_key, value),
+                **self.LineStyle(i),
+            )
+            for i, value in enumerate(values)
+            # Some of many are enough to tell which way they go.
+            if i % step == 0 or i == len(values) - 1
+        ]
+
+
+def MetricScale(
+    result: SweepResult, metric: str, values: np.ndarray
+) -> tuple[float, str, tuple[float, float]]:
+    """Returns the scale of values of a metric, its label, and the limits unscaled."""
+    finite = values[np.isfinite(values)]
+    limits = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+    scale, unit = style.ScaleAndUnit(limits, MetricUnits(result.scenario)[metric])
+    label = metric.replace("_", " ").replace(".", " ")
+    # No longer than a panel of a sheet is high.
+    label = textwrap.fill(f"{label} [{unit}]" if unit else label, 26)
+    return scale, label, limits

@@ -1,0 +1,199 @@
+"""Maps of sweeps over two keys: pure functions of results."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.patches import Patch
+
+from teleop_drake.figures import style
+from teleop_drake.figures.style import FONT_SIZE, GREY, SMALL_FONT_SIZE, Figure, Key
+from teleop_drake.figures.sweep_grid import (
+    SEQUENCE,
+    MetricScale,
+    SweepGrid,
+)
+from teleop_drake.sweep import MetricUnits, SweepResult
+from teleop_drake.sweep.boundary import Boundary
+from teleop_drake.validation import Refuse
+
+Boundaries = Mapping[tuple[int, int], Sequence[Boundary]]
+"""What is drawn over a panel, by its row and column."""
+
+# So many values of a map have a tick each.
+_MOST_TICKS = 8
+
+# How a run ends, from good to bad, and the colour of it.
+_OUTCOMES = {
+    "completes": "#56B4E9",
+    "settles": "#009E73",
+    "not at rest within the run": "#E69F00",
+    "diverges": "#D55E00",
+    "fails": GREY,
+}
+
+# Colour of cells with a run that was stopped.
+_ENDED = "#BBBBBB"
+
+# What a boundary is that crosses the map.
+_END = "end of stability"
+
+
+def PlotStability(result: SweepResult, boundaries: Boundaries | None = None) -> Figure:
+    """Maps how the runs of a sweep end, over the delay and another varied key.
+
+    A cell has the worst of its seeds. What else is varied gets panels of its own.
+
+    Args:
+        boundaries: Where the loop ceases to be stable; see FindBoundaries().
+
+    Raises:
+        ValueError: If fewer than two keys beside the controller and the seed are
+            varied, or it would take too many panels.
+    """
+    grid = _TwoKeys(result)
+    status = grid.Arrange(result.Status())
+    rank = np.select([status == "failed", status == "diverged"], [4, 3], 0)
+    if "collision.time" in MetricUnits(result.scenario):
+        has_contact = np.isfinite(grid.Arrange(result.Values("collision.time")))
+        settles = np.isfinite(grid.Arrange(result.Values("collision.settling_time")))
+        is_seen = (status == "completed") & has_contact
+        rank[is_seen] = np.where(settles, 1, 2)[is_seen]
+    worst = rank.max(axis=-1)
+    figure, panels = grid.MakePanels()
+    colors = ListedColormap(list(_OUTCOMES.values()))
+    limits = {"vmin": -0.5, "vmax": len(_OUTCOMES) - 0.5}
+    for index, ax in np.ndenumerate(panels[0]):
+        edges = {"edgecolor": "white", "linewidth": 0.3}
+        _DrawCells(ax, grid, worst[index], cmap=colors, **limits, **edges)
+    handles = [
+        Patch(color=color, label=label)
+        for i, (label, color) in enumerate(_OUTCOMES.items())
+        if (worst == i).any()
+    ]
+    _Finish(figure, panels, grid, handles, boundaries or {})
+    return figure
+
+
+def PlotMap(
+    result: SweepResult, *metrics: str, boundaries: Boundaries | None = None
+) -> Figure:
+    """Maps metrics of a sweep, over the delay and another varied key.
+
+    A cell has the median of its seeds. It is grey where a run diverges or fails, and
+    white where a run has no such number. What else is varied gets panels of its own.
+
+    Args:
+        *metrics: Of MetricUnits(result.scenario), one or more, for example
+            "collision.peak_force".
+        boundaries: Where the loop ceases to be stable; see FindBoundaries().
+
+    Raises:
+        ValueError: If there is no such metric, fewer than two keys beside the
+            controller and the seed are varied, or it would take too many panels.
+    """
+    grid = _TwoKeys(result)
+    is_completed = grid.Arrange(result.Status()) == "completed"
+    is_ended = ~is_completed.all(axis=-1)
+    ended = np.where(is_ended, 1.0, np.nan)
+    lacks_number = False
+    figure, panels = grid.MakePanels(len(metrics))
+    for metric, axes in zip(metrics, panels, strict=True):
+        values = np.where(is_completed, grid.Arrange(result.Values(metric)), np.nan)
+        medians = np.median(values, axis=-1)  # NaN where a seed has no number.
+        lacks_number |= bool((np.isnan(medians) & ~is_ended).any())
+        scale, label, (low, high) = MetricScale(result, metric, medians)
+        limits = {"vmin": low * scale, "vmax": high * scale}
+        for index, ax in np.ndenumerate(axes):
+            shown = medians[index] * scale
+            cells = _DrawCells(ax, grid, shown, cmap=SEQUENCE, **limits)
+            _DrawCells(ax, grid, ended[index], cmap=ListedColormap([_ENDED]))
+        bar = figure.colorbar(cells, ax=axes.ravel().tolist(), pad=0.02)
+        bar.set_label(label, fontsize=FONT_SIZE)
+        bar.ax.tick_params(labelsize=SMALL_FONT_SIZE)
+    handles = []
+    if is_ended.any():
+        handles.append(Patch(color=_ENDED, label="diverges or fails"))
+    if lacks_number:
+        label = "has no such number"
+        handles.append(Patch(facecolor="white", edgecolor=GREY, label=label))
+    _Finish(figure, panels, grid, handles, boundaries or {})
+    return figure
+
+
+def _TwoKeys(result: SweepResult) -> SweepGrid:
+    """Returns the grid of a sweep, of two keys or more."""
+    grid = SweepGrid(result)
+    if not grid.has_two_keys:
+        Refuse("result", "with no second key that is varied", "of two keys or more")
+    return grid
+
+
+def _DrawCells(ax: Axes, grid: SweepGrid, cells: np.ndarray, **options: Any) -> Any:
+    """Colours the cells (lines, x) of a panel."""
+    y, _ = grid.LineCoordinates()
+    return ax.pcolormesh(style.CellEdges(grid.x), style.CellEdges(y), cells, **options)
+
+
+def _Finish(
+    figure: Figure,
+    panels: np.ndarray,
+    grid: SweepGrid,
+    handles: list[Any],
+    boundaries: Boundaries,
+) -> None:
+    """Draws the boundaries, and says what everything is."""
+    y, y_labels = grid.LineCoordinates()
+    limits = style.MapLimits(grid.x)
+    labels = _BoundaryLabels(boundaries, limits)
+    lines = {name: style.LINES[i % len(style.LINES)] for i, name in enumerate(labels)}
+    for (_, i, j), ax in np.ndenumerate(panels):
+        for drawn in boundaries.get((i, j), ()):
+            # Black on white is seen on every colour.
+            ax.plot(drawn.ends, y, color="white", linewidth=2.8)
+            dashes = lines[drawn.point]
+            ax.plot(drawn.ends, y, color="black", linestyle=dashes, linewidth=1.6)
+        ax.set_xlim(limits)
+        ax.set_ylim(style.MapLimits(y) if y_labels is None else (-0.5, len(y) - 0.5))
+        ax.tick_params(labelsize=SMALL_FONT_SIZE, width=0.6, length=2.5)
+        if len(grid.x) <= _MOST_TICKS:
+            ax.set_xticks(grid.x)
+        if y_labels is not None or len(y) <= _MOST_TICKS:
+            ax.set_yticks(y, y_labels)
+    grid.AddTitles(panels)
+    for ax in panels[:, :, 0].ravel():
+        ax.set_ylabel(style.AxisLabel(grid.line_key), fontsize=FONT_SIZE)
+    handles += [
+        Key(label, color="black", linestyle=lines[name])
+        for name, label in labels.items()
+        if label.startswith(_END)
+    ]
+    notes = [label for label in labels.values() if not label.startswith(_END)]
+    if notes:
+        figure.supxlabel("; ".join(notes), fontsize=SMALL_FONT_SIZE)
+    style.AddLegend(figure, handles, ncols=min(len(handles), 3))
+
+
+def _BoundaryLabels(
+    boundaries: Boundaries, limits: tuple[float, float]
+) -> dict[str, str]:
+    """Returns what each boundary is called, also one that lies beyond the map."""
+    ends: dict[str, list[np.ndarray]] = {}
+    for boundary in itertools.chain(*boundaries.values()):
+        ends.setdefault(boundary.point, []).append(boundary.ends)
+    labels = {}
+    for name, parts in ends.items():
+        known = np.concatenate(parts)
+        known = known[~np.isnan(known)]
+        if not known.size:
+            labels[name] = f"{name}: stability not known"
+        elif (known > limits[1]).all():
+            labels[name] = f"{name}: stable throughout"
+        elif (known <= 0).all():
+            labels[name] = f"{name}: not stable without delay"
+        else:
+            labels[name] = f"{_END}, {name}"
+    return labels
