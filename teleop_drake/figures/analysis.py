@@ -315,16 +315,15 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
     labels = ("|impedance| [N s/m]", "Llewellyn's parameter")
     NameAxes(axes, "frequency [rad/s]", *labels)
     below = "below 1: some passive operator and environment destabilise it"
-    handles = [
+    handles: list[Artist] = [
         _THICK("felt, with delay"),
         _THIN("felt, without"),
         Key("environment, along x", ls=":", color=GREY, linewidth=1.5),
-        *(
-            Key(f"axis {AxesOf(6)[i]}", **_LocusStyle(i))
-            for i in range(num_axes if num_axes > 1 else 0)
-        ),
-        Patch(color=_ACTIVE, label=below),
     ]
+    if num_axes > 1:
+        names = AxesOf(6)[:num_axes]
+        handles += [Key(f"axis {x}", **_LocusStyle(i)) for i, x in enumerate(names)]
+    handles.append(Patch(color=_ACTIVE, label=below))
     AddLegend(figure, handles, ncols=3)
     return figure
 
@@ -402,10 +401,9 @@ def _LocusStyle(i: int) -> dict[str, Any]:
 def _LocusHandles(points: Sequence[PointStability]) -> list[Line2D]:
     """Returns what tells the eigenloci apart, where there are several."""
     count = max(len(point.loop.D) for point in points)
-    return [
-        Key(f"locus {i + 1}", **_LocusStyle(i))
-        for i in range(count if count > 1 else 0)
-    ]
+    if count <= 1:
+        return []
+    return [Key(f"locus {i + 1}", **_LocusStyle(i)) for i in range(count)]
 
 
 def _BodeFrequencies(point: PointStability, count: int = 1500) -> Array:

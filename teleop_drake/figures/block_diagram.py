@@ -54,7 +54,8 @@ _EXPORTED_OUTPUT = "color=palegreen3, penwidth=0.7"
 _NO_ARROW = "[dir=none, arrowsize=0]"
 
 # How the frame of a diagram begins in Drake's DOT text, and without a line.
-_FRAME, _NO_FRAME = "diagram {\ncolor=black", "diagram {\ncolor=white"
+_FRAME = "diagram {\ncolor=black"
+_NO_FRAME = "diagram {\ncolor=white"
 
 # The lines of Drake's DOT text that carry the process-wide number of a system.
 _NUMBERED_LINE = re.compile(
@@ -103,7 +104,8 @@ def _Dot(system: System, max_depth: int | None, numbers: dict[str, int]) -> str:
     edges: list[_Edge] = []
     used: set[tuple[int, str]] = set()
     for line in system.GetGraphvizString(max_depth=max_depth).splitlines():
-        if edge := _EDGE_LINE.match(line):
+        edge = _EDGE_LINE.match(line)
+        if edge:
             edges.append(_Edge(edge, Number))
             used |= edges[-1].ports
             continue
@@ -169,7 +171,9 @@ def _Render(system: System, max_depth: int | None, file_format: str) -> bytes:
     """Returns the picture of a diagram, and of each in it that is to be opened."""
     if not isinstance(system, Diagram) or max_depth == 0:
         return LayOut(DiagramDot(system, max_depth=max_depth), file_format)
-    levels, deepest, depth = [system], [system], 1
+    levels = [system]
+    deepest = [system]
+    depth = 1
     while deepest and depth != max_depth:
         parts = [part for outer in deepest for part in outer.GetSystems()]
         deepest = [part for part in parts if isinstance(part, Diagram)]
@@ -193,8 +197,10 @@ class _Edge:
     """One connection in Drake's DOT text, with the systems renumbered."""
 
     def __init__(self, line: re.Match[str], number: Callable[[str], int]):
-        self.source, self.target = number(line[1]), number(line[5])
-        tail, head = line[3] + line[4], line[7] + line[8]
+        self.source = number(line[1])
+        self.target = number(line[5])
+        tail = line[3] + line[4]
+        head = line[7] + line[8]
         self.tail = _End(f"s{self.source}", line[2], tail, "e")
         self.head = _End(f"s{self.target}", line[6], head, "w")
         # Drake marks the lines that lead to the ports of the diagram itself.
@@ -233,8 +239,10 @@ def _WithoutIdlePorts(text: list[str], used: set[tuple[int, str]]) -> list[str]:
     begin = box = 0
     for line in text:
         result.append(line)
-        if header := _BOX_LINE.match(line):
-            begin, box = len(result), int(header[1])
+        header = _BOX_LINE.match(line)
+        if header:
+            begin = len(result)
+            box = int(header[1])
         elif line == ">];" and begin:
             cells = [x for x in map(_PORT_LINE.match, result[begin:]) if x]
             sides = [[x for x in cells if x[1][0] == side] for side in "uy"]
@@ -249,7 +257,8 @@ def _WithoutIdlePorts(text: list[str], used: set[tuple[int, str]]) -> list[str]:
 def _Cells(used: list[re.Match[str]], count: int) -> list[str]:
     """Returns the cells of the ports that are used, and how many others there are."""
     cells = [f'<TD PORT="{port[1]}" BORDER="1">{port[2]}</TD>' for port in used]
-    if rest := count - len(used):
+    rest = count - len(used)
+    if rest > 0:
         text = f"{rest} more" if used else f"{rest} ports"
         cells.append(f'<TD BORDER="1"><FONT COLOR="grey">{text}</FONT></TD>')
     return cells
@@ -276,7 +285,8 @@ def _Connections(edges: list[_Edge]) -> list[str]:
     text: list[str] = []
     drawn: set[str] = set()
     for edge in edges:
-        tail, head = edge.tail, edge.head
+        tail = edge.tail
+        head = edge.head
         if edge.attributes:
             attributes = edge.attributes.replace("color=green", _EXPORTED_OUTPUT)
             text.append(f"{tail.port} -> {head.port} [{attributes}]")

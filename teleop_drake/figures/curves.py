@@ -82,7 +82,8 @@ def RangeOf(
     else:
         shown = [x.y for x, wild in zip(curves, is_wild, strict=True) if not wild]
     shown += [command.y for command in commands]
-    low, high = min(y.min() for y in shown), max(y.max() for y in shown)
+    low = min(y.min() for y in shown)
+    high = max(y.max() for y in shown)
     margin = _DIVERGED_SHARE * (high - low)
     wild = [x.y.ravel() for x, wild in zip(curves, is_wild, strict=True) if wild]
     every = np.concatenate([*wild, [low, high]])

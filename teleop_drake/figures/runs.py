@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from teleop_drake.environments import CONTACT, PUNCTURE
@@ -297,11 +298,7 @@ class _Runs:
         curves = [
             SampleCurve(x, normal_W, row.signal, row.components) for x in self.runs
         ]
-        commands = [
-            Curve(x.time, x["tool_position"] @ normal_W, x.commands[:, [k]])
-            for x in self.runs
-            if (k := row.command) is not None
-        ]
+        commands = self._Commands(row.command)
         y_range = RangeOf(self.runs, curves, commands)
         scale, unit = style.ScaleAndUnit(y_range, row.unit)
         # The position that the right column is against has no panel there.
@@ -310,12 +307,14 @@ class _Runs:
         for place, ax in zip(places, row_axes, strict=True):
             style.FormatAxes(ax)
             ax.set_ylim(style.Widen(y_range, scale))
-            if (spec := ax.get_subplotspec()) and spec.is_first_col():
+            spec = ax.get_subplotspec()
+            if spec is not None and spec.is_first_col():
                 label = f"{row.label}\n[{unit}]" if unit else row.label
                 ax.set_ylabel(label, fontsize=FONT_SIZE)
-            for i in place.runs if commands else ():
-                x = self._X(place, commands[i])
-                ax.plot(x, commands[i].y * scale, **_COMMAND_STYLE, zorder=1)
+            if commands:
+                for i in place.runs:
+                    x = self._X(place, commands[i])
+                    ax.plot(x, commands[i].y * scale, **_COMMAND_STYLE, zorder=1)
             for i in place.runs:
                 self._DrawRun(ax, place, row, i, curves[i], scale)
             for boundary in self.boundaries:
@@ -326,6 +325,19 @@ class _Runs:
             ax.set_visible(not (place.is_position and is_x))
         if len(row.components) > 1:
             _AddComponentLegend(row_axes[0], row)
+
+    def _Commands(self, component: int | None) -> list[Curve]:
+        """Returns a component of each run's commands; none if there is no component."""
+        if component is None:
+            return []
+        return [
+            Curve(
+                run.time,
+                run["tool_position"] @ self._normal_W,
+                run.commands[:, [component]],
+            )
+            for run in self.runs
+        ]
 
     def _X(self, place: _Place, curve: Curve) -> np.ndarray:
         return curve.x * self.x_scale if place.is_position else curve.time
@@ -340,7 +352,8 @@ class _Runs:
         scale: float,
     ) -> None:
         """Draws run i, its first puncture and contact, and where it diverges."""
-        run, x = self.runs[i], self._X(place, curve)
+        run = self.runs[i]
+        x = self._X(place, curve)
         is_single = len(row.components) == 1
         for k, y in enumerate(curve.y.T):
             line = style.RunStyle(i) if is_single else _ComponentStyle(row, k)
@@ -350,8 +363,9 @@ class _Runs:
         if not is_single:
             return
         for event, (marker, _) in _EVENTS.items():
-            if time := run.EventTimes(event)[:1]:
-                mark = CurveAt(run, self._normal_W, row.signal, np.array(time))
+            first = run.EventTimes(event)[:1]
+            if first:
+                mark = CurveAt(run, self._normal_W, row.signal, np.array(first))
                 y = mark.y[:, row.components[0]] * scale
                 look = style.EventStyle(marker, style.RunColor(i))
                 ax.plot(self._X(place, mark), y, **look)
@@ -435,9 +449,22 @@ def _TitleMultiples(
         title = "\n".join(textwrap.wrap(name, 14, break_long_words=False))
         if run.termination == "diverged":
             title += f"\ndiverges at {run.time[-1]:.3g} s"
-        ax, color = row_axes[i], style.RunColor(i)
+        ax = row_axes[i]
+        color = style.RunColor(i)
         ax.set_title(title, fontsize=SMALL_FONT_SIZE, color=color)
         ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+
+
+def _RunKeys(recordings: Mapping[str, Recording]) -> list[Line2D]:
+    """Returns the entries of the runs in a legend; they tell which runs diverge."""
+    keys = []
+    for i, (name, run) in enumerate(recordings.items()):
+        line = style.RunStyle(i)
+        if run.termination == "diverged":
+            line |= {**style.EndStyle(i), "linestyle": line["linestyle"]}
+            name = f"{name} (diverges at {run.time[-1]:.3g} s)"
+        keys.append(style.Key(name, **line))
+    return keys
 
 
 def _AddLegend(
@@ -447,13 +474,8 @@ def _AddLegend(
     *,
     names_runs: bool,
 ) -> None:
-    handles = []
-    for i, (name, run) in enumerate(recordings.items() if names_runs else ()):
-        line = style.RunStyle(i)
-        if run.termination == "diverged":
-            line |= {**style.EndStyle(i), "linestyle": line["linestyle"]}
-            name = f"{name} (diverges at {run.time[-1]:.3g} s)"
-        handles.append(style.Key(name, **line))
+    """Adds the legend of runs, of the command and of the events that are marked."""
+    handles = _RunKeys(recordings) if names_runs else []
     if any(row.command is not None for row in rows):
         handles.append(style.Key("commanded velocity", **_COMMAND_STYLE))
     for event, (marker, label) in _EVENTS.items():

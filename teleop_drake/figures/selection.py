@@ -74,7 +74,8 @@ def _RowsOf(signal: str, sizes: Sequence[int], num_runs: int) -> list[SignalRow]
     if len(set(sizes)) > 1:
         Refuse("signals", signal, f"of one size in all runs, not of {sorted(sizes)}")
     (size,) = set(sizes)
-    unit, name = UnitOf(signal), signal.replace("_", " ")
+    unit = UnitOf(signal)
+    name = signal.replace("_", " ")
     if num_runs == 1 and size > 1 and unit is None:
         row = SignalRow(label=name, unit="", signal=signal, components=range(size))
         return [dataclasses.replace(row, symbol="c")]

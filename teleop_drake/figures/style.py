@@ -267,7 +267,8 @@ def CellEdges(centres: np.ndarray) -> np.ndarray:
     if len(centres) == 1:
         return np.asarray(centres[0] + np.array([-0.5, 0.5]))
     inner = (centres[1:] + centres[:-1]) / 2
-    first, last = 2 * centres[0] - inner[0], 2 * centres[-1] - inner[-1]
+    first = 2 * centres[0] - inner[0]
+    last = 2 * centres[-1] - inner[-1]
     return np.concatenate([[first], inner, [last]])
 
 

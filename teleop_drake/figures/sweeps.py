@@ -73,7 +73,8 @@ def _DrawMetric(
     grid: SweepGrid, result: SweepResult, metric: str, axes: np.ndarray
 ) -> set[str]:
     """Draws a metric into its panels; returns the names of the marks there."""
-    values, status = grid.Arrange(result.Values(metric)), grid.Arrange(result.Status())
+    values = grid.Arrange(result.Values(metric))
+    status = grid.Arrange(result.Status())
     is_diverged = status == "diverged"
     is_missing = (status == "completed") & np.isnan(values)
     if metric.startswith("diverged"):
@@ -87,7 +88,8 @@ def _DrawMetric(
     if values.shape[2] > MAX_NAMED_LINES:
         marked = {}
     for *index, i in np.ndindex(values.shape[:3]):
-        ax, line = axes[tuple(index)], grid.LineStyle(i)
+        ax = axes[tuple(index)]
+        line = grid.LineStyle(i)
         if i == 0:
             style.FormatAxes(ax)
         y = values[(*index, i)] * scale
@@ -177,7 +179,8 @@ def _DrawSeeds(ax: Axes, result: SweepResult, metric: str) -> None:
             ends = [i - 0.35, i + 0.35]
             ax.plot(ends, [np.median(y)] * 2, color=color, linewidth=1.2)
             ax.vlines(i, *MedianInterval(y), color=color, linewidth=2.4)
-        if missing := len(row) - y.size:
+        missing = len(row) - y.size
+        if missing > 0:
             ax.text(
                 i,
                 0.02,

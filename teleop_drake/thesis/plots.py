@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.environments.surface import CONTACT, FindSurface, MaterialAt, Surface
+from teleop_drake.figures.layout import MakePanels, NameX
 from teleop_drake.figures.runs import PlotRows
 from teleop_drake.figures.style import (
     BOUNDARY_STYLE,
@@ -40,10 +41,9 @@ LEGEND_HEIGHT = 0.7  # inches
 
 def TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, list[Axes]]:
     """Returns empty panels against time, with first puncture and contact marked."""
-    figure = Figure(
-        figsize=(WIDTH, ROW_HEIGHT * num_rows + LEGEND_HEIGHT), layout="constrained"
-    )
-    axes = list(figure.subplots(num_rows, 1, sharex=True, squeeze=False)[:, 0])
+    height = ROW_HEIGHT * num_rows + LEGEND_HEIGHT
+    figure, panels = MakePanels(num_rows, 1, height=height, share_x="all")
+    axes = list(panels[:, 0])
     for ax in axes:
         FormatAxes(ax)
         ax.set_xlim(0.0, float(recording.time[-1]))
@@ -52,7 +52,7 @@ def TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, list[Axes]]
                 ax.axvline(time, **BOUNDARY_STYLE)
                 if ax is axes[0]:
                     NameAbove(ax, time, name)
-    axes[-1].set_xlabel("time [s]", fontsize=FONT_SIZE)
+    NameX(axes[-1:], "time [s]")
     return figure, axes
 
 
@@ -76,9 +76,9 @@ def PlotStiffness(runs: ThesisRuns) -> Figure:
     contact = FindSurface(surfaces, CONTACT)
     assert contact is not None
     surface = float(contact.point_W[0])
-    figure = Figure(figsize=(WIDTH, ROW_HEIGHT + LEGEND_HEIGHT), layout="constrained")
     # Bone is 15000 times as stiff as tissue: each panel has the scale of one of them.
-    tissue, bone = figure.subplots(1, 2)
+    figure, panels = MakePanels(1, 2, height=ROW_HEIGHT + LEGEND_HEIGHT)
+    tissue, bone = panels[0]
     _DrawStiffness(tissue, surfaces, 0.0, surface)
     tissue.set_xlabel("position $x$ [mm]", fontsize=FONT_SIZE)
     _DrawStiffness(bone, surfaces, surface - 2e-5, surface + 6e-5)
@@ -97,7 +97,8 @@ def _DrawStiffness(
     FormatAxes(ax)
     # Both sides of a jump.
     edges = [low, *(start for start in starts if low < start < high), high]
-    x, force = [], []
+    x = []
+    force = []
     for begin, end in itertools.pairwise(edges):
         material = MaterialAt(surfaces, [begin])
         assert material is not None

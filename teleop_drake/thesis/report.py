@@ -110,7 +110,8 @@ def Reproduce(
     runs = runs or ThesisRuns(progress)
     if only is None:
         formats = list(dict.fromkeys([*formats, "svg"]))
-    paths, commands = [], {}
+    paths = []
+    commands = {}
     for figure in figures:
         runs.used.clear()
         paths += WritePicture(figure.make(runs), out / figure.stem, formats)

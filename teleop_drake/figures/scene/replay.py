@@ -28,7 +28,9 @@ from teleop_drake.validation import Refuse
 
 # Slow motion begins so long before a puncture or a contact, and ends so long after it
 # has been felt, s. Of a run that bounces the first contacts are shown so.
-_SLOW_BEFORE, _SLOW_AFTER, _NUM_SLOW = 0.05, 0.15, 3
+_SLOW_BEFORE = 0.05
+_SLOW_AFTER = 0.15
+_NUM_SLOW = 3
 
 _PANEL = "position: fixed; top: 0; padding: 8px 14px; font: 13px/1.4 Arial; "
 _PANEL += "background: #ffffffb0"
@@ -126,7 +128,8 @@ def _Panel(title: str, recordings: Mapping[str, Recording]) -> str:
         notes = []
         if FindOperator(run):
             loop = run.teleoperation
-            there, back = loop.forward_channel.delay, loop.return_channel.delay
+            there = loop.forward_channel.delay
+            back = loop.return_channel.delay
             notes.append(f"{there:g} s forward, {back:g} s back")
         if run.termination != "completed":
             notes.append(f"{run.termination} at {run.time[-1]:.3g} s")

@@ -39,24 +39,32 @@ _SHOWN_WIDTH = 2.0
 
 # Shares of the width: the ghost's height above the robot, the distance of one run from
 # the next one, the margins before the start and behind the last surface.
-_GHOST, _PITCH = 0.2, 0.42
-_BEFORE, _BEHIND = 0.25, 0.3
+_GHOST = 0.2
+_PITCH = 0.42
+_BEFORE = 0.25
+_BEHIND = 0.3
 
 # Shares of the width: the slabs' depth, how far they reach beyond tool and ghost, and
 # how thick a surface without a known material is.
-_DEPTH, _OVERLAP, _PLATE = 0.26, 0.07, 0.01
+_DEPTH = 0.26
+_OVERLAP = 0.07
+_PLATE = 0.01
 
 # Shares of the width: the tool's radius, the longest arrow and its height above the
 # tool.
-_TOOL, _ARROW, _ABOVE = 0.009, 0.3, 0.04
+_TOOL = 0.009
+_ARROW = 0.3
+_ABOVE = 0.04
 
 # How much further than the last surface the tool is seen, as a share of the way there:
 # if something hard stops it, and if not.
-_STOPPED, _FREE = 0.5, 4.0
+_STOPPED = 0.5
+_FREE = 4.0
 
 # Least width of what the tool does, as a share of its distance from the robot's base:
 # with one or two axes, and in space, where the arm beside the tool tells more.
-_LEAST_SHARE, _LEAST_SHARE_IN_SPACE = 0.2, 0.8
+_LEAST_SHARE = 0.2
+_LEAST_SHARE_IN_SPACE = 0.8
 
 _FIELD_OF_VIEW = 30.0  # degrees
 
@@ -152,7 +160,8 @@ def AnimateRuns(recordings: Mapping[str, Recording], meshcat: Meshcat) -> Stage:
         if "joint_position" in run:
             guesses = run.Interpolate("joint_position", times)
         for name, (positions, forces) in shown.items():
-            figure, is_ghost = f"{path}/{name}", name == "ghost"
+            figure = f"{path}/{name}"
+            is_ghost = name == "ghost"
             looks = RunColor(i), GHOST_OPACITY if is_ghost else 1.0
             _AddFigure(meshcat, figure, visuals, stage, looks)
             height = stage.Up(stage.ghost_height if is_ghost else 0.0)
@@ -184,7 +193,8 @@ def _Draw(
     """
     for body, X_WB in visuals.BodyPoses(visuals.Pose(p_WT, q)).items():
         animation.SetTransform(frame, f"{path}/{body}", X_WB)
-    p_W, size = visuals.InSpace(p_WT), float(np.linalg.norm(force))
+    p_W = visuals.InSpace(p_WT)
+    size = float(np.linalg.norm(force))
     animation.SetTransform(frame, f"{path}/tip", RigidTransform(p_W))
     # An arrow without length has no direction.
     z_W = InSpace(force) if size > 1e-6 else stage.X_WS.rotation().col(0)
@@ -207,7 +217,8 @@ def _Figures(run: Recording, times: Array) -> dict[str, tuple[Array, Array]]:
 
     # What is recorded is the force of the tool on the environment.
     figures = {"robot": (At("tool_position"), -At("environment_force"))}
-    if (operator := FindOperator(run)) is not None:
+    operator = FindOperator(run)
+    if operator is not None:
         felt, force = operator
         figures["ghost"] = At(felt), At(force)
     return figures
@@ -242,12 +253,15 @@ def _MakeStage(runs: Sequence[Recording], visuals: RobotVisuals) -> Stage:
     # wherever the tool goes.
     parallel = [x for x in surfaces if x.normal_W @ normal > 0.99]
     depths = [x for x in (_Ahead(y, points_W[0]) for y in parallel) if np.isfinite(x)]
-    low, high = min([0.0, *depths]), max([0.0, *depths])
-    x_S, limit = np.array([1.0, 0.0, 0.0]), np.full(3, np.inf)
+    low = min([0.0, *depths])
+    high = max([0.0, *depths])
+    x_S = np.array([1.0, 0.0, 0.0])
+    limit = np.full(3, np.inf)
     if depths:
         is_free = FindSurface(surfaces, CONTACT) is None
         limit = x_S * (_FREE if is_free else _STOPPED) * (high - low)
-    begin, end = start + low * x_S, start + high * x_S
+    begin = start + low * x_S
+    end = start + high * x_S
     points = np.clip(points, begin - limit, end + limit)
     begin = np.minimum(begin, points.min(axis=0))
     end = np.maximum(end, points.max(axis=0))
@@ -303,12 +317,15 @@ def _AddSlabs(
 
     An unknown material is a thin plate.
     """
-    centre_W, width = stage.X_WS.translation(), stage.width
+    centre_W = stage.X_WS.translation()
+    width = stage.width
     height = (stage.ghost_height + 2 * _OVERLAP) * width
 
     for surface in surfaces:
-        begin, normal = _Ahead(surface, centre_W), surface.normal_W
-        low, high = max(begin, -width / 2), width / 2
+        begin = _Ahead(surface, centre_W)
+        normal = surface.normal_W
+        low = max(begin, -width / 2)
+        high = width / 2
         if surface.material is None:
             high = begin + _PLATE * width
         parallel = [x for x in surfaces if x.normal_W @ normal > 0.99]
@@ -337,14 +354,16 @@ def _AddFigure(
     """Adds a robot, of the given looks where its model gives none, and its arrow."""
     for part in visuals.parts:
         own = looks
-        if (rgba := part.rgba) is not None:
+        rgba = part.rgba
+        if rgba is not None:
             own = to_hex((rgba.r(), rgba.g(), rgba.b())), rgba.a() * looks[1]
         name = f"{path}/{part.body or 'world'}/{part.name}"
         _Add(meshcat, name, part.shape, own, part.X_BG)
     width = stage.width
     _Add(meshcat, f"{path}/tip/ball", Sphere(_TOOL * width), looks)
     # The cone's point is at its origin, and z leads to its base.
-    length, head = _ARROW * width, 0.04 * width
+    length = _ARROW * width
+    head = 0.04 * width
     shaft = Cylinder(0.008 * width, length - head)
     middle = RigidTransform([0.0, 0.0, (length - head) / 2])
     _Add(meshcat, f"{path}/force/shaft", shaft, (FORCE_COLOR, 1.0), middle)

@@ -107,7 +107,8 @@ class RobotVisuals:
             p_WT: Along the task axes, m (n).
             q: Joint positions to begin from (nq).
         """
-        p, q = np.asarray(p_WT, dtype=float)[:3], np.array(q, dtype=float)
+        p = np.asarray(p_WT, dtype=float)[:3]
+        q = np.array(q, dtype=float)
         if self._plant is None:
             return q
         size = float(np.linalg.norm(self.Tool(q))) or 1.0

@@ -33,7 +33,8 @@ def _NetworkAdapts(runs: ThesisRuns, case: str) -> Found:
 
 
 def _CoarseEstimate(runs: ThesisRuns) -> Found:
-    run, silent = runs(NETWORKS[0]), runs(NETWORKS[0], NO_ADAPTATION)
+    run = runs(NETWORKS[0])
+    silent = runs(NETWORKS[0], NO_ADAPTATION)
     force = np.linalg.norm(run.recording["environment_force"], axis=1)
     off = math.hypot(*run["disturbance_rms_error"]) / Rms(run.recording, force)
     x, z = _Ratios("rms_error", run, silent)

@@ -53,7 +53,8 @@ def _DirectPosition(runs: ThesisRuns, case: str) -> Found:
 
 def _DirectUnstable(runs: ThesisRuns, case: str, axis: str) -> Found:
     recording = OfCase(runs, case).direct.recording
-    contact, end = FirstEvent(recording, "contact"), float(recording.time[-1])
+    contact = FirstEvent(recording, "contact")
+    end = float(recording.time[-1])
     p = recording["tool_position"][:, "xy".index(axis)]
     away = np.abs(p - p[np.searchsorted(recording.time, contact)])
     windows = ((contact, contact + 2.0), (end - 2.0, end))
@@ -77,7 +78,8 @@ def _StableOnBone(runs: ThesisRuns, case: str) -> Found:
 
 def _DampsOut(runs: ThesisRuns) -> Found:
     run = OfCase(runs, "II").adaptive
-    hits, settling = ImpactForces(run.recording), run[SETTLING]
+    hits = ImpactForces(run.recording)
+    settling = run[SETTLING]
     return Found(
         settling is not None and all(b < a for a, b in itertools.pairwise(hits)),
         f"{Listed(hits)} N; settled after {Seconds(settling)}",
@@ -92,7 +94,8 @@ def _DirectImpactsGrow(runs: ThesisRuns) -> Found:
 
 def _LargerGains(runs: ThesisRuns) -> Found:
     gains = [{"controller.G1": 4.0 * x, "controller.G2": 30.0 * x} for x in (1.5, 2)]
-    times, errors = [], []
+    times = []
+    errors = []
     for delay in ({}, Delay(0.0)):
         tried = [runs(CASES["II"], ADAPTIVE, x, delay) for x in ({}, *gains)]
         times.append(", ".join(Seconds(x[SETTLING]) for x in tried))

@@ -46,7 +46,8 @@ def _NoOvershoot(runs: ThesisRuns) -> Found:
 
 def _DirectOscillates(runs: ThesisRuns) -> Found:
     run = OfCase(runs, "I").direct
-    recording, puncture = run.recording, run.Number("puncture.time")
+    recording = run.recording
+    puncture = run.Number("puncture.time")
     v_x = recording["tool_velocity"][:, 0]
     is_above = v_x[During(recording, 0.0, puncture)] > V_D
     crossings = int(np.count_nonzero(np.diff(is_above)))
@@ -62,9 +63,11 @@ def _DirectFaster(runs: ThesisRuns) -> Found:
 
 
 def _DirectDiverges(runs: ThesisRuns) -> Found:
-    full, inside = runs(CASES["I"], DIRECT), OfCase(runs, "I").direct
+    full = runs(CASES["I"], DIRECT)
+    inside = OfCase(runs, "I").direct
     recording = inside.recording
-    puncture, end = inside.Number("puncture.time"), float(recording.time[-1])
+    puncture = inside.Number("puncture.time")
+    end = float(recording.time[-1])
     early = float(Amplitude(recording, puncture, puncture + 1.0)[1])
     late = float(Amplitude(recording, end - 1.0, end)[1])
     return Found(

@@ -97,7 +97,9 @@ class Claim:
         verdict = REPRODUCED if found.holds else REFUTED
         if found.holds is None:
             verdict = NOT_DETERMINABLE
-        criterion, thesis, ours = self.criterion, "no number", str(found.ours)
+        criterion = self.criterion
+        thesis = "no number"
+        ours = str(found.ours)
         if self.printed is not None:
             number = _SCALES[self.unit] * float(found.ours)
             verdict = self._VerdictOf(number, bool(found.holds))

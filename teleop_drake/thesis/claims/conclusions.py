@@ -60,7 +60,8 @@ _ENVIRONMENTS: dict[str, tuple[str, Change]] = {
 
 def _ComparableWithoutDelay(runs: ThesisRuns) -> Found:
     both = runs.ShortOfBoth(_THIRD, Delay(0.0))
-    overshoot, largest = both.Numbers(_OVERSHOOT), both.Numbers(_LARGEST)
+    overshoot = both.Numbers(_OVERSHOOT)
+    largest = both.Numbers(_LARGEST)
     text = f"overshoot: {Pair(*overshoot, 'm/s')}; force: {Pair(*largest, 'N')}"
     return Found(all(0.5 < d / a < 2.0 for d, a in (overshoot, largest)), text)
 
@@ -193,7 +194,8 @@ def _OrNever(run: Run, metric: str) -> float:
 def _AdaptationMatters(runs: ThesisRuns) -> Found:
     changes = {}
     for name in TASKS:
-        silent, run = runs.Short(name, ADAPTIVE, NO_ADAPTATION), runs(name, ADAPTIVE)
+        silent = runs.Short(name, ADAPTIVE, NO_ADAPTATION)
+        run = runs(name, ADAPTIVE)
         for metric in (*_COMPARED, "collision.rebound_velocity", _SETTLING):
             if silent[metric] is not None:
                 ratio = silent.Number(metric) / run.Number(metric)

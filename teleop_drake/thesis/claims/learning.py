@@ -52,7 +52,8 @@ def UnrepresentedShare(
             of the run and as wide as their spacing.
         count: Of basis functions per axis; None: that of the run.
     """
-    rate, Phi = ForceRate(recording), BasisFunctions(recording, count)
+    rate = ForceRate(recording)
+    Phi = BasisFunctions(recording, count)
     if num_speeds > 1:
         v = recording["tool_velocity"][:, :1]
         centres, spacing = np.linspace(v.min(), v.max(), num_speeds, retstep=True)
@@ -61,7 +62,8 @@ def UnrepresentedShare(
     # The trapezoidal rule's weight of each sample.
     steps = np.diff(recording.time)
     root = np.sqrt(np.append(steps, 0.0) + np.append(0.0, steps))
-    A, b = root[:, np.newaxis] * Phi, root * rate
+    A = root[:, np.newaxis] * Phi
+    b = root * rate
     weights = np.linalg.lstsq(A, b, rcond=1e-6)[0]
     return float(np.linalg.norm(b - A @ weights) / np.linalg.norm(b))
 
@@ -78,13 +80,15 @@ def WeightDrift(scenario: Scenario, points: ArrayLike) -> np.ndarray:
     Raises:
         ScenarioError: If the robot does not reach a point.
     """
-    robot, n = scenario.robot, scenario.num_axes
+    robot = scenario.robot
+    n = scenario.num_axes
     assert isinstance(robot, PlantRobotConfig)
     Lambda = GainMatrix(scenario.controller.Lambda, n)
     D_e = scenario.Facts().Told("environment_damping", "environment")
     plant = robot.LoadPlant()
     context = plant.CreateDefaultContext()
-    tool, world = plant.GetFrameByName(TOOL), plant.world_frame()
+    tool = plant.GetFrameByName(TOOL)
+    world = plant.world_frame()
     drifts = []
     for p_WT in np.asarray(points, dtype=float):
         q = SolveInverseKinematics(plant, p_WT, robot.Posture(plant))

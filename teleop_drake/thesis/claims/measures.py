@@ -26,7 +26,8 @@ def ImpactForces(recording: Recording) -> list[float]:
     """Returns the largest force of each contact that begins and ends, and the last."""
     surface = recording.FindSurface(CONTACT)
     assert surface is not None
-    time, F = recording.time, surface.Along(recording["environment_force"])
+    time = recording.time
+    F = surface.Along(recording["environment_force"])
     touches = surface.Depth(recording["tool_position"]) >= 0
     begins = np.flatnonzero(np.diff(touches.astype(int)) == 1) + 1
     ends = [*begins[1:], len(time)]
@@ -86,7 +87,8 @@ def ForceRate(recording: Recording) -> np.ndarray:
         np.array([*(getattr(material, name) for material in materials), 0.0])[index]
         for name in ("stiffness", "damping")
     )
-    v, a = recording["tool_velocity"][:, 0], recording["tool_acceleration"][:, 0]
+    v = recording["tool_velocity"][:, 0]
+    a = recording["tool_acceleration"][:, 0]
     return np.asarray(k * v + d * a)
 
 
@@ -120,7 +122,8 @@ def Late(recording: Recording, values: np.ndarray) -> np.ndarray:
 
 def UnlearnedShare(recording: Recording) -> float:
     """Returns the rms of dF_e/dt - W3 Phi over that of dF_e/dt, along x."""
-    rate, Phi = ForceRate(recording), BasisFunctions(recording)
+    rate = ForceRate(recording)
+    Phi = BasisFunctions(recording)
     W3_x = recording["weights_3"][:, : Phi.shape[1]]
     estimate = np.einsum("tk,tk->t", W3_x, Phi)
     return Rms(recording, rate - estimate) / Rms(recording, rate)

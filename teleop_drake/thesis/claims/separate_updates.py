@@ -32,7 +32,8 @@ def SeparateRate(gains: BacksteppingGains, *taken: Any) -> Array:
     offset = Psi_inv @ (state.W1 @ Phi + gains.G1 @ s)
     z = state.F_c - F_e + offset
     share = (gains.G1.T @ (Psi_inv.T @ z))[:, np.newaxis]
-    W1, Psi = gains.beta1 * share * Phi, gains.beta2 * share * (state.F_c - F_e)
+    W1 = gains.beta1 * share * Phi
+    Psi = gains.beta2 * share * (state.F_c - F_e)
     # The rates of W1 and Psi stand in alpha' too (4.31, 5.30).
     F_c = Psi_inv @ (Psi @ offset - W1 @ Phi)
     return pack_state(
