@@ -6,8 +6,11 @@ b, a force H(z) of the sampled position, held for T, is passive if and only if
 
     b > T/2 Re((1 - e^(-j w T)) H(e^(j w T)))/(1 - cos w T)    for 0 <= w <= pi/T.
 
-For H = K + B (z - 1)/(T z) that is b > K T/2 + |B|. Two equal joints that move against
-each other are one joint with the springs K and H = K/z: b > 3 K T/2.
+For H = K + B (z - 1)/(T z) that is b > K T/2 + |B|, for one joint on a fixed wall. Two
+equal joints that move against each other are one joint: with the springs K and H = K/z
+if the drive of each closes its own loop, b > 3 K T/2, and with 2 H if a host ties both,
+b > K T + 2 |B|. A force that acts one cycle late has three times the spring's share:
+3 K T/2 on the wall, 3 K T for the tied pair.
 """
 
 import re
@@ -16,6 +19,8 @@ import numpy as np
 import pytest
 from documentation import ROOT
 from grids import Slow
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import AffineSystem, MatrixGain, ZeroOrderHold
 from scipy.optimize import brentq
 from scipy.signal import cont2discrete
 
@@ -53,6 +58,28 @@ def wall(T, B, *, m, k_e, b=0.1, K=K):
     cycle[:2, 2] = G[:, 0] * B / T
     cycle[2, 0] = 1
     return cycle, np.append(G, 0)
+
+
+def host(T, *, b=b, B=0.0, K=K, m=M, k_e=0.0, late=False, tied=True):
+    """The map from one cycle to the next of two joints that a host drives.
+
+    The state is [x_1, v_1, x_2, v_2, both positions of the cycle before], with the two
+    forces of the cycle before behind it if they act a cycle late. The host ties the two
+    joints to each other, or else each of them to a fixed wall. A hand with the
+    stiffness k_e holds each joint.
+    """
+    joint = [[0, 1], [-k_e / m, -b / m]]
+    A, G = np.kron(np.eye(2), joint), np.kron(np.eye(2), [[0], [1 / m]])
+    A, G, *_ = cont2discrete((A, G, np.eye(4), np.zeros((4, 2))), T, "zoh")
+    positions = np.eye(4)[[0, 2]]
+    tie = np.array([[1, -1], [-1, 1]]) if tied else np.eye(2)
+    forces = np.hstack([-(K + B / T) * tie @ positions, B / T * tie])
+    if not late:
+        return np.block([[np.hstack([A, np.zeros((4, 2))]) + G @ forces],
+                         [positions, np.zeros((2, 2))]])  # fmt: skip
+    return np.block([[A, np.zeros((4, 2)), G],
+                     [positions, np.zeros((2, 4))],
+                     [forces, np.zeros((2, 2))]])  # fmt: skip
 
 
 def radius(cycle):
@@ -123,6 +150,89 @@ def test_colgate_and_schenkel_where_the_host_closes_the_loop(B, above):
     assert worst(0.98 * bound) < 1 < worst(above * bound)
 
 
+WIRINGS = {
+    "one joint, fixed wall": ({"tied": False}, 1 / 2),
+    "two joints, tied at both ends": ({"tied": True}, 1),
+    "one joint, fixed wall, a cycle of computing": (
+        {"tied": False, "late": True},
+        3 / 2,
+    ),
+    "two joints, tied at both ends, a cycle of computing": (
+        {"tied": True, "late": True},
+        3,
+    ),
+}
+"""The wirings of a host, as the page names them, and b/(K T) at their condition."""
+
+
+def longest_cycle_of_host(wiring, *, K=K):
+    """The cycle in s from which on the map grows without a hand."""
+    return brentq(lambda T: radius(host(T, K=K, **wiring)) - 1, 1e-5, 0.02)
+
+
+@pytest.mark.parametrize(("wiring", "share"), WIRINGS.values(), ids=WIRINGS)
+def test_the_condition_of_each_wiring_of_a_host(wiring, share):
+    """The least friction of the exact map is the condition's, but for the inertia."""
+    T = 1e-3
+    least = brentq(lambda b: radius(host(T, b=b, **wiring)) - 1, 1e-3, 1.0)
+    assert least == pytest.approx(share * K * T, rel=5e-3)
+    assert least < share * K * T
+
+
+def test_the_walls_condition_does_not_hold_for_two_tied_joints():
+    assert radius(host(1e-3, b=1.05 * K * 1e-3 / 2, tied=False)) < 1
+    assert radius(host(1e-3, b=1.05 * K * 1e-3 / 2, tied=True)) > 1
+
+
+@pytest.mark.parametrize(
+    ("B", "late", "above"), [(0.0, False, 1.02), (0.02, False, 1.5), (0.0, True, 1.02)]
+)
+def test_two_tied_joints_in_any_hands(B, late, above):
+    """Stable with every mass and hand below the bound, and not with all above."""
+    bound = (b - 2 * B) / ((3 if late else 1) * K)
+
+    def worst(T):
+        return max(
+            radius(host(T, B=B, late=late, m=m, k_e=m * (share * np.pi / T) ** 2))
+            for m in np.geomspace(1e-5, 1, 12)
+            for share in np.linspace(0, 1, 21)
+        )
+
+    assert worst(0.98 * bound) < 1 < worst(above * bound)
+
+
+@pytest.mark.parametrize("share", [0.97, 1.03])
+def test_two_joints_tied_by_a_host_shake_beyond_the_longest_cycle(share):
+    """A Diagram of Drake's blocks: the package runs what the map describes."""
+    T = share * longest_cycle_of_host({"tied": True})
+    joint = [[0, 1], [0, -b / M]]
+    tie = K * np.array([[-1, 0, 1, 0], [1, 0, -1, 0]])
+    builder = DiagramBuilder()
+    joints = AffineSystem(
+        A=np.kron(np.eye(2), joint),
+        B=np.kron(np.eye(2), [[0], [1 / M]]),
+        f0=[0, 1, 0, 0],  # A push on the first joint, m/s^2.
+        C=np.eye(4),
+        D=np.zeros((4, 2)),
+        y0=np.zeros(4),
+    )
+    builder.AddNamedSystem("joints", joints)
+    host_forces = builder.AddNamedSystem("host", MatrixGain(tie))
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(T, 2))
+    builder.Connect(joints.get_output_port(), host_forces.get_input_port())
+    builder.Connect(host_forces.get_output_port(), hold.get_input_port())
+    builder.Connect(hold.get_output_port(), joints.get_input_port())
+    builder.ExportOutput(joints.get_output_port(), "motion")
+    recording = simulate(builder.Build(), duration=3.1)
+
+    def swing(start):
+        motion = recording.Interpolate("motion", start + np.linspace(0, 0.1, 200))
+        return np.ptp(motion[:, 1] - motion[:, 3])
+
+    first, last = swing(2.0), swing(3.0)
+    assert (last < first) == (share < 1)
+
+
 @pytest.mark.parametrize("share", [0.9, 1.1])
 def test_the_encoder_samples_as_theirs_does(share):
     """A leader that is held fast is a wall to the follower."""
@@ -145,11 +255,31 @@ def test_the_encoder_samples_as_theirs_does(share):
     assert (swing[1] > swing[0]) == (share > 1)
 
 
-def test_the_page_says_these_numbers():
-    page = (ROOT / "teleop_drake/docs/leader_follower.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (\d+) \| ([\d.]+) \| ([\d.]+) \|$", page, re.MULTILINE)
-    assert len(rows) == 3 and len(page.split()) <= 350
-    for stiffness, friction, *cycles in [(float(K), b, *x) for K, *x in rows]:
-        simple = 2e3 * friction / (3 * stiffness)
-        exact = 1e3 * longest_cycle(K=stiffness)
-        assert [float(x) for x in cycles] == pytest.approx([simple, exact], rel=6e-3)
+def page():
+    return (ROOT / "teleop_drake/docs/leader_follower.md").read_text(encoding="utf-8")
+
+
+def test_the_page_is_short():
+    assert len(page().split()) <= 510
+
+
+@pytest.mark.parametrize("stiffness", [50.0, 100.0, 200.0])
+def test_the_page_says_the_cycles_of_the_bus(stiffness):
+    row = rf"^\| {stiffness:g} \| ([\d.]+) \| ([\d.]+) \|$"
+    (found,) = re.findall(row, page(), re.MULTILINE)
+    expected = [2 * b / (3 * stiffness), longest_cycle(K=stiffness)]
+    assert [float(x) for x in found] == pytest.approx(
+        [1e3 * T for T in expected], rel=1e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "wiring", "share"), [(k, *v) for k, v in WIRINGS.items()]
+)
+def test_the_page_says_the_cycles_of_a_host(name, wiring, share):
+    row = rf"^\| host: {name} \|.*\| ([\d.]+) \| ([\d.]+) \|$"
+    (found,) = re.findall(row, page(), re.MULTILINE)
+    expected = [b / (share * K), longest_cycle_of_host(wiring)]
+    assert [float(x) for x in found] == pytest.approx(
+        [1e3 * T for T in expected], rel=1e-3
+    )
