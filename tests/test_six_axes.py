@@ -6,11 +6,13 @@ and scipy. The operator commands a constant twist, and delays go by the method o
 The rate of the basis functions and the slopes of the tissue's energy are differences.
 """
 
+import functools
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from documentation import ROOT
 from energies import ChannelEnergy
 from grids import Slow
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
@@ -24,6 +26,7 @@ import teleop_drake
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.environments.base import ForceAt
 from teleop_drake.environments.needle_path import NeedleInTissue
+from teleop_drake.laws.needle import path_error
 from teleop_drake.laws.task_space import (
     displacement,
     position_rate,
@@ -368,15 +371,100 @@ def test_the_tissue_has_an_energy():
         np.testing.assert_allclose(ForceAt(dut, r, v), expected, rtol=1e-5, atol=1e-6)
 
 
-def test_a_needle_that_is_not_turned_is_pushed_and_twisted_more():
-    name, kind = "puma560_six_axes", {"controller.kind": "damped_force"}
-    straight = [[0.04, 0, 0, 0, 0, 0], [0.14, 0, -0.01, 0, 0, 0]]
-    runs = [
-        simulate(LoadScenario(name, {**kind, **more}))
-        for more in ({}, {"surgeon.waypoints": straight})
-    ]
-    peaks = [np.abs(run["environment_force"][:, [2, 4]]).max(axis=0) for run in runs]
-    assert (peaks[1] > 1.5 * peaks[0]).all()
+@pytest.fixture(scope="module")
+def needle_task(tmp_path_factory):
+    """Makes the task, by a hand that turns the needle or by one that never does.
+
+    The tip is commanded alike by both: the second is the first, recorded, with the
+    angular velocity left out.
+    """
+    name, file = "puma560_six_axes", tmp_path_factory.mktemp("hand") / "hand.csv"
+    turning = simulate(LoadScenario(name, {"controller.kind": "direct_force"}))
+    times = np.linspace(0, turning.time[-1], 321)
+    twists = turning.Interpolate("forward_packet_sent", times)[:, 6:]
+    twists[:, 3:] = 0
+    np.savetxt(file, np.column_stack([times, twists]), delimiter=",")
+
+    def Make(kind, turns):
+        overrides = {"controller.kind": kind}
+        if not turns:
+            hand = {"kind": "recorded", "file": str(file), "waypoints": []}
+            overrides |= {f"surgeon.{key}": value for key, value in hand.items()}
+        return LoadScenario(name, overrides)
+
+    return Make
+
+
+def needle_error(scenario, r):
+    """The rms distance of the needle from the path, by quadrature, m."""
+    entry = np.array([scenario.environment.start, *scenario.robot.start[1:3]])
+    depth, u = r[0] - entry[0], turn_by(r[3:]).apply([1.0, 0, 0])
+    if depth <= 0:
+        return 0.0
+    xi = np.linspace(0, depth, 201)
+    needle = r[:3] + np.outer((xi - depth) / u[0], u)
+    path = entry + np.outer(xi, [1, 0, 0])
+    path += np.outer(xi**2 / 2, scenario.environment.bend)
+    squares = ((needle - path) ** 2).sum(axis=1)
+    return np.sqrt(np.trapezoid(squares, xi) / depth)
+
+
+@pytest.fixture(scope="module")
+def needle_scores(needle_task):
+    """Returns the rms of needle_error over the time in tissue, mm, and max |F_z|, N."""
+
+    @functools.cache
+    def Score(kind, turns):
+        scenario = needle_task(kind, turns)
+        recording = simulate(scenario, engine="compiled")
+        assert recording.termination == "completed"
+        times = np.linspace(0, recording.time[-1], 401)
+        positions = recording.Interpolate("tool_position", times)
+        inside = positions[positions[:, 0] > scenario.environment.start]
+        errors = np.array([needle_error(scenario, r) for r in inside])
+        force = np.abs(recording["environment_force"][:, 2]).max()
+        return 1e3 * np.sqrt(np.mean(errors**2)), force
+
+    return Score
+
+
+def test_the_run_ends_after_the_path():
+    scenario = LoadScenario("puma560_six_axes")
+    end = scenario.surgeon.Path()[0][-1]
+    assert end + 2 < scenario.duration
+
+
+def test_path_error_is_the_quadrature():
+    scenario, rng = LoadScenario("puma560_six_axes"), np.random.default_rng(2)
+    path = scenario.environment.Path(scenario.robot.start)
+    for depth in (-0.01, 0.02, 0.1):
+        r = np.append(path.entry, 0.2 * rng.normal(size=3))
+        r[:3] += [depth, *rng.normal(scale=0.01, size=2)]
+        expected = needle_error(scenario, r)
+        assert path_error(path, r) == pytest.approx(expected, rel=1e-4)
+
+
+KINDS = Slow(
+    ["damped_force", "direct_force", "wave_variables", "adaptive_backstepping"], but=[0]
+)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_turning_the_needle_takes_it_nearer_to_its_path(kind, needle_scores):
+    (error, _), (straight, _) = (needle_scores(kind, x) for x in (True, False))
+    assert error < 0.75 * straight
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_page_says_how_far_the_needle_is_from_its_path(kind, needle_scores):
+    page = (ROOT / "teleop_drake/docs/robots.md").read_text(encoding="utf-8")
+    row = rf"^\| `{kind}` \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|$"
+    (found,) = re.findall(row, page, re.MULTILINE)
+    (error, force), (straight, force_straight) = (
+        needle_scores(kind, x) for x in (True, False)
+    )
+    expected = [error, straight, force, force_straight]
+    assert [float(x) for x in found] == pytest.approx(expected, rel=0.01)
 
 
 def test_the_linear_model_knows_that_a_rotation_vector_is_no_integral():

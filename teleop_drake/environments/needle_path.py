@@ -57,6 +57,20 @@ class NeedlePathConfig(EnvironmentConfig):
         """Makes the block; see EnvironmentConfig.MakeEnvironment."""
         return NeedleInTissue(self, start)
 
+    def Path(self, start: ArrayLike) -> NeedlePath:
+        """Returns the path of a needle that starts at `start`, in m (3 or more)."""
+        inwards = UnitNormal(self.direction, 3)
+        p = np.array(start, dtype=float)[:3]
+        needle = self.direction if self.needle is None else self.needle
+        return NeedlePath(
+            entry=p + (self.start - inwards @ p) * inwards,
+            inwards=inwards,
+            bend=np.array(self.bend, dtype=float),
+            needle=UnitNormal(needle, 3),
+            stiffness=float(self.stiffness),
+            drag=float(self.drag),
+        )
+
     def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
         """Returns the surface of the tissue, `entry`."""
         if np.size(start) != 6:
@@ -95,17 +109,7 @@ class NeedleInTissue(KernelBlock):
         KernelBlock.__init__(self)
         config.Check()
         self._surfaces = config.Surfaces(start)
-        inwards = UnitNormal(config.direction, 3)
-        p = np.array(start, dtype=float)[:3]
-        needle = config.direction if config.needle is None else config.needle
-        self._path = NeedlePath(
-            entry=p + (config.start - inwards @ p) * inwards,
-            inwards=inwards,
-            bend=np.array(config.bend, dtype=float),
-            needle=UnitNormal(needle, 3),
-            stiffness=float(config.stiffness),
-            drag=float(config.drag),
-        )
+        self._path = config.Path(start)
         starts = np.array([-math.inf, config.start])
         self._border = {
             "layers": starts[:, np.newaxis],
