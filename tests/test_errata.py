@@ -68,6 +68,21 @@ def test_absolute_x_is_right_in_tissue_and_wrong_on_bone():
     assert punctured.item() == pytest.approx(5.72e-4, rel=0.01)
 
 
+@pytest.mark.parametrize("task", ["one_dof", "two_dof_combined"])
+def test_stiffness_and_damping_change_with_the_material(task):
+    """k_e and d_e of (2.14), (2.15) are the layers'; the sensor is ideal."""
+    scenario = LoadScenario(task)
+    tissue, free, bone = scenario.environment.layers
+    assert (tissue.stiffness, tissue.damping) == (0.01, 0.5)
+    assert (free.stiffness, free.damping) == (0.0, 0.0)
+    assert (bone.stiffness, bone.damping) == (150.0, 0.0)
+    recording = simulate(scenario, duration=0.5)
+    x, v = (recording[f"tool_{name}"][:, 0] for name in ("position", "velocity"))
+    assert recording["environment_force"][:, 0] == pytest.approx(
+        tissue.stiffness * x + tissue.damping * v, rel=1e-9, abs=1e-15
+    )
+
+
 def test_task_space_coriolis_matrix():
     rng = np.random.default_rng(1)
     q, qdot = np.array([-0.9, 1.9]), rng.normal(size=2)
