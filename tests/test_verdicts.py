@@ -55,6 +55,27 @@ def test_rest_at_higher_rates_of_adaptation(name, task):
         assert found == pytest.approx(float(text), abs=6e-3)
 
 
+def metric_of(task, metric, **overrides):
+    """A metric of the collision without adaptation, at the study's accuracy."""
+    overrides = {f"controller.{name}": value for name, value in overrides.items()}
+    overrides["controller.kind"] = "adaptive_backstepping"
+    overrides["simulator.accuracy"] = 1e-9
+    return RunMetrics(simulate(LoadScenario(task, overrides)))["collision"][metric]
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_what_adaptation_changes(task):
+    """At most 0.5 % of the table's numbers, and 6.1 % of the settling of case II."""
+
+    def change(metric):
+        without = metric_of(task, metric, adaptation_rate=0.0)
+        return without / metric_of(task, metric) - 1
+
+    assert max(abs(change("rest_time")), abs(change("peak_force"))) < 5e-3
+    if task == "two_dof_collision":
+        assert change("settling_time") == pytest.approx(-0.061, abs=1e-3)
+
+
 @pytest.mark.parametrize("task", ["one_dof", "two_dof_combined"])
 def test_the_highest_rate_gains_little(task):
     assert 0.9 < rest_time(task, beta3=1000.0) / rest_time(task) < 1.0
