@@ -226,6 +226,7 @@ def short(kind, **overrides):
         "robot.gravity": [0, 0, 0],
         "robot.friction": 0.0,
         "environment.start": 0.6005,
+        "environment.bend": [0, 0, -2],
         "controller.network.count": [2, 1, 1, 1, 2, 1],
         "delay": DELAY,
         **overrides,
