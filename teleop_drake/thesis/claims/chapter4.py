@@ -120,3 +120,298 @@ def _DelayOfChannels(runs: ThesisRuns) -> Found:
     }
     text = ", ".join(f"{name} {trip:.3g} s" for name, trip in trips.items())
     return Found(None, text)
+
+
+# Texts of several claims.
+_FITTED = (
+    "Psi0 is fitted to this number, and decides it: `teleop-drake sweep sensitivity`."
+)
+_CONVERGED = (
+    "Ours is converged, `teleop-drake sweep tolerance`, and agrees with a "
+    "second solver. A plain solver scatters widely here at loose tolerances."
+)
+_FOLLOWS = "Follows from the fit of Psi0 to the overshoot."
+_LARGER = "With the converged value of direct force the reduction is larger."
+
+CLAIMS = [
+    *(
+        Claim(
+            key=f"4-{which}-overshoot",
+            place="section 4.2, Fig. 4.1",
+            claim=f"Velocity overshoot after the puncture, {name}.",
+            printed=printed,
+            unit="mm/s",
+            tolerance=tolerance,
+            in_kind="larger with direct force",
+            fitted=fitted,
+            reason=reason,
+            measure=partial(
+                _Number,
+                metric="puncture.velocity_overshoot",
+                which=which,
+                in_kind="larger with direct force",
+            ),
+        )
+        for which, name, printed, tolerance, reason, fitted in (
+            ("direct", "direct force", 0.472, "1 %", "No free parameter.", False),
+            ("adaptive", "adaptive", 0.26, "5 %", _FITTED, True),
+        )
+    ),
+    Claim(
+        key="4-overshoot-reduction",
+        place="section 4.2; 1 - 0.26/0.472 is 44.9 %",
+        claim="The adaptive controller reduces that overshoot by 44 %.",
+        printed=44,
+        unit="%",
+        tolerance="5 points",
+        in_kind="there is a reduction",
+        fitted=True,
+        reason=_FITTED,
+        measure=partial(_Reduction, metric="puncture.velocity_overshoot"),
+    ),
+    *(
+        Claim(
+            key=f"4-{which}-puncture-force",
+            place="section 4.2, Fig. 4.2",
+            claim=f"Sensed force at the puncture, {name}.",
+            printed=printed,
+            unit="mN",
+            tolerance=tolerance,
+            in_kind="the same in both",
+            reason=reason,
+            measure=partial(
+                _Number,
+                metric="puncture.force",
+                which=which,
+                in_kind="the same in both",
+            ),
+        )
+        for which, name, printed, tolerance, reason in (
+            ("direct", "direct force", 0.572, "1 %", "No free parameter."),
+            (
+                "adaptive",
+                "adaptive",
+                0.572,
+                "1 %",
+                "Both arrive with almost v_d, and k x + d v is then the same.",
+            ),
+        )
+    ),
+    Claim(
+        key="4-same-at-puncture",
+        place="section 4.2, Fig. 4.2",
+        claim=(
+            "Speed, and with it the sensed force, is the same in both at the puncture."
+        ),
+        criterion="both differ by less than 1 %",
+        measure=_SameAtPuncture,
+    ),
+    *(
+        Claim(
+            key=f"4-{which}-rebound",
+            place="section 4.2, Fig. 4.1",
+            claim=f"Most negative velocity at the collision, {name}.",
+            printed=printed,
+            unit="mm/s",
+            tolerance="5 %",
+            in_kind="more negative with direct force",
+            reason=reason,
+            measure=partial(
+                _Number,
+                metric="collision.rebound_velocity",
+                which=which,
+                in_kind="more negative with direct force",
+            ),
+        )
+        for which, name, printed, reason in (
+            ("direct", "direct force", -0.72, _CONVERGED),
+            ("adaptive", "adaptive", -0.658, _FOLLOWS),
+        )
+    ),
+    Claim(
+        key="4-rebound-reduction",
+        place="section 4.2; 1 - 0.658/0.72 is 8.6 %",
+        claim="The adaptive controller reduces the rebound by 9 %.",
+        printed=9,
+        unit="%",
+        tolerance="5 points",
+        in_kind="there is a reduction",
+        reason=_LARGER,
+        measure=partial(_Reduction, metric="collision.rebound_velocity"),
+    ),
+    *(
+        Claim(
+            key=f"4-{which}-first-impact",
+            place="section 4.2, Fig. 4.2",
+            claim=f"Largest force of the first impact, {name}.",
+            printed=printed,
+            unit="mN",
+            tolerance="5 %",
+            in_kind="smaller with direct force",
+            reason=reason,
+            measure=partial(
+                _Number,
+                metric="collision.initial_impact_force",
+                which=which,
+                in_kind="smaller with direct force",
+            ),
+        )
+        for which, name, printed, reason in (
+            (
+                "direct",
+                "direct force",
+                7.78,
+                (
+                    "Ours is converged, as with an undamped spring it must be: "
+                    "v_d sqrt(k m) is 8.66 mN. A plain solver scatters widely "
+                    "here at loose tolerances."
+                ),
+            ),
+            ("adaptive", "adaptive", 9.42, _FOLLOWS),
+        )
+    ),
+    *(
+        Claim(
+            key=f"4-{which}-largest-force",
+            place="section 4.2, Fig. 4.2",
+            claim=f"Largest force of all, {name}.",
+            printed=printed,
+            unit="mN",
+            tolerance="5 %",
+            in_kind="larger with direct force",
+            reason=reason,
+            measure=partial(
+                _Number,
+                metric="collision.peak_force",
+                which=which,
+                in_kind="larger with direct force",
+            ),
+        )
+        for which, name, printed, reason in (
+            ("direct", "direct force", 11.3, _CONVERGED),
+            ("adaptive", "adaptive", 9.42, _FOLLOWS),
+        )
+    ),
+    Claim(
+        key="4-force-reduction",
+        place="section 4.2; 1 - 9.42/11.3 is 16.6 %",
+        claim="The adaptive controller reduces the largest force by 16 %.",
+        printed=16,
+        unit="%",
+        tolerance="5 points",
+        in_kind="there is a reduction",
+        reason=_LARGER,
+        measure=partial(_Reduction, metric="collision.peak_force"),
+    ),
+    Claim(
+        key="4-first-impact-order",
+        place="section 4.2",
+        claim=(
+            "The adaptive controller's first impact is harder than that of "
+            "direct force, but its largest force is that of the first impact, "
+            "and lower."
+        ),
+        criterion="direct first < adaptive first = adaptive largest < direct largest",
+        measure=_ImpactOrder,
+    ),
+    Claim(
+        key="4-direct-start-overshoot",
+        place="section 4.2, Fig. 4.1",
+        claim="Direct force overshoots the commanded velocity at the start.",
+        criterion="by more than 5 % of v_d before the puncture",
+        measure=_DirectStartOvershoot,
+    ),
+    Claim(
+        key="4-no-start-overshoot",
+        place="section 4.2, 6.1",
+        claim="The adaptive controller does not overshoot at the start.",
+        criterion="less than 1 % of v_d before the puncture",
+        measure=_NoStartOvershoot,
+    ),
+    Claim(
+        key="4-tracking",
+        place="section 4.2, Fig. 4.1",
+        claim="The adaptive controller tracks the velocity much better.",
+        criterion="less than half the rms of v - v_d(t - T_f) over the run",
+        measure=partial(
+            IsLess, task="one_dof", of="velocity_rms_error", than=0.5, unit="mm/s"
+        ),
+    ),
+    Claim(
+        key="4-settling",
+        place="section 4.2, 6.1",
+        claim="The adaptive controller settles much faster on the bone.",
+        criterion=(
+            "it comes to rest (5 % of v_d) in at most half the time of direct force"
+        ),
+        reason=(
+            "Direct force pushes with a constant force on a spring without "
+            "damping. Only the slider's friction brings it to rest, later."
+        ),
+        measure=_Settling,
+    ),
+    Claim(
+        key="4-fewer-oscillations",
+        place="section 4.2, Fig. 4.2",
+        claim="The tool bounces less on the bone with the adaptive controller.",
+        criterion="fewer contacts until the end of the run",
+        measure=partial(IsLess, task="one_dof", of="contacts", unit="contacts"),
+    ),
+    Claim(
+        key="4-smooth",
+        place="section 4.2, Fig. 4.3",
+        claim="The adaptive controller's force is smooth.",
+        criterion="its largest jump is below 1 % of that of direct force",
+        reason="It is a state, so it cannot jump.",
+        measure=_Smooth,
+    ),
+    Claim(
+        key="4-far-centres",
+        place="section 4.2, Fig. 4.4 and 4.6",
+        claim="Basis functions far from the tool hardly influence the networks.",
+        criterion=(
+            "those more than two widths away say less than 10 % of the sum of "
+            "|w_i phi_i|"
+        ),
+        reason="So by construction: there phi_i is below 2 %.",
+        measure=_FarCentres,
+    ),
+    Claim(
+        key="4-adapts-quickly",
+        place="section 6.1",
+        claim="The networks adapt quickly to the unknown environment.",
+        criterion="the third network leaves less than half of dF_e/dt (rms) unlearned",
+        reason=(
+            "At an adaptation rate of 0.1 the networks stay almost silent; see "
+            "6-adaptation-matters."
+        ),
+        measure=partial(NetworksLearn, task="one_dof"),
+    ),
+    Claim(
+        key="4-no-switching",
+        place="section 1.5",
+        claim=(
+            "The controller is not switched between layers, and nothing is "
+            "trained beforehand."
+        ),
+        criterion="its force does not jump at any layer, and all weights start at 0",
+        reason="By construction: the law does not know the layers.",
+        measure=_NoSwitching,
+    ),
+    Claim(
+        key="4-delay-of-channels",
+        place="section 4.2",
+        claim="0.2 s in all is a good estimate of the delay in communication channels.",
+        criterion=(
+            "none; neither a channel nor a measure of a good estimate is named, "
+            "and the mean round trips of the networks that have a name here are "
+            "given beside it"
+        ),
+        reason=(
+            "No one number stands for all channels. Light takes as long in a "
+            "fibre to the other side of the earth and back, 2 x 20 000 km at "
+            "204 000 km/s."
+        ),
+        measure=_DelayOfChannels,
+    ),
+]
