@@ -328,7 +328,8 @@ def LoadRecording(path: str | Path) -> Recording:
             one line.
     """
     try:
-        with np.load(path, allow_pickle=False) as data:
+        # numpy leaves a file open that it opened itself and cannot read.
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
             arrays = dict(data)
         description = json.loads(str(arrays.pop("description")))
         found = description.get("format")

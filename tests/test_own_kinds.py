@@ -63,7 +63,7 @@ def test_commands(own, capsys):
 
 
 def test_show_and_list_run_nothing_of_a_scenario(tmp_path, capsys):
-    Path("mailed.py").write_text("open('ran', 'w')")
+    Path("mailed.py").write_text("open('ran', 'w').close()")
     Path("mine.yaml").write_text("duration: 1.0\nforward_channel: {kind: 'mailed:X'}\n")
     Path("link.yaml").write_text("kind: mailed:X")
     assert main(["show", "one_dof", "--set", "task=mailed:X"]) == 0

@@ -16,7 +16,7 @@ from teleop_drake.teleoperator import AddTeleoperator
 
 
 def test_import_is_light():
-    """The package imports nothing; a name imports what it needs."""
+    """The package imports no room of its own; a name imports what it needs."""
     code = (
         "import sys, teleop_drake; "
         "names = sorted(m for m in sys.modules if m.startswith('teleop_drake')); "
@@ -25,7 +25,7 @@ def test_import_is_light():
     run = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
-    assert run.stdout == "['teleop_drake'] False\n"
+    assert run.stdout == "['teleop_drake', 'teleop_drake.upper'] False\n"
 
 
 @pytest.mark.parametrize("name", dut.__all__)

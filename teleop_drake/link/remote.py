@@ -38,22 +38,23 @@ def OperateRemotely(
         ConnectionError: If the two sides have not met.
     """
     end, address = OpenSocket(connect, listens=False)
-    side = Side(
-        scenario,
-        "operator",
-        ReadKey(key),
-        end,
-        address,
-        period=period,
-        limit=limit,
-        fade=fade,
-        patience=patience,
-        say=say,
-        step=step,
-        systems=systems,
-        log_file=log_file,
-    )
-    return side.Run()
+    with end:
+        side = Side(
+            scenario,
+            "operator",
+            ReadKey(key),
+            end,
+            address,
+            period=period,
+            limit=limit,
+            fade=fade,
+            patience=patience,
+            say=say,
+            step=step,
+            systems=systems,
+            log_file=log_file,
+        )
+        return side.Run()
 
 
 def ServeRobot(
@@ -85,20 +86,21 @@ def ServeRobot(
         ConnectionError: If the two sides have not met.
     """
     end, _ = OpenSocket(listen, listens=True)
-    side = Side(
-        scenario,
-        "robot",
-        ReadKey(key),
-        end,
-        period=period,
-        limit=limit,
-        fade=fade,
-        patience=patience,
-        say=say,
-        step=step,
-        systems=systems,
-        log_file=log_file,
-    )
-    host, port = end.getsockname()[:2]
-    side.Say(f"listening at {host}:{port}")
-    return side.Run()
+    with end:
+        side = Side(
+            scenario,
+            "robot",
+            ReadKey(key),
+            end,
+            period=period,
+            limit=limit,
+            fade=fade,
+            patience=patience,
+            say=say,
+            step=step,
+            systems=systems,
+            log_file=log_file,
+        )
+        host, port = end.getsockname()[:2]
+        side.Say(f"listening at {host}:{port}")
+        return side.Run()
