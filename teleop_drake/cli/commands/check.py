@@ -2,102 +2,79 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from teleop_drake.cli.exit_codes import DONE, FAILED, BadInput
 
 if TYPE_CHECKING:
-    from teleop_drake.arrays import Array
-
-_FOLDER = Path(__file__).parents[2] / "references"
-_TITLE = "reference"
-_TUBES = "tubes"
-_TIME = "time"
-
-
-class _Run(NamedTuple):
-    """A file: what its comments say by their first word, and its columns by name."""
-
-    notes: dict[str, str]
-    columns: dict[str, "Array"]
+    from teleop_drake.cli.reference_runs import Difference
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
-    parser.add_argument(
+    choice = parser.add_mutually_exclusive_group(required=True)
+    choice.add_argument(
         "file",
+        nargs="?",
         metavar="FILE.csv",
-        help="a run: a comment `# reference: NAME`, names of columns, numbers. The "
-        f"references and their names are in {_FOLDER}",
+        help="a run: a comment `# reference: NAME`, names of columns, numbers",
+    )
+    choice.add_argument(
+        "--list", action="store_true", help="print the names of the references"
+    )
+    choice.add_argument(
+        "--show", metavar="NAME", help="print what a reference is of, in words"
+    )
+    choice.add_argument(
+        "--template",
+        metavar="NAME",
+        help="print a file with the columns and instants of a reference, to fill in",
     )
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Compares a run with the reference of its name, signal by signal."""
-    import numpy as np
+    """Compares a run with the reference of its name, or prints what references are."""
+    from teleop_drake.cli import reference_runs
 
-    run = _Read(Path(args.file))
-    names = sorted(path.stem for path in _FOLDER.glob("*.csv"))
-    name = run.notes.get(_TITLE, "")
+    if args.list:
+        for name in reference_runs.Names():
+            print(f"{name:<40} {reference_runs.Describe(name).title}")
+        return DONE
+    if args.show is not None:
+        _CheckName("--show", args.show)
+        description = reference_runs.Describe(args.show)
+        print(f"{args.show}: {description.title}\n\n{description.task.rstrip()}")
+        return DONE
+    if args.template is not None:
+        _CheckName("--template", args.template)
+        print(reference_runs.Template(args.template))
+        return DONE
+    run = reference_runs.ReadTable(Path(args.file))
+    name = run.notes.get("reference", "")
+    _CheckName(f"{args.file}: # reference", name)
+    differences = reference_runs.Compare(name, run, args.file)
+    _Print(name, differences)
+    are_inside = all(difference.is_inside for difference in differences.values())
+    return DONE if are_inside else FAILED
+
+
+def _CheckName(field: str, name: str) -> None:
+    """Raises BadInput if there is no reference of a name."""
+    from teleop_drake.cli import reference_runs
+
+    names = reference_runs.Names()
     if name not in names:
-        raise BadInput(
-            f"{args.file}: # {_TITLE} = {name!r}: must be one of {', '.join(names)}"
-        )
-    # The run has to have the reference's signals at its times.
-    reference = _Read(_FOLDER / f"{name}.csv")
-    missing = [column for column in reference.columns if column not in run.columns]
-    if missing:
-        allowed = ", ".join(reference.columns)
-        raise BadInput(f"{args.file}: column {missing[0]!r}: must be there: {allowed}")
-    own = run.columns[_TIME]
-    times = reference.columns[_TIME]
-    if (np.diff(own) < 0).any() or own[0] > times[0] or own[-1] < times[-1]:
-        raise BadInput(
-            f"{args.file}: time = {own[0]:g} to {own[-1]:g} s: must ascend and cover "
-            f"{times[0]:g} to {times[-1]:g} s"
-        )
-    # The largest difference of each signal is compared with the tube.
-    tubes = [float(tube) for tube in reference.notes[_TUBES].split(",")]
-    signals = [column for column in reference.columns if column != _TIME]
-    is_inside = True
+        raise BadInput(f"{field} = {name!r}: must be one of {', '.join(names)}")
+
+
+def _Print(name: str, differences: "dict[str, Difference]") -> None:
+    """Prints the table of differences, the verdict and likely faults."""
     print(f"{name}\n{'signal':<24} {'difference':>10} {'tube':>10}  share     at")
-    for signal, tube in zip(signals, tubes, strict=True):
-        values = np.interp(times, own, run.columns[signal])
-        errors = np.abs(values - reference.columns[signal])
-        worst = int(errors.argmax())
-        is_inside &= bool(errors[worst] <= tube)
-        numbers = f"{errors[worst]:10.2e} {tube:10.2e} {errors[worst] / tube:6.2f}"
-        print(f"{signal:<24} {numbers}  {times[worst]:.4g} s")
-    print("inside" if is_inside else "outside", "of the tubes")
-    return DONE if is_inside else FAILED
-
-
-def _Read(path: Path) -> _Run:
-    """Returns what is in a file.
-
-    Raises:
-        BadInput: If it is no table of finite numbers with a column `time`.
-    """
-    import numpy as np
-
-    from teleop_drake.files import ReadText
-
-    lines = ReadText(path, str(path)).splitlines()
-    comments = [line[1:].partition(":") for line in lines if line.startswith("#")]
-    rows = [line.split(",") for line in lines if line.strip() and line[0] != "#"]
-    header = [name.strip() for name in rows[0]] if rows else []
-    if _TIME not in header or len(rows) < 2:
-        raise BadInput(f"{path}: columns = {header}: must be names, `time` among them")
-    for row in rows[1:]:
-        try:
-            are_finite = np.isfinite(np.array(row, float)).all()
-        except ValueError:
-            are_finite = False
-        if len(row) != len(header) or not are_finite:
-            text = ",".join(row)[:60]
-            raise BadInput(f"{path}: {text!r}: must be {len(header)} finite numbers")
-    table = np.array(rows[1:], float)
-    return _Run(
-        {name.strip(): text.strip() for name, _, text in comments},
-        dict(zip(header, table.T, strict=True)),
-    )
+    for signal, (largest, tube, time, _) in differences.items():
+        numbers = f"{largest:10.2e} {tube:10.2e} {largest / tube:6.2f}"
+        print(f"{signal:<24} {numbers}  {time:.4g} s")
+    outside = [name for name, found in differences.items() if not found.is_inside]
+    for signal in outside:
+        if differences[signal].fault:
+            print(f"{signal} is {differences[signal].fault}")
+    print("outside" if outside else "inside", "of the tubes")

@@ -1,0 +1,214 @@
+"""The published reference runs, and what is wrong with a run that differs from one."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from teleop_drake.arrays import Array
+from teleop_drake.cli.exit_codes import BadInput
+from teleop_drake.files import ReadText
+from teleop_drake.scenario.yaml_text import ParseYaml
+
+FOLDER = Path(__file__).parents[1] / "references"
+TIME = "time"
+_DELAYS = FOLDER / "delays"
+
+# An instant of a reference and that of a run are the same within so many s.
+_SAME_INSTANT = 1e-9
+
+# The fault whose effect is proportional to its size, and the size in the reference, s.
+_DELAY_ERROR = "delay_error"
+_DELAY_ERROR_SIZE = 1e-3
+
+# A fault is named where it leaves so much of the error unexplained, root mean square.
+_UNEXPLAINED = 0.1
+
+
+class Table(NamedTuple):
+    """A file of comments `# KEY: TEXT` and columns with names."""
+
+    notes: dict[str, str]
+    columns: dict[str, Array]
+
+
+class Description(NamedTuple):
+    """A reference in words.
+
+    Attributes:
+        title: One line.
+        task: What to simulate.
+    """
+
+    title: str
+    task: str
+
+
+class Difference(NamedTuple):
+    """How far a signal of a run is from its reference.
+
+    Attributes:
+        largest: The largest difference.
+        tube: The largest difference that is allowed.
+        time: When the difference is largest, s.
+        fault: The likely fault in words; empty if it is unknown, or there is none.
+    """
+
+    largest: float
+    tube: float
+    time: float
+    fault: str
+
+    @property
+    def is_inside(self) -> bool:
+        """Returns whether the signal is inside of its tube."""
+        return self.largest <= self.tube
+
+
+def Names() -> list[str]:
+    """Returns the names of the references."""
+    paths = [*FOLDER.glob("*.csv"), *_DELAYS.glob("*.csv")]
+    return sorted(path.stem for path in paths)
+
+
+def _FolderOf(name: str) -> Path:
+    """Returns the folder that has the files of a reference."""
+    return _DELAYS if (_DELAYS / f"{name}.csv").exists() else FOLDER
+
+
+def Describe(name: str) -> Description:
+    """Returns what a reference is of."""
+    path = _FolderOf(name) / f"{name}.yaml"
+    tree = ParseYaml(ReadText(path, str(path)), str(path))
+    return Description(title=tree["title"], task=tree["task"])
+
+
+def Template(name: str) -> str:
+    """Returns a file without numbers: the columns and instants of a reference."""
+    columns = _ReadReference(name).columns
+    lines = [f"# reference: {name}", ",".join(columns)]
+    empty = "," * (len(columns) - 1)
+    lines += [f"{instant:.12g}{empty}" for instant in columns[TIME]]
+    return "\n".join(lines)
+
+
+def Compare(name: str, run: Table, origin: str) -> dict[str, Difference]:
+    """Compares a run with a reference, signal by signal.
+
+    Args:
+        name: The reference's name.
+        run: With the columns of the reference.
+        origin: The name of the run's file, for messages.
+
+    Raises:
+        BadInput: If a signal or an instant of the reference is not in the run.
+    """
+    reference = _ReadReference(name)
+    for column in reference.columns:
+        if column not in run.columns:
+            allowed = ", ".join(reference.columns)
+            raise BadInput(f"{origin}: column {column!r}: must be there: {allowed}")
+    times = reference.columns[TIME]
+    signals = [column for column in reference.columns if column != TIME]
+    tubes = [float(tube) for tube in reference.notes["tubes"].split(",")]
+    at_times = _AtInstants if "instants" in reference.notes else _Between
+    values = at_times(run, times, origin)
+    result = {}
+    for signal, tube in zip(signals, tubes, strict=True):
+        errors = values[signal] - reference.columns[signal]
+        worst = int(np.abs(errors).argmax())
+        largest = float(abs(errors[worst]))
+        is_outside = largest > tube
+        fault = _LikelyFault(name, signal, errors) if is_outside else ""
+        result[signal] = Difference(largest, tube, float(times[worst]), fault)
+    return result
+
+
+def _AtInstants(run: Table, times: Array, origin: str) -> dict[str, Array]:
+    """Returns the columns of a run at instants which must be in the run.
+
+    The last of several rows with one instant counts: it has the values behind a jump.
+    """
+    own = run.columns[TIME]
+    if (np.diff(own) < 0).any():
+        raise BadInput(f"{origin}: time: must ascend")
+    rows = np.searchsorted(own, times + _SAME_INSTANT, side="right") - 1
+    gaps = np.abs(own[rows] - times)
+    if gaps.max() > _SAME_INSTANT:
+        missing = times[int(gaps.argmax())]
+        raise BadInput(
+            f"{origin}: time = {missing:.12g} s: must be there; the instants of the "
+            "reference are those of --template"
+        )
+    return {name: values[rows] for name, values in run.columns.items()}
+
+
+def _Between(run: Table, times: Array, origin: str) -> dict[str, Array]:
+    """Returns the columns of a run at times, by straight lines."""
+    own = run.columns[TIME]
+    if (np.diff(own) < 0).any() or own[0] > times[0] or own[-1] < times[-1]:
+        raise BadInput(
+            f"{origin}: time = {own[0]:g} to {own[-1]:g} s: must ascend and cover "
+            f"{times[0]:g} to {times[-1]:g} s"
+        )
+    return {name: np.interp(times, own, x) for name, x in run.columns.items()}
+
+
+def _LikelyFault(name: str, signal: str, errors: Array) -> str:
+    """Returns the fault in words whose effect the errors of a signal resemble most."""
+    path = _DELAYS / "faults" / f"{name}.csv"
+    if not path.exists():
+        return ""
+    reference = _ReadReference(name).columns[signal]
+    texts_path = _DELAYS / "faults.yaml"
+    texts = ParseYaml(ReadText(texts_path, str(texts_path)), str(texts_path))
+    best, smallest = "", _UNEXPLAINED
+    for column, wrong in ReadTable(path).columns.items():
+        owner, _, fault = column.partition(":")
+        effect = wrong - reference
+        if owner != signal:
+            continue
+        size = 1.0
+        if fault == _DELAY_ERROR:
+            size = float(errors @ effect / (effect @ effect))
+        rest = np.linalg.norm(errors - size * effect) / np.linalg.norm(errors)
+        if rest < smallest:
+            smallest = float(rest)
+            amount = size * _DELAY_ERROR_SIZE
+            best = texts[fault].format(
+                seconds=f"{abs(amount):.2g}",
+                steps=f"{abs(amount) / 0.01:.2g}",
+                direction="longer" if amount > 0 else "shorter",
+            )
+    return best
+
+
+def _ReadReference(name: str) -> Table:
+    return ReadTable(_FolderOf(name) / f"{name}.csv")
+
+
+def ReadTable(path: Path) -> Table:
+    """Returns what is in a file.
+
+    Raises:
+        BadInput: If it is no table of finite numbers with a column `time`.
+    """
+    lines = ReadText(path, str(path)).splitlines()
+    comments = [line[1:].partition(":") for line in lines if line.startswith("#")]
+    rows = [line.split(",") for line in lines if line.strip() and line[0] != "#"]
+    header = [name.strip() for name in rows[0]] if rows else []
+    if TIME not in header or len(rows) < 2:
+        raise BadInput(f"{path}: columns = {header}: must be names, `time` among them")
+    for row in rows[1:]:
+        try:
+            are_finite = np.isfinite(np.array(row, float)).all()
+        except ValueError:
+            are_finite = False
+        if len(row) != len(header) or not are_finite:
+            text = ",".join(row)[:60]
+            raise BadInput(f"{path}: {text!r}: must be {len(header)} finite numbers")
+    table = np.array(rows[1:], float)
+    return Table(
+        notes={name.strip(): text.strip() for name, _, text in comments},
+        columns=dict(zip(header, table.T, strict=True)),
+    )
