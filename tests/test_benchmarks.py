@@ -37,6 +37,16 @@ def test_quick_tables_have_finite_numbers(name):
         assert all(row.get("largest error", 0) < 1e-2 for row in table.rows)
 
 
+@pytest.mark.slow
+def test_the_table_of_the_delay_standard_has_a_verdict_in_each_cell():
+    (table,) = importlib.import_module("benchmarks.delay_standard.table").Measure(QUICK)
+    assert len(table.rows) == 4
+    for row in table.rows:
+        assert all(
+            cell.startswith(("inside", "outside")) for cell in list(row.values())[1:]
+        )
+
+
 @pytest.mark.slow  # A benchmark's contender; channels/ has the delays.
 @pytest.mark.parametrize("task", ["one_dof", "two_dof_combined"])
 def test_sampled_delays_are_about_right(task):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from benchmarks.delay_standard import tasks
 from benchmarks.delay_standard.by_steps import by_steps
+from benchmarks.delay_standard.table import ADAPTERS, answers
 from benchmarks.delay_standard.write_references import (
     FOLDER,
     faults_text,
@@ -16,7 +17,7 @@ from grids import Slow
 from scipy.integrate import solve_ivp
 
 from teleop_drake.cli.main import main
-from teleop_drake.cli.reference_runs import Names, ReadTable
+from teleop_drake.cli.reference_runs import Compare, Names, ReadTable
 from teleop_drake.scenario.yaml_text import ParseYaml
 
 # A grid on which all jumps, delays and instants of the echoes are, s.
@@ -278,6 +279,40 @@ def test_a_fault_is_named(name, signal, fault, tmp_path, capsys):
 
 def test_each_fault_that_is_written_is_described_and_used():
     assert {fault for *_, fault in Wrong()} == set(Texts())
+
+
+# Simulators. Those that have to be installed for it are measured by the benchmark.
+
+OFFERED = {
+    "compiled": set(tasks.TASKS) - {"delay_sawtooth", "delay_switch"},
+    "drake": set(tasks.TASKS) - {"delay_sawtooth", "delay_switch"},
+    "discrete": {"delay_echo", "delay_vector", "delay_half_step", "delay_decay"},
+    "ring_buffer": {"delay_echo", "delay_vector", "delay_decay", "delay_tie"},
+}
+RUNS = [(key, name) for key, names in OFFERED.items() for name in sorted(names)]
+
+
+@pytest.mark.parametrize(
+    ("key", "name"),
+    Slow(RUNS, but=[i for i, (key, _) in enumerate(RUNS) if key == "compiled"]),
+)
+def test_a_simulator_is_inside(key, name):
+    run = answers(ADAPTERS[key].make(), name)
+    found = Compare(name, run, name)
+    assert all(difference.is_inside for difference in found.values()), found
+
+
+@pytest.mark.parametrize(
+    ("key", "name", "signal", "fault"),
+    [
+        ("discrete", "delay_tie", "chain", "one_step_late"),
+        ("ring_buffer", "delay_half_step", "ramp_echo", "rounded_down"),
+    ],
+)
+def test_the_fault_of_a_simulator_is_named(key, name, signal, fault):
+    """Two of Drake's DiscreteTimeDelays in series are a step longer; see its docs."""
+    found = Compare(name, answers(ADAPTERS[key].make(), name), name)
+    assert found[signal].fault == Texts()[fault]
 
 
 # Bad input of the delay tasks.

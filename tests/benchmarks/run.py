@@ -16,7 +16,13 @@ import sys
 import time
 from pathlib import Path
 
-BENCHMARKS = ("comparison", "evaluation", "delays", "delay_problems")
+BENCHMARKS = (
+    "comparison",
+    "evaluation",
+    "delays",
+    "delay_problems",
+    "delay_standard.table",
+)
 
 
 def main() -> None:

@@ -270,7 +270,7 @@ def oscillation() -> Task:
         },
         tubes={"critical_delay": 5e-7, "frequency": 5e-6},
         faults={
-            "held_sample": {"critical_delay": lambda t: right.delay - step / 2},
+            "delay_error": {"critical_delay": lambda t: right.delay - 1e-3},
             "one_step_early": {"critical_delay": lambda t: right.delay + step},
             "one_step_late": {"critical_delay": lambda t: right.delay - step},
             "half_delay": {"critical_delay": lambda t: 2 * right.delay},

@@ -1,0 +1,259 @@
+"""This package: the same diagrams by machine code and in Drake's Simulator."""
+
+import math
+
+import numpy as np
+from benchmarks.delay_standard.simulator import Input, NotOffered, Simulator
+from benchmarks.delay_standard.tasks import (
+    SEND_PERIOD,
+    jittered_packets,
+    stale_packets,
+)
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Integrator
+
+from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.kernel import Delay, FixedBlock, Kernel, Transition
+from teleop_drake.simulation import simulate
+
+STALE = stale_packets()
+
+
+def source(signal: Input) -> FixedBlock:
+    """Returns a block with the signal, whose jump is an event."""
+    jump = Transition(mode=(lambda on: 1 - on, "mode"), offset=signal.jump)
+    function = signal.function  # Machine code follows what a law refers to by name.
+    kernel = Kernel(
+        outputs={"u": (lambda t, on: function(np.append(t, on)), "time", "mode")},
+        transitions={"jump": jump},
+    )
+    block = FixedBlock("source", kernel, inputs={}, outputs={"u": signal.size})
+    block.DeclareDiscreteState([0.0])
+    return block
+
+
+class Package(Simulator):
+    """Delays whose jumps and their echoes end steps."""
+
+    def __init__(self, engine: str):
+        self.name = f"teleop-drake, {engine}"
+        self._engine = engine
+
+    def _simulate(self, builder, port, times, longest=0.01):
+        """Returns a port at times; the state is integrated to an error of 1e-10."""
+        builder.ExportOutput(port, "answer")
+        config = SimulatorConfig(
+            integration_scheme="runge_kutta5", accuracy=1e-10, max_step_size=longest
+        )
+        run = simulate(
+            builder.Build(),
+            duration=times[-1] + 0.01,
+            engine=self._engine,
+            simulator=config,
+        )
+        assert run.solver.engine == self._engine
+        return run.Interpolate("answer", times)
+
+    def echo(self, signal: Input, path, times):
+        builder = DiagramBuilder()
+        port = builder.AddSystem(source(signal)).get_output_port()
+        for i, T in enumerate(path):
+            late = TransportDelay(delay=T, size=signal.size)
+            builder.AddNamedSystem(f"delay_{i}", late)
+            builder.Connect(port, late.get_input_port())
+            port = late.get_output_port()
+        return self._simulate(builder, port, times, min(0.01, *path, 0.01))
+
+    def _loop(self, law, start, history, sensor, actuator, times):
+        """x' = [the other states, force], the force is a law of x; both delayed."""
+        n = len(start)
+        builder = DiagramBuilder()
+        control = Kernel(outputs={"force": (law, "x")})
+        law_block = FixedBlock("law", control, inputs={"x": n}, outputs={"force": 1})
+        builder.AddSystem(law_block)
+        rate = Kernel(
+            outputs={"rate": (lambda x, force: np.append(x[1:], force), "x", "force")}
+        )
+        inputs = {"x": n, "force": 1}
+        rates = FixedBlock("rates", rate, inputs=inputs, outputs={"rate": n})
+        builder.AddSystem(rates)
+        plant = builder.AddNamedSystem("plant", Integrator(start))
+        builder.Connect(rates.get_output_port(), plant.get_input_port())
+        builder.Connect(plant.get_output_port(), rates.GetInputPort("x"))
+        links = (
+            ("sensor", sensor, plant, law_block.GetInputPort("x"), history),
+            ("actuator", actuator, law_block, rates.GetInputPort("force"), [0.0]),
+        )
+        for name, T, block, target, initial in links:
+            port = block.get_output_port()
+            if T > 0:
+                late = TransportDelay(
+                    delay=T,
+                    size=port.size(),
+                    initial_value=initial,
+                    max_sample_interval=math.inf,
+                )
+                builder.AddNamedSystem(name, late)
+                builder.Connect(port, late.get_input_port())
+                port = late.get_output_port()
+            builder.Connect(port, target)
+        longest = min(T for T in (sensor, actuator, 0.05) if T > 0)
+        return self._simulate(builder, plant.get_output_port(), times, longest)[:, 0]
+
+    def scalar_loop(self, k, T, times):
+        return self._loop(lambda x: -k * x, [1.0], [1.0], T, 0.0, times)
+
+    def pd(self, sensor, actuator, times):
+        def law(x):
+            return np.array([4 * (1 - x[0]) - 2 * x[1]])
+
+        rest = [0.0, 0.0]
+        return self._loop(law, rest, rest, sensor, actuator, times)
+
+    def packets(self, times):
+        """The signal counts the packets: 1 + t / 0.02 s."""
+        arrivals = [float(packet.arrival) for packet in jittered_packets()]
+        count = Input(1, lambda z: 1 + z[:1] / 0.02)
+        delay = Delay(
+            signal="u",
+            output="shown",
+            initial_value=[0.0],
+            period=0.02,
+            shown=lambda k: arrivals[k] if k < len(arrivals) else math.inf,
+            end=1.0,
+        )
+        return self._packets(count, delay, times)
+
+    def _packets(self, signal, delay, times):
+        builder = DiagramBuilder()
+        sender = builder.AddSystem(source(signal))
+        kernel = Kernel(delays=[delay])
+        ports = {"inputs": {"u": 1}, "outputs": {"shown": 1}}
+        receiver = builder.AddSystem(FixedBlock("receiver", kernel, **ports))
+        builder.Connect(sender.get_output_port(), receiver.get_input_port())
+        return self._simulate(builder, receiver.get_output_port(), times)[:, 0]
+
+    def stale_command(self, times):
+        """The mode is the last packet's number, when it expires, and if it counts."""
+        arrivals = {
+            round(packet.sent / SEND_PERIOD): packet.arrival for packet in STALE
+        }
+        number = Input(1, lambda z: 1 + z[:1] / 0.02)
+        delay = Delay(
+            signal="u",
+            output="shown",
+            initial_value=[0.0],
+            period=float(SEND_PERIOD),
+            shown=lambda k: float(arrivals.get(k, math.inf)),
+            end=1.0,
+        )
+        arrives = Transition(
+            guard=(lambda shown, mode: shown - mode[:1] - 0.5, "shown", "mode"),
+            mode=(
+                lambda t, shown: np.array([shown[0], t + 0.1, 1.0]),
+                "time",
+                "shown",
+            ),
+        )
+        expires = Transition(
+            guard=(lambda t, m: t - m[1:2] - 100 * (1 - m[2:]), "time", "mode"),
+            mode=(lambda m: np.array([m[0], m[1], 0.0]), "mode"),
+        )
+
+        def command(m):
+            """Returns 1 + (k mod 3), k = number - 1."""
+            k = np.floor(m[:1] - 0.5)
+            return m[2:] * (1 + k - 3 * np.floor((k + 0.5) / 3))
+
+        law = Kernel(
+            rate=(command, "mode"),
+            outputs={"both": (lambda x, m: np.append(command(m), x), "state", "mode")},
+            transitions={"arrives": arrives, "expires": expires},
+        )
+        watchdog = FixedBlock(
+            "watchdog", law, inputs={"shown": 1}, outputs={"both": 2}, state=[0.0]
+        )
+        watchdog.DeclareDiscreteState([0.0, 0.0, 0.0])
+        builder = DiagramBuilder()
+        sender = builder.AddSystem(source(number))
+        kernel = Kernel(delays=[delay])
+        ports = {"inputs": {"u": 1}, "outputs": {"shown": 1}}
+        receiver = builder.AddSystem(FixedBlock("receiver", kernel, **ports))
+        builder.AddSystem(watchdog)
+        builder.Connect(sender.get_output_port(), receiver.get_input_port())
+        builder.Connect(receiver.get_output_port(), watchdog.get_input_port())
+        return self._simulate(builder, watchdog.get_output_port(), times)
+
+    def varying_echo(self, signal, T, times):
+        raise NotOffered("delays must be continuous in time")
+
+    def bounce(self, times):
+        """The mode is what impacts have added to the velocity, and 1 before the next.
+
+        Behind an impact, x = 0 is no impact until the ball falls again.
+        """
+        builder = DiagramBuilder()
+
+        def speed(x, mode):
+            return x[1] + mode[0]
+
+        hit = Transition(
+            guard=(lambda x, mode: mode[1:] - 1 - x[:1], "state", "mode"),
+            mode=(
+                lambda x, mode: np.array([-0.8 * speed(x, mode) - x[1], 0.0]),
+                "state",
+                "mode",
+            ),
+        )
+        fall = Transition(
+            guard=(
+                lambda x, mode: -x[1:] - mode[:1] - mode[1:] * 100,
+                "state",
+                "mode",
+            ),
+            mode=(lambda mode: np.array([mode[0], 1.0]), "mode"),
+        )
+        law = Kernel(
+            rate=(
+                lambda x, mode, felt: np.array([speed(x, mode), -9.81 - 0.5 * felt[0]]),
+                "state",
+                "mode",
+                "felt",
+            ),
+            outputs={
+                "velocity": (
+                    lambda x, mode: np.array([speed(x, mode)]),
+                    "state",
+                    "mode",
+                ),
+                "height": (lambda x: x[:1], "state"),
+            },
+            transitions={"hit": hit, "fall": fall},
+        )
+        outputs = {"velocity": 1, "height": 1}
+        ball = FixedBlock(
+            "ball", law, inputs={"felt": 1}, outputs=outputs, state=[1, 0]
+        )
+        ball.DeclareDiscreteState([0.0, 1.0])
+        builder.AddSystem(ball)
+        port = ball.GetOutputPort("velocity")
+        ways = []
+        for name in ("to_hand", "to_ball"):
+            late = builder.AddNamedSystem(name, TransportDelay(delay=0.15, size=1))
+            builder.Connect(port, late.get_input_port())
+            port = late.get_output_port()
+            ways.append(port)
+        builder.Connect(port, ball.GetInputPort("felt"))
+        builder.ExportOutput(ball.GetOutputPort("height"), "height")
+        builder.ExportOutput(ball.GetOutputPort("velocity"), "velocity")
+        builder.ExportOutput(ways[0], "felt")
+        config = SimulatorConfig(
+            integration_scheme="runge_kutta5", accuracy=1e-8, max_step_size=0.01
+        )
+        run = simulate(
+            builder.Build(), duration=1.6, engine=self._engine, simulator=config
+        )
+        assert run.solver.engine == self._engine
+        names = ("height", "velocity", "felt")
+        return np.column_stack([run.Interpolate(name, times)[:, 0] for name in names])
