@@ -1,6 +1,6 @@
 """Which blocks and functions compile, linearise exactly and run in a page.
 
-`python tests/test_block_table.py` tries each and writes docs/standards.md.
+`python tests/test_block_table.py` tries each and writes docs/blocks.md.
 """
 
 import builtins
@@ -36,7 +36,7 @@ from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import MakeDiagram
 from teleop_drake.teleoperator import MakeTeleoperator
 
-PAGE = Path(teleop_drake.__file__).parent / "docs" / "standards.md"
+PAGE = Path(teleop_drake.__file__).parent / "docs" / "blocks.md"
 # What one of them compiles, the others find on the disk.
 pytestmark = [
     pytest.mark.xdist_group("machine_code"),

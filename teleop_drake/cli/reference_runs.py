@@ -21,6 +21,9 @@ _SAME_INSTANT = 1e-9
 _DELAY_ERROR = "delay_error"
 _DELAY_ERROR_SIZE = 1e-3
 
+# A fault of any size explains more than one of a certain size, which is preferred.
+_PREFERENCE = 0.02
+
 # A fault is named where it leaves so much of the error unexplained, root mean square.
 _UNEXPLAINED = 0.1
 
@@ -172,6 +175,8 @@ def _LikelyFault(name: str, signal: str, errors: Array) -> str:
         if fault == _DELAY_ERROR:
             size = float(errors @ effect / (effect @ effect))
         rest = np.linalg.norm(errors - size * effect) / np.linalg.norm(errors)
+        if fault == _DELAY_ERROR:
+            rest += _PREFERENCE
         if rest < smallest:
             smallest = float(rest)
             amount = size * _DELAY_ERROR_SIZE

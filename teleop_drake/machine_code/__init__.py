@@ -21,7 +21,7 @@ follow from the arguments.
 * *Refused*, by function and line: what is in no graph, such as loops until numbers have
   converged, caught errors, random numbers, state that changes from call to call
   (`contents` sees that), indices in writing that depend on numbers, and functions of
-  numpy that are not in the table of docs/standards.md. So is what would round in
+  numpy that are not in the table of docs/blocks.md. So is what would round in
   another way: float32, whole numbers beyond 2^53, LAPACK's eigenvectors with their
   signs. Such a law runs as it is, and its diagram in Drake's Simulator; the log says
   so.
