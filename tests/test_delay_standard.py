@@ -179,7 +179,9 @@ def test_the_bounce_is_what_scipy_finds_between_events():
 
     hit.terminal = True
     hit.direction = -1
-    start, state, breaks = 0.0, np.array([1.0, 0.0]), [late]
+    start = 0.0
+    state = np.array([1.0, 0.0])
+    breaks = [late]
     while start < times[-1]:
         end = min([t for t in breaks if t > start + 1e-9] + [1.5])
         past = covering(start - late + 1e-9)
@@ -194,7 +196,8 @@ def test_the_bounce_is_what_scipy_finds_between_events():
             atol=1e-13,
         )
         pieces.append((start, solution.sol))
-        start, state = solution.t[-1], solution.y[:, -1]
+        start = solution.t[-1]
+        state = solution.y[:, -1]
         breaks.append(start + late)
         if solution.status == 1:
             state = np.array([0.0, -0.8 * state[1]])
@@ -212,7 +215,8 @@ def test_packets_are_what_a_clock_finds():
     mail = {}
     for k in range(26):
         mail.setdefault(20 * k + 15 + 20 * (7 * k % 5), []).append(k + 1)
-    shown, values = 0, {}
+    shown = 0
+    values = {}
     for now in range(501):
         shown = max([shown, *mail.get(now, [])])
         values[now] = shown
@@ -222,12 +226,16 @@ def test_packets_are_what_a_clock_finds():
 
 def test_a_stale_command_is_what_a_clock_finds():
     mail = {20 * k + 55: 1 + k % 3 for k in range(40) if not 10 <= k <= 24}
-    command, remaining, travel = 0.0, 0, 0.0
-    commands, travels = {}, {}
+    command = 0.0
+    remaining = 0
+    travel = 0.0
+    commands = {}
+    travels = {}
     for now in range(801):
         travels[now] = travel
         if now in mail:
-            command, remaining = mail[now], 100
+            command = mail[now]
+            remaining = 100
         if remaining == 0:
             command = 0.0
         remaining -= remaining > 0

@@ -165,12 +165,15 @@ def _LikelyFault(name: str, signal: str, errors: Array) -> str:
     reference = _ReadReference(name).columns[signal]
     texts_path = _DELAYS / "faults.yaml"
     texts = ParseYaml(ReadText(texts_path, str(texts_path)), str(texts_path))
-    best, smallest = "", _UNEXPLAINED
+    best = ""
+    smallest = _UNEXPLAINED
+    # The share of the errors that is left once the effect of a fault is taken away.
     for column, wrong in ReadTable(path).columns.items():
         owner, _, fault = column.partition(":")
         effect = wrong - reference
         if owner != signal:
             continue
+        # A delay that is wrong by a little has an effect in proportion to it.
         size = 1.0
         if fault == _DELAY_ERROR:
             size = float(errors @ effect / (effect @ effect))

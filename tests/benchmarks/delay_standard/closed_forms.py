@@ -114,7 +114,9 @@ class Ball:
         at_rest = Polynomial([0.0])
         self._pieces = [Piece(-math.inf, Polynomial([1.0]), at_rest)]
         self._echoes = [round_trip]
-        start, height, velocity = 0.0, 1.0, 0.0
+        start = 0.0
+        height = 1.0
+        velocity = 0.0
         while start < end:
             piece = self._piece(start, height, velocity)
             self._pieces.append(piece)
@@ -125,7 +127,8 @@ class Ball:
             velocity = float(piece.velocity(after - start))
             if impact is not None:
                 self.impacts.append(impact)
-                height, velocity = 0.0, -bounce * velocity
+                height = 0.0
+                velocity = -bounce * velocity
             self._echoes.append(after + round_trip)
             start = after
 

@@ -3,12 +3,12 @@
 import math
 
 import numpy as np
-from benchmarks.delay_standard.simulator import Input, NotOffered, Simulator
-from benchmarks.delay_standard.tasks import (
+from benchmarks.delay_standard.packet_tasks import (
     SEND_PERIOD,
     jittered_packets,
     stale_packets,
 )
+from benchmarks.delay_standard.simulator import Input, NotOffered, Simulator
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator

@@ -98,7 +98,8 @@ def _short(simulator: Simulator, times: Array) -> Array:
 
 
 def _pd(simulator: Simulator, times: Array) -> Array:
-    sensor, actuator = float(SENSOR), float(ACTUATOR)
+    sensor = float(SENSOR)
+    actuator = float(ACTUATOR)
     total = sensor + actuator
     loops = [(total, 0.0), (0.0, total), (sensor, actuator)]
     return np.column_stack([simulator.pd(*delays, times) for delays in loops])
@@ -126,14 +127,17 @@ def _oscillation(simulator: Simulator, times: Array) -> Array:
         return dominant_mode(x[::25], 0.25)
 
     step = simulator.pd_step
-    late, early = (0.36, 0.35)
-    growth, before = mode(late).real, mode(early).real
+    late = 0.36
+    early = 0.35
+    growth = mode(late).real
+    before = mode(early).real
     for _ in range(8):
         next_delay = late - growth * (late - early) / (growth - before)
         next_delay = round(next_delay / step) * step if step else next_delay
         if abs(next_delay - late) < 1e-9:
             break
-        early, before = late, growth
+        early = late
+        before = growth
         late = next_delay
         growth = mode(late).real
     critical = late - growth * (late - early) / (growth - before)

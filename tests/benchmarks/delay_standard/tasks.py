@@ -5,84 +5,27 @@ texts are in teleop_drake/references/delays.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from fractions import Fraction
 from functools import cache
 
 from benchmarks.delay_standard import closed_forms
 from benchmarks.delay_standard.by_steps import by_steps
-from benchmarks.delay_standard.closed_forms import Ball, Packet, pd_loop, scalar_loop
-
-# Of t in s, an exact number.
-Signal = Callable[[Fraction], float]
-
-STEP = Fraction(1, 100)
-"""Step of a simulator whose step is fixed, s. Jumps fall between two steps."""
-
-MILLISECOND = Fraction(1, 1000)
-"""By how much a delay is too long in the fault `delay_error`, s."""
-
-EXACT = 1e-9
-"""Tube of signals that a fixed step represents exactly."""
-
-
-@dataclass
-class Task:
-    """A task: its answers at some instants.
-
-    Attributes:
-        instants: In s.
-        signals: The right answers, by name.
-        tubes: Half the width of each signal's tube.
-        faults: By the name of a fault, the signals as they are with it. Signals that
-            the fault leaves right are not there.
-    """
-
-    instants: list[Fraction]
-    signals: dict[str, Signal]
-    tubes: dict[str, float]
-    faults: dict[str, dict[str, Signal]] = field(default_factory=dict)
-
-
-def every(period: Fraction, end: Fraction, but: Sequence[Fraction] = ()) -> list:
-    """Returns the multiples of a period until an end, without some of them."""
-    count = math.floor(end / period)
-    return [k * period for k in range(1, count + 1) if k * period not in but]
-
-
-def ramp(t: Fraction) -> float:
-    return float(t)
-
-
-def step_at(instant: Fraction) -> Signal:
-    return lambda t: float(t >= instant)
-
-
-def echo(signal: Signal, T: Fraction, initial: float = 0.0) -> Signal:
-    """Returns a signal a delay T later; before, the initial value."""
-    return lambda t: signal(t - T) if t >= T else initial
-
-
-def delay_faults(make: Callable[[Fraction], Signal], T: Fraction) -> dict[str, Signal]:
-    """Returns a signal as it is with a wrong delay, by the fault."""
-    return {
-        "one_step_early": make(T - STEP),
-        "one_step_late": make(T + STEP),
-        "half_delay": make(T / 2),
-        "double_delay": make(2 * T),
-        "no_delay": make(Fraction(0)),
-        "delay_error": make(T + MILLISECOND),
-    }
-
-
-def by_fault(faults: dict[str, dict[str, Signal]]) -> dict[str, dict[str, Signal]]:
-    """Turns faults by signal into signals by fault."""
-    result: dict[str, dict[str, Signal]] = {}
-    for name, answers in faults.items():
-        for fault, answer in answers.items():
-            result.setdefault(fault, {})[name] = answer
-    return result
+from benchmarks.delay_standard.closed_forms import Ball, pd_loop, scalar_loop
+from benchmarks.delay_standard.packet_tasks import packets, stale_command
+from benchmarks.delay_standard.task import (
+    EXACT,
+    MILLISECOND,
+    STEP,
+    Signal,
+    Task,
+    by_fault,
+    delay_faults,
+    echo,
+    every,
+    ramp,
+    step_at,
+)
 
 
 def plain_echo() -> Task:
@@ -180,7 +123,8 @@ def short_delay() -> Task:
 
 
 def delayed_decay() -> Task:
-    k, T = Fraction(1), Fraction(1)
+    k = Fraction(1)
+    T = Fraction(1)
 
     def loop(late: Fraction) -> Signal:
         if late == 0:
@@ -197,7 +141,8 @@ def delayed_decay() -> Task:
     )
 
 
-KP, KD = Fraction(4), Fraction(2)
+KP = Fraction(4)
+KD = Fraction(2)
 SENSOR, ACTUATOR = Fraction("0.06"), Fraction("0.04")
 
 
@@ -216,7 +161,7 @@ def pd() -> Task:
         return float(_position_only()(float(t))[0])
 
     zero = Fraction(0)
-    sensor = {f"{key}": x for key, x in _pd_faults(T, zero, shifted).items()}
+    sensor = _pd_faults(T, zero, shifted)
     sensor["velocity_not_delayed"] = lagging_position
     both = _pd_faults(T, ACTUATOR, shifted)
     both["actuator_only"] = shifted(ACTUATOR, ACTUATOR)
@@ -317,111 +262,9 @@ def sawtooth() -> Task:
     )
 
 
-SEND_PERIOD = Fraction("0.02")
-
-
-def jittered_packets() -> list[Packet]:
-    """Returns packets that overtake: k is sent at 0.02 k with the value k + 1."""
-    packets = []
-    for k in range(26):
-        sent = k * SEND_PERIOD
-        flight = Fraction("0.015") + Fraction("0.02") * (7 * k % 5)
-        packets.append(Packet(Fraction(k + 1), sent, sent + flight))
-    return packets
-
-
-def shown(choose: Callable, packets: Sequence[Packet]) -> Signal:
-    """Returns the value of the packet that a rule chooses, 0 before the first."""
-
-    def value(t: Fraction) -> float:
-        packet = choose(packets, t)
-        return 0.0 if packet is None else float(packet.value)
-
-    return value
-
-
-def packets() -> Task:
-    sent = jittered_packets()
-    constant = [packet._replace(arrival=packet.sent + 11 * STEP / 2) for packet in sent]
-    newest = closed_forms.newest
-    right = shown(newest, sent)
-    faults = {
-        "last_to_arrive": shown(closed_forms.latest, sent),
-        "kept_in_order": shown(newest, closed_forms.in_order(sent)),
-        "mean_delay": shown(newest, constant),
-        "one_step_early": lambda t: right(t + STEP),
-        "one_step_late": lambda t: right(t - STEP),
-    }
-    return Task(
-        instants=every(STEP, Fraction("0.5")),
-        signals={"shown": right},
-        tubes={"shown": EXACT},
-        faults=by_fault({"shown": faults}),
-    )
-
-
-TIMEOUT = Fraction("0.1")
-
-
-def stale_packets() -> list[Packet]:
-    """Returns what arrives: packet k has 1, 2 or 3; those from 0.2 to 0.5 s do not."""
-    lost = range(10, 25)
-    late = Fraction("0.055")
-    numbers = [k for k in range(40) if k not in lost]
-    return [
-        Packet(Fraction(1 + k % 3), k * SEND_PERIOD, k * SEND_PERIOD + late)
-        for k in numbers
-    ]
-
-
-def watched(age: Callable[[Packet], Fraction], limit: Fraction) -> Signal:
-    """Returns the command, which is 0 once the packet's age is the limit."""
-
-    @cache
-    def value(t: Fraction) -> float:
-        packet = closed_forms.newest(stale_packets(), t)
-        is_stale = packet is None or t >= age(packet) + limit
-        return 0.0 if is_stale else float(packet.value)
-
-    return value
-
-
-def travel(command: Signal) -> Signal:
-    """Returns the integral of a command that jumps at odd multiples of 0.005 s."""
-    half = STEP / 2
-
-    def value(t: Fraction) -> float:
-        intervals = range(int(t / half))
-        return math.fsum(command((k + Fraction(1, 2)) * half) for k in intervals) * (
-            float(half)
-        )
-
-    return value
-
-
-def stale_command() -> Task:
-    right = watched(lambda packet: packet.arrival, TIMEOUT)
-    never = Fraction(10)
-    commands = {
-        "held_for_ever": watched(lambda packet: packet.arrival, never),
-        "zeroed_at_once": watched(lambda packet: packet.arrival, SEND_PERIOD),
-        "timeout_from_sending": watched(lambda packet: packet.sent, TIMEOUT),
-        "one_step_early": lambda t: right(t + STEP),
-        "one_step_late": lambda t: right(t - STEP),
-    }
-    return Task(
-        instants=every(STEP, Fraction("0.8")),
-        signals={"command": right, "travel": travel(right)},
-        tubes={"command": EXACT, "travel": 1e-4},
-        faults={
-            name: {"command": command, "travel": travel(command)}
-            for name, command in commands.items()
-        },
-    )
-
-
 WAY = 0.15
-GAIN, BOUNCE = 0.5, 0.8
+GAIN = 0.5
+BOUNCE = 0.8
 BOUNCE_END = 1.5
 
 
