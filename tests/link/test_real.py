@@ -124,15 +124,17 @@ def Relay(server, operator, fates, process):
     """Carries datagrams with given fates until a process ends, and forges others."""
     queue, counts, targets = [], [0, 0], [server, None]
     other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    # The server answers the forger's wrong key, and not to the relay.
+    forger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     forged = np.random.default_rng(1)
-    with operator, other:
+    with operator, other, forger:
         sockets = operator, other
         for end in sockets:
             end.setblocking(False)
         while process.poll() is None:
             for k in range(20):
                 data = b"TDL\x01" + forged.bytes(220)
-                other.sendto(data[: None if k % 2 else sum(counts) % 224], server)
+                forger.sendto(data[: None if k % 2 else sum(counts) % 224], server)
             for i, end in enumerate(sockets):
                 with contextlib.suppress(BlockingIOError):
                     data, source = end.recvfrom(2048)
