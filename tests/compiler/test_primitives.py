@@ -1,20 +1,32 @@
-"""The kernels of Drake's own blocks, and diagrams of them."""
+"""The kernels of Drake's own systems, and diagrams of them."""
 
 import numpy as np
 import pytest
+from pydrake.examples import (
+    AcrobotPlant,
+    PendulumPlant,
+    QuadrotorPlant,
+    VanDerPolOscillator,
+)
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import PrismaticJoint, SpatialInertia, UnitInertia
+from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import (
     Adder,
     AffineSystem,
     ConstantVectorSource,
     Demultiplexer,
+    DiscreteDerivative,
+    DiscreteTimeDelay,
+    DiscreteTimeIntegrator,
+    FirstOrderLowPassFilter,
     Gain,
     Integrator,
     LinearSystem,
     LogVectorOutput,
     MatrixGain,
+    MultilayerPerceptron,
     Multiplexer,
     PassThrough,
     Saturation,
@@ -32,27 +44,52 @@ A, B, C, D = (rng.normal(size=size) for size in ((3, 3), (3, 2), (4, 3), (4, 2))
 NONE = np.zeros
 
 
-def test_a_primitive_has_a_kernel():
-    for block in [
-        Gain(k=[2.0, -1.0]),
-        MatrixGain(D),
-        Adder(3, 2),
-        Multiplexer([2, 1, 3]),
-        Demultiplexer([1, 2, 1]),
-        LinearSystem(A, B, C, D),
-        LinearSystem(A, B, C, NONE((4, 2))),
-        LinearSystem(A, NONE((3, 0)), C, NONE((4, 0))),
-        AffineSystem(A, B, rng.normal(size=3), C, D, rng.normal(size=4)),
-        Integrator(3),
-        ConstantVectorSource([1.0, -2.0]),
-        Saturation([-0.1, -0.2], [0.3, 0.1]),
-        PassThrough(2),
-        Sine([1.0, -2.0, 0.0, 3.0], [3.0, 0.0, 2.0, 1.0], [0.1, 0.2, 0.3, 0.0], True),
-        Sine([1.0, 3.0], [3.0, -1.0], [0.1, 0.0], False),
-        ZeroOrderHold(0.1, 2),
-        LinearSystem(A / 5, B, C, D, 0.1),
-    ]:
-        CheckKernel(block)
+PRIMITIVES = {
+    "gain": lambda: Gain(k=[2.0, -1.0]),
+    "matrix gain": lambda: MatrixGain(D),
+    "adder": lambda: Adder(3, 2),
+    "multiplexer": lambda: Multiplexer([2, 1, 3]),
+    "demultiplexer": lambda: Demultiplexer([1, 2, 1]),
+    "linear": lambda: LinearSystem(A, B, C, D),
+    "linear without feedthrough": lambda: LinearSystem(A, B, C, NONE((4, 2))),
+    "linear without input": lambda: LinearSystem(A, NONE((3, 0)), C, NONE((4, 0))),
+    "discrete linear": lambda: LinearSystem(A / 5, B, C, D, 0.1),
+    "affine": lambda: AffineSystem(A, B, [1.0, 2.0, 3.0], C, D, [1.0, -1.0, 0.5, 2.0]),
+    "integrator": lambda: Integrator(3),
+    "constant": lambda: ConstantVectorSource([1.0, -2.0]),
+    "saturation": lambda: Saturation([-0.1, -0.2], [0.3, 0.1]),
+    "pass through": lambda: PassThrough(2),
+    "sine of time": lambda: Sine([1.0, 0.0], [3.0, 2.0], [0.1, 0.3], True),
+    "sine of input": lambda: Sine([1.0, 3.0], [3.0, -1.0], [0.1, 0.0], False),
+    "zero order hold": lambda: ZeroOrderHold(0.1, 2),
+    "discrete delay": lambda: DiscreteTimeDelay(0.1, 3, 2),
+    "discrete derivative": lambda: DiscreteDerivative(2, 0.1),
+    "discrete integrator": lambda: DiscreteTimeIntegrator(2, 0.1),
+    "low pass": lambda: FirstOrderLowPassFilter(0.2, 2),
+    "perceptron": lambda: MultilayerPerceptron([2, 3, 1]),
+    "pid": lambda: PidController([1.0, 2.0], [0.1, 0.2], [0.3, 0.4]),
+    "pendulum": PendulumPlant,
+    "acrobot": AcrobotPlant,
+    "van der pol": VanDerPolOscillator,
+    "quadrotor": QuadrotorPlant,
+}
+
+
+@pytest.mark.parametrize("make", PRIMITIVES.values(), ids=PRIMITIVES)
+def test_a_system_of_drake_has_a_kernel(make):
+    CheckKernel(make())
+
+
+def test_an_input_that_nothing_depends_on_may_be_connected():
+    """Without state, and with D = 0, a LinearSystem puts out zeros."""
+    silent = LinearSystem(
+        NONE((0, 0)), NONE((0, 1)), NONE((2, 0)), NONE((2, 1)), time_period=0.0
+    )
+    builder = DiagramBuilder()
+    source = builder.AddNamedSystem("source", ConstantVectorSource([1.0]))
+    builder.AddNamedSystem("silent", silent)
+    builder.Connect(source.get_output_port(), silent.get_input_port())
+    CheckKernel(builder.Build())
 
 
 def test_a_block_without_a_kernel_is_named():

@@ -1,0 +1,59 @@
+"""Tapes of symbolic expressions against Drake's own evaluation of them."""
+
+import numpy as np
+import pytest
+from pydrake import symbolic
+from pydrake.symbolic import Expression, Variable
+
+from teleop_drake.compiler.expression_tape import (
+    MakeTape,
+    UnknownExpression,
+    evaluate_tape,
+)
+
+t, x, y = Variable("t"), Variable("x"), Variable("y")
+EXPRESSIONS = [
+    *(Expression(2.5), Expression(t), x - y, 1 - x, -x - y, 3 * x - 2 * y, -x * y),
+    *(2 * x * y / 3, x / (y + 1), x**2, x**3 * y, x**-2, (y + 2) ** 0.5, (y + 2) ** x),
+    *(abs(x - 1), symbolic.sqrt(y + 2), symbolic.exp(x), symbolic.log(y + 2)),
+    *(symbolic.sin(x * t), symbolic.cos(x), symbolic.tan(y), symbolic.asin(x / 9)),
+    *(symbolic.acos(x / 9), symbolic.atan(x), symbolic.atan2(x, y), symbolic.sinh(x)),
+    *(symbolic.cosh(x), symbolic.tanh(x), symbolic.floor(3 * x), symbolic.ceil(3 * x)),
+    *(symbolic.min(x, y), symbolic.max(x, y)),
+]
+CONDITIONS = [
+    *(x < y, x <= y, x > y, x >= y, x == y, x != y),
+    symbolic.logical_and(x > 0, y > 0, x < y),
+    symbolic.logical_or(x > 1, y > 1),
+    symbolic.logical_not(symbolic.logical_and(x > 0, y < 0.5)),
+]
+EXPRESSIONS += [symbolic.if_then_else(c, x + 1, y - 1) for c in CONDITIONS]
+POINTS = [(0.3, 0.7, 0.2), (1.2, -0.4, 1.1), (2.0, 1.5, -0.6), (0.1, 0.8, 0.8)]
+
+
+@pytest.mark.parametrize("expression", EXPRESSIONS, ids=str)
+def test_a_tape_has_the_value_of_its_expression(expression):
+    tape = MakeTape([expression], t, [[x], [y]])
+    for point in POINTS:
+        expected = expression.Evaluate(dict(zip((t, x, y), point, strict=True)))
+        time, a, b = point
+        value = evaluate_tape(tape, time, np.array([a]), np.array([b]))
+        np.testing.assert_allclose(value, [expected], rtol=1e-14, atol=1e-15)
+
+
+def test_a_common_part_is_computed_once():
+    tape = MakeTape([symbolic.sin(x) + y, symbolic.sin(x) * y], t, [[x, y]])
+    assert len(tape.rows) == 3
+
+
+def test_constants_do_not_decide_which_rows_there_are():
+    one = MakeTape([3 * x + 3 * y], t, [[x, y]])
+    other = MakeTape([3 * x + 4 * y], t, [[x, y]])
+    np.testing.assert_array_equal(one.rows, other.rows)
+    assert one.constants.tolist() == [3.0, 3.0]
+
+
+def test_what_is_no_operation_is_named():
+    unknown = symbolic.uninterpreted_function("f", [Expression(x)])
+    with pytest.raises(UnknownExpression, match="UninterpretedFunction"):
+        MakeTape([unknown], t, [[x]])

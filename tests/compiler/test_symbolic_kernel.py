@@ -1,0 +1,73 @@
+"""Kernels that are made of the symbolic form of Drake's systems."""
+
+import numpy as np
+import pytest
+from pydrake.examples import PendulumPlant, RimlessWheel
+from pydrake.symbolic import Variable
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Integrator, SymbolicVectorSystem
+
+from teleop_drake.compiler.check import CheckKernel
+from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.simulation import simulate
+
+x, u = Variable("x"), Variable("u")
+
+
+def halving(period):
+    """x[n + 1] = x[n] / 2 + u[n], x[0] = 0."""
+    return SymbolicVectorSystem(
+        state=[x], input=[u], dynamics=[x / 2 + u], output=[x + 1], time_period=period
+    )
+
+
+def test_other_parameters_take_the_same_machine_code():
+    plant = PendulumPlant()
+    context = plant.CreateDefaultContext()
+    plant.get_input_port().FixValue(context, [0.3])
+    context.SetContinuousState([0.4, 0.2])
+    first = Evaluator(plant, context, as_machine_code=True)
+    plant.get_mutable_parameters(context).set_mass(2.0)
+    other = Evaluator(plant, context, as_machine_code=True, like=first)
+    assert other.function is first.function
+    mass, length, damping, gravity = 2.0, 0.5, 0.1, 9.81
+    torque = 0.3 - damping * 0.2 - mass * gravity * length * np.sin(0.4)
+    expected = [0.2, torque / (mass * length**2)]
+    np.testing.assert_allclose(other.Evaluate(context)[1], expected, rtol=1e-14)
+
+
+def test_a_discrete_symbolic_system_steps():
+    """Next to a continuous one Drake's own run ends with a violated contract."""
+    builder = DiagramBuilder()
+    steps = builder.AddNamedSystem("steps", halving(0.1))
+    level = builder.AddNamedSystem("level", Integrator(1))
+    builder.Connect(steps.get_output_port(), level.get_input_port())
+    builder.Connect(steps.get_output_port(), steps.get_input_port())
+    builder.ExportOutput(steps.get_output_port(), "held")
+    builder.ExportOutput(level.get_output_port(), "integral")
+    recording = simulate(builder.Build(), duration=0.25)
+    assert recording.solver.engine == "compiled"
+    # x becomes 1.5 x + 1 at 0, 0.1 and 0.2 s.
+    assert recording.signals["held"][-1, 0] == pytest.approx(1 + 4.75)
+    integral = 0.1 * (1 + 1) + 0.1 * (1 + 2.5) + 0.05 * (1 + 4.75)
+    assert recording.signals["integral"][-1, 0] == pytest.approx(integral)
+
+
+def test_a_discrete_symbolic_system_is_compared_with_drake():
+    CheckKernel(halving(0.1))
+
+
+class OwnPendulum(PendulumPlant):
+    """Another pendulum, whose symbolic form is that of its base."""
+
+    def DoCalcTimeDerivatives(self, context, derivatives):
+        derivatives.SetFromVector([0.0, 0.0])
+
+
+@pytest.mark.parametrize("make", [OwnPendulum, RimlessWheel])
+def test_a_system_without_a_symbolic_form_is_refused(make):
+    system = make()
+    system.set_name("plant")
+    with pytest.raises(UnsupportedSystem, match=f"{make.__name__} 'plant' cannot"):
+        CheckKernel(system)
