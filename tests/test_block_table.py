@@ -80,7 +80,9 @@ def Primitives() -> Diagram:
         drake.AffineSystem(-I, I, [0.1, 0.2], I, zero, [0.3, 0.4]),
         drake.MatrixGain(0.5 * I),
         drake.ZeroOrderHold(0.1, 2),
+        drake.DiscreteTimeDelay(0.1, 2, 2),
         drake.Integrator(2),
+        drake.FirstOrderLowPassFilter(0.2, 2),
         drake.PassThrough(2),
         drake.VectorLogSink(2, 0.1),
     ]

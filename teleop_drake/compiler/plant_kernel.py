@@ -1,16 +1,18 @@
 """The kernels of a MultibodyPlant, and of what asks one."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context, System
 
 from teleop_drake.arrays import Array, Indices
-from teleop_drake.compiler.plant_tree import ReadPlantTree
-from teleop_drake.kernel import Kernel, Term
+from teleop_drake.compiler.plant_tree import PlantTree, ReadPlantTree
+from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.laws import task_space, tracking
 from teleop_drake.laws.gaussian_network import basis_functions
 from teleop_drake.laws.task_space import PostureGains
@@ -59,28 +61,80 @@ def _at_tool(tool: Tool, q: Array, v: Array) -> _ToolState:
     return _ToolState(R, p, J, M, bias, a[0])
 
 
-def plant_rate(
-    tree: RigidBodyTree,
-    actuated: Indices,
-    effort_limits: Array,
-    state: Array,
-    actuation: Array,
-    generalized_force: Array,
-) -> Array:
-    """Returns [v; v_dot] of a plant.
+def limited_efforts(effort_limits: Array, actuation: Array) -> Array:
+    """Returns the efforts of the actuators, N m or N.
+
+    Args:
+        effort_limits: The largest effort of each actuator, N m or N.
+        actuation: The commanded efforts, N m or N.
+    """
+    return np.clip(actuation, -effort_limits, effort_limits)
+
+
+def total_actuation(actuators: Indices, actuation: Array, of_instances: Array) -> Array:
+    """Returns the commanded effort of each actuator, N m or N.
+
+    Args:
+        actuators: The actuator that each element of `of_instances` belongs to.
+        actuation: The command to all actuators, N m or N.
+        of_instances: The commands to those of model instances, N m or N.
+    """
+    total = actuation.copy()
+    for k in range(len(actuators)):
+        total[actuators[k]] += of_instances[k]
+    return total
+
+
+def joint_forces(actuated: Indices, efforts: Array, generalized_force: Array) -> Array:
+    """Returns the forces on the joints, N m or N (n).
 
     Args:
         actuated: The velocity that each actuator acts on.
-        effort_limits: What each actuator can do at most, N m or N.
-        actuation: What each actuator is to do, N m or N.
+        efforts: Of the actuators, N m or N.
         generalized_force: What else acts on the joints, N m or N (n).
     """
-    q, v = np.split(state, 2)
     forces = generalized_force.copy()
-    efforts = np.clip(actuation, -effort_limits, effort_limits)
     for k in range(len(actuated)):
         forces[actuated[k]] += efforts[k]
+    return forces
+
+
+def plant_rate(
+    tree: RigidBodyTree,
+    actuated: Indices,
+    state: Array,
+    efforts: Array,
+    generalized_force: Array,
+) -> Array:
+    """Returns [v; v_dot] of a plant; see joint_forces()."""
+    q, v = np.split(state, 2)
+    forces = joint_forces(actuated, efforts, generalized_force)
     return np.append(v, rigid_body.calc_joint_accelerations(tree, q, v, forces))
+
+
+def plant_step(
+    tree: RigidBodyTree,
+    actuated: Indices,
+    time_step: float,
+    state: Array,
+    efforts: Array,
+    generalized_force: Array,
+) -> Array:
+    """Returns the next state of a discrete plant without contact; see joint_forces().
+
+    Damping acts on the next velocities, all else is that of the present state:
+    (M + h D) (v_next - v) = h (forces - D v - bias), q_next = q + h v_next.
+
+    Args:
+        time_step: The period h, s.
+    """
+    q, v = np.split(state, 2)
+    forces = joint_forces(actuated, efforts, generalized_force)
+    motion = rigid_body.calc_motion(tree, q, v)
+    M, bias = rigid_body.calc_dynamics(tree, motion, v)
+    impulse = time_step * (forces - tree.damping * v - bias)
+    v_next = v + np.linalg.solve(M + time_step * np.diag(tree.damping), impulse)
+    return np.append(q + time_step * v_next, v_next)
 
 
 def body_accelerations(
@@ -250,6 +304,9 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
     For `body_spatial_accelerations`, which is no vector in Drake, it has the
     translational and the angular acceleration of each body, by the body's index.
 
+    Of a discrete plant it has the states alone. The other outputs hold what was
+    computed in the last step, and a compiled program does not store that.
+
     Args:
         context: Its context, which has the parameters.
 
@@ -257,26 +314,152 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
         UnsupportedSystem: If ReadPlantTree() cannot read the plant.
     """
     read = ReadPlantTree(plant, context)
-    n, num_bodies = plant.num_velocities(), plant.num_bodies()
-    poses = [read.poses[i] for i in range(num_bodies)]
-    return Kernel(
+    kernel = Kernel(
         parameters={
             "tree": read.tree,
             "actuated": read.actuated,
             "effort_limits": read.effort_limits,
-            "links": np.array([link for link, _ in poses]),
-            "points": np.array([X_LB.translation() for _, X_LB in poses]),
         },
+        # Without collision geometries nothing depends on it.
+        unused=("geometry_query",),
+    )
+    kernel, efforts = _WithEfforts(kernel, plant, context)
+    if plant.time_step() > 0:
+        return _Discrete(kernel, plant, efforts)
+    return _Continuous(kernel, plant, efforts, read)
+
+
+def _WithEfforts(
+    kernel: Kernel, plant: MultibodyPlant, context: Context
+) -> tuple[Kernel, Term]:
+    """Returns a kernel with the commands of all actuators, and the term of efforts.
+
+    A model instance may have its own input of commands.
+    """
+    inputs: dict[str, Indices] = {}
+    for i in map(ModelInstanceIndex, range(plant.num_model_instances())):
+        port = plant.get_actuation_input_port(i)
+        if port.size() > 0 and port.HasValue(context):
+            indices = plant.GetJointActuatorIndices(i)
+            inputs[port.get_name()] = np.array([int(x) for x in indices])
+    if not inputs:
+        return kernel, (limited_efforts, "effort_limits", "actuation")
+    actuators = np.concatenate(list(inputs.values()))
+    kernel = replace(
+        kernel,
+        parameters={**kernel.parameters, "actuators": actuators},
         outputs={
-            "state": "state",
-            "generalized_acceleration": ("rate", n, 2 * n),
-            "body_spatial_accelerations": (
-                body_accelerations, "tree", "links", "points", "state", "rate"
+            "commands of instances": [*inputs],
+            "commands": (
+                total_actuation, "actuators", "actuation", "commands of instances"
             ),
         },
+        sizes={
+            "commands of instances": len(actuators),
+            "commands": plant.num_actuators(),
+        },
+    )  # fmt: skip
+    return kernel, (limited_efforts, "effort_limits", "commands")
+
+
+def _Continuous(
+    kernel: Kernel, plant: MultibodyPlant, efforts: Term, read: PlantTree
+) -> Kernel:
+    """Returns the kernel of a continuous plant."""
+    n, num_bodies = plant.num_velocities(), plant.num_bodies()
+    poses = [read.poses[i] for i in range(num_bodies)]
+    outputs: dict[str, Term] = {
+        "state": "state",
+        "net_actuation": efforts,
+        "generalized_acceleration": ("rate", n, 2 * n),
+        "body_spatial_accelerations": (
+            body_accelerations, "tree", "links", "points", "state", "rate"
+        ),
+    }  # fmt: skip
+    for instance in _InstancesOf(plant):
+        accelerations = [n + i for i in instance.velocities]
+        outputs |= {
+            f"{instance.name}_state": _Elements("state", instance.states),
+            f"{instance.name}_generalized_acceleration": _Elements(
+                "rate", accelerations
+            ),
+            f"{instance.name}_generalized_contact_forces": (
+                "no_contact", 0, len(accelerations)
+            ),
+            f"{instance.name}_net_actuation": _Elements(
+                "net_actuation", instance.actuators
+            ),
+        }  # fmt: skip
+    return replace(
+        kernel,
+        parameters={
+            **kernel.parameters,
+            "links": np.array([link for link, _ in poses]),
+            "points": np.array([X_LB.translation() for _, X_LB in poses]),
+            "no_contact": np.zeros(n),
+        },
+        outputs={**kernel.outputs, **outputs},
         rate=(
-            plant_rate, "tree", "actuated", "effort_limits", "state", "actuation",
+            plant_rate, "tree", "actuated", "state", "net_actuation",
             "applied_generalized_force",
         ),
-        sizes={"body_spatial_accelerations": 6 * num_bodies},
+        sizes={**kernel.sizes, "body_spatial_accelerations": 6 * num_bodies},
     )  # fmt: skip
+
+
+def _Discrete(kernel: Kernel, plant: MultibodyPlant, efforts: Term) -> Kernel:
+    """Returns the kernel of a discrete plant."""
+    step = Transition(
+        mode=(
+            plant_step, "tree", "actuated", "time_step", "mode", "efforts",
+            "applied_generalized_force",
+        ),
+        period=plant.time_step(),
+        is_discrete=not plant.has_sampled_output_ports(),
+    )  # fmt: skip
+    outputs: dict[str, Term] = {"state": "mode", "efforts": efforts}
+    for instance in _InstancesOf(plant):
+        outputs[f"{instance.name}_state"] = _Elements("mode", instance.states)
+    return replace(
+        kernel,
+        parameters={**kernel.parameters, "time_step": plant.time_step()},
+        outputs={**kernel.outputs, **outputs},
+        transitions={"steps": step},
+        sizes={**kernel.sizes, "efforts": plant.num_actuators()},
+    )
+
+
+class _Instance(NamedTuple):
+    """A model instance of a plant.
+
+    Attributes:
+        name: Its name, with which its ports begin.
+        states: The elements of the plant's state that are its own.
+        velocities: The elements of the plant's velocities.
+        actuators: The elements of the plant's actuation.
+    """
+
+    name: str
+    states: list[int]
+    velocities: list[int]
+    actuators: list[int]
+
+
+def _InstancesOf(plant: MultibodyPlant) -> Iterator[_Instance]:
+    """Yields the model instances of a plant."""
+    n = plant.num_velocities()
+    places = np.arange(float(n))
+    for i in map(ModelInstanceIndex, range(plant.num_model_instances())):
+        positions = plant.GetPositionsFromArray(i, places).astype(int).tolist()
+        velocities = plant.GetVelocitiesFromArray(i, places).astype(int).tolist()
+        yield _Instance(
+            name=plant.GetModelInstanceName(i),
+            states=[*positions, *(n + k for k in velocities)],
+            velocities=velocities,
+            actuators=[int(k) for k in plant.GetJointActuatorIndices(i)],
+        )
+
+
+def _Elements(name: str, places: list[int]) -> Term:
+    """Returns the term of some elements of a vector."""
+    return [(name, i, i + 1) for i in places]

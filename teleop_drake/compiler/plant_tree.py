@@ -44,6 +44,7 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
         UnsupportedSystem: If something in the plant moves or acts in another way.
     """
     _CheckForces(plant)
+    _CheckJoints(plant, context)
     links = _ReadLinks(plant, context)
     inertias = _ReadInertias(plant, context, links.poses)
     motors = _ReadMotors(plant, context)
@@ -216,8 +217,6 @@ def _Gravity(plant: MultibodyPlant) -> multibody.UniformGravityFieldElement:
 
 def _CheckForces(plant: MultibodyPlant) -> None:
     """Raises UnsupportedSystem on forces other than gravity."""
-    if plant.time_step() > 0:
-        raise UnsupportedSystem(plant, "it is discrete; make it with time_step=0")
     for i in range(plant.num_force_elements()):
         element = plant.get_force_element(multibody.ForceElementIndex(i))
         if not isinstance(element, multibody.UniformGravityFieldElement):
@@ -233,3 +232,24 @@ def _CheckForces(plant: MultibodyPlant) -> None:
         raise UnsupportedSystem(plant, "it has constraints")
     if plant.num_collision_geometries() > 0:
         raise UnsupportedSystem(plant, "its bodies can collide")
+
+
+def _CheckJoints(plant: MultibodyPlant, context: Context) -> None:
+    """Raises UnsupportedSystem on locked joints, and on limits of a discrete plant.
+
+    A continuous plant ignores the limits of its joints.
+    """
+    is_discrete = plant.time_step() > 0
+    for joint_index in plant.GetJointIndices():
+        joint = plant.get_joint(joint_index)
+        limits = joint.position_lower_limits(), joint.position_upper_limits()
+        if is_discrete and np.isfinite(limits).any():
+            reason = f"it is discrete, and joint {joint.name()} has limits"
+            raise UnsupportedSystem(plant, reason)
+        if joint.is_locked(context):
+            raise UnsupportedSystem(plant, f"joint {joint.name()} is locked")
+    for actuator_index in plant.GetJointActuatorIndices():
+        actuator = plant.get_joint_actuator(actuator_index)
+        if actuator.has_controller():
+            reason = f"actuator {actuator.name()} has a controller"
+            raise UnsupportedSystem(plant, reason)

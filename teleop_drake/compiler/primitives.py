@@ -33,6 +33,8 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel | None:
     Raises:
         UnsupportedSystem: If only a part of what it computes can be compiled.
     """
+    if type(system) in SINKS:
+        return Kernel(unused=tuple(map(str, _Inputs(system))))
     make = KERNELS.get(type(system))
     return SymbolicKernel(system, context) if make is None else make(system)
 
@@ -70,18 +72,12 @@ def _AffineKernel(system: AffineSystem) -> Kernel:
     )
 
 
-def _SinkKernel(system: System) -> Kernel:
-    """Returns the kernel of a system that nothing depends on which is computed."""
-    return Kernel(unused=tuple(map(str, _Inputs(system))))
-
-
 KERNELS: dict[type[System], Callable[[Any], Kernel]] = {
     AffineSystem: _AffineKernel,
     LinearSystem: _AffineKernel,
     MatrixGain: _AffineKernel,
-    VectorLogSink: _SinkKernel,
-    SceneGraph: _SinkKernel,
-    MeshcatVisualizer: _SinkKernel,
-    DrakeVisualizer: _SinkKernel,
 }
 """Kernels that are not made of the symbolic form of a system, by its class itself."""
+
+SINKS = VectorLogSink, SceneGraph, MeshcatVisualizer, DrakeVisualizer
+"""Systems without a state or an output that a compiled system could depend on."""

@@ -119,13 +119,14 @@ def CompileDiagram(
     diagram.ExecuteInitializationEvents(context)
     try:
         evaluator = Evaluator(diagram, context, as_machine_code=True, like=like)
+        places = SignalPlaces(evaluator, diagram)
     except UnsupportedSystem as error:
         raise CannotCompile(str(error)) from error
     return CompiledDiagram(
         diagram=diagram,
         context=context,
         evaluator=evaluator,
-        places=SignalPlaces(evaluator, diagram),
+        places=places,
         start=Visited(context.get_time(), *evaluator.ReadContext(context)),
         longest_step=LongestStep(diagram, context, of_delays=False),
     )
@@ -243,9 +244,17 @@ def _ReasonOf(run: CompiledRun) -> str:
 
 
 def SignalPlaces(evaluator: Evaluator, diagram: Diagram) -> dict[str, slice]:
-    """Returns where the outputs of the diagram's systems are in a row, by name."""
-    places, blocks = evaluator.program.signals, evaluator.blocks
-    return {
-        name: places[OutputOf(blocks, port.get_system(), int(port.get_index()))]
-        for name, port in SignalsOf(diagram).items()
-    }
+    """Returns where the outputs of the diagram's systems are in a row, by name.
+
+    Raises:
+        UnsupportedSystem: If the kernel of a block does not have one of them.
+    """
+    places = {}
+    for name, port in SignalsOf(diagram).items():
+        system, index = port.get_system(), int(port.get_index())
+        source = OutputOf(evaluator.blocks, system, index)
+        if source not in evaluator.program.signals:
+            block = evaluator.blocks[source.block].system
+            raise UnsupportedSystem(block, f"its kernel has no output {source.port}")
+        places[name] = evaluator.program.signals[source]
+    return places

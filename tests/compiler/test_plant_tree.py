@@ -12,6 +12,7 @@ from pydrake.multibody.tree import (
     BodyIndex,
     FixedOffsetFrame,
     JacobianWrtVariable,
+    PdControllerGains,
     PrismaticJoint,
     RevoluteJoint,
     RevoluteSpring,
@@ -155,12 +156,27 @@ def spring(plant, rng):
     plant.AddForceElement(RevoluteSpring(plant.AddJoint(joint), 0.0, 1.0))
 
 
+def limited(plant, rng):
+    frame = random_body(plant, "link", rng).body_frame()
+    plant.AddJoint(
+        RevoluteJoint("hinge", plant.world_frame(), frame, [0, 0, 1], -1.0, 1.0)
+    )
+
+
+def controlled(plant, rng):
+    frame = random_body(plant, "link", rng).body_frame()
+    joint = RevoluteJoint("hinge", plant.world_frame(), frame, [0, 0, 1])
+    motor = plant.AddJointActuator("motor", plant.AddJoint(joint))
+    motor.set_controller_gains(PdControllerGains(p=1.0, d=1.0))
+
+
 def test_what_is_not_a_tree_of_such_joints_is_refused_by_name():
     for add, step, message in [
         (ball, 0.0, "joint shoulder is ball_rpy"),
         (free, 0.0, "quaternion_floating"),
         (spring, 0.0, "RevoluteSpring"),
-        (lambda plant, rng: None, 0.001, "time_step=0"),
+        (limited, 0.001, "joint hinge has limits"),
+        (controlled, 0.001, "actuator motor has a controller"),
     ]:
         plant = MultibodyPlant(step)
         add(plant, np.random.default_rng(1))
