@@ -21,6 +21,7 @@ import sys
 from types import FrameType
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     InitializeParams,
@@ -121,6 +122,8 @@ def _OwnContext(system: System, context: Context) -> Context:
         port = system.get_input_port(i)
         if port.get_data_type() == PortDataType.kVectorValued:
             port.FixValue(own, _ValueOf(port, context))
+        elif port.HasValue(context):
+            port.FixValue(own, AbstractValue.Make(port.Eval(context)))
     return own
 
 

@@ -58,6 +58,9 @@ _SAME_OPERANDS = {
 # Of any number of operands.
 _REDUCED = {FormulaKind.And: np.logical_and, FormulaKind.Or: np.logical_or}
 
+# More parts take seconds to read and minutes to compile.
+_MAX_PARTS = 50_000
+
 # Powers up to this one are products.
 _MAX_FACTORS = 16
 
@@ -146,9 +149,13 @@ class _Writer:
         self._variables = {x.get_id(): i for i, x in enumerate(variables)}
         self._num_variables = len(variables)
         self._places: dict[tuple[int, int, int, int], int] = {}
+        self._num_parts = 0
 
     def Write(self, value: Expression | Formula | float) -> int:
         """Writes an expression or a formula; returns the place of its value."""
+        self._num_parts += 1
+        if self._num_parts > _MAX_PARTS:
+            raise UnknownExpression(f"there are more than {_MAX_PARTS} operations")
         if not isinstance(value, Expression | Formula):
             return self._Constant(float(value))
         kind = value.get_kind()

@@ -44,6 +44,7 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
         UnsupportedSystem: If something in the plant moves or acts in another way.
     """
     _CheckForces(plant)
+    _CheckCollisions(plant, context)
     _CheckJoints(plant, context)
     links = _ReadLinks(plant, context)
     inertias = _ReadInertias(plant, context, links.poses)
@@ -230,8 +231,18 @@ def _CheckForces(plant: MultibodyPlant) -> None:
             raise UnsupportedSystem(plant, f"model instance {name} has no gravity")
     if plant.num_constraints() > 0:
         raise UnsupportedSystem(plant, "it has constraints")
-    if plant.num_collision_geometries() > 0:
-        raise UnsupportedSystem(plant, "its bodies can collide")
+
+
+def _CheckCollisions(plant: MultibodyPlant, context: Context) -> None:
+    """Raises UnsupportedSystem if a SceneGraph has pairs of bodies that can collide."""
+    if plant.num_collision_geometries() == 0:
+        return
+    port = plant.get_geometry_query_input_port()
+    if port.HasValue(context):
+        inspector = port.Eval(context).inspector()
+        if not inspector.GetCollisionCandidates():
+            return
+    raise UnsupportedSystem(plant, "its bodies can collide")
 
 
 def _CheckJoints(plant: MultibodyPlant, context: Context) -> None:

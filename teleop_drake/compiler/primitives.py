@@ -3,17 +3,15 @@
 from collections.abc import Callable
 from typing import Any
 
-from pydrake.geometry import DrakeVisualizer, MeshcatVisualizer, SceneGraph
-from pydrake.systems.framework import Context, System
+from pydrake.systems.framework import Context, PortDataType, System
 from pydrake.systems.primitives import (
     AffineSystem,
     LinearSystem,
     MatrixGain,
-    VectorLogSink,
 )
 
 from teleop_drake.arrays import Array
-from teleop_drake.compiler.symbolic_kernel import SymbolicKernel
+from teleop_drake.compiler.symbolic_kernel import IsOfDrake, SymbolicKernel
 from teleop_drake.kernel import Kernel, Name, Term, Transition
 
 
@@ -33,10 +31,25 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel | None:
     Raises:
         UnsupportedSystem: If only a part of what it computes can be compiled.
     """
-    if type(system) in SINKS:
+    if _IsSink(system, context):
         return Kernel(unused=tuple(map(str, _Inputs(system))))
     make = KERNELS.get(type(system))
     return SymbolicKernel(system, context) if make is None else make(system)
+
+
+def _IsSink(system: System, context: Context) -> bool:
+    """Returns whether no number depends on one of Drake's systems.
+
+    Logs, visualizers and a SceneGraph have neither numbers as a state nor an output
+    that is a vector.
+    """
+    ports = map(system.get_output_port, range(system.num_output_ports()))
+    has_numbers = (
+        any(port.get_data_type() == PortDataType.kVectorValued for port in ports)
+        or context.num_continuous_states() > 0
+        or context.num_discrete_state_groups() > 0
+    )
+    return IsOfDrake(system) and not has_numbers
 
 
 def _Inputs(system: System) -> list[Name]:
@@ -78,6 +91,3 @@ KERNELS: dict[type[System], Callable[[Any], Kernel]] = {
     MatrixGain: _AffineKernel,
 }
 """Kernels that are not made of the symbolic form of a system, by its class itself."""
-
-SINKS = VectorLogSink, SceneGraph, MeshcatVisualizer, DrakeVisualizer
-"""Systems without a state or an output that a compiled system could depend on."""

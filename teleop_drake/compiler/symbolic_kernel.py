@@ -16,6 +16,11 @@ from teleop_drake.compiler.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Term, Transition
 
 
+def IsOfDrake(system: System) -> bool:
+    """Returns whether the class of a system is one of pydrake's, and no subclass."""
+    return type(system).__module__.partition(".")[0] == "pydrake"
+
+
 def SymbolicKernel(system: System, context: Context) -> Kernel | None:
     """Returns the kernel of one of Drake's systems in C++; None: it has no such form.
 
@@ -33,8 +38,7 @@ def SymbolicKernel(system: System, context: Context) -> Kernel | None:
         UnsupportedSystem: If there is a symbolic form, but not of all that the system
             computes.
     """
-    is_drake_class = type(system).__module__.partition(".")[0] == "pydrake"
-    symbolic = system.ToSymbolicMaybe() if is_drake_class else None
+    symbolic = system.ToSymbolicMaybe() if IsOfDrake(system) else None
     if symbolic is None:
         return None
     if context.num_abstract_states() > 0 or context.num_abstract_parameters() > 0:

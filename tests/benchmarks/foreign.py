@@ -1,0 +1,111 @@
+"""Published systems: drawn, run, compiled, a page, and times against Drake's Simulator.
+
+`python tests/benchmarks/foreign.py` prints a row for each system of tests/foreign. The
+times are those of a run of 10 s, as multiples of the same run of the program that was
+compiled: of Drake's Simulator with its default settings against a compiled run of the
+same accuracy, and with the same settings in both. Compiling is not a part of them.
+"""
+
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from foreign.test_foreign import SYSTEMS
+from foreign.wiring import Published
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import Context, Diagram
+
+from teleop_drake import WritePage
+from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.figures.block_diagram import DiagramDot
+
+DURATION = 10.0
+DEFAULT = SimulatorConfig()
+SAME = SimulatorConfig(
+    integration_scheme="runge_kutta5", accuracy=1e-6, max_step_size=0.1
+)
+
+
+def best_time(run: Callable[[], object]) -> float:
+    """Returns the shortest of three times in s."""
+    times = []
+    for _ in range(3):
+        start = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def time_in_drake(diagram: Diagram, context: Context, config: SimulatorConfig) -> float:
+    """Returns how long Drake's Simulator takes, s."""
+
+    def run() -> None:
+        simulator = Simulator(diagram, context.Clone())
+        ApplySimulatorConfig(config, simulator)
+        simulator.AdvanceTo(context.get_time() + DURATION)
+
+    return best_time(run)
+
+
+def time_compiled(
+    evaluator: Evaluator, context: Context, config: SimulatorConfig
+) -> float:
+    """Returns how long a run of a compiled program takes, s."""
+
+    def run() -> None:
+        program = CompiledRun(
+            evaluator,
+            context,
+            end=DURATION,
+            accuracy=config.accuracy,
+            max_step=config.max_step_size,
+        )
+        while program.time < DURATION and not program.failure:
+            program.Advance(DURATION)
+
+    run()  # What is compiled once a process is no part of a run.
+    return best_time(run)
+
+
+def row(system: Published) -> list[str]:
+    """Returns the cells of a system."""
+    diagram, context = system.Make()
+    drawn = "yes" if DiagramDot(diagram) else "no"
+    plain = time_in_drake(diagram, context, DEFAULT)
+    try:
+        evaluator = Evaluator(diagram, context, as_machine_code=True)
+    except UnsupportedSystem:
+        return [system.name, drawn, "yes", "no", "no", "", ""]
+    ratio = plain / time_compiled(evaluator, context, DEFAULT)
+    ratio_of_same = time_in_drake(diagram, context, SAME) / time_compiled(
+        evaluator, context, SAME
+    )
+    has_page = "yes" if is_page(diagram) else "no"
+    return [
+        *(system.name, drawn, "yes", "yes", has_page),
+        *(f"{ratio:.1f}", f"{ratio_of_same:.1f}"),
+    ]
+
+
+def is_page(diagram: Diagram) -> bool:
+    """Returns whether a diagram becomes a page."""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            WritePage(diagram, Path(folder) / "page.html")
+        except (ValueError, KeyError) as error:
+            print(f"{diagram.get_name()}: {error}", file=sys.stderr)
+            return False
+    return True
+
+
+if __name__ == "__main__":
+    print("| system | drawn | run | compiled | page | default | same settings |")
+    print("|---|---|---|---|---|---|---|")
+    for each in SYSTEMS:
+        print(f"| {' | '.join(row(each))} |", flush=True)

@@ -1,0 +1,70 @@
+"""Systems that others published, in Drake and compiled.
+
+`python tests/benchmarks/foreign.py` prints a table of them with times of runs.
+"""
+
+import numpy as np
+import pytest
+from foreign.drake_examples import DRAKE
+from foreign.manipulation import MANIPULATION
+from foreign.underactuated import UNDERACTUATED
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+
+from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.figures.block_diagram import DiagramDot
+
+SYSTEMS = [*DRAKE, *UNDERACTUATED, *MANIPULATION]
+COMPILED = [system for system in SYSTEMS if system.compiles]
+OTHERS = [system for system in SYSTEMS if not system.compiles]
+
+# Not where discrete updates happen, s.
+TIMES = (0.0123, 0.317, 0.5432)
+
+
+def in_drake(diagram, context):
+    """Returns a Simulator whose errors are far below what is compared."""
+    simulator = Simulator(diagram, context.Clone())
+    config = SimulatorConfig(
+        integration_scheme="runge_kutta5", max_step_size=0.005, accuracy=1e-13
+    )
+    ApplySimulatorConfig(config, simulator)
+    return simulator
+
+
+@pytest.mark.parametrize("system", SYSTEMS, ids=lambda system: system.name)
+def test_it_is_drawn_and_runs(system):
+    diagram, context = system.Make()
+    assert DiagramDot(diagram).startswith("digraph")
+    simulator = in_drake(diagram, context)
+    simulator.AdvanceTo(0.1)
+    assert simulator.get_context().get_time() == 0.1
+
+
+@pytest.mark.parametrize("system", COMPILED, ids=lambda system: system.name)
+def test_it_compiles_and_moves_as_in_drake(system):
+    diagram, context = system.Make()
+    simulator = in_drake(diagram, context)
+    evaluator = Evaluator(diagram, context, as_machine_code=True)
+    run = CompiledRun(evaluator, context, end=1.0, accuracy=1e-13, max_step=0.005)
+    for time in TIMES:
+        run.Sample(time)
+        simulator.AdvanceTo(time)
+        own = simulator.get_context()
+        x = own.get_continuous_state_vector().CopyToVector()
+        groups = range(own.num_discrete_state_groups())
+        m = [own.get_discrete_state(i).CopyToVector() for i in groups]
+        for value, expected in [
+            (run.memory.x, x),
+            (run.memory.m, np.concatenate([np.empty(0), *m])),
+        ]:
+            scale = max(1.0, np.abs(expected).max(initial=0.0))
+            np.testing.assert_allclose(value, expected, rtol=0, atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize("system", OTHERS, ids=lambda system: system.name)
+def test_what_does_not_compile_is_named(system):
+    diagram, context = system.Make()
+    with pytest.raises(UnsupportedSystem, match="cannot be compiled"):
+        Evaluator(diagram, context)
