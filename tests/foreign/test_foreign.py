@@ -1,6 +1,6 @@
 """Systems that others published, in Drake and compiled.
 
-`python tests/benchmarks/foreign.py` prints a table of them with times of runs.
+`python tests/benchmarks/published_systems.py` prints a table of them.
 """
 
 import numpy as np
