@@ -20,15 +20,6 @@ UNARY = 1
 BINARY = 2
 SELECT = 3
 
-FUNCTIONS: tuple[Callable[..., Any], ...] = (
-    np.negative, np.absolute, np.sqrt, np.exp, np.log, np.sin, np.cos, np.tan,
-    np.arcsin, np.arccos, np.arctan, np.sinh, np.cosh, np.tanh, np.floor,
-    np.logical_not, np.add, np.subtract, np.multiply, np.divide, np.power, np.minimum,
-    np.maximum, np.arctan2, np.less, np.less_equal, np.equal, np.logical_and,
-    np.logical_or,
-)  # fmt: skip
-"""The functions that a row names by their places here."""
-
 # Expressions and formulas that are one function of their operands.
 _SAME_OPERANDS = {
     ExpressionKind.Abs: np.absolute,
@@ -57,6 +48,17 @@ _SAME_OPERANDS = {
 
 # Of any number of operands.
 _REDUCED = {FormulaKind.And: np.logical_and, FormulaKind.Or: np.logical_or}
+
+FUNCTIONS: tuple[Callable[..., Any], ...] = (
+    *_SAME_OPERANDS.values(),
+    *_REDUCED.values(),
+    np.negative,
+    np.add,
+    np.subtract,
+    np.multiply,
+    np.power,
+)
+"""The functions that a row names by their places here."""
 
 # More parts take seconds to read and minutes to compile.
 _MAX_PARTS = 50_000

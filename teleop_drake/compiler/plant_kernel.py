@@ -366,7 +366,8 @@ def _Continuous(
     kernel: Kernel, plant: MultibodyPlant, efforts: Term, read: PlantTree
 ) -> Kernel:
     """Returns the kernel of a continuous plant."""
-    n, num_bodies = plant.num_velocities(), plant.num_bodies()
+    n = plant.num_velocities()
+    num_bodies = plant.num_bodies()
     poses = [read.poses[i] for i in range(num_bodies)]
     outputs: dict[str, Term] = {
         "state": "state",

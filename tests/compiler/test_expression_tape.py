@@ -11,23 +11,25 @@ from teleop_drake.compiler.expression_tape import (
     evaluate_tape,
 )
 
-t, x, y = Variable("t"), Variable("x"), Variable("y")
-EXPRESSIONS = [
-    *(Expression(2.5), Expression(t), x - y, 1 - x, -x - y, 3 * x - 2 * y, -x * y),
-    *(2 * x * y / 3, x / (y + 1), x**2, x**3 * y, x**-2, (y + 2) ** 0.5, (y + 2) ** x),
-    *(abs(x - 1), symbolic.sqrt(y + 2), symbolic.exp(x), symbolic.log(y + 2)),
-    *(symbolic.sin(x * t), symbolic.cos(x), symbolic.tan(y), symbolic.asin(x / 9)),
-    *(symbolic.acos(x / 9), symbolic.atan(x), symbolic.atan2(x, y), symbolic.sinh(x)),
-    *(symbolic.cosh(x), symbolic.tanh(x), symbolic.floor(3 * x), symbolic.ceil(3 * x)),
-    *(symbolic.min(x, y), symbolic.max(x, y)),
-]
+t = Variable("t")
+x = Variable("x")
+y = Variable("y")
 CONDITIONS = [
-    *(x < y, x <= y, x > y, x >= y, x == y, x != y),
+    x < y, x <= y, x > y, x >= y, x == y, x != y,
     symbolic.logical_and(x > 0, y > 0, x < y),
     symbolic.logical_or(x > 1, y > 1),
     symbolic.logical_not(symbolic.logical_and(x > 0, y < 0.5)),
-]
-EXPRESSIONS += [symbolic.if_then_else(c, x + 1, y - 1) for c in CONDITIONS]
+]  # fmt: skip
+EXPRESSIONS = [
+    Expression(2.5), Expression(t), x - y, 1 - x, -x - y, 3 * x - 2 * y, -x * y,
+    2 * x * y / 3, x / (y + 1), x**2, x**3 * y, x**-2, (y + 2) ** 0.5, (y + 2) ** x,
+    abs(x - 1), symbolic.sqrt(y + 2), symbolic.exp(x), symbolic.log(y + 2),
+    symbolic.sin(x * t), symbolic.cos(x), symbolic.tan(y), symbolic.asin(x / 9),
+    symbolic.acos(x / 9), symbolic.atan(x), symbolic.atan2(x, y), symbolic.sinh(x),
+    symbolic.cosh(x), symbolic.tanh(x), symbolic.floor(3 * x), symbolic.ceil(3 * x),
+    symbolic.min(x, y), symbolic.max(x, y),
+    *(symbolic.if_then_else(c, x + 1, y - 1) for c in CONDITIONS),
+]  # fmt: skip
 POINTS = [(0.3, 0.7, 0.2), (1.2, -0.4, 1.1), (2.0, 1.5, -0.6), (0.1, 0.8, 0.8)]
 
 
@@ -57,3 +59,12 @@ def test_what_is_no_operation_is_named():
     unknown = symbolic.uninterpreted_function("f", [Expression(x)])
     with pytest.raises(UnknownExpression, match="UninterpretedFunction"):
         MakeTape([unknown], t, [[x]])
+
+
+def test_too_many_parts_are_refused():
+    """The limit counts a common part as often as it occurs."""
+    expression = x + y
+    for _ in range(16):
+        expression = symbolic.sin(expression) * symbolic.cos(expression)
+    with pytest.raises(UnknownExpression, match="more than 50000 operations"):
+        MakeTape([expression], t, [[x, y]])

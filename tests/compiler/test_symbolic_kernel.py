@@ -12,7 +12,8 @@ from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import UnsupportedSystem
 from teleop_drake.simulation import simulate
 
-x, u = Variable("x"), Variable("u")
+x = Variable("x")
+u = Variable("u")
 
 
 def halving(period):
