@@ -35,6 +35,7 @@ def ArmWithPid(builder):
 def ArmWithPidInSteps(builder):
     """The controller is continuous, the plant takes steps of 2 ms."""
     plant = Add(builder, "plant", SerialArm(LENGTHS, time_step=0.002))
+    builder.ExportOutput(plant.get_state_output_port(), "state")
     gains = [50.0, 30.0], [5.0, 3.0], [5.0, 3.0]
     Follow(builder, plant, PidController(*gains), [0.3, 0.2, 0.0, 0.0])
     return {plant: START}
