@@ -9,7 +9,7 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import metadata, resources
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from teleop_drake.files import Replacing
 from teleop_drake.page.inputs import Change, CheckSums, FindChange, NotSums, Stops
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf
+from teleop_drake.page.script import JoinModules, ReadPart
 from teleop_drake.page.wasm import ConstantsOf, Packed
 from teleop_drake.scenario import (
     AnyScenario,
@@ -546,18 +547,14 @@ def _OwnersOf(key: str) -> list[str]:
 
 def _Html(title: str, data: dict[str, Any]) -> str:
     """Returns the page: its parts, and the model as text that says nothing to HTML."""
-    parts = {
-        name: resources.files("teleop_drake.page").joinpath(name).read_text("utf-8")
-        for name in ("page.html", "page.css", "metrics.js", "loop.js", "page.js")
-    }
     texts = {
         "title": html.escape(title),
         "version": html.escape(metadata.version("teleop-drake")),
-        "style": parts["page.css"],
-        "script": parts["loop.js"] + parts["metrics.js"] + parts["page.js"],
+        "style": ReadPart("page.css"),
+        "script": JoinModules("main.js"),
         "model": base64.b64encode(Packed(_Bytes(data))).decode(),
     }
-    return re.sub(r"\{\{(\w+)\}\}", lambda m: texts[m[1]], parts["page.html"])
+    return re.sub(r"\{\{(\w+)\}\}", lambda m: texts[m[1]], ReadPart("page.html"))
 
 
 def _Bytes(data: dict[str, Any]) -> bytes:

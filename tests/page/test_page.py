@@ -3,12 +3,10 @@
 import dataclasses
 import math
 import re
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from browsers import MakePictures
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Gain, Integrator, Sine
@@ -30,75 +28,9 @@ from teleop_drake.tasks.metrics import RunMetrics
 # What one of them compiles, the others find on the disk.
 pytestmark = pytest.mark.xdist_group("machine_code")
 
+SCRIPTS = Path(__file__).parent
+
 STIFFNESS = "environment.layers.bone.stiffness"
-
-# Before everything else in the page.
-WATCH = """<body><script>
-const errors = [];
-addEventListener("error", (e) => errors.push(e.message));
-addEventListener("unhandledrejection", (e) => errors.push(String(e.reason)));
-console.error = (...x) => errors.push(x.join(" "));
-</script>"""
-
-LOOK = """
-(async () => {
-  await teleop.ready;
-  const scope = () => document.querySelector(".scope svg").innerHTML;
-  const run = (kind) => teleop.run(kind).then((r) => ({ ...r, sampled:
-    teleop.sample(r, "tool_position", [0.5, 7.9, 16.1]) }));
-  const inputs = teleop.inputs, before = scope();
-  const first = await run("direct_force");
-  await teleop.set("delay", 0.0731);
-  await teleop.set("STIFFNESS", 93.7);
-  const second = {};
-  for (const kind of teleop.controllers) second[kind] = await run(kind);
-  const shown = state.runs.map((r) => r.metrics);
-  const click = (which) => document.querySelector(which).dispatchEvent(
-    new MouseEvent("click", { bubbles: true }));
-  const scopes = () =>
-    [...document.querySelectorAll(".scope")].map((x) => x.dataset.port);
-  const after = scope(), found = [scopes()];
-  click("[data-box='controller']");
-  const crumbs = document.getElementById("crumbs").textContent;
-  click("[data-port='controller/pack:packet'], .node [data-port^='controller/']");
-  found.push(scopes());
-  document.querySelector("#crumbs button").click();
-  click("[data-box='environment']");
-  const rows = [...document.querySelectorAll("#box .row")].map((x) => x.textContent);
-  document.querySelector("#box .row input").value = 111;
-  document.querySelector("#box .row input").oninput();
-  await state.busy;
-  setCursor(5);
-  const marks = [...document.querySelectorAll(".packets")].map(
-    (x) => x.getAttribute("d"));
-  const wrong = [];
-  for (const [name, value] of [["delay", 9], ["stiff", 1]]) {
-    try { await teleop.set(name, value); } catch (e) { wrong.push(e.message); }
-  }
-  return { errors, inputs, controllers: teleop.controllers, first, second, shown, found,
-    crumbs, rows, marks, stiffness: teleop.inputs["STIFFNESS"].value, wrong,
-    hasChanged: before !== after,
-    asked: performance.getEntriesByType("resource").map((x) => x.name) };
-})()
-""".replace("STIFFNESS", STIFFNESS)
-
-
-@pytest.fixture(scope="module")
-def look(tmp_path_factory):
-    """Returns what a script finds in a page; all are opened in one browser."""
-    empty = tmp_path_factory.mktemp("browser") / "empty.html"
-    empty.touch()
-    browser = MakePictures().Browser(empty, (1280, 720))
-
-    def Look(page, script):
-        browser.Call("Page.navigate", url=page.as_uri())
-        is_there = f"location.href == '{page.as_uri()}' && 'teleop' in window"
-        while not browser.Evaluate(is_there):
-            time.sleep(0.02)
-        return browser.Evaluate(script)
-
-    yield Look
-    browser.Close()
 
 
 @pytest.fixture(scope="module")
@@ -108,8 +40,10 @@ def seen(look, tmp_path_factory):
     assert page.stat().st_size < 250_000
     text = page.read_text("utf-8")
     assert f"teleop-drake {teleop_drake.__version__}" in text
-    page.write_text(text.replace("<body>", WATCH, 1), "utf-8")
-    return look(page, LOOK)
+    # Before everything else in the page.
+    watch = f"<body><script>{SCRIPTS.joinpath('watch.js').read_text('utf-8')}</script>"
+    page.write_text(text.replace("<body>", watch, 1), "utf-8")
+    return look(page, "look.js")
 
 
 def test_it_opens_without_errors_or_a_network(seen):
@@ -151,28 +85,6 @@ def test_runs_are_those_of_simulate(seen):
         AssertSame(result, kind, {"delay": 0.0731, STIFFNESS: 93.7})
 
 
-CHOOSE = """
-(async () => {
-  await teleop.ready;
-  const results = {}, choices = teleop.inputs["surgeon.kind"]?.choices ?? [null];
-  for (const choice of choices) {
-    if (choice) await teleop.set("surgeon.kind", choice);
-    for (const kind of teleop.controllers) {
-      const run = await teleop.run(kind), q = run.run.signal("joint_position");
-      run.sampled = teleop.sample(run, "tool_position", [0.5, 7.9, 16.1]);
-      setCursor(1.3);
-      run.tool = teleop.sample(run, "tool_position", [1.3]).flat();
-      run.drawn = $("scene").innerHTML;
-      run.arm = q && armAt(state.runs.find((x) => x.loop.kind === kind)).at(-1);
-      delete run.signals;
-      results[`${choice}:${kind}`] = run;
-    }
-  }
-  return results;
-})()
-"""
-
-
 @pytest.mark.parametrize(
     ("name", "kinds", "operators"),
     [
@@ -188,7 +100,7 @@ def test_choices_tasks_and_arms(look, tmp_path, name, kinds, operators):
     page = tmp_path / "page.html"
     vary = {"surgeon.kind": operators} if operators else None
     WritePage(name, page, controllers=kinds or None, vary=vary)
-    seen = look(page, CHOOSE)
+    seen = look(page, "choose.js")
     assert len({key.partition(":")[0] for key in seen}) == len(operators) + 1
     for key, result in seen.items():
         operator, _, kind = key.partition(":")
@@ -282,41 +194,10 @@ def ByHand():
     return builder.Build()
 
 
-DRIVE = """
-(async () => {
-  await teleop.ready;
-  const key = (type, key) => document.dispatchEvent(
-    new KeyboardEvent(type, { key, bubbles: true }));
-  const wait = (ms) => new Promise((go) => setTimeout(go, ms));
-  const rumbles = [], vibrationActuator = { playEffect: (...x) => rumbles.push(x) };
-  const pad = { axes: [0, 0, 0, 0], vibrationActuator };
-  navigator.getGamepads = () => [null, pad];
-  key("keydown", "d");
-  await wait(200);
-  key("keydown", "ArrowRight");
-  while (state.drive && state.cursor < 0.6) await wait(20);
-  key("keyup", "ArrowRight");
-  pad.axes = [0.05, -0.5, 0, 0];
-  while (state.drive && state.cursor < 0.8) await wait(20);
-  key("keydown", "Escape");
-  while (document.getElementById("saved").hidden || state.isBusy) await wait(20);
-  const csv = await (await fetch(document.getElementById("save").href)).text();
-  const end = state.hand.at(-1)[0], ends = {};
-  for (const kind of teleop.controllers) {
-    const run = await teleop.run(kind);
-    ends[kind] = teleop.sample(run, "tool_position", [end]);
-  }
-  const last = state.hand.at(-1), most = data.hand.full_speed;
-  return { csv, end, ends, rumbles, sticks: last.slice(1).map((v) => v / most),
-    command: document.getElementById("repeat").textContent };
-})()
-"""
-
-
 def test_a_hand_drives_and_can_be_repeated(look, tmp_path):
     page = tmp_path / "drive.html"
     assert main(["drive", "two_dof_collision", "--output", str(page), "--quiet"]) == 0
-    seen = look(page, DRIVE)
+    seen = look(page, "drive.js")
 
     assert seen["end"] > 0.7
     # A stick to the front commands y; what rests within a tenth commands nothing.
@@ -339,38 +220,12 @@ def test_a_hand_drives_and_can_be_repeated(look, tmp_path):
         )
 
 
-HOLD = """
-(async () => {
-  await teleop.ready;
-  const key = (type, key) => document.dispatchEvent(
-    new KeyboardEvent(type, { key, bubbles: true }));
-  const wait = (ms) => new Promise((go) => setTimeout(go, ms));
-  document.querySelectorAll("#tabs button")[1].click();
-  key("keydown", "d");
-  await wait(100);
-  key("keydown", "ArrowRight");
-  while (state.drive && state.hand.at(-1)[0] < 2.5) await wait(20);
-  key("keyup", "ArrowRight");
-  key("keydown", "Escape");
-  while (document.getElementById("saved").hidden || state.isBusy) await wait(20);
-  while (state.runs.length < 2) await wait(20);
-  const csv = await (await fetch(document.getElementById("save").href)).text();
-  const columns = state.runs.map((run) => ({ kind: run.loop.kind, end: run.time.at(-1),
-    reason: run.reason, metrics: run.metrics, labels: run.loop.labels }));
-  const table = [...document.querySelectorAll("#metrics tr")].map(
-    (row) => [...row.children].map((x) => x.textContent));
-  const command = document.getElementById("repeat").textContent;
-  return { csv, end: state.hand.at(-1)[0], columns, table, command };
-})()
-"""
-
-
 def test_a_run_that_ends_before_the_hand_has_its_own_metrics(look, tmp_path):
     """Of a hand that one controller follows longer than the other one."""
     page = tmp_path / "drive.html"
     options = ["two_dof_collision", "--delay", "0.4", "--output", str(page)]
     assert main(["drive", *options, "--quiet"]) == 0
-    seen = look(page, HOLD)
+    seen = look(page, "hold.js")
     (tmp_path / "hand.csv").write_text(seen["csv"])
     settings = {"surgeon.kind": "recorded", "surgeon.file": str(tmp_path / "hand.csv")}
     settings |= {"delay": 0.4, "duration": seen["end"]}
@@ -390,15 +245,6 @@ def test_a_run_that_ends_before_the_hand_has_its_own_metrics(look, tmp_path):
                 assert is_dash == (name not in column["metrics"])
 
 
-END = """
-(async () => {
-  await teleop.ready;
-  const { run, metrics } = await teleop.run("direct_force");
-  return { end: run.time.at(-1), reason: run.reason, metrics };
-})()
-"""
-
-
 @pytest.mark.parametrize(
     ("name", "more", "reason"),
     [
@@ -413,29 +259,12 @@ END = """
 def test_it_ends_where_the_native_run_does(look, tmp_path, name, more, reason):
     page = tmp_path / "page.html"
     WritePage(name, page, controllers=["direct_force"], overrides=more)
-    seen = look(page, END)
+    seen = look(page, "end.js")
     scenario = LoadScenario(name, {"controller.kind": "direct_force", **more})
     native = simulate(scenario)
     assert (seen["reason"], native.termination) == (reason, "diverged")
     assert seen["end"] == pytest.approx(native.time[-1], rel=0, abs=1e-9)
     AssertSameMetrics(seen["metrics"], native, 1e-6)
-
-
-ROWS = """
-(async () => {
-  await teleop.ready;
-  const results = [];
-  for (const loop of chosen()) {
-    const { run, metrics, events } = await teleop.run(loop.kind);
-    const signals = Object.fromEntries(Object.keys(loop.signals).map((name) =>
-      [name, run.time.length && range(run.time.length).map(
-        (i) => run.row(run.signal(name), i))]));
-    const { time, ends } = run;
-    results.push({ kind: loop.kind, time: [...time], ends, signals, metrics, events });
-  }
-  return results;
-})()
-"""
 
 
 @pytest.mark.parametrize(
@@ -455,7 +284,7 @@ def test_metrics_of_a_page_are_those_of_its_own_rows(look, tmp_path, name, kinds
     """What the page's script measures is what Python does, to the last digits."""
     page = tmp_path / "page.html"
     WritePage(name, page, controllers=kinds or None, overrides=more)
-    for seen in look(page, ROWS):
+    for seen in look(page, "rows.js"):
         kind = {"controller.kind": seen["kind"]} if kinds else {}
         scenario = LoadScenario(name, {**more, **kind})
         native = simulate(scenario)
@@ -471,21 +300,8 @@ def test_metrics_of_a_page_are_those_of_its_own_rows(look, tmp_path, name, kinds
         assert found == [(x.name, pytest.approx(x.time, rel=1e-13)) for x in events]
 
 
-@pytest.mark.parametrize("name", ["loop.js", "metrics.js", "page.js"])
-def test_each_function_has_a_line_that_says_what_it_does(name):
-    path = Path(teleop_drake.__file__).parent / "page" / name
-    lines = path.read_text("utf-8").splitlines()
-    function = (
-        r"(async )?function \w+|  (async )?(get )?(?!if|for|while|constr)\w+\(.*\) \{"
-    )
-    found = [i for i, line in enumerate(lines) if re.match(function, line)]
-    assert len(found) > 10
-    assert [lines[i] for i in found if not lines[i - 1].strip().startswith("//")] == []
-
-
 def test_any_diagram_is_a_page_without_a_model(look, tmp_path):
     builder = DiagramBuilder()
     builder.AddNamedSystem("own", Own())
     WriteDiagram(builder.Build(), tmp_path / "a.html")
-    script = "teleop.ready.then(() => document.getElementById('diagram').textContent)"
-    assert "own" in look(tmp_path / "a.html", script)
+    assert "own" in look(tmp_path / "a.html", "diagram.js")

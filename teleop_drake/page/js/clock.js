@@ -1,0 +1,55 @@
+// The cursor: the instant that all pictures of the page show.
+
+import { $ } from "./elements.js";
+import { clamp } from "./numbers.js";
+import { duration, state } from "./state.js";
+
+// The time that a drive shows, s, and how near to an event it is slow, s.
+const SHOWN = 8;
+const NEAR = 0.1;
+
+const drawers = [];
+
+// Calls a function whenever the cursor has moved.
+export function onCursor(draw) {
+  drawers.push(draw);
+}
+
+// Moves the cursor of all that is shown.
+export function setCursor(t) {
+  state.cursor = clamp(t, 0, duration());
+  Object.assign($("clock"), { max: duration(), value: state.cursor });
+  $("now").textContent = `${state.cursor.toFixed(3)} s`;
+  for (const draw of drawers) draw();
+}
+
+// Moves the cursor to a time, and shows what was before.
+export function showLast(t) {
+  state.window = [Math.max(0, t - SHOWN), Math.max(SHOWN, t)];
+  setCursor(t);
+}
+
+// Whether one of the runs has an event at the cursor.
+function isAtEvent() {
+  return state.runs.some(({ events }) =>
+    events.some(({ time }) => Math.abs(time - state.cursor) < NEAR),
+  );
+}
+
+// Begins to play, or ends it.
+export function togglePlay() {
+  state.isPlaying = !state.isPlaying;
+  $("play").textContent = state.isPlaying ? "❚❚" : "▶";
+  if (!state.isPlaying) return;
+  if (state.cursor >= duration()) setCursor(0);
+  let before = performance.now();
+  const play = (now) => {
+    if (!state.isPlaying) return;
+    const speed = $("speed").value * ($("slow").checked && isAtEvent() ? 0.1 : 1);
+    setCursor(state.cursor + (clamp(now - before, 0, 100) / 1000) * speed);
+    before = now;
+    if (state.cursor >= duration()) togglePlay();
+    else requestAnimationFrame(play);
+  };
+  requestAnimationFrame(play);
+}

@@ -1,0 +1,134 @@
+// One's own hand as the operator: keys, a pointer or a gamepad command the velocity.
+
+import { showLast } from "./clock.js";
+import { $, make, nextFrame, say } from "./elements.js";
+import { clamp } from "./numbers.js";
+import { Run } from "./run.js";
+import { refresh } from "./simulate.js";
+import { shownLoop, state, values } from "./state.js";
+
+// The keys of each axis: backwards and forwards.
+const KEYS = [
+  ["ArrowLeft", "ArrowRight"],
+  ["ArrowDown", "ArrowUp"],
+  ["s", "w"],
+  ["j", "l"],
+  ["k", "i"],
+  ["o", "u"],
+];
+const PICTURE = 1 / 60; // s, the time between two commands
+const MOST_PICTURES = 6; // of a delay that is made up for; beyond, simulated time is slower
+const FULL_PULL = 80; // px
+const DEAD_ZONE = 0.1; // of a stick that rests
+const RUMBLE = 50; // ms
+
+export const isDriveKey = (key) => KEYS.flat().includes(key);
+
+// The gamepads that are there.
+const gamepads = () => (navigator.getGamepads?.() ?? []).filter((pad) => pad);
+
+// How far the sticks of a gamepad are along each axis.
+function sticks() {
+  const [pad] = gamepads();
+  if (!pad) return [];
+  const tilts = [pad.axes[0], -pad.axes[1], -pad.axes[3]];
+  return tilts.map((x) => (Math.abs(x) > DEAD_ZONE ? x : 0));
+}
+
+// What the hand commands, m/s: keys, a pointer that pulls, and a gamepad's sticks.
+function command() {
+  const { num_axes: n, full_speed: most } = state.data.hand;
+  const tilts = sticks();
+  return KEYS.slice(0, n).map(([less, more], k) => {
+    const keys = Number(state.keys.has(more)) - Number(state.keys.has(less));
+    return most * clamp(keys + (tilts[k] ?? 0) + (state.pull[k] ?? 0), -1, 1);
+  });
+}
+
+// Lets a gamepad rumble as strongly as the force that is felt at a time.
+function rumble(run, t) {
+  const pad = gamepads().find((x) => x.vibrationActuator);
+  // Before the first step nothing is felt.
+  if (!pad || !run.ends.length) return;
+  const columns = run.columns("master/surgeon:haptic_force");
+  const force = columns ? Math.hypot(...run.vector(columns, t)) : 0;
+  const strongMagnitude = Math.min(1, force / (state.data.hand.newtons || 1));
+  pad.vibrationActuator.playEffect("dual-rumble", { duration: RUMBLE, strongMagnitude });
+}
+
+// Simulates what the hand commands until the time of the clock.
+async function catchUp(run, begin) {
+  const late = (performance.now() - begin) / 1000 - state.hand.at(-1)[0];
+  for (let i = 0; i < Math.min(late / PICTURE, MOST_PICTURES) && !run.reason; ++i) {
+    const before = state.hand.at(-1);
+    const after = [before[0] + PICTURE, ...command()];
+    state.hand.push(after);
+    await run.follow(before, after);
+  }
+}
+
+// Drives the controller that is chosen, in real time, until the drive ends; ends one that goes on.
+export async function drive() {
+  if (state.drive) {
+    state.drive = null;
+    return;
+  }
+  const loop = shownLoop();
+  await loop.compile();
+  const run = new Run(loop, loop.numbersAt(values()));
+  const mine = {};
+  state.drive = mine;
+  state.hand = [[0, ...command().fill(0)]];
+  state.runs = [run];
+  $("drive").textContent = "End (Esc)";
+  $("metrics").replaceChildren();
+  const begin = performance.now();
+  const hasTime = () => run.duration - state.hand.at(-1)[0] > PICTURE;
+  while (state.drive === mine && !run.reason && hasTime()) {
+    await catchUp(run, begin);
+    const now = run.time.at(-1) ?? 0;
+    showLast(now);
+    say(`driving ${loop.title}: ${now.toFixed(1)} s`);
+    rumble(run, now);
+    await nextFrame();
+  }
+  offerHand();
+  // All controllers repeat the drive.
+  state.runs = [];
+  await refresh();
+}
+
+// Offers the commands of the drive as a file.
+function offerHand() {
+  $("drive").textContent = "Drive again";
+  const head = ["time", "v_x", "v_y", "v_z"].slice(0, 1 + state.data.hand.num_axes);
+  const lines = [head, ...state.hand].join("\n");
+  $("save").href = URL.createObjectURL(new Blob([lines], { type: "text/csv" }));
+  $("saved").hidden = false;
+}
+
+// Makes the hand's part of the page. A pointer on the picture pulls the tool, as far as it is from
+// where it went down.
+export function makeHand() {
+  const scene = $("scene");
+  let from = null;
+  scene.addEventListener("pointerdown", ({ clientX, clientY, pointerId }) => {
+    from = [clientX, clientY];
+    scene.setPointerCapture(pointerId);
+  });
+  scene.addEventListener("pointermove", ({ clientX, clientY }) => {
+    if (!from) return;
+    state.pull = [(clientX - from[0]) / FULL_PULL, (from[1] - clientY) / FULL_PULL];
+  });
+  const release = () => {
+    from = null;
+    state.pull = [];
+  };
+  scene.addEventListener("pointerup", release);
+  scene.addEventListener("pointercancel", release);
+  $("drive").onclick = drive;
+  // The command breaks between words, never within one.
+  const words = state.data.hand.command.split(" ");
+  $("repeat").append(...words.flatMap((word) => [make("nobr", {}, word), " "]));
+  $("hand").hidden = false;
+}

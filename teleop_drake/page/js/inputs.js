@@ -1,0 +1,81 @@
+// The inputs: sliders, numbers, and choices.
+
+import { $, make, say } from "./elements.js";
+import { show } from "./numbers.js";
+import { refresh } from "./simulate.js";
+import { state } from "./state.js";
+
+// Sets an input, at a stop if it has stops; both delays at once for `delay`.
+export function setInput(name, value) {
+  const { inputs } = state;
+  if (!inputs[name]) {
+    throw new RangeError(`input ${name}: must be one of ${Object.keys(inputs)}`);
+  }
+  checkValue(inputs[name], value);
+  const { stops, parts = [name] } = inputs[name];
+  const allowed = stops ? nearest(stops, value) : value;
+  for (const part of parts) inputs[part].value = allowed;
+  for (const input of Object.values(inputs)) {
+    if (input.parts) input.value = meanOf(input.parts.map((part) => inputs[part].value));
+    input.show();
+  }
+  return refresh();
+}
+
+// Throws unless an input can have a value.
+function checkValue({ name, min, max, choices }, value) {
+  const isAllowed = choices ? choices.includes(value) : value >= min && value <= max;
+  if (isAllowed) return;
+  const allowed = choices ? `one of ${choices}` : `from ${min} to ${max}`;
+  throw new RangeError(`${name} = ${value}: must be ${allowed}`);
+}
+
+const nearest = (stops, value) =>
+  stops.reduce((a, b) => (Math.abs(b - value) < Math.abs(a - value) ? b : a));
+
+const meanOf = (numbers) => numbers.reduce((sum, x) => sum + x, 0) / numbers.length;
+
+// Makes a slider and a number for each input, or a list of choices.
+export function makeInputs() {
+  for (const input of Object.values(state.inputs)) {
+    const fields = input.choices ? makeChoice(input) : makeSlider(input);
+    input.row = make("div", { className: "row" }, make("label", {}, input.label), ...fields);
+    $("inputs").append(input.row);
+    input.show();
+  }
+}
+
+// Sets an input as one of its fields has it.
+function setFromField(name, value) {
+  try {
+    setInput(name, value);
+  } catch (error) {
+    say(error.message, "bad");
+  }
+}
+
+// Makes the list of an input's choices.
+function makeChoice(input) {
+  const options = input.choices.map((choice) => make("option", {}, choice));
+  const list = make("select", { ariaLabel: input.label }, ...options);
+  list.oninput = () => setFromField(input.name, list.value);
+  input.show = () => {
+    list.value = input.value;
+  };
+  return [list];
+}
+
+// Makes the slider and the number of an input. With stops the slider has their numbers.
+function makeSlider(input) {
+  const { name, label: ariaLabel, stops, min, max } = input;
+  const bounds = stops ? { min: 0, max: stops.length - 1, step: 1 } : { min, max, step: "any" };
+  const slider = make("input", { type: "range", ariaLabel, ...bounds });
+  const number = make("input", { type: "number", ariaLabel, step: "any" });
+  slider.oninput = () => setFromField(name, stops ? stops[slider.value] : Number(slider.value));
+  number.onchange = () => setFromField(name, Number(number.value));
+  input.show = () => {
+    slider.value = stops ? stops.indexOf(input.value) : input.value;
+    if (document.activeElement !== number) number.value = show(input.value);
+  };
+  return [slider, number];
+}

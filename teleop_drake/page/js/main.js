@@ -1,0 +1,182 @@
+// Makes the page. It is the model: what it shows is simulated here, by a module of WebAssembly.
+
+import { setCursor, togglePlay } from "./clock.js";
+import { answer, find, goUp, showLevel } from "./diagram.js";
+import { drive, isDriveKey, makeHand } from "./drive.js";
+import { $, make, makeButton, say } from "./elements.js";
+import { makeInputs, setInput } from "./inputs.js";
+import { range } from "./numbers.js";
+import "./scene.js";
+import { makeScopes, togglePin, zoom } from "./scopes.js";
+import { refresh } from "./simulate.js";
+import { chosen, state, unpack, values } from "./state.js";
+
+const FIRST_SCOPES = ["tool_velocity", "environment_force", "tool_position"];
+
+// Moves the cursor by a share of the window.
+function moveCursor(share) {
+  const [begin, end] = state.window;
+  setCursor(state.cursor + (end - begin) * share);
+}
+
+// What each key does outside of a field.
+const ACTIONS = {
+  " ": togglePlay,
+  p: togglePin,
+  d: () => state.data.hand && drive(),
+  "/": () => $("search").focus(),
+  ArrowLeft: () => moveCursor(-1 / 200),
+  ArrowRight: () => moveCursor(1 / 200),
+  "+": () => zoom(1 / 1.5, state.cursor),
+  "-": () => zoom(1.5, state.cursor),
+  0: () => zoom(Infinity, 0),
+  Escape: () => (state.drive ? drive() : goUp()),
+  Enter: (event) => answer({ type: "click", target: event.target }),
+};
+
+// Whether a key belongs to the field or button that has the focus.
+function isOfField({ key, target }) {
+  if (target.matches?.("input, select")) return key !== "Escape";
+  return target.matches?.("button") && [" ", "Enter"].includes(key);
+}
+
+// Does what a key stands for.
+function press(event) {
+  if (isOfField(event)) return;
+  if (state.drive && isDriveKey(event.key)) {
+    state.keys.add(event.key);
+  } else if (ACTIONS[event.key]) {
+    ACTIONS[event.key](event);
+  } else {
+    return;
+  }
+  event.preventDefault();
+}
+
+// Makes the buttons that choose whose diagram is shown.
+function makeTabs() {
+  const choose = (i) => {
+    state.tab = i;
+    tabs.forEach((tab, k) => {
+      tab.ariaPressed = k === i;
+    });
+    showLevel(state.level);
+  };
+  const tabs = chosen().map(({ title }, i) => makeButton(title, () => choose(i)));
+  choose(0);
+  if (tabs.length > 1) $("tabs").append(...tabs);
+}
+
+// Makes the list of all blocks and ports, from which the search chooses.
+function makeSearch() {
+  const names = new Set();
+  for (const loop of state.loops) {
+    for (const { boxes } of loop.levels) for (const { path } of boxes) names.add(path);
+    for (const port of Object.keys(loop.ports)) names.add(port);
+  }
+  names.delete("");
+  $("found").append(...Array.from(names, (value) => make("option", { value })));
+  $("search").onchange = find;
+}
+
+// Makes the page dark or light as the system is, and a button that changes that.
+function makeTheme() {
+  const { style } = document.documentElement;
+  style.colorScheme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
+  $("theme").onclick = () => {
+    style.colorScheme = style.colorScheme === "dark" ? "light" : "dark";
+  };
+}
+
+// Makes the page answer to pointers and keys.
+function listen() {
+  for (const type of ["click", "mouseover", "mouseout", "focusin", "focusout"]) {
+    $("diagram").addEventListener(type, answer);
+  }
+  $("play").onclick = togglePlay;
+  $("pin").onclick = togglePin;
+  $("clock").oninput = () => setCursor(Number($("clock").value));
+  document.addEventListener("keydown", press);
+  document.addEventListener("keyup", (event) => state.keys.delete(event.key));
+  addEventListener("resize", () => setCursor(state.cursor));
+}
+
+// Chooses the signals that are plotted at first.
+function chooseScopes() {
+  const { signals, ports, numbers } = state.loops[0];
+  const usual = signals.tool_velocity ? FIRST_SCOPES : Object.keys(signals).slice(0, 3);
+  const names = state.data.scopes.length ? state.data.scopes : usual;
+  state.scopes = names.map((name) => signals[name]).filter((port) => ports[port]);
+  state.window = [0, numbers.run[0]];
+}
+
+// Makes the page.
+async function start() {
+  await unpack();
+  $("notes").textContent = state.data.notes.join("\n");
+  makeTabs();
+  makeSearch();
+  makeTheme();
+  listen();
+  if (state.data.hand) makeHand();
+  makeInputs();
+  if (!state.loops[0].module) {
+    document.body.classList.add("still");
+    return;
+  }
+  chooseScopes();
+  makeScopes();
+  await refresh();
+}
+
+// All values of a signal: those of each component in a row.
+function signalOf(run, name) {
+  const rows = range(run.time.length);
+  return run.signal(name).map((column) => rows.map((i) => run.rows[i * run.width + column]));
+}
+
+// For scripts.
+window.teleop = {
+  ready: start().catch((error) => {
+    say(error.message, "bad");
+    throw error;
+  }),
+  // The kinds that are shown.
+  get controllers() {
+    return chosen().map((loop) => loop.kind);
+  },
+  // What can be set, with the values of now.
+  get inputs() {
+    const describe = ({ value, min, max, unit, choices }) =>
+      choices ? { value, choices } : { value, min, max, unit };
+    const all = Object.values(state.inputs);
+    return Object.fromEntries(all.map((input) => [input.name, describe(input)]));
+  },
+  set: setInput,
+  // Runs a controller at the values of the inputs.
+  async run(kind) {
+    const loop = chosen().find((x) => x.kind === kind);
+    if (!loop) throw new RangeError(`controller ${kind}: must be one of ${this.controllers}`);
+    await state.busy;
+    const run = await loop.simulate(values(), undefined, state.hand);
+    const names = Object.keys(loop.signals);
+    const result = {
+      time: [...run.time],
+      signals: Object.fromEntries(names.map((name) => [name, signalOf(run, name)])),
+      events: run.events,
+      metrics: run.metrics,
+      wall_time_ms: run.wall,
+      diverged: Boolean(run.reason),
+    };
+    // The run itself is no part of what is printed or copied.
+    return Object.defineProperty(result, "run", { value: run });
+  },
+  // A signal of such a run at times.
+  sample({ run }, name, times) {
+    const columns = run.signal(name) ?? run.columns(name);
+    if (!columns) {
+      throw new RangeError(`signal ${name}: must be one of ${Object.keys(run.loop.signals)}`);
+    }
+    return columns.map((column) => times.map((t) => run.vector([column], t)[0]));
+  },
+};

@@ -1,0 +1,28 @@
+// Small functions of numbers and vectors.
+
+// Whole numbers from 0 on.
+export const range = (n) => Array.from({ length: n }, (_, i) => i);
+
+// A number within bounds.
+export const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
+
+// The sum of products.
+export const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
+
+// The least and the largest of some numbers.
+export function extent(values) {
+  let low = Infinity;
+  let high = -Infinity;
+  for (const value of values) {
+    low = Math.min(low, value);
+    high = Math.max(high, value);
+  }
+  return [low, high];
+}
+
+// A number in few digits; a dash without one.
+export function show(x) {
+  if (x === undefined) return "–";
+  const isLong = Math.abs(x) >= 1e5 || (x !== 0 && Math.abs(x) < 1e-4);
+  return isLong ? x.toExponential(3) : String(+x.toPrecision(5));
+}

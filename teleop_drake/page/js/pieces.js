@@ -1,0 +1,247 @@
+// Signals of a run in pieces, and functions of them that have the names of those in
+// numerics/pieces.py.
+//
+// A signal in pieces is an array with the five values of each piece; of a vector there is one for
+// each component. Between its values a signal is the quartic through them.
+
+const NODES = [0, 0.25, 0.5, 0.75, 1];
+export const SAME_INSTANT = 5e-12; // s, see numerics/pieces.py
+const INWARDS = 2 * SAME_INSTANT;
+const LEBESGUE = 2.3;
+
+// Coefficients of ascending powers of the quartic through five values.
+export function powersOf(values) {
+  const y = values[0];
+  const a = values[1] - y;
+  const b = values[2] - y;
+  const c = values[3] - y;
+  const d = values[4] - y;
+  return [
+    y,
+    (48 * a - 36 * b + 16 * c - 3 * d) / 3,
+    (-208 * a + 228 * b - 112 * c + 22 * d) / 3,
+    (288 * a - 384 * b + 224 * c - 48 * d) / 3,
+    (-128 * a + 192 * b - 128 * c + 32 * d) / 3,
+  ];
+}
+
+// A polynomial at a share of its piece.
+export function valueAt(powers, x) {
+  let value = 0;
+  for (let k = powers.length - 1; k >= 0; --k) value = value * x + powers[k];
+  return value;
+}
+
+// Where a condition that holds at the lower end of an interval ceases to hold.
+export function bisect(holds, low, high) {
+  let middle = (low + high) / 2;
+  while (low < middle && middle < high) {
+    if (holds(middle)) low = middle;
+    else high = middle;
+    middle = (low + high) / 2;
+  }
+  return high;
+}
+
+// The sum of signals in pieces with weights, and a number.
+export function combine(weights, signals, constant = 0) {
+  return signals[0].map((y, i) =>
+    y.map((_, node) => signals.reduce((sum, x, k) => sum + weights[k] * x[i][node], constant)),
+  );
+}
+export const minus = (a, b) => combine([1, -1], [a, b]);
+const negative = (a) => combine([-1], [a]);
+
+// The steps of a run, cut at instants.
+export class Pieces {
+  constructor(run, cuts = []) {
+    const { time, ends } = run;
+    const instants = [...cuts].sort((a, b) => a - b);
+    Object.assign(this, { run, list: [] });
+    let next = 0;
+    ends.forEach((last, step) => {
+      let begin = time[last - 4];
+      const end = time[last];
+      const start = begin;
+      // A step between two instants that are one is a part of what jumps there.
+      if (end - start <= SAME_INSTANT) return;
+      for (; next < instants.length && instants[next] < end - SAME_INSTANT; ++next) {
+        if (instants[next] <= Math.max(begin, start) + SAME_INSTANT) continue;
+        this.list.push({ begin, end: instants[next], step, isPart: true });
+        begin = instants[next];
+      }
+      this.list.push({ begin, end, step, isPart: begin > start });
+    });
+    // A run without steps is one piece, of which 1 is told.
+    const only = { begin: time.at(-1), end: time.at(-1), step: -1, isPart: false };
+    if (!this.list.length) this.list.push(only);
+    this.lengths = this.list.map(({ begin, end }) => end - begin || 1);
+  }
+
+  // A column of the rows in pieces.
+  signal(column) {
+    const { run, list } = this;
+    const { rows, width, ends } = run;
+    return list.map(({ begin, end, step, isPart }) =>
+      NODES.map((x) => {
+        if (step < 0) return rows[(run.time.length - 1) * width + column];
+        if (!isPart) return rows[(ends[step] - 4 + 4 * x) * width + column];
+        return run.vector([column], begin + x * (end - begin), step)[0];
+      }),
+    );
+  }
+
+  // Columns of the rows in pieces.
+  signals(columns) {
+    return columns.map((column) => this.signal(column));
+  }
+
+  // Columns as they were a delay ago; 0 at first. A jump at an end of a piece has happened, or not.
+  delayed(columns, delay) {
+    const { run, list } = this;
+    const first = run.time[0];
+    const values = list.map(({ begin, end }) =>
+      NODES.map((x) => {
+        const inwards = Math.min(INWARDS, (end - begin) / 8) * ((x === 0) - (x === 1));
+        const sent = begin + x * (end - begin) - delay + inwards;
+        return sent < first ? columns.map(() => 0) : run.vector(columns, sent);
+      }),
+    );
+    return columns.map((_, k) => values.map((piece) => piece.map((value) => value[k])));
+  }
+
+  // The first piece whose middle is not before an instant; without one the given place.
+  place(time, otherwise) {
+    if (time === undefined) return otherwise;
+    const found = this.list.findIndex(({ begin, end }) => (begin + end) / 2 >= time);
+    return found < 0 ? this.list.length : found;
+  }
+
+  // The places of the pieces between two instants, without one from or to the run's end.
+  between(begin, end) {
+    return [this.place(begin, 0), this.place(end, this.list.length)];
+  }
+
+  // Where a signal changes its sign; 0 counts as positive.
+  crossings(y) {
+    const found = [];
+    y.forEach((values, i) => {
+      for (let j = 0; j < 4; ++j) {
+        const isIn = values[j] >= 0;
+        if (values[j + 1] >= 0 === isIn) continue;
+        const powers = powersOf(values);
+        const { begin, end } = this.list[i];
+        const share = bisect((x) => valueAt(powers, x) >= 0 === isIn, j / 4, (j + 1) / 4);
+        found.push({ time: begin + share * (end - begin), isUpwards: !isIn });
+      }
+    });
+    return found;
+  }
+}
+
+// When a signal first becomes positive, and the first of some instants after another one.
+export const firstUpwards = (crossings) => crossings.find((x) => x.isUpwards)?.time;
+export const firstAfter = (time, times) =>
+  time === undefined ? undefined : times.find((t) => t > time);
+
+// A signal just before a place among its pieces.
+export const valueBefore = (y, place) => (place ? y[place - 1][4] : y[0][0]);
+
+// Values of a piece between which it is monotonic.
+function extremes(values) {
+  const slope = powersOf(values)
+    .slice(1)
+    .map((c, k) => (k + 1) * c);
+  const found = [values[0]];
+  for (let j = 0; j < 4; ++j) {
+    const [low, high] = [j / 4, (j + 1) / 4];
+    const isUp = valueAt(slope, low) >= 0;
+    if (valueAt(slope, high) >= 0 !== isUp) {
+      const share = bisect((x) => valueAt(slope, x) >= 0 === isUp, low, high);
+      found.push(valueAt(powersOf(values), share));
+    }
+    found.push(values[j + 1]);
+  }
+  return found;
+}
+
+// The largest value of a signal in some pieces; without a piece that before them.
+export function maximum(y, [first, last]) {
+  if (first >= last) return valueBefore(y, first);
+  let most = -Infinity;
+  for (let i = first; i < last; ++i) {
+    const high = Math.max(...y[i]);
+    const low = Math.min(...y[i]);
+    // A quartic goes beyond half of its values' range by at most this factor.
+    if ((high + low) / 2 + (LEBESGUE * (high - low)) / 2 < most) continue;
+    most = Math.max(most, ...extremes(y[i]));
+  }
+  return most;
+}
+export const minimum = (y, span) => -maximum(negative(y), span);
+export const largest = (y, span) => Math.max(maximum(y, span), -minimum(y, span));
+
+// The total variation of a signal, jumps included.
+export function variation(y) {
+  const values = y.flatMap(extremes);
+  return values.reduce((sum, x, i) => sum + (i ? Math.abs(x - values[i - 1]) : 0), 0);
+}
+
+// The root of the mean square of a signal over time.
+export function rms(y, lengths) {
+  let total = 0;
+  let duration = 0;
+  y.forEach((values, i) => {
+    const c = powersOf(values);
+    let square = 0;
+    c.forEach((p, a) =>
+      c.forEach((q, b) => {
+        square += (p * q) / (a + b + 1);
+      }),
+    );
+    total += lengths[i] * square;
+    duration += lengths[i];
+  });
+  return Math.sqrt(Math.max(0, total) / duration);
+}
+
+// The integral of a signal over time as a signal.
+export function integral(y, lengths, start) {
+  let at = start;
+  return y.map((values, i) => {
+    const c = powersOf(values).map((p, a) => p / (a + 1));
+    const begin = at;
+    const within = NODES.map((x) => begin + lengths[i] * x * valueAt(c, x));
+    at = within[4];
+    return within;
+  });
+}
+
+// How long it takes from a place on until vectors stay in their bands; null if they do not, or if
+// they did for as long before. A band is the components of a vector, its centre and its radius.
+export function settlingTime(pieces, first, bands) {
+  const { list } = pieces;
+  if (first >= list.length) return null;
+  const start = list[first].begin;
+  let since = start;
+  let longest = 0;
+  let wasMoving = false;
+  for (let i = first; i < list.length; ++i) {
+    const { begin, end } = list[i];
+    const powers = bands.map(({ y, centre }) =>
+      y.map((x, k) => powersOf(x[i].map((value) => value - centre[k]))),
+    );
+    const isMoving = (x) =>
+      bands.some(({ radius }, b) => !(Math.hypot(...powers[b].map((c) => valueAt(c, x))) < radius));
+    for (let j = 0; j < 5; ++j) {
+      if (isMoving(j / 4) === wasMoving) continue;
+      const known = wasMoving;
+      const share = bisect((x) => isMoving(x) === known, Math.max(j - 1, 0) / 4, j / 4);
+      const time = begin + share * (end - begin);
+      if (!wasMoving) longest = Math.max(longest, time - since);
+      since = time;
+      wasMoving = !wasMoving;
+    }
+  }
+  return wasMoving || list.at(-1).end - since <= longest ? null : since - start;
+}

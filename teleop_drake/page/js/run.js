@@ -1,0 +1,217 @@
+// A run of a loop: its rows in the module's memory, and signals at any time. See
+// integrator/advance.py for run() of a module, step_polynomials.py for steps, simulation/ending.py
+// for bounds.
+
+import { measure } from "./metrics.js";
+import { clamp, range } from "./numbers.js";
+import { bisect, powersOf, valueAt } from "./pieces.js";
+
+// How run() of a module ends, and places in the counts of integrator/problem.py. Whole numbers
+// have 64 bits in memory and are read as pairs of 32.
+const FULL = 1;
+const STUCK = 2;
+const ROWS = 2 * 4;
+const TRIES = 2 * 6;
+
+const MOST_TRIES = 4e6;
+const MOST_ROOM = 1 << 19;
+const FIRST_PAUSE = 300; // ms of simulating before the browser may draw,
+const PAUSE = 100; // and between later pauses
+
+// The weights of five values at equal distances for a place between 0 and 4.
+function weightsAt(x) {
+  const weights = [1, 1, 1, 1, 1];
+  for (let a = 0; a < 5; ++a) {
+    for (let b = 0; b < 5; ++b) if (a !== b) weights[a] *= (x - b) / (a - b);
+  }
+  return weights;
+}
+
+// A run: rows at five instants of each step, its ends among them. A time that stands twice is a
+// jump.
+export class Run {
+  constructor(loop, z) {
+    this.loop = loop;
+    this.z = z;
+    this.width = loop.width;
+    this.reason = ""; // Why it ended early.
+    this.events = [];
+    this.metrics = {};
+    this.checked = 0; // Rows whose bounds are known to hold.
+    [this.duration, this.accuracy, this.longest] = z.run;
+    [this.headers, this.places] = loop.layOut(z);
+    this.take();
+  }
+
+  // An array in memory as it is now.
+  array(name, kind = Float64Array, count = this.sizeOf(name, kind)) {
+    return new kind(this.loop.memory.buffer, this.places[name].at, count);
+  }
+
+  // The number of elements that an array has as a kind of array.
+  sizeOf(name, kind) {
+    return (this.places[name].count * 8) / kind.BYTES_PER_ELEMENT;
+  }
+
+  // Gives the arrays that can be full twice the room, in this run and later ones.
+  grow() {
+    const names = Object.keys(this.places);
+    const old = names.map((name) => this.array(name, Uint8Array).slice());
+    this.loop.room *= 2;
+    if (this.loop.room > MOST_ROOM) throw new Error("the run needs too many steps");
+    [this.headers, this.places] = this.loop.layOut(this.z);
+    names.forEach((name, i) => this.array(name, Uint8Array).set(old[i]));
+  }
+
+  // Simulates until a time. Returns whether it did: `isStale` may tell that nobody waits for it.
+  async advance(end, isStale = () => false) {
+    const { exports } = this.loop;
+    let pause = performance.now() + FIRST_PAUSE;
+    let status = FULL;
+    let before = -1;
+    while (status === FULL && !this.reason) {
+      status = exports.run(...this.headers, end, this.accuracy, this.longest);
+      if (status < 0) throw new Error("an index is outside of its array");
+      if (status === STUCK) this.reason = "the step would have to be too small";
+      this.endAtBound();
+      const counts = this.array("counts", Int32Array);
+      if (counts[TRIES] > MOST_TRIES) throw new Error("the loop is too stiff");
+      if (status === FULL && counts[ROWS] === before) this.grow();
+      before = counts[ROWS];
+      if (performance.now() > pause) {
+        await new Promise((go) => setTimeout(go));
+        if (isStale()) return false;
+        pause = performance.now() + PAUSE;
+      }
+    }
+    this.take(end >= this.duration || this.reason);
+    return true;
+  }
+
+  // Simulates while a hand's command goes along a line, from [time, ...v_d] to another.
+  follow([begin, ...before], [end, ...after], isStale) {
+    const [place, size] = this.loop.feed;
+    const line = [begin, end, ...before, ...after];
+    this.array("y")
+      .subarray(place, place + size)
+      .set(line);
+    return this.advance(end, isStale);
+  }
+
+  // Looks at the rows in memory; of a run that is over, copies and measures them.
+  take(isOver) {
+    const count = this.array("counts", Int32Array)[ROWS];
+    const flags = this.array("row_ends", Int32Array);
+    this.time = this.array("row_times", Float64Array, count);
+    this.rows = this.array("rows", Float64Array, count * this.width);
+    this.ends = range(count).filter((i) => flags[2 * i]);
+    if (!isOver) return;
+    this.time = this.time.slice();
+    this.rows = this.rows.slice();
+    ({ events: this.events, metrics: this.metrics } = measure(this));
+  }
+
+  // Ends the rows in memory where a signal first leaves one of its bounds, and notes why.
+  endAtBound() {
+    const counts = this.array("counts", Int32Array);
+    const flags = this.array("row_ends", Int32Array);
+    for (let last = this.checked; last < counts[ROWS]; ++last) {
+      const found = flags[2 * last] ? this.firstBound(last) : null;
+      if (!found) continue;
+      this.reason = this.loop.reasons[found.bound];
+      const isKnown = Number.isFinite(found.share);
+      if (isKnown) this.cutStep(last, found.share);
+      // Of a step that is not finite nothing is known but its begin.
+      counts[ROWS] = isKnown ? last + 1 : last - 3;
+      return;
+    }
+    this.checked = counts[ROWS];
+  }
+
+  // The first bound that is left in the step with a last row: which, and at what share of the step.
+  firstBound(last) {
+    const rows = this.array("rows");
+    const { bounds } = this.z;
+    let first = null;
+    for (let bound = 0; bound < bounds.length / 4; ++bound) {
+      const excess = range(5).map((k) => this.excess(rows, last - 4 + k, bound));
+      const j = range(4).find((k) => excess[k] < 0 && !(excess[k + 1] < 0));
+      if (j === undefined) continue;
+      const powers = powersOf(excess);
+      const crossing = bisect((x) => valueAt(powers, x) < 0, j / 4, (j + 1) / 4);
+      const share = excess.every(Number.isFinite) ? crossing : NaN;
+      if (!first || share < first.share) first = { bound, share };
+    }
+    return first;
+  }
+
+  // How far a row is out of a bound; see Bound.Excess() of simulation/ending.py.
+  excess(rows, row, bound) {
+    const { bounds } = this.z;
+    const at = 4 * bound;
+    const begin = row * this.width + bounds[at];
+    const size = bounds[at + 1];
+    const lower = bounds[at + 2];
+    const upper = bounds[at + 3];
+    if (size === 1) return Math.max(lower - rows[begin], rows[begin] - upper);
+    let square = 0;
+    for (let k = 0; k < size; ++k) square += (rows[begin + k] / upper) ** 2;
+    return Math.sqrt(square) - 1;
+  }
+
+  // Puts the first share of a step in place of the step with a last row.
+  cutStep(last, share) {
+    const times = this.array("row_times");
+    const rows = this.array("rows");
+    const first = last - 4;
+    for (let column = 0; column < this.width; ++column) {
+      const placeOf = (node) => (first + node) * this.width + column;
+      const powers = powersOf(range(5).map((node) => rows[placeOf(node)]));
+      for (const node of range(5)) rows[placeOf(node)] = valueAt(powers, (share * node) / 4);
+    }
+    const length = share * (times[last] - times[first]);
+    for (const node of range(5)) times[first + node] = times[first] + (length * node) / 4;
+  }
+
+  // The columns of a port, undefined if this loop has none of that name.
+  columns(port) {
+    const place = this.loop.ports[port];
+    return place && range(place[1]).map((k) => place[0] + k);
+  }
+
+  // Those of a signal by the name that a recording has for it.
+  signal(name) {
+    return this.columns(this.loop.signals[name]);
+  }
+
+  // Columns in a row.
+  row(columns, i) {
+    return columns.map((k) => this.rows[i * this.width + k]);
+  }
+
+  // The number of the step with a time; of a jump the one before it.
+  step(t) {
+    let low = 0;
+    let high = this.ends.length - 1;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (this.time[this.ends[middle]] < t) low = middle + 1;
+      else high = middle;
+    }
+    return low;
+  }
+
+  // Columns at a time, in the step s if that is given.
+  vector(columns, t, s = this.step(t)) {
+    const last = this.ends[s];
+    if (last === undefined) return this.row(columns, 0);
+    const first = last - 4;
+    const share = (t - this.time[first]) / (this.time[last] - this.time[first]);
+    const weights = weightsAt(4 * clamp(share, 0, 1));
+    return columns.map((column) => {
+      let sum = 0;
+      for (let a = 0; a < 5; ++a) sum += weights[a] * this.rows[(first + a) * this.width + column];
+      return sum;
+    });
+  }
+}

@@ -1,0 +1,168 @@
+// The picture of the task: surfaces, arms, tools, what is felt, and packets under way.
+
+import { onCursor } from "./clock.js";
+import { $, safe } from "./elements.js";
+import { clamp, dot, extent, range } from "./numbers.js";
+import { state } from "./state.js";
+
+const RAIL = 14; // px, for the packets of a run
+const ENDS = [70, 55]; // px from the picture's sides to the ends of the rails
+
+// Turns a point of the task into the plane of the picture.
+const see = (q) => state.data.view.map((axis) => dot(axis.slice(0, q.length), q));
+
+// Where the joints of an arm and its tool are: each joint turns or moves all behind it.
+export function armAt(run) {
+  const q = run.vector(run.signal("joint_position"), state.cursor);
+  const placeOf = (i) => run.z.arm.slice(3 * i, 3 * i + 3);
+  let all = new DOMMatrix();
+  const moved = (place) => {
+    const { x, y, z } = all.transformPoint(new DOMPoint(...place));
+    return [x, y, z];
+  };
+  const points = run.loop.joints.map(({ position, turns }, j) => {
+    const place = placeOf(2 * j);
+    const axis = placeOf(2 * j + 1);
+    const point = moved(place);
+    if (turns) {
+      const degrees = (q[position] * 180) / Math.PI;
+      const back = place.map((x) => -x);
+      all = all
+        .translate(...place)
+        .rotateAxisAngle(...axis, degrees)
+        .translate(...back);
+    } else {
+      all = all.translate(...axis.map((x) => x * q[position]));
+    }
+    return point;
+  });
+  return [...points, moved(placeOf(2 * points.length))];
+}
+
+// The path of a run's tool until a time, in the plane of the picture.
+function pathOf(run, end) {
+  const columns = run.signal("tool_position");
+  const before = run.ends.filter((i) => run.time[i] <= end);
+  return before.map((i) => see(run.row(columns, i)));
+}
+
+// The surfaces of a run that are anywhere, in the plane of the picture.
+function surfacesOf({ loop, z }) {
+  const size = z.surfaces.length / loop.surfaces.length / 2;
+  const part = (i) => see(Array.from(z.surfaces.slice(i * size, (i + 1) * size)));
+  const all = loop.surfaces.map((name, i) => ({
+    name,
+    point: part(2 * i),
+    normal: part(2 * i + 1),
+  }));
+  return all.filter(({ point }) => point.every(Number.isFinite));
+}
+
+// What maps a point of the plane to pixels, with all of the arms, unless the tools' paths become
+// too small; without a second axis (`lanes` is not 0) the runs are in lanes.
+function fitScene(paths, arms, width, height, lanes) {
+  const along = (points, axis) => extent(points.map((p) => p[axis]));
+  const own = [0, 1].map((axis) => along(paths, axis));
+  const most = 4 * Math.max(...own.map(([low, high]) => high - low));
+  const [[left, right], [bottom, top]] = own.map(([low, high], axis) => {
+    const [back, far] = along([...paths, ...arms], axis);
+    return [Math.max(low - most, back), Math.min(high + most, far)];
+  });
+  const wide = (0.85 * width) / (right - left || 1e-6);
+  const tall = lanes ? Infinity : (height - 40) / (top - bottom);
+  const scale = Math.min(wide, tall);
+  return ([x, y], lane) => {
+    const across = width / 2 + (x - (left + right) / 2) * scale;
+    const down = lanes
+      ? ((lane + 0.5) * height) / lanes
+      : height / 2 + 8 - (y - (bottom + top) / 2) * scale;
+    return [across.toFixed(1), down.toFixed(1)];
+  };
+}
+
+// The half-plane behind each surface, with its name.
+function drawSurfaces(surfaces, toPixels, width) {
+  const drawn = surfaces.map(({ name, point, normal: [across, up] }, i) => {
+    const [x, y] = toPixels(point, 0);
+    const angle = (Math.atan2(-up, across) * 180) / Math.PI;
+    const left = clamp(Number(x) + 3, 4, width - 60);
+    return `<rect class="${safe(name)}" y="-3000" width="3000" height="6000"
+      transform="translate(${x} ${y}) rotate(${angle})"/>
+      <text x="${left}" y="${12 + 13 * (i % 2)}">${safe(name)}</text>`;
+  });
+  return drawn.join("");
+}
+
+// How far the packets under way have come at a time, as shares of their way. `lags` has how long
+// each packet is under way, s; if that is constant, once.
+export function packetsUnderWay(lags, t) {
+  if (!lags) return [];
+  const { period } = state.data;
+  const sent = range(Math.floor(t / period) + 1);
+  const shares = sent.map((k) => (t - k * period) / lags[Math.min(k, lags.length - 1)]);
+  return shares.filter((share) => share > 0 && share < 1).reverse();
+}
+
+// The packets of a run, to the robot above those from it.
+function drawPackets({ forward, return: back }, width, rail) {
+  const [from, to] = [ENDS[0], width - ENDS[1]];
+  const there = packetsUnderWay(forward, state.cursor).map(
+    (share) => `M${from + share * (to - from)} ${rail}h5`,
+  );
+  const home = packetsUnderWay(back, state.cursor).map(
+    (share) => `M${to + share * (from - to)} ${rail + 6}h5`,
+  );
+  return `<path class="packets" d="${there.join("")}${home.join("")}"/>`;
+}
+
+// A run at the cursor: the tool's path, the arm, the tool, and where it is felt to be.
+function drawRun(run, lane, arm, { toPixels, isPlane, width, floor }) {
+  const { color, title } = run.loop;
+  const at = (columns) => toPixels(see(run.vector(columns, state.cursor)), lane);
+  const polyline = (points, name) => {
+    const places = points.map((point) => toPixels(point, lane)).join(" ");
+    return `<polyline class="${name}" points="${places}"/>`;
+  };
+  const [x, y] = at(run.signal("tool_position"));
+  const felt = run.signal("felt_position") ?? run.columns("master/surgeon:felt_position");
+  const [u, v] = felt ? at(felt) : [x, y];
+  const rail = floor + 10 + RAIL * lane;
+  return `<g stroke="${color}" fill="${color}">
+    ${polyline(pathOf(run, state.cursor), "path")}${polyline(arm, "arm")}
+    <circle class="felt" cx="${u}" cy="${v}" r="${felt ? 9 : 0}"/>
+    <circle cx="${x}" cy="${y}" r="5"/>${drawPackets(run.z, width, rail)}
+    <text x="4" y="${Number(y) + 18}">${isPlane ? "" : safe(title)}</text></g>`;
+}
+
+// The names of both sides, and what the marks are.
+function drawLegend(hasChannels, width, height, floor) {
+  const [left, right] = hasChannels ? ["operator", "robot"] : ["", ""];
+  return `<text x="4" y="${height - 12}">${left}</text>
+    <text x="${width - 4}" y="${height - 12}" text-anchor="end">${right}</text>
+    <text x="${width - 4}" y="${floor - 2}" text-anchor="end">● tool ◌ as felt</text>`;
+}
+
+// Draws the task at the cursor.
+function drawScene() {
+  const shown = state.runs.filter((run) => run.signal("tool_position"));
+  $("task").hidden = !shown.length;
+  if (!shown.length) return;
+  const { clientWidth: width, clientHeight: height } = $("scene");
+  const floor = height - RAIL * shown.length - 8;
+  const isPlane = state.data.view[1].some((x) => x);
+  const surfaces = surfacesOf(shown[0]);
+  const arms = shown.map((run) => (run.loop.joints.length ? armAt(run).map(see) : []));
+  // All of the paths fit; in lanes the surfaces too.
+  const paths = shown.flatMap((run) => pathOf(run, Infinity));
+  if (!isPlane) paths.push(...surfaces.map(({ point }) => point));
+  const lanes = isPlane ? 0 : shown.length;
+  const toPixels = fitScene(paths, arms.flat(), width, floor, lanes);
+  const picture = { toPixels, isPlane, width, floor };
+  const runs = shown.map((run, lane) => drawRun(run, lane, arms[lane], picture));
+  $("scene").innerHTML =
+    drawSurfaces(surfaces, toPixels, width) +
+    runs.join("") +
+    drawLegend(shown[0].z.forward, width, height, floor);
+}
+
+onCursor(drawScene);

@@ -1,0 +1,60 @@
+// Runs of all controllers at the values of the inputs.
+
+import { setCursor, showLast } from "./clock.js";
+import { nextFrame, say } from "./elements.js";
+import { chosen, duration, state, values } from "./state.js";
+import { showMetrics } from "./table.js";
+
+// Simulates with the values of now, again if they change meanwhile, and shows it.
+export function refresh() {
+  ++state.version;
+  state.drive = null;
+  // What is shown belongs to other values; if this takes long it becomes pale.
+  document.body.classList.add("stale");
+  state.busy ??= simulate()
+    .catch((error) => say(error.message, "bad"))
+    .finally(() => {
+      state.busy = null;
+    });
+  return state.busy;
+}
+
+// Simulates until no input has changed meanwhile.
+async function simulate() {
+  let version;
+  do {
+    version = state.version;
+    const begin = performance.now();
+    const runs = await simulateAll(version);
+    if (runs) showRuns(runs, performance.now() - begin);
+    await nextFrame();
+  } while (version !== state.version);
+  document.body.classList.remove("stale");
+}
+
+// The runs of all controllers; null if the inputs have changed meanwhile.
+async function simulateAll(version) {
+  const isStale = () => state.version !== version;
+  const runs = [];
+  for (const loop of chosen()) {
+    const run = await loop.simulate(values(), isStale, state.hand);
+    if (!run) return null;
+    runs.push(run);
+    // The first picture of all does not wait for the second run.
+    if (!state.runs.length) {
+      state.runs = [run];
+      setCursor(0);
+      await nextFrame();
+    }
+  }
+  return runs;
+}
+
+// Shows runs that took some milliseconds.
+function showRuns(runs, wall) {
+  state.runs = runs;
+  if (state.data.hand) showLast(duration());
+  else setCursor(state.cursor);
+  showMetrics();
+  say(`${runs.length} runs simulated and drawn in ${wall.toFixed(0)} ms`);
+}

@@ -1,0 +1,61 @@
+// What the page shows now, and the model that is in its file.
+
+import { $ } from "./elements.js";
+import { Loop } from "./loop.js";
+
+export const state = {
+  data: null, // All that page.py's _Data() has written.
+  inputs: {}, // Its inputs by name, with the values of now.
+  loops: [], // The loops of all controllers and choices.
+  tab: 0, // Which of the chosen loops has its diagram shown,
+  level: "", // and the path of the level that is open.
+  scopes: [], // Ports whose signals are plotted.
+  runs: [], // The runs that are plotted,
+  pinned: [], // and earlier ones that are plotted pale.
+  cursor: 0, // s
+  window: [0, 1], // The time that scopes show, s.
+  isPlaying: false,
+  version: 0, // Counts changes of the inputs.
+  busy: null, // The promise of the simulation that is under way.
+  drive: null, // The drive that is under way,
+  hand: [], // its commands, [time, ...v_d],
+  keys: new Set(), // the keys that are down,
+  pull: [], // and how far a pointer pulls, along each axis.
+};
+
+// Reads the model; see page.py's _Bytes().
+export async function unpack() {
+  const text = atob($("model").textContent);
+  const packed = Uint8Array.from(text, (c) => c.charCodeAt());
+  const plain = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const bytes = await new Response(plain).arrayBuffer();
+  const size = Number(new DataView(bytes).getBigUint64(0, true));
+  const base = 8 + size;
+  // Bytes and arrays of numbers stand behind the JSON, which has their places.
+  const revive = (_, value) => {
+    if (value?.$b) return new Uint8Array(bytes, base + value.$b[0], value.$b[1]);
+    if (value?.$f) return new Float64Array(bytes, base + value.$f[0], value.$f[1]);
+    return value;
+  };
+  state.data = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 8, size)), revive);
+  state.inputs = Object.fromEntries(state.data.inputs.map((input) => [input.name, { ...input }]));
+  state.loops = state.data.controllers.map((x) => new Loop(x, state.data.inputs));
+}
+
+// The loops of the kinds that the inputs choose.
+export function chosen() {
+  const isChosen = ({ choice }) =>
+    Object.keys(choice).every((name) => choice[name] === state.inputs[name].value);
+  return state.loops.filter(isChosen);
+}
+
+// The loop whose diagram is shown.
+export const shownLoop = () => chosen()[state.tab];
+
+// The longest duration of the runs that are shown.
+export const duration = () => Math.max(0, ...state.runs.map((run) => run.duration));
+
+// The values of the inputs by their names.
+export function values() {
+  return Object.fromEntries(Object.values(state.inputs).map(({ name, value }) => [name, value]));
+}

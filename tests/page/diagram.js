@@ -1,0 +1,2 @@
+// The text of a page's diagram.
+teleop.ready.then(() => $("diagram").textContent);
