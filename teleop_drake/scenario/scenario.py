@@ -83,8 +83,12 @@ class _ScenarioBase(FixedFields):
 
     # Short name; the file's stem where the file gives none.
     name: str = ""
+    # A title in words for pages and `teleop-drake list`; empty: the name.
+    title: str = ""
     # One sentence for `teleop-drake list`.
     description: str = ""
+    # Two sentences for a page: what happens, and what to change.
+    story: str = ""
     # Where the task comes from.
     source: str = ""
     # `module:Class` of a task of one's own, which derives from tasks.Task; null: the
