@@ -3,12 +3,12 @@
 import base64
 import dataclasses
 import html
+import inspect
 import itertools
 import json
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -18,19 +18,25 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.environments import Surface
-from teleop_drake.figures.style import COLORS, AxisLabel
 from teleop_drake.files import Replacing
-from teleop_drake.page.inputs import Change, CheckSums, FindChange, NotSums, Stops
+from teleop_drake.page.colors import PageColor
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf
 from teleop_drake.page.script import JoinModules, ReadPart
+from teleop_drake.page.sliders import (
+    WHOLE,
+    DataOfInputs,
+    Input,
+    MakeInputs,
+    Models,
+    Ranges,
+)
 from teleop_drake.page.wasm import ConstantsOf, Packed
 from teleop_drake.scenario import (
     AnyScenario,
     AsTeleoperation,
     LoadScenario,
     Scenario,
-    ScenarioError,
     ScenarioFromYaml,
 )
 from teleop_drake.scenario.overrides import GetPath, ParseOverrides, SetPath
@@ -41,66 +47,11 @@ from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.insertion_metrics import FirstNormal
 from teleop_drake.validation import CheckChoice, Refuse
 
-_DELAYS = ("forward_delay", "return_delay")
-
-# The least delay of a slider, s: without any the program is another one.
-_LEAST_DELAY = 0.005
-
-# The largest one is at least this, s, and at least twice that of the scenario.
-_LARGE_DELAY = 0.5
-
 # The longest drive, s.
 _LONGEST_DRIVE = 600.0
 
 # The fastest that a hand commands, in multiples of |surgeon.velocity|.
 _FULL_SPEED = 2.0
-
-# Fields of whole numbers.
-_WHOLE = ("seed",)
-
-Ranges = Mapping[str, Sequence[Any]]
-
-# Whose an input is beside the block that its key begins with.
-_OWNERS = {
-    "delay": ["forward_channel", "return_channel"],
-    "seed": ["forward_channel", "return_channel"],
-    "surgeon": ["master"],
-}
-
-
-# By the controller and what is chosen.
-_Models = Mapping[tuple[str, ...], Model]
-_Makers = Mapping[tuple[str, ...], Callable[[Mapping[str, float]], Model]]
-
-
-@dataclass(kw_only=True)
-class _Input:
-    """A number that can be changed.
-
-    Attributes:
-        key: Dotted path in the scenario, or an alias of several.
-        low, high, value: Its range, and its value in the scenario.
-        is_wanted: Whether it is an error if it cannot be changed.
-        changes: Of each controller.
-    """
-
-    key: str
-    low: float
-    high: float
-    value: float
-    is_wanted: bool
-    changes: list[Change] = field(default_factory=list)
-
-    @property
-    def stops(self) -> list[float]:
-        """Its values if it is not continuous."""
-        are_whole = self.key.rpartition(".")[2] in _WHOLE
-        return Stops(self.low, self.high, self.value, are_whole=are_whole)
-
-    @property
-    def is_continuous(self) -> bool:
-        """Whether it is, for every controller."""
-        return not any(change.stops for change in self.changes)
 
 
 class Page:
@@ -157,13 +108,17 @@ def Explore(
 def WritePage(
     scenario_or_diagram: str | os.PathLike[str] | AnyScenario | Diagram,
     path: str | os.PathLike[str],
-    **options: Any,
+    *,
+    controllers: Sequence[str] | None = None,
+    signals: Sequence[str] = (),
+    vary: Ranges | None = None,
+    overrides: Mapping[str, Any] | Sequence[str] = (),
+    duration: float = 10.0,
+    has_hand: bool = False,
 ) -> list[str]:
     """Writes a living diagram.
 
-    Args:
-        path: Where to.
-        **options: All else is as MakePage() takes it.
+    All arguments but the path are those of MakePage().
 
     Returns:
         What the page lacks, and why: a sentence each.
@@ -171,7 +126,15 @@ def WritePage(
     Raises:
         OSError: If the file cannot be written. All others are those of MakePage().
     """
-    page = MakePage(scenario_or_diagram, **options)
+    page = MakePage(
+        scenario_or_diagram,
+        controllers=controllers,
+        signals=signals,
+        vary=vary,
+        overrides=overrides,
+        duration=duration,
+        has_hand=has_hand,
+    )
     page.Save(path)
     return page.notes
 
@@ -212,7 +175,7 @@ def MakePage(
             a number together.
     """
     notes: list[str] = []
-    inputs: list[_Input] = []
+    inputs: list[Input] = []
     choices: dict[str, list[str]] = {}
     models: dict[tuple[str, ...], Model]
     hand = None
@@ -222,15 +185,16 @@ def MakePage(
         config = SimulatorConfig(integration_scheme="runge_kutta5", accuracy=1e-8)
         config.use_error_control = True
         title, view = scenario_or_diagram.get_name(), np.eye(2, 3).tolist()
+        story = _FirstParagraph(scenario_or_diagram)
         models = {(title,): MakeModel(scenario_or_diagram, config, duration)}
     else:
         load = _Loader(scenario_or_diagram, overrides)
         scenario = load({})
-        title = scenario.name
+        title, story = scenario.title or scenario.name, scenario.story
         kinds = TaskOf(scenario).controllers if controllers is None else controllers
         kinds = list(kinds) or [scenario.controller.kind]
         if has_hand:
-            hand = _Hand(AsTeleoperation(scenario))
+            hand = _Hand(AsTeleoperation(scenario), kinds)
         choices, vary = _Choices(scenario, vary or {}, has_hand)
         makers: dict[tuple[str, ...], Callable[[Mapping[str, float]], Model]] = {}
         for which in itertools.product(kinds, *choices.values()):
@@ -238,7 +202,7 @@ def MakePage(
             makers[which] = _Maker(load, which[0], choice, has_hand)
         models = {which: make({}) for which, make in makers.items()}
         view = _View(scenario, next(iter(models.values())).surfaces)
-        inputs = _Inputs(scenario, vary, makers, models, notes)
+        inputs = MakeInputs(scenario, vary, makers, models, notes)
         if not next(iter(models.values())).metrics:
             notes.append("the metrics of this task are its own: `run` prints them")
     known = set().union(*(model.Signals() for model in models.values()))
@@ -246,7 +210,7 @@ def MakePage(
         CheckChoice("signals", signal, sorted(known))
     data = {**_Data(title, models, inputs, choices, notes), "hand": hand}
     data |= {"scopes": list(signals), "period": PERIOD, "view": view}
-    return Page(_Html(title, data), notes)
+    return Page(_Html(title, story, data), notes)
 
 
 def DiagramPage(diagram: Diagram) -> Page:
@@ -255,14 +219,29 @@ def DiagramPage(diagram: Diagram) -> Page:
     shown: dict[str, Any] = {"kind": title, "title": title, "levels": Levels(diagram)}
     shown |= {"ports": {}, "signals": {}, "choice": {}}
     data = {"title": title, "notes": [], "inputs": [], "controllers": [shown]}
-    return Page(_Html(title, data), [])
+    return Page(_Html(title, _FirstParagraph(diagram), data), [])
 
 
-def _Hand(scenario: Scenario) -> dict[str, Any]:
-    """Returns what the page takes for a hand."""
+def _FirstParagraph(diagram: Diagram) -> str:
+    """Returns the first paragraph of the docstring of a diagram's own class."""
+    if type(diagram) is Diagram:
+        return ""
+    return " ".join((inspect.getdoc(type(diagram)) or "").partition("\n\n")[0].split())
+
+
+def _Hand(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Any]:
+    """Returns what the page takes for a hand.
+
+    A drive begins with the adaptive controller where it is among the kinds.
+    """
     v_d = np.asarray(scenario.surgeon.velocity, float)
     force = getattr(scenario.surgeon, "contact_force", None)
     return {
+        "scenario": scenario.name,
+        "first": "adaptive_backstepping"
+        if "adaptive_backstepping" in kinds
+        else kinds[0],
+        "seed": getattr(scenario.forward_channel, "seed", None),
         "num_axes": v_d.size,
         "full_speed": _FULL_SPEED * float(np.linalg.norm(v_d)),
         # At twice the force that is held on contact, a gamepad rumbles its strongest.
@@ -336,7 +315,7 @@ def _Maker(
     def Make(values: Mapping[str, float]) -> Model:
         more: dict[str, Any] = dict(chosen)
         for key, value in values.items():
-            is_whole = key.rpartition(".")[2] in _WHOLE
+            is_whole = key.rpartition(".")[2] in WHOLE
             number = int(value) if is_whole else float(value)
             more |= dict.fromkeys(ALIASES.get(key, (key,)), number)
         scenario = load(more)
@@ -348,110 +327,10 @@ def _Maker(
     return Make
 
 
-def _Inputs(
-    scenario: AnyScenario,
-    vary: Ranges,
-    makers: _Makers,
-    models: _Models,
-    notes: list[str],
-) -> list[_Input]:
-    """Returns the inputs of a page.
-
-    Where the delays change a number together, as gains that derive from the round trip,
-    they are one input.
-    """
-    # Each key by the name that it has as an option.
-    names = {paths[0]: alias for alias, paths in ALIASES.items() if alias in _DELAYS}
-    vary = {names.get(key, key): values for key, values in vary.items()}
-    reason = NotSums()
-    others = [key for key in vary if key not in ("delay", *_DELAYS)]
-    choices: list[tuple[str, ...]] = [_DELAYS, ("delay",)]
-    if len(others) == len(vary):
-        choices.append(())
-    for delays in choices:
-        inputs = [_MakeInput(key, scenario, vary) for key in (*delays, *others)]
-        found = [x for x in inputs if x is not None and _FindChanges(x, makers, notes)]
-        try:
-            _CheckInputs(found, makers, models)
-            if not delays:
-                notes.append(f"the delays have no sliders: {reason}")
-            return found
-        except NotSums as error:
-            reason = error
-    raise ScenarioError(f"vary = {reason}") from None
-
-
-def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges) -> _Input | None:
-    """Returns an input with its range; None if it is a delay that there is not."""
-    is_delay = key in ("delay", *_DELAYS)
-    wanted = vary.get(key, vary.get("delay") if is_delay else None)
-    try:
-        value = GetPath(ToTree(scenario), ALIASES.get(key, (key,))[0])
-    except ScenarioError:
-        if is_delay:
-            return None  # The tracking of chapter 3 has no channels.
-        raise
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        Refuse(key, value, "a number in the scenario, to be varied")
-    low, high = wanted or (_LEAST_DELAY, max(_LARGE_DELAY, 2 * value))
-    if not low < high:
-        Refuse(key, f"{low:g}:{high:g}", "LO:HI, the larger one behind")
-    low, high = min(low, value), max(high, value)
-    return _Input(
-        key=key, low=low, high=high, value=value, is_wanted=wanted is not None
-    )
-
-
-def _FindChanges(
-    one: _Input,
-    makers: _Makers,
-    notes: list[str],
-) -> bool:
-    """Finds out what an input changes; returns whether it can be one."""
-    try:
-        for make in makers.values():
-            change = FindChange(
-                one.key,
-                one.low,
-                one.high,
-                one.value,
-                lambda v, make=make: make({one.key: v}),  # type: ignore[misc]
-                one.stops,
-                are_whole=one.key.rpartition(".")[2] in _WHOLE,
-            )
-            one.changes.append(change)
-    except ScenarioError as error:
-        if one.is_wanted:
-            raise
-        notes.append(f"{one.key} has no slider: {error}")
-        return False
-    return True
-
-
-def _CheckInputs(
-    inputs: Sequence[_Input],
-    makers: _Makers,
-    models: _Models,
-) -> None:
-    for i, (which, make) in enumerate(makers.items()):
-        CheckSums(
-            models[which].numbers,
-            {
-                one.key: (
-                    one.value,
-                    (one.low, one.high) if one.is_continuous else one.stops,
-                    one.changes[i],
-                )
-                for one in inputs
-            },
-            make,
-        )
-
-
 def _Data(
     title: str,
-    models: _Models,
-    inputs: Sequence[_Input],
+    models: Models,
+    inputs: Sequence[Input],
     choices: Mapping[str, list[str]],
     notes: list[str],
 ) -> dict[str, Any]:
@@ -461,13 +340,13 @@ def _Data(
         "title": title,
         "version": metadata.version("teleop-drake"),
         "notes": notes,
-        "inputs": _DataOfInputs(inputs, choices),
+        "inputs": DataOfInputs(inputs, choices),
         "controllers": [
             {
                 "kind": which[0],
                 "choice": dict(zip(choices, which[1:], strict=True)),
                 "title": which[0].replace("_", " "),
-                "color": _ColorOf(kinds.index(which[0])),
+                "color": PageColor(kinds.index(which[0])),
                 "module": (module := model.Module()),
                 "start": ConstantsOf(module),
                 "headers": model.Headers(),
@@ -483,6 +362,10 @@ def _Data(
                 "feed": model.Feed(),
                 "levels": Levels(model.diagram),
                 "surfaces": [surface.name for surface in model.surfaces],
+                "materials": [
+                    "" if surface.material is None else surface.material.name
+                    for surface in model.surfaces
+                ],
                 "changes": {
                     one.key: {
                         "slopes": one.changes[i].slopes,
@@ -496,59 +379,11 @@ def _Data(
     }
 
 
-def _ColorOf(index: int) -> str:
-    """Returns the colour of a controller; black is the page's ink, dark or light."""
-    color = COLORS[index % len(COLORS)]
-    return "currentColor" if color == "#000000" else color
-
-
-def _DataOfInputs(
-    inputs: Sequence[_Input], choices: Mapping[str, list[str]]
-) -> list[dict[str, Any]]:
-    """Returns what the page says of inputs: that of both delays comes first."""
-    result: list[dict[str, Any]] = [
-        {
-            "name": one.key,
-            "label": AxisLabel(one.key),
-            "unit": AxisLabel(one.key).partition("[")[2].rstrip("]"),
-            "owners": _OwnersOf(one.key),
-            "value": one.value,
-            "min": one.low if one.is_continuous else one.stops[0],
-            "max": one.high if one.is_continuous else one.stops[-1],
-            "stops": None if one.is_continuous else one.stops,
-        }
-        for one in inputs
-    ]
-    ways = [x for x in result if x["name"] in _DELAYS and not x["stops"]]
-    if len(ways) == 2:
-        both = {**ways[0], "name": "delay", "parts": _DELAYS, "owners": []}
-        both["label"] = "delay each way [s]"
-        both["value"] = sum(x["value"] for x in ways) / 2
-        both["min"] = max(x["min"] for x in ways)
-        both["max"] = min(x["max"] for x in ways)
-        result.insert(0, both)
-    return result + [
-        {
-            "name": key,
-            "label": AxisLabel(key),
-            "owners": _OwnersOf(key),
-            "value": values[0],
-            "choices": values,
-        }
-        for key, values in choices.items()
-    ]
-
-
-def _OwnersOf(key: str) -> list[str]:
-    """Returns the blocks of the loop to which an input belongs."""
-    first = key.replace("_delay", "_channel").partition(".")[0]
-    return _OWNERS.get(first, [first])
-
-
-def _Html(title: str, data: dict[str, Any]) -> str:
+def _Html(title: str, story: str, data: dict[str, Any]) -> str:
     """Returns the page: its parts, and the model as text that says nothing to HTML."""
     texts = {
         "title": html.escape(title),
+        "story": html.escape(story),
         "version": html.escape(metadata.version("teleop-drake")),
         "style": ReadPart("page.css"),
         "script": JoinModules("main.js"),

@@ -1,0 +1,221 @@
+"""The sliders of a page: which numbers can be changed, and in which range."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from teleop_drake.figures.style import AxisLabel
+from teleop_drake.page.inputs import Change, CheckSums, FindChange, NotSums, Stops
+from teleop_drake.page.model import Model
+from teleop_drake.scenario import AnyScenario, ScenarioError
+from teleop_drake.scenario.overrides import GetPath
+from teleop_drake.scenario.tree import ToTree
+from teleop_drake.sweep import ALIASES
+from teleop_drake.validation import Refuse
+
+_DELAYS = ("forward_delay", "return_delay")
+
+# The least delay of a slider, s: without any the program is another one.
+_LEAST_DELAY = 0.005
+
+# The largest one is at least this, s, and at least twice that of the scenario.
+_LARGE_DELAY = 0.5
+
+# Fields of whole numbers.
+WHOLE = ("seed",)
+
+Ranges = Mapping[str, Sequence[Any]]
+
+# Whose an input is beside the block that its key begins with.
+_OWNERS = {
+    "delay": ["forward_channel", "return_channel"],
+    "seed": ["forward_channel", "return_channel"],
+    "surgeon": ["master"],
+}
+
+# By the controller and what is chosen.
+Models = Mapping[tuple[str, ...], Model]
+Makers = Mapping[tuple[str, ...], Callable[[Mapping[str, float]], Model]]
+
+
+@dataclass(kw_only=True)
+class Input:
+    """A number that can be changed.
+
+    Attributes:
+        key: Dotted path in the scenario, or an alias of several.
+        low, high, value: Its range, and its value in the scenario.
+        is_wanted: Whether it is an error if it cannot be changed.
+        changes: Of each controller.
+    """
+
+    key: str
+    low: float
+    high: float
+    value: float
+    is_wanted: bool
+    changes: list[Change] = field(default_factory=list)
+
+    @property
+    def stops(self) -> list[float]:
+        """Its values if it is not continuous."""
+        are_whole = self.key.rpartition(".")[2] in WHOLE
+        return Stops(self.low, self.high, self.value, are_whole=are_whole)
+
+    @property
+    def is_continuous(self) -> bool:
+        """Whether it is, for every controller."""
+        return not any(change.stops for change in self.changes)
+
+
+def MakeInputs(
+    scenario: AnyScenario,
+    vary: Ranges,
+    makers: Makers,
+    models: Models,
+    notes: list[str],
+) -> list[Input]:
+    """Returns the inputs of a page.
+
+    Where the delays change a number together, as gains that derive from the round trip,
+    they are one input.
+    """
+    # Each key by the name that it has as an option.
+    names = {paths[0]: alias for alias, paths in ALIASES.items() if alias in _DELAYS}
+    vary = {names.get(key, key): values for key, values in vary.items()}
+    reason = NotSums()
+    others = [key for key in vary if key not in ("delay", *_DELAYS)]
+    choices: list[tuple[str, ...]] = [_DELAYS, ("delay",)]
+    if len(others) == len(vary):
+        choices.append(())
+    for delays in choices:
+        inputs = [_MakeInput(key, scenario, vary) for key in (*delays, *others)]
+        found = [x for x in inputs if x is not None and _FindChanges(x, makers, notes)]
+        try:
+            _CheckInputs(found, makers, models)
+            if not delays:
+                notes.append(f"the delays have no sliders: {reason}")
+            return found
+        except NotSums as error:
+            reason = error
+    raise ScenarioError(f"vary = {reason}") from None
+
+
+def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges) -> Input | None:
+    """Returns an input with its range; None if it is a delay that there is not."""
+    is_delay = key in ("delay", *_DELAYS)
+    wanted = vary.get(key, vary.get("delay") if is_delay else None)
+    try:
+        value = GetPath(ToTree(scenario), ALIASES.get(key, (key,))[0])
+    except ScenarioError:
+        if is_delay:
+            return None  # The tracking of chapter 3 has no channels.
+        raise
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        Refuse(key, value, "a number in the scenario, to be varied")
+    low, high = wanted or (_LEAST_DELAY, max(_LARGE_DELAY, 2 * value))
+    if not low < high:
+        Refuse(key, f"{low:g}:{high:g}", "LO:HI, the larger one behind")
+    low, high = min(low, value), max(high, value)
+    return Input(key=key, low=low, high=high, value=value, is_wanted=wanted is not None)
+
+
+def _FindChanges(
+    one: Input,
+    makers: Makers,
+    notes: list[str],
+) -> bool:
+    """Finds out what an input changes; returns whether it can be one."""
+    try:
+        _CheckDelay(one)
+        for make in makers.values():
+            change = FindChange(
+                one.key,
+                one.low,
+                one.high,
+                one.value,
+                lambda v, make=make: make({one.key: v}),  # type: ignore[misc]
+                one.stops,
+                are_whole=one.key.rpartition(".")[2] in WHOLE,
+            )
+            one.changes.append(change)
+    except ScenarioError as error:
+        if one.is_wanted:
+            raise
+        notes.append(f"{one.key} has no slider: {error}")
+        return False
+    return True
+
+
+def _CheckDelay(one: Input) -> None:
+    """Refuses a delay that can become 0."""
+    if one.key in ("delay", *_DELAYS) and one.low <= 0:
+        Refuse(
+            one.key,
+            f"{one.low:g}:{one.high:g}",
+            f"{_LEAST_DELAY:g} s or more, because a loop without delay is another "
+            "program; `--delay 0` makes a page of that, without this slider",
+        )
+
+
+def _CheckInputs(
+    inputs: Sequence[Input],
+    makers: Makers,
+    models: Models,
+) -> None:
+    for i, (which, make) in enumerate(makers.items()):
+        CheckSums(
+            models[which].numbers,
+            {
+                one.key: (
+                    one.value,
+                    (one.low, one.high) if one.is_continuous else one.stops,
+                    one.changes[i],
+                )
+                for one in inputs
+            },
+            make,
+        )
+
+
+def DataOfInputs(
+    inputs: Sequence[Input], choices: Mapping[str, list[str]]
+) -> list[dict[str, Any]]:
+    """Returns what the page says of inputs: that of both delays comes first."""
+    result: list[dict[str, Any]] = [
+        {
+            "name": one.key,
+            "label": AxisLabel(one.key),
+            "unit": AxisLabel(one.key).partition("[")[2].rstrip("]"),
+            "owners": _OwnersOf(one.key),
+            "value": one.value,
+            "min": one.low if one.is_continuous else one.stops[0],
+            "max": one.high if one.is_continuous else one.stops[-1],
+            "stops": None if one.is_continuous else one.stops,
+        }
+        for one in inputs
+    ]
+    ways = [x for x in result if x["name"] in _DELAYS and not x["stops"]]
+    if len(ways) == 2:
+        both = {**ways[0], "name": "delay", "parts": _DELAYS, "owners": []}
+        both["label"] = "delay each way [s]"
+        both["value"] = sum(x["value"] for x in ways) / 2
+        both["min"] = max(x["min"] for x in ways)
+        both["max"] = min(x["max"] for x in ways)
+        result.insert(0, both)
+    return result + [
+        {
+            "name": key,
+            "label": AxisLabel(key),
+            "owners": _OwnersOf(key),
+            "value": values[0],
+            "choices": values,
+        }
+        for key, values in choices.items()
+    ]
+
+
+def _OwnersOf(key: str) -> list[str]:
+    """Returns the blocks of the loop to which an input belongs."""
+    first = key.replace("_delay", "_channel").partition(".")[0]
+    return _OWNERS.get(first, [first])
