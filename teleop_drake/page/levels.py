@@ -11,7 +11,9 @@ from pydrake.systems.framework import Diagram, System
 from teleop_drake.figures.block_diagram import DiagramDot, LayOut
 from teleop_drake.page.model import Systems
 
-_AT = re.compile(r'data-at="(\d+)(?::([uy])(\d+))?"')
+_AT = re.compile(r'data-(at|wire)="(\d+)(?::([uy])(\d+))?"')
+# The class and the name of a system, as Drake writes them.
+_CLASS_AND_NAME = re.compile(r"^<B>([^<]*)</B><BR/>\nname=(.*)$", re.M)
 _BOX = re.compile(r"^s(\d+) \[")
 _PORT = re.compile(r'<TD PORT="([uy]\d+)"')
 _HEADER = re.compile(r'<TD BORDER="1" COLSPAN')
@@ -38,18 +40,38 @@ def Levels(diagram: System) -> list[dict[str, Any]]:
         def Name(
             found: re.Match[str], boxes: Any = boxes, systems: Any = systems
         ) -> str:
-            box, side, system = boxes[int(found[1])], found[2], systems[int(found[1])]
-            text = html.escape(box["path"])
-            if side is None:
-                is_level = system is not systems[0] and isinstance(system, Diagram)
-                return f'data-box="{text}"' + is_level * f' data-level="{text}"'
+            place = int(found[2])
+            is_level = place > 0 and isinstance(systems[place], Diagram)
+            if found[3] is None:
+                return _BoxAttributes(boxes[place], is_level)
             # A side without ports has an empty place.
-            names = box[side][int(found[3]) :]
-            return f'data-port="{text}:{html.escape(names[0])}"' if names else ""
+            names = boxes[place][found[3]][int(found[4]) :]
+            kind = "wire" if found[1] == "wire" else found[3]
+            return _PortAttributes(boxes[place], names[0], kind) if names else ""
 
         svg = _AT.sub(Name, _Picture(DiagramDot(level, max_depth=1)))
         levels.append({"path": path, "svg": svg.encode(), "boxes": boxes})
     return levels
+
+
+def _BoxAttributes(box: dict[str, Any], is_level: bool) -> str:
+    """Returns the attributes of a box in the picture, its label for readers too."""
+    path = html.escape(box["path"])
+    opens = ", opens" if is_level else ""
+    num_ports = len(box["u"]) + len(box["y"])
+    label = f"block {path.rpartition('/')[2]}{opens}; {num_ports} ports"
+    attributes = f'data-box="{path}" role="button" aria-label="{label}"'
+    return attributes + (f' data-level="{path}"' if is_level else "")
+
+
+def _PortAttributes(box: dict[str, Any], port: str, kind: str) -> str:
+    """Returns the attributes of a port, "u" or "y", or of a "wire" from a port."""
+    words = {"u": "input", "y": "output", "wire": "wire from"}[kind]
+    path, name = html.escape(box["path"]), html.escape(port)
+    label = f"{words} {name} of {path or 'the diagram'}"
+    # Keys reach ports, but not wires, which plot the signal of a port.
+    role = "img" if kind == "wire" else "button"
+    return f'data-port="{path}:{name}" role="{role}" aria-label="{label}"'
 
 
 def _Box(system: System, path: str) -> dict[str, Any]:
@@ -65,11 +87,22 @@ def _Box(system: System, path: str) -> dict[str, Any]:
     }
 
 
+def _NameFirst(found: re.Match[str]) -> str:
+    """Returns a box's head: its name in words, and its class."""
+    kind, name = found[1], found[2].replace("_", " ")
+    return (
+        f'<FONT POINT-SIZE="17"><B>{name}</B></FONT><BR/>\n'
+        f'<FONT POINT-SIZE="10">{kind}</FONT>'
+    )
+
+
 @functools.lru_cache(maxsize=64)
 def _Picture(dot: str) -> str:
     """Lays a level out, with data-at="1" at a box, "1:y0" at a port or wire."""
     lines, box = [], "0"
-    for line in dot.splitlines():
+    # People look for the name; the class stands beneath it in small letters.
+    named = _CLASS_AND_NAME.sub(_NameFirst, dot)
+    for line in named.splitlines():
         if found := _BOX.match(line):
             box = found[1]
         elif _NODE_OF_DIAGRAM.match(line):
@@ -91,7 +124,7 @@ def _Picture(dot: str) -> str:
     )
     svg = svg.replace("</a>\n</g>", "</g>").replace("</a></g>", "</g>")
     svg = re.sub(
-        r'<g id="wire ([^"]*)" class="edge">', r'<g data-at="\1" class="edge">', svg
+        r'<g id="wire ([^"]*)" class="edge">', r'<g data-wire="\1" class="edge">', svg
     )
     # Boxes and ports can be reached by keys; wires are wide enough for a pointer.
     svg = re.sub(r'(data-at="[^"]*")>', r'\1 tabindex="0">', svg)
