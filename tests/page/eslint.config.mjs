@@ -6,9 +6,11 @@ const browser = [
   "DOMMatrix",
   "DOMPoint",
   "DecompressionStream",
+  "Event",
   "KeyboardEvent",
   "MouseEvent",
   "PointerEvent",
+  "ResizeObserver",
   "Response",
   "TextDecoder",
   "URL",
@@ -20,6 +22,7 @@ const browser = [
   "console",
   "document",
   "fetch",
+  "dispatchEvent",
   "getComputedStyle",
   "history",
   "innerHeight",
@@ -29,6 +32,7 @@ const browser = [
   "navigator",
   "performance",
   "requestAnimationFrame",
+  "setInterval",
   "setTimeout",
   "window",
 ];
@@ -50,7 +54,23 @@ const rules = {
 const globalsOf = (names) => Object.fromEntries(names.map((name) => [name, "readonly"]));
 
 // Scripts of tests see the top level of the page's script.
-const page = ["$", "armAt", "chosen", "errors", "range", "setCursor", "state", "teleop"];
+const page = [
+  "$",
+  "armAt",
+  "chosen",
+  "errors",
+  "linkOfState",
+  "make",
+  "range",
+  "scopesAsSvg",
+  "scoreLine",
+  "setCursor",
+  "shownLoop",
+  "signalsAsCsv",
+  "state",
+  "teleop",
+  "toggleDrive",
+];
 
 export default [
   {

@@ -1,7 +1,7 @@
 // Sets inputs, clicks boxes and ports, and looks at what the page shows.
 (async () => {
   await teleop.ready;
-  const scope = () => document.querySelector(".scope svg").innerHTML;
+  const scope = () => document.querySelector(".scope > svg").innerHTML;
   const run = (kind) =>
     teleop
       .run(kind)

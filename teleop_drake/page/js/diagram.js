@@ -1,9 +1,9 @@
 // The block diagram: levels that open, ports and wires that are plotted.
 
-import { $, make, makeButton } from "./elements.js";
+import { $, make, makeButton, say } from "./elements.js";
 import { show } from "./numbers.js";
 import { markPorts, toggleScope, valuesOf } from "./scopes.js";
-import { shownLoop, state } from "./state.js";
+import { chosen, shownLoop, state } from "./state.js";
 
 // The box of a path in the diagram that is shown.
 function boxAt(path) {
@@ -16,7 +16,8 @@ export function showLevel(path) {
   const { levels } = shownLoop();
   const level = levels.find((x) => x.path === path) ?? levels[0];
   state.level = level.path;
-  $("diagram").innerHTML = new TextDecoder().decode(level.svg);
+  $("level").innerHTML = new TextDecoder().decode(level.svg);
+  fitPicture($("level").querySelector("svg"));
   const parts = ["", ...level.path.split("/").filter((x) => x)];
   const crumbs = parts.map((part, i) => {
     const goTo = () => showLevel(parts.slice(1, i + 1).join("/"));
@@ -24,6 +25,12 @@ export function showLevel(path) {
   });
   $("crumbs").replaceChildren(...crumbs);
   markPorts();
+}
+
+// Shows no more of a picture than is drawn.
+function fitPicture(svg) {
+  const { x, y, width, height } = svg.getBBox();
+  if (width > 0) svg.setAttribute("viewBox", `${x - 4} ${y - 4} ${width + 8} ${height + 8}`);
 }
 
 // Shows the level around the one that is shown.
@@ -68,7 +75,7 @@ function describePort(port) {
 // Answers to a pointer or the keys in the diagram: a click opens a box or plots a port; all else
 // shows or hides the tip.
 export function answer({ type, target }) {
-  const element = target.closest("[tabindex]");
+  const element = target.closest("[data-box], [data-port]");
   $("tip").hidden = !element || /out$/.test(type);
   if ($("tip").hidden) return;
   const { box, port } = element.dataset;
@@ -77,13 +84,69 @@ export function answer({ type, target }) {
   $("tip").textContent = port ? describePort(port) : describeBox(box);
 }
 
-// Goes to the block or the port that the search names.
+// All blocks and ports of a loop, by their paths.
+function namesOf(loop) {
+  const boxes = loop.levels.flatMap((level) => level.boxes);
+  return [...boxes.map((box) => box.path), ...Object.keys(loop.ports)].filter((name) => name);
+}
+
+// The place of a loop that has a name, and the name: as it is written, or the first that contains
+// the text. The loop that is shown comes before the others.
+function search(text) {
+  const loops = chosen();
+  const places = [state.tab, ...loops.keys()];
+  const wanted = text.toLowerCase();
+  for (const isFound of [
+    (name) => name === text,
+    (name) => name.replaceAll("_", " ").toLowerCase().includes(wanted.replaceAll("_", " ")),
+  ]) {
+    for (const place of places) {
+      const name = namesOf(loops[place]).find(isFound);
+      if (name) return { place, name };
+    }
+  }
+  return null;
+}
+
+// Goes to the block or the port that the search names, in the diagram that has it.
 export function find() {
-  const text = $("search").value;
-  const [path] = text.split(":");
-  if (!path || !boxAt(path)) return;
+  const text = $("search").value.trim();
+  if (!text) return;
+  const found = search(text);
+  if (!found) {
+    say(`no block or port has \u201c${text}\u201d in its name`, "bad");
+    return;
+  }
+  const [path] = found.name.split(":");
+  if (found.place !== state.tab) chooseTab(found.place);
   showLevel(path.split("/").slice(0, -1).join("/"));
   open(path);
-  if (text in shownLoop().ports && !state.scopes.includes(text)) toggleScope(text);
+  const isPort = found.name in shownLoop().ports;
+  if (isPort && !state.scopes.includes(found.name)) toggleScope(found.name);
+  say(`found ${found.name} in ${shownLoop().title}`);
   $("search").value = "";
+}
+
+// Makes the list of all blocks and ports, from which the search chooses.
+export function makeSearch() {
+  const names = new Set(state.loops.flatMap(namesOf));
+  $("found").append(...Array.from(names, (value) => make("option", { value })));
+  $("search").onchange = find;
+}
+
+// Shows the diagram of a controller.
+export function chooseTab(place) {
+  state.tab = place;
+  [...$("tabs").querySelectorAll("button")].forEach((tab, i) => {
+    tab.ariaPressed = i === place;
+  });
+  showLevel(state.level);
+}
+
+// Makes the buttons that choose whose diagram is shown.
+export function makeTabs() {
+  const loops = chosen();
+  const tabs = loops.map(({ title }, i) => makeButton(title, () => chooseTab(i)));
+  if (loops.length > 1) $("tabs").append("Diagram of ", ...tabs);
+  chooseTab(0);
 }

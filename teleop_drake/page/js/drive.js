@@ -1,11 +1,13 @@
 // One's own hand as the operator: keys, a pointer or a gamepad command the velocity.
 
 import { showLast } from "./clock.js";
+import { chooseTab } from "./diagram.js";
 import { $, make, nextFrame, say } from "./elements.js";
 import { clamp } from "./numbers.js";
 import { Run } from "./run.js";
+import { hideBanner, showEnd } from "./score.js";
 import { refresh } from "./simulate.js";
-import { shownLoop, state, values } from "./state.js";
+import { chosen, shownLoop, state, values } from "./state.js";
 
 // The keys of each axis: backwards and forwards.
 const KEYS = [
@@ -21,6 +23,8 @@ const MOST_PICTURES = 6; // of a delay that is made up for; beyond, simulated ti
 const FULL_PULL = 80; // px
 const DEAD_ZONE = 0.1; // of a stick that rests
 const RUMBLE = 50; // ms
+const WATCH = 50; // ms between two looks at a hand that may start a drive
+const REST = 500; // ms that a hand is at rest before it may start another one
 
 export const isDriveKey = (key) => KEYS.flat().includes(key);
 
@@ -37,7 +41,8 @@ function sticks() {
 
 // What the hand commands, m/s: keys, a pointer that pulls, and a gamepad's sticks.
 function command() {
-  const { num_axes: n, full_speed: most } = state.data.hand;
+  const { num_axes: n, full_speed: full } = state.data.hand;
+  const most = full * Number($("strength").value);
   const tilts = sticks();
   return KEYS.slice(0, n).map(([less, more], k) => {
     const keys = Number(state.keys.has(more)) - Number(state.keys.has(less));
@@ -67,17 +72,22 @@ async function catchUp(run, begin) {
   }
 }
 
-// Drives the controller that is chosen, in real time, until the drive ends; ends one that goes on.
+// Ends a drive that is under way, or starts one.
+export function toggleDrive() {
+  if (state.drive) state.drive = null;
+  else drive();
+}
+
+// Drives the controller that is chosen, in real time, until the drive ends.
 export async function drive() {
-  if (state.drive) {
-    state.drive = null;
-    return;
-  }
+  const mine = {};
+  state.drive = mine;
+  hideBanner();
+  // A loop has memory for one run at a time.
+  await state.busy;
   const loop = shownLoop();
   await loop.compile();
   const run = new Run(loop, loop.numbersAt(values()));
-  const mine = {};
-  state.drive = mine;
   state.hand = [[0, ...command().fill(0)]];
   state.runs = [run];
   $("drive").textContent = "End (Esc)";
@@ -96,6 +106,28 @@ export async function drive() {
   // All controllers repeat the drive.
   state.runs = [];
   await refresh();
+  showEnd(loop.kind, { again: drive, withController });
+}
+
+// Drives another controller.
+function withController(kind) {
+  chooseTab(chosen().findIndex((loop) => loop.kind === kind));
+  drive();
+}
+
+// Starts a drive when the hand moves: keys, a pointer on the picture, or a stick. After a drive it
+// has to rest first.
+function watchHand() {
+  let restSince = -Infinity;
+  setInterval(() => {
+    const now = performance.now();
+    const isMoving = command().some((v) => v !== 0);
+    if (state.drive) restSince = Infinity;
+    else if (state.busy) return;
+    else if (!isMoving) restSince = Math.min(restSince, now);
+    else if (now - restSince > REST) drive();
+    else restSince = Infinity;
+  }, WATCH);
 }
 
 // Offers the commands of the drive as a file.
@@ -126,7 +158,11 @@ export function makeHand() {
   };
   scene.addEventListener("pointerup", release);
   scene.addEventListener("pointercancel", release);
-  $("drive").onclick = drive;
+  $("drive").onclick = toggleDrive;
+  const first = chosen().findIndex((loop) => loop.kind === state.data.hand.first);
+  chooseTab(Math.max(0, first));
+  document.body.classList.add("driven");
+  watchHand();
   // The command breaks between words, never within one.
   const words = state.data.hand.command.split(" ");
   $("repeat").append(...words.flatMap((word) => [make("nobr", {}, word), " "]));

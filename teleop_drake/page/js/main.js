@@ -1,13 +1,17 @@
 // Makes the page. It is the model: what it shows is simulated here, by a module of WebAssembly.
 
 import { setCursor, togglePlay } from "./clock.js";
-import { answer, find, goUp, showLevel } from "./diagram.js";
-import { drive, isDriveKey, makeHand } from "./drive.js";
-import { $, make, makeButton, say } from "./elements.js";
+import { answer, goUp, makeSearch, makeTabs } from "./diagram.js";
+import { isDriveKey, makeHand, toggleDrive } from "./drive.js";
+import { $, say } from "./elements.js";
 import { makeInputs, setInput } from "./inputs.js";
 import { range } from "./numbers.js";
 import "./scene.js";
 import { makeScopes, togglePin, zoom } from "./scopes.js";
+import { makeLink, showLinkedState } from "./link.js";
+import { makePrint } from "./print.js";
+import { makeSaving } from "./save.js";
+import { makeTries } from "./tries.js";
 import { refresh } from "./simulate.js";
 import { chosen, state, unpack, values } from "./state.js";
 
@@ -23,14 +27,15 @@ function moveCursor(share) {
 const ACTIONS = {
   " ": togglePlay,
   p: togglePin,
-  d: () => state.data.hand && drive(),
+  d: () => state.data.hand && toggleDrive(),
   "/": () => $("search").focus(),
+  "?": explain,
   ArrowLeft: () => moveCursor(-1 / 200),
   ArrowRight: () => moveCursor(1 / 200),
   "+": () => zoom(1 / 1.5, state.cursor),
   "-": () => zoom(1.5, state.cursor),
   0: () => zoom(Infinity, 0),
-  Escape: () => (state.drive ? drive() : goUp()),
+  Escape: () => (state.drive ? toggleDrive() : goUp()),
   Enter: (event) => answer({ type: "click", target: event.target }),
 };
 
@@ -43,7 +48,8 @@ function isOfField({ key, target }) {
 // Does what a key stands for.
 function press(event) {
   if (isOfField(event)) return;
-  if (state.drive && isDriveKey(event.key)) {
+  const isArrow = event.key.startsWith("Arrow");
+  if (state.data.hand && isDriveKey(event.key) && (state.drive || isArrow)) {
     state.keys.add(event.key);
   } else if (ACTIONS[event.key]) {
     ACTIONS[event.key](event);
@@ -53,32 +59,6 @@ function press(event) {
   event.preventDefault();
 }
 
-// Makes the buttons that choose whose diagram is shown.
-function makeTabs() {
-  const choose = (i) => {
-    state.tab = i;
-    tabs.forEach((tab, k) => {
-      tab.ariaPressed = k === i;
-    });
-    showLevel(state.level);
-  };
-  const tabs = chosen().map(({ title }, i) => makeButton(title, () => choose(i)));
-  choose(0);
-  if (tabs.length > 1) $("tabs").append(...tabs);
-}
-
-// Makes the list of all blocks and ports, from which the search chooses.
-function makeSearch() {
-  const names = new Set();
-  for (const loop of state.loops) {
-    for (const { boxes } of loop.levels) for (const { path } of boxes) names.add(path);
-    for (const port of Object.keys(loop.ports)) names.add(port);
-  }
-  names.delete("");
-  $("found").append(...Array.from(names, (value) => make("option", { value })));
-  $("search").onchange = find;
-}
-
 // Makes the page dark or light as the system is, and a button that changes that.
 function makeTheme() {
   const { style } = document.documentElement;
@@ -86,18 +66,27 @@ function makeTheme() {
   $("theme").onclick = () => {
     style.colorScheme = style.colorScheme === "dark" ? "light" : "dark";
   };
+  $("explain").onclick = explain;
+}
+
+// Explains each part where it stands, or hides that.
+function explain() {
+  const isExplained = document.body.classList.toggle("explained");
+  $("explain").ariaPressed = isExplained;
 }
 
 // Makes the page answer to pointers and keys.
 function listen() {
   for (const type of ["click", "mouseover", "mouseout", "focusin", "focusout"]) {
-    $("diagram").addEventListener(type, answer);
+    $("level").addEventListener(type, answer);
   }
   $("play").onclick = togglePlay;
   $("pin").onclick = togglePin;
   $("clock").oninput = () => setCursor(Number($("clock").value));
   document.addEventListener("keydown", press);
   document.addEventListener("keyup", (event) => state.keys.delete(event.key));
+  // A window that loses the focus hears of no key that is let go.
+  addEventListener("blur", () => state.keys.clear());
   addEventListener("resize", () => setCursor(state.cursor));
 }
 
@@ -120,13 +109,29 @@ async function start() {
   listen();
   if (state.data.hand) makeHand();
   makeInputs();
+  makeSaving();
+  makeLink();
+  makePrint();
   if (!state.loops[0].module) {
     document.body.classList.add("still");
     return;
   }
+  makeTries();
   chooseScopes();
   makeScopes();
   await refresh();
+  if (location.hash) await showLinkedState();
+  fitFrame();
+}
+
+// Gives the frame of a notebook the height of the page.
+function fitFrame() {
+  const frame = window.frameElement;
+  if (!frame) return;
+  const fit = () => {
+    frame.style.height = `${document.documentElement.offsetHeight + 4}px`;
+  };
+  new ResizeObserver(fit).observe(document.body);
 }
 
 // All values of a signal: those of each component in a row.

@@ -18,10 +18,10 @@ import {
   valueBefore,
   variation,
 } from "./pieces.js";
+import { AXES } from "./units.js";
 
 const AT_REST = 1e-6; // Shares of the commanded speed.
 const SETTLING_RATIO = 0.05;
-const AXES = ["x", "y", "z", "rx", "ry", "rz"];
 const CROSSINGS = { puncture: ["puncture", "heal"], contact: ["contact", "release"] };
 
 // The signals of an insertion in pieces, and what happened when.

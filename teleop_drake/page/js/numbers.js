@@ -21,8 +21,8 @@ export function extent(values) {
 }
 
 // A number in few digits; a dash without one.
-export function show(x) {
+export function show(x, digits = 5) {
   if (x === undefined) return "–";
   const isLong = Math.abs(x) >= 1e5 || (x !== 0 && Math.abs(x) < 1e-4);
-  return isLong ? x.toExponential(3) : String(+x.toPrecision(5));
+  return isLong ? x.toExponential(3) : String(+x.toPrecision(digits));
 }

@@ -52,6 +52,7 @@ function surfacesOf({ loop, z }) {
   const part = (i) => see(Array.from(z.surfaces.slice(i * size, (i + 1) * size)));
   const all = loop.surfaces.map((name, i) => ({
     name,
+    label: (loop.materials[i] || name).replaceAll("_", " "),
     point: part(2 * i),
     normal: part(2 * i + 1),
   }));
@@ -82,13 +83,13 @@ function fitScene(paths, arms, width, height, lanes) {
 
 // The half-plane behind each surface, with its name.
 function drawSurfaces(surfaces, toPixels, width) {
-  const drawn = surfaces.map(({ name, point, normal: [across, up] }, i) => {
+  const drawn = surfaces.map(({ name, label, point, normal: [across, up] }, i) => {
     const [x, y] = toPixels(point, 0);
     const angle = (Math.atan2(-up, across) * 180) / Math.PI;
     const left = clamp(Number(x) + 3, 4, width - 60);
     return `<rect class="${safe(name)}" y="-3000" width="3000" height="6000"
       transform="translate(${x} ${y}) rotate(${angle})"/>
-      <text x="${left}" y="${12 + 13 * (i % 2)}">${safe(name)}</text>`;
+      <text x="${left}" y="${12 + 13 * (i % 2)}">${safe(label)}</text>`;
   });
   return drawn.join("");
 }
@@ -142,6 +143,15 @@ function drawLegend(hasChannels, width, height, floor) {
     <text x="${width - 4}" y="${floor - 2}" text-anchor="end">● tool ◌ as felt</text>`;
 }
 
+// The points of surfaces that are nearest to a place.
+function ahead(surfaces, place) {
+  if (!place) return [];
+  return surfaces.map(({ point, normal }) => {
+    const distance = dot(normal, point) - dot(normal, place);
+    return place.map((x, k) => x + distance * normal[k]);
+  });
+}
+
 // Draws the task at the cursor.
 function drawScene() {
   const shown = state.runs.filter((run) => run.signal("tool_position"));
@@ -155,6 +165,8 @@ function drawScene() {
   // All of the paths fit; in lanes the surfaces too.
   const paths = shown.flatMap((run) => pathOf(run, Infinity));
   if (!isPlane) paths.push(...surfaces.map(({ point }) => point));
+  // Who drives sees the base of the arm and the bone from the start on.
+  if (state.data.hand) paths.push(...arms.flat(), ...ahead(surfaces, paths[0]));
   const lanes = isPlane ? 0 : shown.length;
   const toPixels = fitScene(paths, arms.flat(), width, floor, lanes);
   const picture = { toPixels, isPlane, width, floor };

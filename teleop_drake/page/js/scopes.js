@@ -4,6 +4,7 @@ import { onCursor, setCursor } from "./clock.js";
 import { $, keyOf, make, makeButton, safe } from "./elements.js";
 import { clamp, extent, range, show } from "./numbers.js";
 import { duration, shownLoop, state } from "./state.js";
+import { componentsOf, scaleAndUnit } from "./units.js";
 
 const DASHES = ["", "7 4", "2 3", "9 3 2 3"]; // Of the components of a vector.
 const MOST_LINES = 6;
@@ -11,12 +12,21 @@ const LEFT = 58; // px, room for the numbers of the vertical axis
 const RIGHT = 18;
 const TOP = 4;
 const BELOW = 18;
+const EVENT_LETTER = 6.2; // px, the width of a letter in the name of an event
 
-// The values of a port at the cursor.
-export function valuesOf(run, port, most) {
+// The values of a port at the cursor with the names of its components, in a unit.
+export function valuesOf(run, port, most, scale = 1) {
   const columns = run.columns(port) ?? [];
-  const text = run.vector(columns.slice(0, most), state.cursor).map(show).join(", ");
+  const names = componentsOf(port, columns.length);
+  const values = run.vector(columns.slice(0, most), state.cursor);
+  const text = values.map((value, i) => `${names[i]} ${show(scale * value, 3)}`.trim()).join(", ");
   return columns.length > most ? `${text} ...` : text;
+}
+
+// The size and the unit of a port, of the first loop that has it.
+export function placeOf(port) {
+  const [, size, unit] = state.loops.map((loop) => loop.ports[port]).find((place) => place);
+  return { size, unit };
 }
 
 // Puts a signal into the scopes, or takes it out.
@@ -60,10 +70,10 @@ function makeScope(port) {
 // Marks the ports and wires of the diagram whose signals are in the scopes.
 export function markPorts() {
   const { ports } = shownLoop();
-  const placeOf = (port) => String(ports[port] ?? port);
-  const places = state.scopes.map(placeOf);
-  for (const element of $("diagram").querySelectorAll("[data-port]")) {
-    element.classList.toggle("on", places.includes(placeOf(element.dataset.port)));
+  const columnsOf = (port) => String(ports[port] ?? port);
+  const shown = state.scopes.map(columnsOf);
+  for (const element of $("level").querySelectorAll("[data-port]")) {
+    element.classList.toggle("on", shown.includes(columnsOf(element.dataset.port)));
   }
 }
 
@@ -109,9 +119,23 @@ function curve(run, column, width) {
   return points;
 }
 
+// The line of the velocity that the operator commands, for a scope of the tool's velocity.
+function commandOf(port, width) {
+  const run = state.runs.find((x) => x.loop.signals.tool_velocity === port);
+  const columns =
+    run?.signal("velocity_command") ?? run?.columns("master/surgeon:velocity_command");
+  if (!columns) return [];
+  return columns.map((column, component) => ({
+    points: curve(run, column, width),
+    color: "currentColor",
+    dashes: DASHES[component % DASHES.length],
+    className: "command",
+  }));
+}
+
 // The lines of a port: of each run, pinned ones first, and each component.
 function linesOf(port, width) {
-  return [...state.pinned, ...state.runs].flatMap((run, i) => {
+  const runs = [...state.pinned, ...state.runs].flatMap((run, i) => {
     const columns = (run.columns(port) ?? []).slice(0, MOST_LINES);
     return columns.map((column, component) => ({
       points: curve(run, column, width),
@@ -120,13 +144,15 @@ function linesOf(port, width) {
       className: i < state.pinned.length ? "pale" : "",
     }));
   });
+  return [...commandOf(port, width), ...runs];
 }
 
 // What maps a time and a value to pixels, with the range of the values, for lines in a picture.
-function axesOf(lines, width, height) {
+function axesOf(lines, unit, width, height) {
   const [begin, end] = state.window;
   const known = extent(lines.flatMap(({ points }) => points.map(([, value]) => value)));
   const [least, most] = known[0] > known[1] ? [-1, 1] : known;
+  const [scale, shownUnit] = scaleAndUnit([least, most], unit);
   const gap = 0.06 * (most - least) || 0.01 * Math.abs(most) || 0.5;
   const low = least - gap;
   const high = most + gap;
@@ -135,6 +161,8 @@ function axesOf(lines, width, height) {
   return {
     low,
     high,
+    scale,
+    unit: shownUnit,
     bottom: height - BELOW,
     x: (t) => (((t - begin) / (end - begin)) * wide).toFixed(1),
     y: (value) => (TOP + ((high - value) / (high - low)) * tall).toFixed(1),
@@ -142,10 +170,10 @@ function axesOf(lines, width, height) {
 }
 
 // The marks of the vertical axis with their lines, and those of time.
-function drawAxes({ low, high, x, y }, width, height) {
+function drawAxes({ low, high, scale, x, y }, width, height) {
   const values = ticks(low, high, 5).map(
     (v) =>
-      `<text x="${LEFT - 6}" y="${y(v)}" dy="4" text-anchor="end">${show(v)}</text>
+      `<text x="${LEFT - 6}" y="${y(v)}" dy="4" text-anchor="end">${show(scale * v)}</text>
       <path class="${v ? "" : "zero"}" d="M${LEFT} ${y(v)}H${width}"/>`,
   );
   const times = ticks(...state.window, width / 90).map(
@@ -156,35 +184,69 @@ function drawAxes({ low, high, x, y }, width, height) {
   return values.join("") + times.join("");
 }
 
-// The scope of a port as SVG.
+// The lines of events, each with its name at the first of that name.
+function drawEvents({ x, bottom }, width) {
+  const all = state.runs.flatMap(({ events, loop }) =>
+    events.map((event) => ({ ...event, color: loop.color })),
+  );
+  const isShown = ({ time }) => time >= state.window[0] && time <= state.window[1];
+  const firsts = new Map();
+  for (const event of all.filter(isShown)) {
+    if (!firsts.has(event.name)) firsts.set(event.name, event);
+  }
+  const lines = all.map(
+    ({ time, color }) => `<path class="event" d="M${x(time)} 0v${bottom}" stroke="${color}"/>`,
+  );
+  // Names that would overlap are left out.
+  let right = -Infinity;
+  const names = [...firsts.values()].sort((a, b) => a.time - b.time);
+  for (const { name, time } of names) {
+    const text = name.replaceAll("_", " ");
+    const wide = EVENT_LETTER * text.length;
+    const left = Math.min(Number(x(time)) + 3, width - LEFT - RIGHT - wide);
+    if (left < right) continue;
+    lines.push(`<text class="name" x="${left}" y="11">${safe(text)}</text>`);
+    right = left + wide + 6;
+  }
+  return lines.join("");
+}
+
+// The scope of a port: its SVG, the scale and the unit of its axis, and whether it has a command.
 function plot(port, width, height) {
   const lines = linesOf(port, width);
-  const axes = axesOf(lines, width, height);
+  const axes = axesOf(lines, placeOf(port).unit, width, height);
   const { x, y, bottom } = axes;
   const curves = lines.map(({ points, color, dashes, className }) => {
     const places = points.map(([t, value]) => `${x(t)},${y(value)}`).join(" ");
     return `<polyline class="${className}" points="${places}" stroke="${color}"
       stroke-dasharray="${dashes}"/>`;
   });
-  const events = state.runs.flatMap((run) =>
-    run.events.map(
-      ({ time }) => `<path class="event" d="M${x(time)} 0v${bottom}" stroke="${run.loop.color}"/>`,
-    ),
-  );
-  return `${drawAxes(axes, width, height)}
+  const svg = `${drawAxes(axes, width, height)}
     <svg x="${LEFT}" width="${width - LEFT}" height="${bottom}">
-    ${events.join("")}${curves.join("")}<path class="cursor" d="M0 0v${bottom}"/></svg>`;
+    ${drawEvents(axes, width)}${curves.join("")}<path class="cursor" d="M0 0v${bottom}"/></svg>`;
+  const hasCommand = lines.some(({ className }) => className === "command");
+  return { svg, scale: axes.scale, unit: axes.unit, hasCommand };
 }
 
-// The head of a scope: its port, its unit, and the values at the cursor.
-function drawHead(head, port) {
-  const known = state.loops.map((loop) => loop.ports[port]).find((place) => place);
-  const [, size, unit] = known;
+// A sample of a line with the name of what it shows.
+function sampleOf(name, dashes, className = "") {
+  const sample = make("span", {}, `${name} `);
+  const line = `<line class="${className}" x2="26" y1="3" y2="3" stroke-dasharray="${dashes}"/>`;
+  sample.insertAdjacentHTML("beforeend", `<svg aria-hidden="true">${line}</svg>`);
+  return sample;
+}
+
+// The head of a scope: its port, its unit, what its lines are, and the values at the cursor.
+function drawHead(head, port, { scale, unit, hasCommand }) {
+  const { size } = placeOf(port);
+  const components = size > 1 ? componentsOf(port, size).slice(0, MOST_LINES) : [];
   head.replaceChildren(
-    make("b", {}, port.replace(":", " · ")),
+    make("b", {}, port.replace(":", " · ").replaceAll("_", " ")),
     unit ? `[${unit}]` : "",
     size > MOST_LINES ? `${MOST_LINES} of ${size}` : "",
-    ...state.runs.map((run) => keyOf(run.loop, valuesOf(run, port, 3))),
+    ...components.map((name, i) => sampleOf(name, DASHES[i % DASHES.length])),
+    hasCommand ? sampleOf("command", "", "command") : "",
+    ...state.runs.map((run) => keyOf(run.loop, valuesOf(run, port, 3, scale))),
     makeButton("×", () => toggleScope(port), { ariaLabel: `remove ${port}` }),
   );
 }
@@ -200,11 +262,12 @@ export function drawScopes() {
     const basis = [state.runs, state.pinned, state.runs[0].ends.length, begin, end, width];
     if (basis.some((value, i) => value !== scope.basis?.[i])) {
       scope.basis = basis;
-      svg.innerHTML = plot(port, width, height);
+      scope.plotted = plot(port, width, height);
+      svg.innerHTML = scope.plotted.svg;
     }
     const x = ((state.cursor - begin) / (end - begin)) * (width - LEFT - RIGHT);
     svg.querySelector(".cursor").setAttribute("transform", `translate(${x})`);
-    drawHead(head, port);
+    drawHead(head, port, scope.plotted);
   }
 }
 

@@ -50,11 +50,19 @@ async function simulateAll(version) {
   return runs;
 }
 
+const listeners = [];
+
+// Calls a function whenever new runs are shown.
+export function onRuns(listen) {
+  listeners.push(listen);
+}
+
 // Shows runs that took some milliseconds.
 function showRuns(runs, wall) {
   state.runs = runs;
   if (state.data.hand) showLast(duration());
   else setCursor(state.cursor);
   showMetrics();
+  for (const listen of listeners) listen();
   say(`${runs.length} runs simulated and drawn in ${wall.toFixed(0)} ms`);
 }

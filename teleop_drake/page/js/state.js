@@ -15,6 +15,7 @@ export const state = {
   cursor: 0, // s
   window: [0, 1], // The time that scopes show, s.
   isPlaying: false,
+  screenScheme: "", // The colour scheme that returns after printing.
   version: 0, // Counts changes of the inputs.
   busy: null, // The promise of the simulation that is under way.
   drive: null, // The drive that is under way,

@@ -4,20 +4,49 @@ import { $, keyOf, make } from "./elements.js";
 import { show } from "./numbers.js";
 import { state } from "./state.js";
 
+// The metrics that stand first, if a task has them; others fill up.
+const MAIN = [
+  "start_velocity_overshoot",
+  "puncture.velocity_overshoot",
+  "collision.velocity",
+  "collision.peak_force",
+  "collision.rebound_velocity",
+  "collision.rest_time",
+];
+
 const rowOf = (tag, ...cells) => make("tr", {}, ...cells.map((cell) => make(tag, {}, cell)));
 
-// Shows the metrics of each controller, and how it ended.
+// The rows of some metrics.
+function rowsOf(names, labels) {
+  return names.map((name) =>
+    rowOf("td", labels[name], ...state.runs.map((run) => show(run.metrics[name]))),
+  );
+}
+
+// When and why runs have ended early.
+function endsOf(runs) {
+  if (!runs.some((run) => run.reason)) return [];
+  const ends = runs.map(({ reason, time }) => reason && `${show(time.at(-1))} s: ${reason}`);
+  return [rowOf("td", "ended at", ...ends)];
+}
+
+// Shows the metrics of each controller, and how it ended: six, and the rest folded.
 export function showMetrics() {
   const { runs } = state;
   const labels = Object.assign({}, ...runs.map((run) => run.loop.labels));
   const names = Object.keys(labels).filter((name) => runs.some((run) => name in run.metrics));
-  const rows = names.map((name) =>
-    rowOf("td", labels[name], ...runs.map((run) => show(run.metrics[name]))),
-  );
-  if (runs.some((run) => run.reason)) {
-    const ends = runs.map(({ reason, time }) => reason && `${show(time.at(-1))} s: ${reason}`);
-    rows.unshift(rowOf("td", "ended at", ...ends));
+  const main = MAIN.filter((name) => names.includes(name));
+  const others = names.filter((name) => !main.includes(name));
+  main.push(...others.splice(0, MAIN.length - main.length));
+  const tableOf = (rows) =>
+    make("table", {}, rowOf("th", "", ...runs.map((run) => keyOf(run.loop))), ...rows);
+  const isOpen = $("metrics").querySelector("details")?.open ?? false;
+  const parts = [];
+  const first = [...endsOf(runs), ...rowsOf(main, labels)];
+  if (first.length) parts.push(tableOf(first));
+  if (others.length) {
+    const summary = make("summary", {}, `${others.length} more metrics`);
+    parts.push(make("details", { open: isOpen }, summary, tableOf(rowsOf(others, labels))));
   }
-  if (rows.length) rows.unshift(rowOf("th", "", ...runs.map((run) => keyOf(run.loop))));
-  $("metrics").replaceChildren(...(rows.length ? [make("table", {}, ...rows)] : []));
+  $("metrics").replaceChildren(...parts);
 }

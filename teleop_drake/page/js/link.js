@@ -1,0 +1,76 @@
+// A link is a state: inputs, the controller whose diagram is shown, the cursor and the scopes.
+//
+// As in page.html#delay=0.2&controller=direct_force&t=2.4&show=tool_velocity.
+
+import { setCursor } from "./clock.js";
+import { chooseTab } from "./diagram.js";
+import { $, say } from "./elements.js";
+import { setInput } from "./inputs.js";
+import { makeScopes } from "./scopes.js";
+import { chosen, shownLoop, state } from "./state.js";
+
+// The name of a signal for its port; of other ports the port itself.
+function nameOf(port) {
+  const found = Object.entries(shownLoop().signals).find(([, place]) => place === port);
+  return found ? found[0] : port;
+}
+
+// The link to what is shown now.
+export function linkOfState() {
+  const link = new URLSearchParams();
+  for (const { name, value, parts } of Object.values(state.inputs)) {
+    if (!parts) link.set(name, value);
+  }
+  link.set("controller", shownLoop().kind);
+  link.set("t", state.cursor.toFixed(4));
+  link.set("show", state.scopes.map(nameOf).join(","));
+  return `${location.href.split("#")[0]}#${link}`;
+}
+
+// Shows the state of the page's own link. What it names wrongly is reported and left as it was.
+export async function showLinkedState() {
+  const { controller, t, show, ...values } = Object.fromEntries(
+    new URLSearchParams(location.hash.slice(1)),
+  );
+  const wrong = [];
+  for (const [name, text] of Object.entries(values)) {
+    try {
+      await setInput(name, state.inputs[name]?.choices ? text : Number(text));
+    } catch (error) {
+      wrong.push(error.message);
+    }
+  }
+  if (controller !== undefined) {
+    const kinds = chosen().map((loop) => loop.kind);
+    if (kinds.includes(controller)) chooseTab(kinds.indexOf(controller));
+    else wrong.push(`controller ${controller}: must be one of ${kinds}`);
+  }
+  if (show !== undefined) wrong.push(...showSignals(show.split(",").filter((name) => name)));
+  if (t !== undefined && Number.isFinite(Number(t))) setCursor(Number(t));
+  if (wrong.length) say(`the link is not understood: ${wrong.join("; ")}`, "bad");
+}
+
+// Shows signals or ports in the scopes; returns what is wrong with their names.
+function showSignals(names) {
+  const { signals, ports } = shownLoop();
+  const places = names.map((name) => signals[name] ?? name);
+  const isKnown = (port) => port in ports;
+  state.scopes = places.filter(isKnown);
+  makeScopes();
+  return names.filter((_, i) => !isKnown(places[i])).map((name) => `there is no signal ${name}`);
+}
+
+// Makes the button that copies the link, and follows a link that is entered later.
+export function makeLink() {
+  $("copy-link").onclick = async () => {
+    const link = linkOfState();
+    try {
+      await navigator.clipboard.writeText(link);
+      say("the link is copied; open it in a second window to compare side by side");
+    } catch {
+      history.replaceState(null, "", link);
+      say("the link stands in the address bar");
+    }
+  };
+  addEventListener("hashchange", showLinkedState);
+}

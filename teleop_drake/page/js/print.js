@@ -1,0 +1,36 @@
+// One page of paper: the state of the page, laid out anew.
+
+import { $ } from "./elements.js";
+import { show } from "./numbers.js";
+import { drawScopes } from "./scopes.js";
+import { state } from "./state.js";
+
+// The values of the inputs in one line.
+function valuesInWords() {
+  const inputs = Object.values(state.inputs).filter(({ parts }) => !parts);
+  const isNumber = (value) => typeof value === "number";
+  return inputs
+    .map(({ label, value }) => `${label}: ${isNumber(value) ? show(value) : value}`)
+    .join(" · ");
+}
+
+// Lays the page out for paper, or for the screen again.
+function layOut(isPaper) {
+  $("printed").textContent = valuesInWords();
+  $("metrics").before($("printed"));
+  document.body.classList.toggle("printing", isPaper);
+  const { style } = document.documentElement;
+  if (isPaper) {
+    state.screenScheme = style.colorScheme;
+    style.colorScheme = "light";
+  } else {
+    style.colorScheme = state.screenScheme;
+  }
+  drawScopes();
+}
+
+// Answers to the browser's printing.
+export function makePrint() {
+  addEventListener("beforeprint", () => layOut(true));
+  addEventListener("afterprint", () => layOut(false));
+}

@@ -1,0 +1,71 @@
+// Curves and signals as files.
+
+import { $, make } from "./elements.js";
+import { range } from "./numbers.js";
+import { state } from "./state.js";
+import { componentsOf } from "./units.js";
+
+const HEAD = 22; // px above each scope, for its name
+
+// Offers a text as a file.
+function download(name, type, text) {
+  const link = make("a", { download: name, href: URL.createObjectURL(new Blob([text], { type })) });
+  link.click();
+  URL.revokeObjectURL(link.href);
+}
+
+// Copies what a style sheet gives to an element into the element itself, and so within it.
+function inlineStyle(source, copy) {
+  const style = getComputedStyle(source);
+  for (const name of ["fill", "stroke", "stroke-width", "opacity", "font-family", "font-size"]) {
+    copy.style.setProperty(name, style.getPropertyValue(name));
+  }
+  range(source.children.length).forEach((i) => inlineStyle(source.children[i], copy.children[i]));
+}
+
+// All scopes as one picture, one below the other, without the cursor.
+export function scopesAsSvg() {
+  const scopes = [...$("scopes").children];
+  const svgs = scopes.map((scope) => scope.querySelector(":scope > svg"));
+  const width = Math.max(...svgs.map((svg) => svg.clientWidth));
+  let top = 0;
+  const parts = svgs.map((svg, i) => {
+    const copy = svg.cloneNode(true);
+    inlineStyle(svg, copy);
+    copy.querySelector(".cursor").remove();
+    copy.setAttribute("y", top + HEAD);
+    copy.setAttribute("width", width);
+    copy.setAttribute("height", svg.clientHeight);
+    const name = `<text x="4" y="${top + 15}" fill="${copy.style.color || "#808080"}"
+      font-family="Helvetica, Arial, sans-serif" font-size="13">${titleOf(scopes[i])}</text>`;
+    top += HEAD + svg.clientHeight;
+    return name + new XMLSerializer().serializeToString(copy);
+  });
+  return `<svg xmlns="http://www.w3.org/2000/svg" width="${width}" height="${top}"
+    viewBox="0 0 ${width} ${top}">${parts.join("")}</svg>`;
+}
+
+// The name and the unit of a scope.
+function titleOf({ dataset: { port }, plotted: { unit } }) {
+  return unit ? `${port} [${unit}]` : port;
+}
+
+// The signals in the scopes, in SI units: a row for each instant of each run.
+export function signalsAsCsv() {
+  const names = state.scopes.flatMap((port) => {
+    const size = Math.max(...state.runs.map((run) => run.columns(port)?.length ?? 0));
+    return componentsOf(port, size).map((component) => `${port}${component && ` ${component}`}`);
+  });
+  const lines = [["controller", "time", ...names].join(",")];
+  for (const run of state.runs) {
+    const columns = state.scopes.flatMap((port) => run.columns(port) ?? []);
+    run.time.forEach((t, i) => lines.push([run.loop.kind, t, ...run.row(columns, i)].join(",")));
+  }
+  return lines.join("\n");
+}
+
+// Makes the buttons that save.
+export function makeSaving() {
+  $("save-svg").onclick = () => download("curves.svg", "image/svg+xml", scopesAsSvg());
+  $("save-csv").onclick = () => download("signals.csv", "text/csv", signalsAsCsv());
+}

@@ -1,0 +1,85 @@
+// How a drive has ended: what happened, a score that can be compared, and what to do next.
+
+import { $, make, makeButton, say } from "./elements.js";
+import { setInput } from "./inputs.js";
+import { show } from "./numbers.js";
+import { chosen, state } from "./state.js";
+
+// When the hand first commanded something, s.
+function firstPush() {
+  const found = state.hand.find(([, ...v]) => v.some((x) => x !== 0));
+  return found ? found[0] : 0;
+}
+
+// A time in words, or that there is none.
+const after = (t, otherwise = "") => (t === undefined ? otherwise : `after ${t.toFixed(2)} s`);
+
+// The score of a run with the hand's commands: time to the bone, largest force, time to rest.
+export function scoreOf(run) {
+  const bone = run.metrics["collision.time"];
+  return {
+    bone: bone === undefined ? undefined : bone - firstPush(),
+    force: run.metrics["collision.peak_force"],
+    rest: run.metrics["collision.rest_time"],
+  };
+}
+
+// The score in a line that says all that somebody else has to set.
+export function scoreLine(run) {
+  const { scenario, seed } = state.data.hand;
+  const { forward_delay: forward, return_delay: back, delay } = state.inputs;
+  const there = show((forward ?? delay)?.value ?? 0);
+  const home = show((back ?? delay)?.value ?? 0);
+  const { bone, force, rest } = scoreOf(run);
+  const parts = [
+    `${scenario}, ${run.loop.title}, ${there} s there, ${home} s back`,
+    seed === null ? "" : `seed ${seed}`,
+    `bone ${after(bone, "not reached")}`,
+    force === undefined ? "" : `largest force ${show(force)} N`,
+    bone === undefined ? "" : rest === undefined ? "not at rest" : `at rest ${after(rest)}`,
+  ];
+  return parts.filter((part) => part).join("; ");
+}
+
+// What happened to the run that was driven.
+function storyOf(run) {
+  const title = run.loop.title[0].toUpperCase() + run.loop.title.slice(1);
+  const last = run.time.at(-1);
+  if (!run.reason) return `You drove ${run.loop.title} for ${last.toFixed(1)} s.`;
+  const late = Math.max(0, last - firstPush()).toFixed(1);
+  return `${title} ran away ${late} s after you pushed: ${run.reason}.`;
+}
+
+// Hides the banner.
+export function hideBanner() {
+  $("banner").hidden = true;
+}
+
+// Shows the banner at the end of a drive: `again` and `withController` start another one.
+export function showEnd(kind, { again, withController }) {
+  const run = state.runs.find((x) => x.loop.kind === kind);
+  if (!run) return;
+  const line = scoreLine(run);
+  const buttons = [makeButton("Again", again)];
+  for (const { kind: other, title } of chosen()) {
+    if (other !== kind) buttons.push(makeButton(`With ${title}`, () => withController(other)));
+  }
+  const { delay } = state.inputs;
+  if (delay && delay.value > delay.min) {
+    const repeat = () => setInput("delay", delay.min).then(hideBanner);
+    buttons.push(makeButton(`This drive again, ${show(delay.min)} s late`, repeat));
+  }
+  const copy = () =>
+    navigator.clipboard.writeText(line).then(
+      () => say("the score is copied"),
+      () => say("select the score and copy it"),
+    );
+  buttons.push(makeButton("Copy the score", copy), makeButton("Close", hideBanner));
+  const curves = "The curves show this drive with every controller.";
+  $("banner").replaceChildren(
+    make("p", {}, `${storyOf(run)} ${curves}`),
+    make("code", {}, line),
+    ...buttons,
+  );
+  $("banner").hidden = false;
+}

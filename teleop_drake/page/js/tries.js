@@ -1,0 +1,58 @@
+// What the page is about: its subtitle, and things to try.
+
+import { $, makeButton } from "./elements.js";
+import { setInput } from "./inputs.js";
+import { show } from "./numbers.js";
+import { onRuns } from "./simulate.js";
+import { chosen, state } from "./state.js";
+
+const NUMBERS = ["no controller", "one controller", "two controllers", "three controllers"];
+
+// How late packets are, in words.
+function latenessOf({ forward_delay: forward, return_delay: back, delay }) {
+  if (!forward || !back) return delay ? `, ${show(delay.value)} s late` : "";
+  if (forward.value === back.value) return `, ${show(forward.value)} s late`;
+  return `, ${show(forward.value)} s late there and ${show(back.value)} s back`;
+}
+
+// Shows how many controllers there are and how late packets are.
+function showSubtitle() {
+  const count = chosen().length;
+  const controllers = NUMBERS[count] ?? `${count} controllers`;
+  $("subtitle").textContent = `: ${controllers}${latenessOf(state.inputs)}`;
+}
+
+// Three things to try: what a button sets, by the names of inputs.
+function triesOf({ delay, forward_delay: forward, return_delay: back, ...others }) {
+  const tries = [];
+  if (delay) {
+    const late = Math.min(delay.max, 3 * delay.value);
+    tries.push([`${show(delay.min)} s late`, { delay: delay.min }]);
+    tries.push([`${show(late)} s late`, { delay: late }]);
+  }
+  if (forward && back) {
+    const way = { forward_delay: forward.min, return_delay: Math.min(back.max, 2 * back.value) };
+    tries.push(["late on the way back only", way]);
+  }
+  for (const { name, label, max, choices, value } of Object.values(others)) {
+    const other = choices?.find((choice) => choice !== value);
+    tries.push(
+      choices ? [`${label}: ${other}`, { [name]: other }] : [`largest ${label}`, { [name]: max }],
+    );
+  }
+  return tries.slice(0, 3);
+}
+
+// Makes the buttons of what to try, and one that goes back.
+export function makeTries() {
+  const set = async (values) => {
+    for (const [name, value] of Object.entries(values)) await setInput(name, value);
+  };
+  const first = Object.entries(state.inputs).map(([name, { value }]) => [name, value]);
+  const tries = triesOf(state.inputs);
+  onRuns(showSubtitle);
+  if (!tries.length) return;
+  const buttons = tries.map(([text, values]) => makeButton(text, () => set(values)));
+  const back = makeButton("As it was", () => set(Object.fromEntries(first)));
+  $("tries").append("Try: ", ...buttons, back);
+}

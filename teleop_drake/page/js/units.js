@@ -1,0 +1,22 @@
+// Units and names of components that people read.
+
+const PREFIXES = { [-3]: "n", [-2]: "µ", [-1]: "m", 0: "", 1: "k", 2: "M" };
+export const AXES = ["x", "y", "z", "rx", "ry", "rz"];
+
+// The factor and the unit with the SI prefix that suit a range, from 0.1 to 100 of the unit shown;
+// see figures/style.py's ScaleAndUnit().
+export function scaleAndUnit([low, high], unit) {
+  const largest = Math.max(Math.abs(low), Math.abs(high));
+  if (!["m", "m/s", "N"].includes(unit) || !(largest > 0 && largest < Infinity)) return [1, unit];
+  const power = Math.floor(Math.log10(10 * largest) / 3);
+  const exponent = Math.min(Math.max(power, -3), 2);
+  return [10 ** (-3 * exponent), PREFIXES[exponent] + unit];
+}
+
+// The names of a signal's components: axes of the task, or numbers; one has none.
+export function componentsOf(port, size) {
+  if (size === 1) return [""];
+  const isOfTask = /(tool|environment|felt|haptic|control|command|desired|position|velocity|force)/;
+  const areAxes = size <= AXES.length && isOfTask.test(port) && !/joint|packet|weights/.test(port);
+  return Array.from({ length: size }, (_, i) => (areAxes ? AXES[i] : String(i + 1)));
+}
