@@ -59,7 +59,9 @@ def _BoxAttributes(box: dict[str, Any], is_level: bool) -> str:
     path = html.escape(box["path"])
     opens = ", opens" if is_level else ""
     num_ports = len(box["u"]) + len(box["y"])
-    label = f"block {path.rpartition('/')[2]}{opens}; {num_ports} ports"
+    # The label has all of the visible text, as voice control needs it.
+    name = path.rpartition("/")[2].replace("_", " ")
+    label = f"block {name} {box['kind']}{opens}; {num_ports} ports"
     attributes = f'data-box="{path}" role="button" aria-label="{label}"'
     return attributes + (f' data-level="{path}"' if is_level else "")
 

@@ -94,7 +94,7 @@ def test_list(capsys):
     out = capsys.readouterr().out
     for name in ScenarioNames():
         (line,) = [line for line in out.splitlines() if line.startswith(f"  {name} ")]
-        assert len(line.split()) > 5
+        assert f" {LoadScenario(name).title}. " in line
     studies = "league, league_held_out, sample_period, sensitivity, tolerance, "
     studies += "why_adaptive"
     assert f"Studies\n  {studies}\n" in out

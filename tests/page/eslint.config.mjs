@@ -57,6 +57,7 @@ const globalsOf = (names) => Object.fromEntries(names.map((name) => [name, "read
 const page = [
   "$",
   "armAt",
+  "axe",
   "chosen",
   "errors",
   "linkOfState",

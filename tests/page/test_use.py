@@ -4,7 +4,10 @@ import base64
 import csv
 import itertools
 import re
+import shutil
+import subprocess
 import xml.etree.ElementTree as ElementTree
+from pathlib import Path
 
 import pytest
 
@@ -182,7 +185,7 @@ def test_everybody(look, tmp_path, is_dark):
     assert seen["stops"][0] == "A"
     assert seen["stops"].index("range") <= 8
     assert all(seen["labels"])
-    assert "block robot, opens; 8 ports" in seen["labels"]
+    assert "block robot Diagram, opens; 8 ports" in seen["labels"]
     assert "output tool_velocity of robot" in seen["labels"]
     for color, paper in itertools.product(seen["lines"], seen["papers"]):
         assert Contrast(color, paper) >= 4.5, (color, paper)
@@ -190,6 +193,23 @@ def test_everybody(look, tmp_path, is_dark):
         assert Contrast(color, paper) >= 4.5, (color, paper)
     panel = "#" + "".join(f"{x:02x}" for x in seen["papers"][1])
     assert panel == (DARK_PAPER if is_dark else LIGHT_PAPER)
+
+
+@pytest.mark.parametrize("is_dark", [False, True], ids=["light", "dark"])
+def test_axe_finds_nothing(look, tmp_path, arm_page, is_dark):
+    npm = shutil.which("npm")
+    if npm is None:
+        pytest.skip("no npm, which brings axe-core")
+    command = [npm, "root", "--global"]
+    root = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    axe = Path(root.strip()) / "axe-core/axe.min.js"
+    if not axe.exists():
+        pytest.skip("no axe-core: `npm install --global axe-core` brings it")
+    text = arm_page.read_text("utf-8")
+    path = tmp_path / "page.html"
+    script = f"<script>{axe.read_text('utf-8')}</script></body>"
+    path.write_text(text.replace("</body>", script), "utf-8")
+    assert look(path, "axe.js", is_dark=is_dark) == []
 
 
 def test_search(look, page):

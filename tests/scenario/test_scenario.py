@@ -100,9 +100,9 @@ def test_gains(name):
 @pytest.mark.parametrize("name", BUILT_IN + TRACKING + SPACE + LEARNING + JOINTS)
 def test_every_value_in_a_file_has_its_source(name):
     for line in (SCENARIOS / f"{name}.yaml").read_text().splitlines():
-        # A value that is neither a section nor the two texts.
+        # A value that is neither a section nor one of the texts.
         if re.match(r"\s*(- )?\w+: *[^# ]", line) and not re.match(
-            "description|source", line
+            "title|story|description|source", line
         ):
             comment = line.partition("#")[2]
             assert re.search(

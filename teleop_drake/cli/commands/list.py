@@ -28,8 +28,7 @@ def Execute(args: argparse.Namespace) -> int:
     print("Scenarios")
     for file in files:
         tree = yaml.load(file.read_text("utf-8"), loader)
-        print(f"  {file.stem:<{width}} {tree['title']}")
-        print(f"  {'':<{width}} {tree['description']}")
+        print(f"  {file.stem:<{width}} {tree['title']}. {tree['description']}")
     others = [kind for kind in KindsOf("architectures") if kind not in _OF_THE_THESIS]
     for title, names in {
         "Studies": sorted(file.stem for file in (_PACKAGE / "studies").glob("*.yaml")),

@@ -39,7 +39,7 @@ export function showMetrics() {
   const others = names.filter((name) => !main.includes(name));
   main.push(...others.splice(0, MAIN.length - main.length));
   const tableOf = (rows) =>
-    make("table", {}, rowOf("th", "", ...runs.map((run) => keyOf(run.loop))), ...rows);
+    make("table", {}, rowOf("th", "metric", ...runs.map((run) => keyOf(run.loop))), ...rows);
   const isOpen = $("metrics").querySelector("details")?.open ?? false;
   const parts = [];
   const first = [...endsOf(runs), ...rowsOf(main, labels)];
