@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from teleop_drake.cli import main
+from teleop_drake.figures.style import COLORS
 from teleop_drake.page import MakePage, WritePage
-from teleop_drake.page.colors import DARK_PAPER, LIGHT_PAPER
+from teleop_drake.page.colors import DARK_PAPER, LIGHT_PAPER, PageColor
 from teleop_drake.scenario import LoadScenario, ScenarioError, ScenarioNames
 
 pytestmark = pytest.mark.xdist_group("machine_code")
@@ -175,12 +176,16 @@ def Contrast(one, other):
     return (light + 0.05) / (dark + 0.05)
 
 
+@pytest.mark.parametrize("index", range(len(COLORS)))
+def test_every_color_is_legible(index):
+    light, dark = re.findall("#(......)", PageColor(index))
+    for color, paper in ((light, LIGHT_PAPER), (dark, DARK_PAPER)):
+        assert Contrast(bytes.fromhex(color), bytes.fromhex(paper[1:])) >= 4.5
+
+
 @pytest.mark.parametrize("is_dark", [False, True], ids=["light", "dark"])
-def test_everybody(look, tmp_path, is_dark):
-    path = tmp_path / "page.html"
-    kinds = ["direct_force", "adaptive_backstepping", "wave_variables", "damped_force"]
-    WritePage("one_dof", path, controllers=[*kinds, "four_channel", "smith_predictor"])
-    seen = look(path, "everybody.js", is_dark=is_dark)
+def test_everybody(look, page, is_dark):
+    seen = look(page, "everybody.js", is_dark=is_dark)
     # The first stop skips to the sliders, which are near in any case.
     assert seen["stops"][0] == "A"
     assert seen["stops"].index("range") <= 8
