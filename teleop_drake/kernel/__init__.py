@@ -1,4 +1,4 @@
-"""Kernels: descriptions of blocks, and all that is made of them for Drake."""
+"""Kernels: descriptions of blocks, and the Drake blocks that are made from them."""
 
 from teleop_drake.kernel.block import FixedBlock, KernelBlock, KernelIn
 from teleop_drake.kernel.kernel import (

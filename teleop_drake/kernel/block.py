@@ -1,4 +1,4 @@
-"""Blocks that say once what they compute."""
+"""Blocks whose computation is described once, by a kernel."""
 
 import functools
 import itertools
@@ -50,7 +50,7 @@ class _Rated:
 
 
 class DualBlock(_Rated, LeafSystem_[AutoDiffXd]):
-    """A block of AutoDiffXd with the ports, the state and the terms of another one.
+    """A block of AutoDiffXd with the ports, the state and the terms of another block.
 
     An output that the other block delays raises a ValueError when it is evaluated.
 
@@ -99,7 +99,7 @@ class _NoDelayLine:
         self._path = path
 
     def Eval(self, context: Context) -> Any:
-        """Raises a ValueError, which names what linearises a delay."""
+        """Raises a ValueError that names the function which linearises a delay."""
         allowed = "cut: Drake linearises no delays, call teleop_drake.LinearizePorts()"
         Refuse(self._path, "a delay", allowed)
 
@@ -156,7 +156,7 @@ class Duals(np.ndarray):
 
 
 def _NotingEvents(cls: type["KernelBlock"]) -> type["KernelBlock"]:
-    """Makes a block note the events that are declared besides those of its kernel."""
+    """Makes a class of blocks record each event declared outside of its kernel."""
     names = [x for x in dir(LeafSystem) if re.fullmatch("DeclarePer.*Event", x)]
     for name in names:
         setattr(cls, name, _Noting(name))
@@ -164,7 +164,7 @@ def _NotingEvents(cls: type["KernelBlock"]) -> type["KernelBlock"]:
 
 
 def _Noting(name: str) -> Callable[..., Any]:
-    """Returns the method of LeafSystem with a name, which notes its call."""
+    """Returns the method of LeafSystem with a name, extended to record its calls."""
     declare = getattr(LeafSystem, name)
 
     @functools.wraps(declare)
@@ -178,33 +178,35 @@ def _Noting(name: str) -> Callable[..., Any]:
 
 @_NotingEvents
 class KernelBlock(_Rated, Convertible):
-    """A block that is its kernel: Drake's callbacks evaluate the terms of Kernel().
+    """A block defined by its kernel: Drake's callbacks evaluate the terms of Kernel().
 
-    A subclass declares its input ports and its state, sets what its Kernel() takes, and
-    then calls DeclareOutputs(). What an output depends on follows from its term.
+    A subclass declares its input ports and its state, sets the attributes that its
+    Kernel() reads, and then calls DeclareOutputs(). The prerequisites of an output
+    follow from its term.
 
-    Events are made of the transitions; see Events. The mode is one vector, which the
-    block has declared. Delays have a state of their own, see DelayLine and
-    PacketLine; a block that has some has no mode.
+    The block's events are made from the kernel's transitions; see Events. The mode is
+    one vector, which the block has declared. Each delay has a state of its own; see
+    DelayLine and PacketLine. A block with delays has no mode.
 
-    Drake converts it to AutoDiffXd and so linearises a diagram of such blocks, with
-    exact derivatives. The kernel's functions then get arrays of AutoDiffXd, which know
-    NumPy's functions, not those of `math`.
+    Drake can convert the block to AutoDiffXd. It therefore linearises a diagram of such
+    blocks with exact derivatives. The kernel's functions are then called with arrays of
+    AutoDiffXd, which support the functions of NumPy but not those of `math`.
 
     Attributes:
-        delays: What is under way.
-        longest_step: No step of the solver may be longer, s.
+        delays: The delay lines of the block, each with the samples under way.
+        longest_step: The longest step in s that the solver may take.
         optional_inputs: Names of the inputs that are zero as long as nothing is
             connected to them and they have no value.
         is_compiled: Whether the outputs and the rate call the kernel's functions as
-            machine code where that is installed: worth its while for those that take
-            more than a few microseconds.
+            machine code where that is installed. It pays for functions that take more
+            than a few microseconds.
         other_events: The declarations of periodic and per-step events besides those
-            of the kernel. A block that has some runs in Drake's Simulator only.
+            of the kernel. A block with such events runs in Drake's Simulator only.
         kernel_parameters: The parameters of the kernel in Drake's Contexts.
         numeric_parameters: The units of the numbers that a Context can change, by the
             names of parameters of the kernel or of fields of them.
-        element_names: Names of the elements of such an array, by the array's name.
+        element_names: Names of the elements of a parameter that is an array, by the
+            name of the parameter.
     """
 
     dual = DualBlock
@@ -245,12 +247,12 @@ class KernelBlock(_Rated, Convertible):
         self._is_declaring = False
 
     def LongestStep(self, context: Context) -> float:
-        """Returns the longest step in s that the solver may take, infinity if any."""
+        """Returns the longest step in s that the solver may take; infinity: any."""
         steps = [line.LongestStep(context) for line in self.delays]
         return min(steps, default=self.longest_step)
 
     def NextJumpTime(self, context: Context) -> float:
-        """Returns when a sample or what is delayed will jump next, s; infinity: never.
+        """Returns when a sampled or delayed signal jumps next, s; infinity: never.
 
         A step that ends at this very time is not disturbed by the jump.
         """
@@ -265,12 +267,12 @@ class KernelBlock(_Rated, Convertible):
 
     @property
     def ticks(self) -> Sequence[Ticks]:
-        """When periodic transitions of the kernel happen, but for discrete updates."""
+        """The instants of the periodic transitions that are not discrete updates."""
         return self._kernel_events.ticks
 
     @property
     def discrete_ticks(self) -> Sequence[Ticks]:
-        """When periodic discrete updates of the kernel happen."""
+        """The instants of the kernel's periodic discrete updates."""
         return self._kernel_events.discrete_ticks
 
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
@@ -279,7 +281,7 @@ class KernelBlock(_Rated, Convertible):
 
 
 def KernelIn(block: KernelBlock, context: Context) -> Kernel:
-    """Returns the kernel of a block with the numbers of a Context of the block."""
+    """Returns a block's kernel with the parameter values of one of its Contexts."""
     kernel = block.Kernel()
     values = block.kernel_parameters.In(context).values
     delays = []
@@ -291,14 +293,14 @@ def KernelIn(block: KernelBlock, context: Context) -> Kernel:
 
 
 def _DelayName(kernel: Kernel, delay: Delay) -> str:
-    """Returns the name of the parameter that is a constant delay."""
+    """Returns the name of the numeric parameter that stands for a constant delay."""
     return "delay" if len(kernel.delays) == 1 else f"delay.{delay.output}"
 
 
 def _MakeParameters(
     block: Any, kernel: Kernel, units: Mapping[str, str]
 ) -> BlockParameters:
-    """Declares the numeric parameters of a block: those with units, and its delays."""
+    """Declares a block's numeric parameters: those with a unit, and constant delays."""
     delays = _DefaultDelays(kernel)
     return BlockParameters(
         block,
@@ -308,7 +310,7 @@ def _MakeParameters(
 
 
 def _DefaultDelays(kernel: Kernel) -> dict[str, float]:
-    """Returns the constant delays of a kernel in s, by the names of the parameters."""
+    """Returns the constant delays of a kernel in s by the names of their parameters."""
     return {
         _DelayName(kernel, delay): delay.time
         for delay in kernel.delays
@@ -317,12 +319,12 @@ def _DefaultDelays(kernel: Kernel) -> dict[str, float]:
 
 
 class FixedBlock(KernelBlock):
-    """A block that is handed its ports and its kernel at once, and keeps them.
+    """A block whose ports and kernel are given to its constructor.
 
     Args:
         inputs: Width of each input port by its name, in the order of the ports.
-        outputs: The same of the output ports.
-        state: The continuous state at first.
+        outputs: Width of each output port by its name, in the order of the ports.
+        state: The initial continuous state.
     """
 
     def __init__(
@@ -349,7 +351,7 @@ class FixedBlock(KernelBlock):
 
 
 def _Callback(block: Any, value: _Value) -> Callable[[Context, BasicVector], None]:
-    """Returns what sets an output port to a value; an error in it names the block."""
+    """Returns a callback that calculates an output port; its errors name the block."""
     of = weakref.ref(block)
 
     def SetOutput(context: Context, output: BasicVector, block: Any = of) -> None:
@@ -363,15 +365,15 @@ def _ModeOf(context: Context) -> Any:
 
 
 def _ValuesOfMode(context: Any) -> Any:
-    """Returns the mode without derivatives: it selects."""
+    """Returns the mode without derivatives, because a mode selects a law."""
     return ExtractValue(_ModeOf(context)).ravel()
 
 
 def _CallOfValues(law: Law, arguments: Sequence[_Value]) -> _Value:
     """Returns the function of a Context that calls a law with values of that Context.
 
-    Calls of one and two arguments have short ways, which make a run some per cent
-    faster.
+    Laws of one and two arguments are handled separately, which makes a run some per
+    cent faster.
     """
     if len(arguments) == 1:
         (only,) = arguments
@@ -383,15 +385,15 @@ def _CallOfValues(law: Law, arguments: Sequence[_Value]) -> _Value:
 
 
 class _Reader(TermReader[_Value]):
-    """Makes functions of a Context of terms.
+    """Translates terms into functions of a Context.
 
     Attributes:
-        tickets: What the values depend on.
+        tickets: The prerequisites of the values.
 
     Args:
-        block: Whose kernel it is.
+        block: The block that the kernel describes.
         kernel: The kernel.
-        place: Where the terms stand in the kernel, for messages.
+        place: The position of the terms in the kernel, for messages.
         is_compiled: Whether to call functions as machine code.
     """
 
@@ -413,6 +415,7 @@ class _Reader(TermReader[_Value]):
         return lambda context: whole(context)[elements]
 
     def Call(self, law: Law, arguments: Sequence[Name | int]) -> _Value:
+        """Returns the call of a law, whose leading parameters are read as constants."""
         parameters = self.kernel.parameters
         names: Any = tuple(itertools.takewhile(parameters.__contains__, arguments))
         others = [self.Read(argument) for argument in arguments[len(names) :]]
@@ -433,6 +436,7 @@ class _Reader(TermReader[_Value]):
         return CallWithNumbers
 
     def Word(self, word: str) -> _Value:
+        """Returns the time, the state or the mode, and adds its ticket."""
         block = self._block
         if word == "time":
             self.tickets.add(block.time_ticket())
@@ -464,6 +468,7 @@ class _Reader(TermReader[_Value]):
         return self.Read(term)
 
     def Port(self, name: str) -> _Value:
+        """Returns an input port's value or another output's term; refuses others."""
         block = self._block
         if not block.HasInputPort(name):
             outputs = self.kernel.outputs

@@ -1,4 +1,4 @@
-"""Callbacks that do not keep alive whose they are."""
+"""Callbacks that do not keep their owner alive."""
 
 import inspect
 import weakref

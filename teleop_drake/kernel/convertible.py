@@ -1,7 +1,7 @@
 """Drake's scalar conversion for blocks in Python.
 
-pydrake's TemplateSystem does the same, but looks through the stack for each class that
-it makes, which takes up to half a second when a program begins.
+pydrake's TemplateSystem serves the same purpose. It inspects the call stack for each
+class that it makes, which takes up to half a second when a program starts.
 """
 
 from typing import Any, ClassVar
@@ -14,8 +14,8 @@ def DualOf(ports: Any) -> Any:
     """Returns the class of the blocks of AutoDiffXd with the ports of another block.
 
     Args:
-        ports: Base of both: ports and callbacks for any scalar type. Its Mirror()
-            declares those that the block has which is converted.
+        ports: Base class of both blocks: ports and callbacks for any scalar type. Its
+            Mirror() declares the ports of the block that is converted.
     """
 
     class Dual(ports, LeafSystem_[AutoDiffXd]):
@@ -30,7 +30,7 @@ class Convertible(LeafSystem):
     """A block that Drake converts to AutoDiffXd, by itself or in a diagram.
 
     Attributes:
-        dual: Makes a new block of AutoDiffXd of it that computes the same.
+        dual: Makes a block of AutoDiffXd that computes what this block computes.
     """
 
     dual: ClassVar[Any]
@@ -39,7 +39,7 @@ class Convertible(LeafSystem):
         LeafSystem.__init__(self, converter=_CONVERTER)
 
     def ToAutoDiffXd(self) -> Any:
-        """Returns the block of AutoDiffXd as what it is in Python."""
+        """Returns the block of AutoDiffXd as an instance of its Python class."""
         dual = _Convert(self)
         dual._HandlePostConstructionScalarConversion[float](self)
         return dual

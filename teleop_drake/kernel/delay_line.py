@@ -1,4 +1,4 @@
-"""Continuous delays in Drake: a signal under way, made of a Delay of a kernel."""
+"""Continuous delays in Drake, made from the Delays of a kernel."""
 
 import math
 from bisect import bisect_left, bisect_right
@@ -24,49 +24,51 @@ from teleop_drake.validation import Refuse
 # Drake stretches a step by up to one per cent to end it on an event.
 _STRETCH = 0.011
 
-# Keys are multiples of this, in s, so that the two sides of a jump have equal ones
-# although t - T(t) is rounded. Exact for times up to some hours.
+# Keys are multiples of this number of seconds, so that both sides of a jump have equal
+# keys although t - T(t) is rounded. Keys are exact for times up to some hours.
 _KEY_STEP = 2.0**-36
 
 
-# Dense enough for what hands and haptic devices do.
+# Dense enough for the motion of hands and haptic devices.
 _DEFAULT_SAMPLE_INTERVAL = 0.01
 
 
 class DelayLine:
-    """Keeps a signal of a block under way and delivers it later.
+    """Stores the samples of a block's signal and delivers the signal after a delay.
 
-    Its state is the samples taken at the integrator's own steps (one abstract value),
-    and of the last step whose events made the signal jump the key and the value after
-    them (discrete, 1 + size; the key is -infinity if there was none). The samples are
-    joined by eight-point polynomials which never reach across a jump and avoid
-    non-smooth points, so a smooth signal is delayed with an error of O(step^8).
+    The state has two parts. An abstract value holds the samples taken at the
+    integrator's own steps. A discrete state (1 + size) describes the last step whose
+    events made the signal jump: the key of that step, -infinity if there was none, and
+    the value after the events. The samples are joined by eight-point polynomials which
+    never reach across a jump and avoid non-smooth points, so a smooth signal is delayed
+    with an error of O(step^8).
 
     An input that jumps because of an event (of an unrestricted update) is recorded on
     both sides of the jump, and the output jumps exactly a delay later. At that very
     instant the output keeps the value before the jump until the step that ends there is
     complete: a step that ends at NextJumpTime() is integrated on one side of the jump.
-    Drake executes all discrete updates of an instant together, so this block sees the
-    others when its own is executed once more at that instant. The Simulator of
-    MakeSimulator() does so where a block has periodic discrete updates of one period.
-    Otherwise a jump made by a discrete update is recorded at the end of the step which
-    follows it.
+    Drake executes all discrete updates of an instant together. This block therefore
+    records their jumps only if its own update is executed once more at that instant.
+    The Simulator of MakeSimulator() does so where a block has periodic discrete updates
+    of one period. Otherwise a jump made by a discrete update is recorded at the end of
+    the step that follows it.
 
-    The samples are kept under keys, times in s that ascend: the time of arrival if the
-    delay is constant, else the time when they were taken. The delayed instants of a
-    jump compare equal.
+    The samples are stored under ascending keys, which are times in s: the time of
+    arrival if the delay is constant, else the time when the sample was taken. The
+    delayed instants of a jump compare equal.
 
-    It does not extrapolate, so no step can be longer than the shortest delay.
-
-    Attributes:
-        tickets: What the output depends on.
+    The delay line does not extrapolate, so no step can be longer than the shortest
+    delay.
 
     A constant delay is a numeric parameter of the block. It may differ from one run to
     the next, and must not change within a run.
 
+    Attributes:
+        tickets: The prerequisites of the output.
+
     Args:
         block: The block, which has declared its inputs and its parameters.
-        delay: What it delays.
+        delay: The delay in the block's kernel.
         parameter: The name of the block's parameter that is the constant delay; empty
             if the delay varies.
     """
@@ -93,7 +95,7 @@ class DelayLine:
         block.DeclarePerStepDiscreteUpdateEvent(Weakly(self._RecordAfterEvents))
 
     def LongestStep(self, context: Context) -> float:
-        """Returns the least time under way, s: no step of the solver may be longer."""
+        """Returns the shortest delay in s, which no step of the solver may exceed."""
         time = self._DelayIn(context)
         return self._delay.shortest if callable(time) else time
 
@@ -105,7 +107,7 @@ class DelayLine:
         return time
 
     def NextJumpTime(self, context: Context) -> float:
-        """Returns when the output will jump next (s), infinity if no jump is known."""
+        """Returns when the output jumps next, s; infinity if no jump is under way."""
         history = self._GetHistory(context)
         delay = self._DelayIn(context)
         if not history.times:
@@ -153,6 +155,7 @@ class DelayLine:
         return key == history.times[-1]
 
     def _RecordBeforeEvents(self, context: Context, state: State) -> None:
+        """Adds a sample to the history, and the jump at the end of the last step."""
         time = context.get_time()
         history = self._GetHistory(context)
         jump = None
@@ -172,6 +175,7 @@ class DelayLine:
     def _RecordAfterEvents(
         self, context: Context, values: DiscreteValues
     ) -> EventStatus:
+        """Stores the signal's value after the events if these made it jump."""
         history = self._GetHistory(context)
         value = self._signal.Eval(context)
         if value.tolist() != history.values[-1].tolist():
@@ -179,13 +183,13 @@ class DelayLine:
         elif self._HasJumped(context, history):
             jump = [-math.inf, *value]
         else:
-            # The surroundings need not be evaluated again.
+            # An unchanged state spares Drake a new evaluation of the diagram.
             return EventStatus.DidNothing()
         values.set_value(self._jump, jump)
         return EventStatus.Succeeded()
 
     def _Deliver(self, context: Context, key: float) -> Array | None:
-        """Returns the signal that has a key, None before the first sample."""
+        """Returns the signal at a key; None before the first sample."""
         history = self._GetHistory(context)
         times = history.times
         i = bisect_left(times, key)
@@ -203,7 +207,7 @@ class DelayLine:
             )
         if i == len(times):
             return history.eval(key)
-        # A jump at this very instant has happened once the step has ended here.
+        # A jump at this very instant counts only after the step has ended here.
         if key <= history.now:
             i = bisect_right(times, key) - 1
         elif i == 0:
@@ -222,7 +226,7 @@ def _SampleInterval(max_sample_interval: float | None, shortest: float) -> float
 
 
 def _StoreKey(time: float, delay: float | Callable[[float], float]) -> float:
-    """Returns the key under which the sample taken at a time is kept."""
+    """Returns the key under which the sample taken at a time is stored."""
     return _Round(time) if callable(delay) else time + delay
 
 

@@ -1,4 +1,4 @@
-"""Drake's events, made of the transitions of a kernel."""
+"""Drake's events, made from the transitions of a kernel."""
 
 import math
 from collections.abc import Callable
@@ -27,9 +27,11 @@ ReadTerm = Callable[[Term, str], Value]
 
 
 class Events:
-    """The events of a block, which keeps them.
+    """The Drake events of a block, made from its kernel's transitions.
 
-    | of a transition      | Drake has                                               |
+    The block has to hold this object: Drake's callbacks refer to it weakly.
+
+    | in a transition      | in Drake                                                |
     |----------------------|---------------------------------------------------------|
     | guard                | a witness, where the Context has an accuracy, and a     |
     |                      | discrete update at the end of each step where the guard |
@@ -38,8 +40,8 @@ class Events:
     | mode that stays      | steps that end there                                    |
 
     Attributes:
-        ticks: When samples are taken.
-        discrete_ticks: When periodic discrete updates happen.
+        ticks: The instants of periodic unrestricted updates.
+        discrete_ticks: The instants of periodic discrete updates.
 
     Args:
         block: The block, which has declared its inputs and its state.
@@ -86,6 +88,7 @@ class Events:
     def _DeclarePeriodic(
         self, block: LeafSystem, transition: Transition, mode: Value
     ) -> None:
+        """Declares a periodic transition; a mode that stays only ends steps."""
         ticks = Ticks(transition.period, transition.offset)
         if transition.mode == "mode":
             DeclareTicks(block, ticks, None)
@@ -105,6 +108,8 @@ class Events:
     def _DeclareGuard(
         self, block: LeafSystem, name: str, guard: Value, mode: Value
     ) -> None:
+        """Adds a transition's guard to the guards and to the witness functions."""
+
         def Calc(context: Context) -> float:
             return float(guard(context)[0])
 
@@ -129,7 +134,7 @@ class Events:
 
 
 def _Change(mode: Value, context: Context, target: State | DiscreteValues) -> None:
-    """Changes the elements in which the new mode differs from what was before."""
+    """Sets the elements of the mode in which the new mode differs from the old one."""
     if isinstance(target, State):
         target = target.get_mutable_discrete_state()
     values = target.get_mutable_vector(0)

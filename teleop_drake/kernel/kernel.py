@@ -1,8 +1,8 @@
 """The description of a block's computation, from which it can be compiled.
 
-A block offers a kernel with a method `Kernel()` of a few lines. It names pure
-functions and what they take. The block's callbacks in Drake call the same functions;
-those of a KernelBlock are made of the kernel.
+A block describes its computation by a method `Kernel()` of a few lines. The kernel
+names pure functions and their arguments. The block's callbacks in Drake call the same
+functions; the callbacks of a KernelBlock are made from the kernel.
 
     def Kernel(self) -> Kernel:
         return Kernel(
@@ -12,13 +12,13 @@ those of a KernelBlock are made of the kernel.
 
 A term says where a vector comes from:
 
-    (function, "name", ..., 3)   what a function returns for what is named. An integer
-                                 is handed over as it is; it belongs to the structure
-                                 of the block, as sizes and indices do
-    ["name", "name", ...]        one after another
-    "name"                       the same
-    ("name", 3, 5)               the elements from 3 to before 5, also in the place of
-                                 a name
+    (function, "name", ..., 3)   the result of a function of the named values. An
+                                 integer is passed unchanged; it belongs to the
+                                 structure of the block, as sizes and indices do
+    ["name", "name", ...]        the named vectors, one after another
+    "name"                       the named vector
+    ("name", 3, 5)               the elements of the named vector from 3 to before 5;
+                                 it can stand in the place of a name
 
 A name is that of an input port, of another output port (or `rate`), or of a parameter,
 or `state`, `mode` or `time`: the continuous state, all discrete states one after
@@ -43,16 +43,18 @@ class Transition:
     It happens as soon as the guard is not negative, at an instant that is located. In
     the new mode the guard must be negative. Without a guard it happens periodically.
 
-    All transitions at one instant see what was there before any of them. Each changes
-    the elements of the mode in which the new mode differs from that.
+    All transitions at one instant are evaluated with the values before any of them.
+    Each changes those elements of the mode that differ between the old and its new
+    mode.
 
     Attributes:
         mode: The new mode, a term.
         guard: One number, continuous between jumps, a term; None: periodic.
         period: In s, > 0; infinity: once.
         offset: When a periodic transition happens first, s.
-        is_discrete: Whether a periodic one is a discrete update of Drake, which comes
-            after the unrestricted ones at an instant, and sees what they have made.
+        is_discrete: Whether a periodic transition is a discrete update of Drake. Drake
+            executes it after the unrestricted updates of the same instant and with
+            their results.
     """
 
     mode: Term
@@ -63,13 +65,14 @@ class Transition:
 
 
 class Packet(NamedTuple):
-    """A sample of a signal that is shown from some time on, until the next one is.
+    """A sample of a signal that is shown from some time on until the next is shown.
 
     Attributes:
-        shown: When it is shown, s.
-        sent: When it was taken, s, <= shown.
-        previous: When the one was taken with which it makes a line that goes on from
-            `shown`, s, < sent; -infinity: it is held.
+        shown: The time from which it is shown, s.
+        sent: The time when it was taken, s, <= shown.
+        previous: The time when an earlier packet was taken, s, < sent. The signal
+            continues from `shown` along the line through both packets. -infinity: the
+            sample is held.
     """
 
     shown: float
@@ -84,20 +87,21 @@ class Delay:
     Attributes:
         signal: Name of the input port.
         output: Name of the output port.
-        initial_value: What comes out at first.
+        initial_value: The output before the first sample arrives.
         time: The delay T in s, > 0, or a function that returns T(t) at the time t in s
             when the signal comes out: continuous, of slope < 1. Not used with packets.
-        shortest: Of T(t), s, > 0; no step of Drake's may be longer.
-        nonsmooth_times: Where the slope of T(t) jumps, s.
-        end: Until when T(t), or what becomes of packets, is known, s.
-        max_sample_interval: Longest time between two samples in Drake, s; infinity: the
-            steps are as they come. None: 0.01 s, or the shortest delay if that is less.
-        period: Of the packets, in s; packet k is taken at k period, with what was there
-            before the events at that instant.
-        shown: Returns when packet k is shown, s, unless a newer one is by then;
-            infinity: never. None: no packets, the signal itself comes out.
-        extrapolates: Whether the signal goes on from a packet along the line through it
-            and the one that it replaces; otherwise it is held.
+        shortest: The minimum of T(t), s, > 0; no step of Drake's may be longer.
+        nonsmooth_times: The times at which the slope of T(t) jumps, s.
+        end: The time until which T(t), or the fate of the packets, is known, s.
+        max_sample_interval: Longest time between two samples in Drake, s; infinity: one
+            sample for each step. None: 0.01 s, or the shortest delay if that is less.
+        period: The period of the packets in s. Packet k is taken at k period and has
+            the signal's value before the events of that instant.
+        shown: A function that returns when packet k is shown, s, unless a newer packet
+            is shown by then; infinity: never. None: there are no packets, and the
+            signal itself is delayed.
+        extrapolates: Whether the signal continues from a packet along the line through
+            that packet and the one that it replaces. Otherwise the value is held.
     """
 
     signal: str
@@ -115,29 +119,30 @@ class Delay:
 
 @dataclass(frozen=True, kw_only=True)
 class Kernel:
-    """What a block computes.
+    """The description of a block's computation.
 
-    The functions take arrays of one dimension (the time is a number, a parameter is
-    what it is) and return one. They have no loops that end when numbers have converged:
-    what they do with numbers has to be a graph of operations.
+    The functions take arrays of one dimension and return such an array; the time is a
+    number, and a parameter has the type of its value. A function must be a graph of
+    operations on numbers, so it has no loop that ends when numbers have converged.
 
     Attributes:
-        outputs: What each output port delivers, a term. A port that is left out cannot
-            be used in a compiled diagram. A name that is no port is a result for other
-            terms, with its width in `sizes`.
+        outputs: The term of each output port. A port that is left out cannot be used in
+            a compiled diagram. A name that is not a port is a result for other terms,
+            with its width in `sizes`.
         rate: The time derivatives of the continuous state, a term; None without state.
         parameters: Numbers, arrays, and named tuples of them, by name. Another value
-            of the same kind compiles nothing anew. Those of `derived` are among them.
+            of the same type needs no new compilation. The derived parameters are
+            included.
         derived: Parameters that follow from others, by name: a function, and the names
             of the parameters that it takes. They are computed once, not in each
             evaluation; `replace(kernel, parameters=...)` computes them anew.
-        sizes: Width of the ports that are no vectors in Drake, and of other results.
-        unused: Input ports that nothing of this depends on, such as a log's.
-        transitions: Changes of the mode, by names of one's own.
-        initial_mode: The mode at the start, a term without the mode; None: that of the
-            block's default Context. Where a Context of Drake's has no accuracy, so that
-            no event is located, this is the mode at any time.
-        delays: What it delays.
+        sizes: Width of the ports that are not vectors in Drake, and of other results.
+        unused: Input ports that no term depends on, for example the inputs of a log.
+        transitions: Changes of the mode, keyed by freely chosen names.
+        initial_mode: The mode at the start, a term without the mode. None: the mode of
+            the block's default Context. If a Context of Drake has no accuracy, no event
+            is located, and this is the mode at any time.
+        delays: The delays of the block.
     """
 
     outputs: Mapping[str, Term] = field(default_factory=dict)

@@ -1,13 +1,14 @@
 """A block's contribution to the linear model of its loop.
 
 A block without a method ForLinearModel() has continuous states only, all of which are
-states of the model. Any other block has one, which returns a LinearPart:
+states of the model. Any other block has this method, which returns a LinearPart:
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         return LinearPart(num_states=0)
 
-`estimates` is the state that an adaptive law has at the operating point; None: the
-initial one. Other blocks ignore it. A block that has no linear model refuses there.
+`estimates` is the state of an adaptive law at the operating point; None: its initial
+state. Other blocks ignore it. The method raises a ScenarioError if the block has no
+linear model.
 """
 
 from dataclasses import dataclass
@@ -25,11 +26,11 @@ IDLE_PASSIVITY = "idle passivity"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeldForce:
-    """What an operator does once it has perceived contact.
+    """The behaviour of an operator after it has perceived contact.
 
     Attributes:
-        state: The discrete state that the block has from then on.
-        force: The force that it holds, in N (n).
+        state: The discrete state of the block after contact.
+        force: The force in N (n) that the operator holds.
     """
 
     state: Array
@@ -38,20 +39,19 @@ class HeldForce:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearPart:
-    """What is to be known of a block.
+    """A block's contribution to the linear model.
 
     Attributes:
-        num_states: How many of the continuous states, the first ones, are states of
-            the model. The others are held. None: all are.
-        state: The continuous state to begin with; None: that of the default Context.
-        has_modes: Whether the discrete state tells which of several laws holds, and
-            stays what it is near the operating point.
-        held_force: Of an operator that holds a force once it has perceived contact.
-            None: it does not, or it is no operator.
-        delay: Of a block that delays its input by a constant time, s; None: it is no
-            delay.
-        assumption: FROZEN_WEIGHTS or IDLE_PASSIVITY, if the model takes that for
-            granted.
+        num_states: Number of continuous states, counted from the first, that are states
+            of the model. The others are held constant. None: all are states.
+        state: The initial continuous state; None: the state of the default Context.
+        has_modes: Whether the discrete state selects one of several laws, and does not
+            change near the operating point.
+        held_force: The force that an operator holds after it has perceived contact.
+            None: the block is not an operator, or the operator holds no force.
+        delay: The constant time in s by which the block delays its input; None: the
+            block is not a delay.
+        assumption: FROZEN_WEIGHTS or IDLE_PASSIVITY if the model rests on it.
     """
 
     num_states: int | None = None
@@ -63,7 +63,7 @@ class LinearPart:
 
 
 def LinearPartOf(system: System, estimates: Array | None = None) -> LinearPart:
-    """Returns what a block tells, or what holds for one that tells nothing.
+    """Returns the linear part that a block declares, or the default linear part.
 
     Args:
         estimates: State of an adaptive law; None: its initial one.

@@ -1,4 +1,4 @@
-"""Packets in Drake: samples of a signal under way, made of a Delay of a kernel."""
+"""Packets in Drake: delayed samples of a signal, made from a Delay of a kernel."""
 
 import math
 import operator
@@ -23,7 +23,7 @@ def PacketsUntil(delay: Delay, end: float) -> list[Packet]:
     for k in range(math.floor(end / delay.period) + 1):
         shown = delay.shown(k)
         if shown > end:
-            # Lost, or never seen; if it is seen by nobody it overtakes nobody.
+            # A packet that is lost or never shown overtakes no other packet.
             continue
         while packets and packets[-1].shown >= shown:
             packets.pop()
@@ -33,9 +33,9 @@ def PacketsUntil(delay: Delay, end: float) -> list[Packet]:
 
 
 class _Sent(NamedTuple):
-    """A packet under way: when it is shown and was sent in s, and its value.
+    """A packet under way: the times in s when it is shown and was sent, and its value.
 
-    The signal goes on from it at a rate, per s; None: it is held.
+    The signal continues from it at a rate per s; None: the value is held.
     """
 
     shown: float
@@ -50,9 +50,9 @@ _SHOWN = operator.attrgetter("shown")
 class _Packets(NamedTuple):
     """The packet that is shown and those under way, in the order of both their times.
 
-    One that a newer packet overtakes will never be shown and is left out. `next` is the
-    number of the next one to be sent. Immutable, so that a copy of the state is the
-    object itself.
+    A packet that a newer one overtakes is never shown and is left out. `next` is the
+    number of the next packet to be sent. The object is immutable, so that a copy of the
+    state shares it.
     """
 
     next: int
@@ -74,23 +74,23 @@ class _Packets(NamedTuple):
 
 
 class PacketLine:
-    """Keeps the packets of a block under way and shows them later.
+    """Stores the packets of a block and shows each after its delay.
 
-    Its state is the packet shown and those under way (one abstract value).
+    Its state is one abstract value: the packet that is shown and those under way.
 
-    Packets are taken in an unrestricted update, with what was there before other
-    updates at the same instant; see ticks. They are shown at times of their own, which
-    no event of Drake marks: a step should end at NextJumpTime(), as simulate() makes
-    it, or the integrator has to find the jump by refusing steps. At the very instant
-    the output keeps the value before the jump until the unrestricted update at the end
-    of that step, so blocks that record jumps see both sides.
+    A packet is taken in an unrestricted update and has the signal's value before all
+    other updates of that instant; see ticks. No event of Drake marks the times at which
+    packets are shown. A step should therefore end at NextJumpTime(), as it does in
+    simulate(). Otherwise the integrator has to find the jump by rejecting steps. At the
+    very instant the output has the value before the jump until the unrestricted update
+    at the end of that step, so blocks that record jumps see both sides.
 
     Attributes:
-        tickets: What the output depends on.
+        tickets: The prerequisites of the output.
 
     Args:
         block: The block, which has declared its inputs.
-        delay: What it delays.
+        delay: The delay in the block's kernel.
         parameter: Not used: packets have no constant delay.
     """
 
@@ -108,23 +108,23 @@ class PacketLine:
         block.DeclarePerStepUnrestrictedUpdateEvent(Weakly(self._Deliver))
 
     def LongestStep(self, context: Context) -> float:
-        """Returns infinity: what is shown in a step was known before or ends it."""
+        """Returns infinity: a packet shown in a step was sent before it or ends it."""
         return math.inf
 
     def NextJumpTime(self, context: Context) -> float:
         """Returns when the next packet will be shown (s), infinity if none is known."""
         number, packets = self._PacketsIn(context)
         jump = packets[1].shown if len(packets) > 1 else math.inf
-        # One that is sent during the next step may arrive within it.
+        # A packet that is sent during the next step may arrive within it.
         if number * self._delay.period > self._delay.end:
             return jump
         return min(jump, self._Shown(number))
 
     def Eval(self, context: Context) -> Array:
-        """Returns what is shown."""
+        """Returns the value that is shown."""
         packets = self._PacketsIn(context).packets
         time = context.get_time()
-        # What arrives now is shown once the step has ended here.
+        # A packet that arrives now is shown only after the step has ended here.
         i = bisect_left(packets, time - same_within(time), key=_SHOWN) - 1
         packet = packets[max(i, 0)]
         value = packet.value.copy()
@@ -150,11 +150,11 @@ class PacketLine:
         state.get_mutable_abstract_state(self._packets).set_value(packets)
 
     def _Deliver(self, context: Context, state: State) -> EventStatus:
-        # What is sent now may be delivered now.
+        # A packet that is sent now may be delivered now.
         number, packets = state.get_abstract_state(self._packets).get_value()
         time = context.get_time()
         now = time + same_within(time)
-        # The packet that is shown then.
+        # The packet that is shown from now on.
         first = bisect_right(packets, now, key=_SHOWN) - 1
         if first == 0:
             return EventStatus.DidNothing()

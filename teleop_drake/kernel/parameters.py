@@ -1,9 +1,10 @@
 """The numbers of a kernel as numeric parameters of a block's Context.
 
 A kernel names its parameters. Each of them is a number, an array, or a (named) tuple of
-such. A block names in `numeric_parameters` which of these numbers a user may change.
-Each becomes one numeric parameter of Drake, in this order: a vector whose elements are
-those of the array, row by row. All others are constants, or follow from these.
+numbers and arrays. A block lists in `numeric_parameters` those that a user may change.
+Each of these becomes one numeric parameter of Drake, in the order of the list: a vector
+with the elements of the array, row by row. All other parameters are constants, or are
+computed from these.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -33,7 +34,7 @@ class NamedParameter(NamedTuple):
         name: The name of a parameter of the kernel, or of a field of one.
         number: The index of the parameter in the block's Context.
         unit: The unit of its elements, empty for numbers without a unit.
-        shape: The shape of the array that it stands for.
+        shape: The shape of the array that the parameter holds.
     """
 
     name: str
@@ -43,12 +44,12 @@ class NamedParameter(NamedTuple):
 
 
 class Numbers:
-    """The parameters of a kernel with the numbers of one Context.
+    """The parameters of a kernel with their values in one Context.
 
-    It does not change, so that a copy of a Context may share it.
+    The object is immutable, so that a copy of a Context may share it.
 
     Attributes:
-        values: The parameters by their names, as the kernel has them.
+        values: The parameters by their names, with the types that the kernel uses.
     """
 
     def __init__(self, values: Mapping[str, Any]):
@@ -59,7 +60,7 @@ class Numbers:
         return self
 
     def Compiled(self, law: Callable[..., Any], names: tuple[str, ...]) -> CompiledLaw:
-        """Returns a law as machine code whose first arguments are parameters."""
+        """Returns a law as machine code, with parameters as its first arguments."""
         key = law, names
         if key not in self._laws:
             constants = [self.values[name] for name in names]
@@ -72,13 +73,13 @@ class BlockParameters:
 
     Args:
         block: A LeafSystem of float or of AutoDiffXd.
-        kernel: Its kernel, with the default numbers.
+        kernel: The block's kernel, with the default values.
         units: The unit of each number that becomes a numeric parameter, by the name of
             a parameter of the kernel, or of a field of a named tuple among them.
 
     Attributes:
         named: The numeric parameters, in the order of their numbers.
-        ticket: The prerequisite of what depends on a parameter.
+        ticket: The prerequisite of every value that depends on a parameter.
     """
 
     def __init__(self, block: Any, kernel: Kernel, units: Mapping[str, str]):
@@ -104,18 +105,18 @@ class BlockParameters:
         )
 
     def In(self, context: Context) -> Numbers:
-        """Returns the parameters of the kernel with the numbers of a Context."""
+        """Returns the parameters of the kernel with their values in a Context."""
         numbers: Numbers = self._entry.EvalAbstract(context).get_value()
         return numbers
 
     def _CalcNumbers(self, context: Context, result: AbstractValue) -> None:
-        """Sets the cache entry; equal numbers share what was compiled for them.
+        """Sets the cache entry; equal values share the laws compiled for them.
 
-        Drake calls it again whenever all parameters are copied from another Context.
+        Drake calls this again whenever all parameters are copied from another Context.
         """
         arrays = {x.name: _ArrayIn(context, x) for x in self.named}
         if any(array.dtype == object for array in arrays.values()):
-            # They have derivatives, which do not decide what was compiled.
+            # Values with derivatives are new each time and share no compiled law.
             result.set_value(self._With(arrays))
             return
         key = tuple(array.tobytes() for array in arrays.values())
@@ -125,7 +126,7 @@ class BlockParameters:
         result.set_value(self._last)
 
     def _With(self, arrays: Mapping[str, Array]) -> Numbers:
-        """Returns the parameters of the kernel with other numbers."""
+        """Returns the kernel's parameters with some arrays replaced."""
         parameters = _Filled(self._kernel.parameters, arrays)
         return Numbers(replace(self._kernel, parameters=parameters).parameters)
 
@@ -135,7 +136,7 @@ def _AllocateNumbers() -> AbstractValue:
 
 
 def _ArrayIn(context: Any, parameter: NamedParameter) -> Array:
-    """Returns a numeric parameter as the array that it stands for.
+    """Returns the array that a numeric parameter holds.
 
     In a Context of AutoDiffXd the array holds plain numbers unless one of them has
     derivatives.
@@ -167,7 +168,7 @@ def _Leaves(value: Any, name: str = "") -> Iterator[tuple[str, Array]]:
 
 
 def _Filled(value: Any, arrays: Mapping[str, Array], name: str = "") -> Any:
-    """Returns a tree of parameters in which those of some names have other arrays."""
+    """Returns a tree of parameters in which the arrays of some names are replaced."""
     parts = _Parts(value)
     if parts is None:
         array = arrays.get(name)

@@ -1,4 +1,4 @@
-"""The one reader of terms: Drake's callbacks and compiled programs are made by it."""
+"""The reader of terms from which Drake's callbacks and compiled programs are made."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
@@ -8,25 +8,26 @@ from teleop_drake.kernel.kernel import Kernel, Law, Name, Part, Term
 T = TypeVar("T")
 
 WORDS = ("time", "state", "mode")
-"""The names that every kernel can take."""
+"""The names that a term of any kernel may use."""
 
 
 class TermReader(Generic[T]):
-    """Reads terms; a subclass has a method for each part of one, and says what it is.
+    """Translates terms; a subclass has a method for each kind of part of a term.
 
     Attributes:
-        names: All that it has met.
-        Number: For an integer, which is handed over as it is.
-        Joined: For vectors one after another.
-        Part: For some elements of a vector.
-        Call: For what a function returns.
-        Word: For the time, the state or the mode.
-        Parameter: For a parameter.
-        Rate: For the rate of the state.
-        Port: For an input port or another output; raises if there is none.
+        names: All names that were read.
+        Number: Translates an integer.
+        Joined: Translates vectors one after another.
+        Part: Translates some elements of a vector.
+        Call: Translates the call of a function.
+        Word: Translates the time, the state or the mode.
+        Parameter: Translates a parameter.
+        Rate: Translates the rate of the state.
+        Port: Translates an input port or another output; raises an error if there is
+            none of that name.
 
     Args:
-        kernel: Whose terms these are.
+        kernel: The kernel to which the terms belong.
     """
 
     Number: Callable[[int], T]
@@ -43,7 +44,7 @@ class TermReader(Generic[T]):
         self.names: set[str] = set()
 
     def Read(self, term: Term | int) -> T:
-        """Returns what is made of a term."""
+        """Returns the translation of a term."""
         if isinstance(term, str):
             return self._Named(term)
         if isinstance(term, int):

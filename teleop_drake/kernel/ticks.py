@@ -1,8 +1,8 @@
-"""Periodic updates of blocks. At one instant, all see what was there before them.
+"""Periodic updates of blocks, all of which use the values before their instant.
 
-Drake computes when a periodic event happens in floating point, and 15 * 0.02 is less
-than 3 * 0.1: of two blocks that sample every 20 and 100 ms, the second one would see
-what the first one has just made, or not, as the rounding has it.
+Drake computes the times of periodic events in floating point, and 15 * 0.02 is less
+than 3 * 0.1. If two blocks sample every 20 and 100 ms, rounding would therefore decide
+whether the second one reads the value before or after the first one's update.
 """
 
 import math
@@ -21,19 +21,19 @@ _ONCE = 1e12
 
 @dataclass(frozen=True)
 class Ticks:
-    """The instants offset + k period in s, k = 0, 1, ...; an infinite period: once."""
+    """The instants offset + k period in s, k = 0, 1, ...; one if period is infinite."""
 
     period: float
     offset: float = 0.0
 
     def At(self, time: float) -> int | None:
-        """Returns the number of the tick at a time (s), None if there is none."""
+        """Returns the number of the tick at a time in s, None if there is none."""
         k = self._Nearest(time)
         is_at_tick = abs(self._TimeOf(k) - time) <= same_within(time)
         return k if is_at_tick else None
 
     def After(self, time: float) -> float:
-        """Returns when the first tick after a time (s) is, s."""
+        """Returns the time in s of the first tick after a time in s."""
         k = self._Nearest(time)
         is_after = self._TimeOf(k) > time + same_within(time)
         return self._TimeOf(k if is_after else k + 1)
@@ -43,12 +43,12 @@ class Ticks:
         return max(round((time - self.offset) / self.period), 0)
 
     def _TimeOf(self, k: int) -> float:
-        """Returns when a tick is, s: with the rounding of Drake's."""
+        """Returns the time of a tick in s, rounded as Drake rounds it."""
         return self.offset + k * self.period
 
 
 def EndStep(context: Context) -> EventStatus:
-    """Does nothing: it is an event for a step of the solver to end at."""
+    """Does nothing. Its event makes a step of the solver end there."""
     return EventStatus.DidNothing()
 
 
@@ -57,14 +57,16 @@ def DeclareTicks(
 ) -> None:
     """Declares an unrestricted update at each tick.
 
-    A step of the solver ends at each. The update is made at the end of the first step
-    that ends at the tick but for rounding, such as a step that ends at another block's
-    tick: together with that one's update.
+    A step of the solver ends at each tick. The update is executed at the end of the
+    first step that ends at the tick to within rounding. Such a step may end at another
+    block's tick; the updates of both blocks are then executed together.
 
     Args:
-        block: What is updated. The number of the last tick is an abstract state of it.
-        update: A method of the block, or a function that it keeps, as Drake calls it;
-            None: steps end there.
+        block: The block that is updated. It stores the number of the last tick in an
+            abstract state.
+        update: A method of the block, or a function to which the block holds a
+            reference, with the arguments of Drake's callback. None: steps end at the
+            ticks, and nothing is updated.
     """
     if update is not None and ticks.period == math.inf:
         block.DeclarePeriodicUnrestrictedUpdateEvent(
