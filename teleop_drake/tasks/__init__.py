@@ -1,4 +1,4 @@
-"""Tasks of operator and robot with their metrics: a file for each."""
+"""The tasks of operator and robot, each with its metrics in a file of its own."""
 
 from typing import Any
 
@@ -10,16 +10,16 @@ from teleop_drake.tasks.tracking import Tracking
 from teleop_drake.validation import Refuse
 
 TASKS: dict[type, Task[Any]] = {Scenario: Insertion(), TrackingScenario: Tracking()}
-"""The task of each class of scenarios, and of those that derive from it."""
+"""The task of each class of scenarios, also of the classes that derive from it."""
 
 
 def TaskOf(scenario: AnyScenario) -> Task[Any]:
-    """Returns the task that a scenario names, else that of its class.
+    """Returns the task that a scenario names, else the task of its class.
 
     Raises:
-        ScenarioError: If it names a task that is none, or it is that of the recording
-            of a Diagram.
-        TypeError: If it is no scenario.
+        ScenarioError: If the scenario names something that is not a task, or is None,
+            as in the recording of a Diagram.
+        TypeError: If the argument is not a scenario.
     """
     if scenario is None:
         Refuse("recording.scenario", None, "that of a scenario, whose task knows this")

@@ -1,4 +1,4 @@
-"""Task: what is asked of the operator and the robot, and what counts."""
+"""Task: the diagram of a scenario, the events of its runs and their metrics."""
 
 import dataclasses
 from abc import ABC, abstractmethod
@@ -18,11 +18,11 @@ _S = TypeVar("_S", bound=AnyScenario)
 
 @dataclass(frozen=True, kw_only=True)
 class SpeedLimit:
-    """What speed of the tool ends a run.
+    """The speed of the tool that ends a run.
 
     Attributes:
-        speed: In m/s.
-        name: How to call it.
+        speed: The limit in m/s.
+        name: The description of the limit in messages.
     """
 
     speed: float
@@ -32,27 +32,27 @@ class SpeedLimit:
         """Returns why a run ended.
 
         Args:
-            speed: Of the tool, in m/s.
+            speed: The speed of the tool in m/s.
         """
         return f"the tool's speed, {speed:.4g} m/s, exceeds {self.name}"
 
 
 class Task(ABC, Generic[_S]):
-    """What a scenario of class S is run for. It has no state.
+    """The purpose of a scenario of class S. A task has no state.
 
-    A task of one's own derives from this class, or from one of the package's tasks and
-    changes what is different. A scenario names it as `task: my_module:MyTask`, or it is
-    given to simulate(), RunMetrics(), RunSummary() and PlotRun().
+    Your own task derives from this class, or from one of the package's tasks and
+    overrides the methods that differ. A scenario names it as `task: my_module:MyTask`,
+    or it is passed to simulate(), RunMetrics(), RunSummary() and PlotRun().
 
     Attributes:
-        controllers: Kinds that are compared unless others are asked for; none if there
-            is only one.
-        systems: Names of the systems that MakeDiagram puts side by side, as far as the
-            task needs them; one is `robot`.
-        units: Scalar metrics by their dotted names, and their units. A name that ends
+        controllers: The kinds of controllers that a comparison uses by default; empty
+            if there is only one.
+        systems: Names of those systems of MakeDiagram() that the task needs; one of
+            them is `robot`.
+        units: The units of the scalar metrics, by their dotted names. A name that ends
             in `.*` has a value for each task axis.
-        page_metrics: The name in page/metrics.js of what computes the metrics of this
-            very class in a page; empty: nothing there does, and the page says so.
+        page_metrics: The name of the function in page/metrics.js that computes the
+            metrics of this very class; empty: there is none, and a page states this.
     """
 
     controllers: ClassVar[tuple[str, ...]] = ()
@@ -61,11 +61,11 @@ class Task(ABC, Generic[_S]):
     page_metrics: ClassVar[str] = ""
 
     def Check(self, scenario: _S) -> None:
-        """Checks a scenario, and what derives from several of its fields.
+        """Checks a scenario, and the values that derive from several of its fields.
 
         Raises:
-            ScenarioError: If it is not valid.
-            ValueError: If what derives from it is not allowed.
+            ScenarioError: If the scenario is not valid.
+            ValueError: If a derived value is not allowed.
         """
         scenario.Validate()
 
@@ -77,13 +77,13 @@ class Task(ABC, Generic[_S]):
 
     @abstractmethod
     def MakeDiagram(self, scenario: _S) -> Diagram:
-        """Makes what is simulated.
+        """Makes the Diagram that is simulated.
 
         Every vector output of its systems is recorded by its name. Among them are
         tool_position, tool_velocity, environment_force and control_force (n each).
 
         Returns:
-            The Diagram. Its default context is the start.
+            The Diagram. A run starts from its default Context.
 
         Raises:
             ScenarioError: If the scenario is not valid.
@@ -91,14 +91,14 @@ class Task(ABC, Generic[_S]):
 
     @abstractmethod
     def MakeSpeedLimit(self, scenario: _S) -> SpeedLimit:
-        """Returns what speed of the tool ends a run as diverged."""
+        """Returns the speed of the tool at which a run ends as diverged."""
 
     @abstractmethod
     def FindEvents(self, recording: Recording) -> list[Event]:
-        """Returns what happened in a run, in the order of its time.
+        """Returns the events of a run in the order of time.
 
         Args:
-            recording: A run, its events not found yet.
+            recording: A run whose events are not found yet.
         """
 
     @abstractmethod
@@ -110,12 +110,12 @@ class Task(ABC, Generic[_S]):
 
         Returns:
             Finite numbers, lists of them with one entry per task axis, bool, None, and
-            dicts of these. The scalar ones are those of `units`.
+            dicts of these. The scalar metrics are those of `units`.
         """
 
     @abstractmethod
     def Particulars(self, recording: Recording) -> dict[str, Any]:
-        """Returns what RunSummary says of a run of this task beside the metrics.
+        """Returns the entries that this task adds to RunSummary beside the metrics.
 
         Args:
             recording: A run, all of its numbers finite.
@@ -126,10 +126,10 @@ class Task(ABC, Generic[_S]):
 
     @abstractmethod
     def Panels(self, recordings: Sequence[Recording]) -> list[SignalRow] | AxisPanels:
-        """Returns what a figure of runs shows, from top to bottom.
+        """Returns the panels of a figure of runs, from top to bottom.
 
         Args:
-            recordings: Runs of robots with as many axes, at least one.
+            recordings: One run or more, of robots with the same number of axes.
 
         Returns:
             Rows of signals, with a panel against time and one against the position; or

@@ -1,4 +1,4 @@
-"""Insertion: a teleoperated tool is pushed into what the environment is made of."""
+"""Insertion: a teleoperated tool is pushed into the layers of an environment."""
 
 from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
@@ -26,7 +26,7 @@ from teleop_drake.teleoperator import MakeTeleoperator
 
 
 class _EventNames(NamedTuple):
-    """Names of crossing a surface into it and out of it."""
+    """Names of the events of crossing a surface inwards and outwards."""
 
     upwards: str
     downwards: str
@@ -41,7 +41,7 @@ _CROSSINGS = {
 class Insertion(Task[Scenario]):
     """The operator moves the tool through a boundary, or against a hard surface.
 
-    Puncture and contact are where the environment's surfaces of these names are.
+    Puncture and contact are crossings of the environment's surfaces of these names.
     """
 
     controllers = tuple(CONTROLLERS)
@@ -53,8 +53,8 @@ class Insertion(Task[Scenario]):
         """Checks a scenario, and the architecture that derives from it.
 
         Raises:
-            ScenarioError: If it is not valid.
-            ValueError: If what derives from it is not allowed.
+            ScenarioError: If the scenario is not valid.
+            ValueError: If a value that derives from it is not allowed.
         """
         super().Check(scenario)
         MakeArchitecture(scenario)
@@ -79,13 +79,13 @@ class Insertion(Task[Scenario]):
         """Returns when the tool crosses a surface and when the operator switches.
 
         Args:
-            recording: A run, its events not found yet.
+            recording: A run whose events are not found yet.
         """
         events = _OperatorEvents(recording)
         surfaces = recording.surfaces
         for surface, crossings in zip(surfaces, FindCrossings(recording), strict=True):
             names = _CROSSINGS.get(surface.name)
-            # Of several surfaces of a name the first one counts.
+            # If several surfaces have one name, the first one counts.
             if names is None or surface is not FindSurface(surfaces, surface.name):
                 continue
             for crossing in crossings:
@@ -94,14 +94,15 @@ class Insertion(Task[Scenario]):
         return sorted(events, key=lambda event: event.time)
 
     def Metrics(self, recording: Recording) -> dict[str, Any]:
-        """Returns the metrics of an insertion: those that the functions above describe.
+        """Returns the metrics of an insertion, which insertion_metrics defines.
 
         * start_velocity_overshoot.
-        * puncture: PUNCTURE_METRICS, None if the tool never crosses that surface.
-        * collision: COLLISION_METRICS, None if it never reaches that surface.
+        * puncture: PUNCTURE_METRICS; None if the tool never crosses that surface.
+        * collision: COLLISION_METRICS; None if the tool never reaches that surface.
         * AXIS_METRICS, each per task axis.
-        * diverged, diverged_at (s): whether the run ended early because the tool's
-          speed grew out of bounds or the solver failed, and when; else None.
+        * diverged: whether the run ended early because the tool's speed exceeded its
+          limit or the solver failed.
+        * diverged_at: the time in s at which it did; None if it did not.
 
         Args:
             recording: A run, all of its numbers finite.
@@ -141,7 +142,7 @@ class Insertion(Task[Scenario]):
         Axes along which no environment pushes have no row for the sensed force.
 
         Args:
-            recordings: Runs of robots with as many axes, at least one.
+            recordings: One run or more, of robots with the same number of axes.
         """
         n = recordings[0]["tool_position"].shape[1]
         normal_W = NormalOfRuns(recordings)
@@ -167,7 +168,7 @@ class Insertion(Task[Scenario]):
 
 
 def _OperatorEvents(recording: Recording) -> list[Event]:
-    """Returns when the operator switches to holding a force, and when to stopping."""
+    """Returns the events at which the operator starts to hold a force, or stops."""
     if "surgeon_mode" not in recording:
         return []
     mode = recording["surgeon_mode"][:, 0]

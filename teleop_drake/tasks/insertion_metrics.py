@@ -1,10 +1,10 @@
-"""Insertion: a teleoperated tool is pushed into what the environment is made of.
+"""The metrics of an insertion.
 
-Its metrics are the functions below, one each, on the signals of an InsertionRun. Their
-instants are roots of the polynomials of the run's steps, their peaks are extremes of
-them and their integrals are exact for them: see teleop_drake.numerics.pieces, which has
-what they are made of. A metric of one's own is one more such function, which the
-Metrics() of a task of one's own calls; a page does not know it.
+Each metric is one of the functions below, computed from the signals of an InsertionRun.
+The signals are polynomials in each step of the run. An instant is a root of such a
+polynomial, a peak is its extreme, and an integral is exact for it. The building blocks
+are in teleop_drake.numerics.pieces. To add your own metric, write one more such
+function and call it in the Metrics() of your own task; a page does not show it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,34 +33,35 @@ from teleop_drake.numerics.pieces import (
 from teleop_drake.recording import Recording
 
 AT_REST = 1e-6
-"""A command that is slower than this share of |v_d| points nowhere: it may be zero but
-for rounding."""
+"""A command slower than this share of |v_d| has no direction: rounding may have made it
+differ from zero."""
 
 SETTLING_RATIO = 0.05
-"""Share of |v_d| under which the tool counts as settled; of the force too at rest."""
+"""Share of |v_d| below which the tool counts as settled. For the rest time it is also
+the share of the final force."""
 
 
 class InsertionRun:
-    """The signals of an insertion in pieces, and what happened when.
+    """The signals of an insertion in pieces, and the times of its events.
 
-    A signal is an array (p, 5, n), see numerics.pieces. The pieces are the steps of the
+    A signal is an array (p, 5, n); see numerics.pieces. The pieces are the steps of the
     recording, cut where the command jumps as it arrives at the slave, where it reverses
     and where the tool crosses a surface. Times are in s.
 
-    With v_d = surgeon.velocity. An operator of another kind than constant_velocity does
-    not command that all the time: there overshoots compare with the command as it
-    arrives at the slave at each instant.
+    v_d is surgeon.velocity. An operator of another kind than constant_velocity does not
+    command v_d all the time. Overshoots are then relative to the command as it arrives
+    at the slave at each instant.
 
     Attributes:
         recording: The run, all of its numbers finite.
         v_d: The velocity that the scenario commands, m/s (n).
         speed: |v_d|, m/s.
-        puncture: The surface that is punctured; None without.
-        contact: The hard surface; None without.
-        normal: The normal (n) of the surface that comes first; without surfaces the
-            direction of v_d.
-        pieces: Where the signals are polynomials.
-        whole: All pieces.
+        puncture: The surface that is punctured; None if there is none.
+        contact: The hard surface; None if there is none.
+        normal: The normal (n) of the puncture surface, else of the contact surface,
+            else of the first surface; without surfaces the direction of v_d.
+        pieces: The pieces of time in which the signals are polynomials.
+        whole: The selection of all pieces.
     """
 
     def __init__(self, recording: Recording):
@@ -73,7 +74,7 @@ class InsertionRun:
         self.normal = FirstNormal(surfaces, self.v_d)
         self._crossings = FindCrossings(recording)
         cuts = self._Echoes()
-        # The command is known in pieces before it is known where it reverses.
+        # Cut at jumps first: the reversals are roots of the command in these pieces.
         self.pieces = Pieces(recording.time, recording.steps, cuts)
         heading = self._Along(self._Received()) + AT_REST * self.speed
         reversals = self.pieces.crossings(heading)
@@ -132,16 +133,16 @@ class InsertionRun:
 
     @cached_property
     def overshoot(self) -> Array:
-        """How much faster the tool is than its command, m/s (p, 5).
+        """The excess of the tool's velocity over its command, m/s (p, 5).
 
-        Along the normal, in the direction of the command.
+        It is taken along the normal and positive in the direction of the command.
         """
         along = self._Along(self.received)
         mean = along.mean(axis=1, keepdims=True)
         excess = self.velocity @ self.normal - along
         return np.where(mean < -AT_REST * self.speed, -excess, excess)
 
-    # What happened when.
+    # The times of the events.
 
     @cached_property
     def puncture_time(self) -> float | None:
@@ -173,9 +174,9 @@ class InsertionRun:
         return self._crossings[self.recording.surfaces.index(surface)]
 
     def _Echoes(self) -> list[float]:
-        """Returns when a jump of the command arrives at the slave, the start too.
+        """Returns when jumps of the command, including its start, arrive at the slave.
 
-        A command that arrives in a packet is recorded there, jumps and all.
+        A command that arrives in a packet is recorded at the slave with its jumps.
         """
         if "velocity_command" not in self.recording:
             return []
@@ -188,28 +189,29 @@ class InsertionRun:
         return [float(time[row]) + delay for row in [0, *jumps]]
 
     def _Received(self) -> Array:
-        """Returns what the slave receives of the operator, in the pieces of now."""
+        """Returns the received operator packet in the present pieces."""
         if "velocity_command" not in self.recording:
             return self.pieces.signal(self.recording["forward_packet_received"])
         delay = self.recording.teleoperation.forward_channel.delay
         return self.pieces.delayed(self.recording.commands, delay)
 
     def _Along(self, received: Array) -> Array:
-        """Returns the command that overshoots compare with, along the normal, m/s."""
+        """Returns the reference of the overshoots along the normal, m/s."""
         if self.recording.has_constant_command:
             return np.full(received.shape[:2], self.v_d @ self.normal)
         return received[..., len(self.v_d) :] @ self.normal
 
 
-# The metrics of an insertion. Of what x is, see InsertionRun: the direction of the
-# normal into the surface in question.
+# The metrics of an insertion. x is the direction of a normal: of InsertionRun.normal in
+# the overshoots, of the surface `puncture` or `contact` in the other metrics.
 
 
 def StartVelocityOvershoot(run: InsertionRun) -> float:
     """Returns the max of s (v_x - v_d_x) before the puncture, m/s; at least 0.
 
-    Without a puncture it is that before the contact, else over the whole run. s is -1
-    where the command goes backwards by more than 1e-6 of |v_d|, else 1.
+    Without a puncture the maximum is taken before the contact; without a contact, over
+    the whole run. s is -1 where the command goes backwards by more than 1e-6 of |v_d|,
+    else 1.
     """
     end = run.contact_time if run.puncture_time is None else run.puncture_time
     return max(0.0, float(maximum(run.overshoot, run.pieces.between(None, end))))
@@ -222,23 +224,24 @@ def PunctureTime(run: InsertionRun) -> float:
 
 
 def PunctureVelocity(run: InsertionRun) -> float:
-    """Returns v_x then, m/s."""
+    """Returns v_x just before the puncture, m/s."""
     assert run.puncture is not None
     velocity = run.velocity @ run.puncture.normal_W
     return float(value_before(velocity, run.pieces.since(run.puncture_time)))
 
 
 def PunctureForce(run: InsertionRun) -> float:
-    """Returns F_e_x just before, in the layer's own law, N."""
+    """Returns F_e_x just before the puncture, by the law of the layer left, N."""
     assert run.puncture is not None
     force = run.force @ run.puncture.normal_W
     return float(value_before(force, run.pieces.since(run.puncture_time)))
 
 
 def PunctureVelocityOvershoot(run: InsertionRun) -> float:
-    """Returns the max of s (v_x - v_d_x) after the puncture, m/s; see the start's.
+    """Returns the max of s (v_x - v_d_x) after the puncture, m/s.
 
-    Until the first contact after it, or to the end. It may be negative.
+    The maximum is taken until the first contact after the puncture, or to the end. It
+    may be negative. s is defined in StartVelocityOvershoot().
     """
     behind = run.pieces.between(run.puncture_time, run.contact_after_puncture)
     return float(maximum(run.overshoot, behind))
@@ -251,14 +254,14 @@ def CollisionTime(run: InsertionRun) -> float:
 
 
 def CollisionVelocity(run: InsertionRun) -> float:
-    """Returns v_x then, m/s."""
+    """Returns v_x just before the first contact, m/s."""
     assert run.contact is not None
     velocity = run.velocity @ run.contact.normal_W
     return float(value_before(velocity, run.pieces.since(run.contact_time)))
 
 
 def InitialImpactForce(run: InsertionRun) -> float:
-    """Returns the max of F_e_x until the tool first leaves the surface, N."""
+    """Returns the max of F_e_x from first contact to the first release, N."""
     assert run.contact is not None
     first_contact = run.pieces.between(run.contact_time, run.release_time)
     return float(maximum(run.force @ run.contact.normal_W, first_contact))
@@ -272,9 +275,9 @@ def PeakForce(run: InsertionRun) -> float:
 
 
 def ReboundVelocity(run: InsertionRun) -> float:
-    """Returns the min of v_x from the first contact on, m/s, whatever the command.
+    """Returns the min of v_x from the first contact on, m/s, for any command.
 
-    Away from the surface is along -x.
+    A negative value is a motion away from the surface.
     """
     assert run.contact is not None
     since_contact = run.pieces.since(run.contact_time)
@@ -282,11 +285,11 @@ def ReboundVelocity(run: InsertionRun) -> float:
 
 
 def SettlingTime(run: InsertionRun) -> float | None:
-    """Returns how long after contact |v_x| stays under 5 % of |v_d| to the end, s.
+    """Returns the time from contact until |v_x| stays below 5 % of |v_d|, s.
 
-    None if it does not, or the run diverges, or it was as slow for as long before
-    without staying so: a recording that happens to end while v_x passes through 0 has
-    not settled.
+    The result is None if |v_x| does not stay below the limit to the end, or if the run
+    diverges. It is also None if |v_x| was below the limit for as long before and then
+    exceeded it: a recording that ends while v_x passes through 0 has not settled.
     """
     assert run.contact is not None
     v_x = run.velocity @ run.contact.normal_W[:, np.newaxis]
@@ -294,12 +297,12 @@ def SettlingTime(run: InsertionRun) -> float | None:
 
 
 def RestTime(run: InsertionRun) -> float | None:
-    """Returns when all directions and the force have settled as well, s.
+    """Returns the time from contact until the tool and its force are at rest, s.
 
-    From the first contact until |v| stays under 5 % of |v_d|, and |F_e - F_end| under
-    5 % of |F_end|, the force at the end of the run. A force that creeps ends elsewhere
-    in a longer run. With six axes, both hold of what moves and of what turns, each by
-    itself; moments count where there are any.
+    At rest, |v| stays below 5 % of |v_d| and |F_e - F_end| below 5 % of |F_end|, where
+    F_end is the force at the end of the run. F_end depends on the duration of the run
+    if the force creeps. With six axes both conditions have to hold for the translation
+    and for the rotation, each by itself. A force or moment that is always 0 is ignored.
     """
     bands = []
     for first in range(0, len(run.v_d), 3):
@@ -314,7 +317,7 @@ def RestTime(run: InsertionRun) -> float | None:
 
 
 def _Settling(run: InsertionRun, bands: Sequence[Band]) -> float | None:
-    """Returns how long after contact vectors stay in their bands, s, or None."""
+    """Returns the time from contact until all vectors stay in their bands, s."""
     if run.recording.termination == "diverged":
         return None
     since_contact = run.pieces.since(run.contact_time)
@@ -324,8 +327,8 @@ def _Settling(run: InsertionRun, bands: Sequence[Band]) -> float | None:
 def VelocityRmsError(run: InsertionRun) -> Array:
     """Returns the rms over the run of v - v_dd per axis, m/s.
 
-    v_dd is the velocity command as the slave receives it, or, in an architecture that
-    does not send it, the operator's command delayed by forward_channel.delay.
+    v_dd is the velocity command as the slave receives it. In an architecture that does
+    not send it, v_dd is the operator's command delayed by forward_channel.delay.
     """
     return rms(run.velocity - run.command, run.pieces.length)
 
@@ -333,7 +336,8 @@ def VelocityRmsError(run: InsertionRun) -> Array:
 def ForceRmsError(run: InsertionRun) -> Array:
     """Returns the rms over the run of F_e - F_hd per axis, N.
 
-    F_hd is the haptic force as the slave receives it, or delayed by the same time.
+    F_hd is the haptic force as the slave receives it. In an architecture that does not
+    send it, F_hd is the operator's force delayed by forward_channel.delay.
     """
     return rms(run.force - run.haptic_force, run.pieces.length)
 
@@ -341,10 +345,10 @@ def ForceRmsError(run: InsertionRun) -> Array:
 def CoordinationRmsError(run: InsertionRun) -> Array | None:
     """Returns the rms over the run of x_m - p_WT per axis, m.
 
-    Master and tool begin at one place, and x_m is where the felt velocity takes the
-    master from there: over exact channels the tool's place one return delay ago, unless
-    the architecture lets the hand feel something else. Of six axes the first three have
-    it. None if the recording has not what was felt.
+    Master and tool start at one position, and x_m is that position plus the integral of
+    the felt velocity. Over exact channels it is the tool's position one return delay
+    ago, unless the architecture feeds back another velocity. With six axes the metric
+    has the first three. None if the recording has no felt velocity.
     """
     if run.felt_velocity is None:
         return None
@@ -405,7 +409,7 @@ UNITS = {
 
 
 def FirstNormal(surfaces: tuple[Surface, ...], v_d: np.ndarray) -> np.ndarray:
-    """Returns the normal of the surface that comes first, else where v_d points."""
+    """Returns the normal of the puncture, contact or first surface, else of v_d."""
     named = [FindSurface(surfaces, name) for name in (PUNCTURE, CONTACT)]
     for surface in (*named, *surfaces):
         if surface is not None:
@@ -414,19 +418,19 @@ def FirstNormal(surfaces: tuple[Surface, ...], v_d: np.ndarray) -> np.ndarray:
 
 
 def Depth(surface: Surface, position: Array) -> Array:
-    """Returns how far the tool is behind a surface, m (p, 5).
+    """Returns the depth of the tool behind a surface, m (p, 5).
 
     Args:
-        position: Of the tool in pieces, m (p, 5, n).
+        position: The position of the tool in pieces, m (p, 5, n).
     """
-    # A layer may begin at infinity, along axes on which its normal has a part.
+    # A layer may begin at infinity along an axis, and infinity times 0 is no number.
     is_along = surface.normal_W != 0
     begin = surface.point_W[is_along] @ surface.normal_W[is_along]
     return position @ surface.normal_W - begin
 
 
 def FindCrossings(recording: Recording) -> list[list[Crossing]]:
-    """Returns for each surface when the tool crosses it, upwards being into it."""
+    """Returns the tool's crossings of each surface; upwards means into the surface."""
     pieces = Pieces(recording.time, recording.steps)
     position = pieces.signal(recording["tool_position"])
     depths = [Depth(surface, position) for surface in recording.surfaces]

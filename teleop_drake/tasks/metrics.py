@@ -16,21 +16,21 @@ CHANNEL_METRICS = {
     item.name: "s" if item.name.startswith(("delay_", "age_")) else ""
     for item in dataclasses.fields(PacketStatistics)
 }
-"""What becomes of the packets of a network channel, see PacketStatistics. In a table
-the names begin with that of the channel, as in `forward_channel.age_mean`."""
+"""Metrics of the packets of a network channel; see PacketStatistics. In a table each
+name begins with the name of the channel, as in `forward_channel.age_mean`."""
 
 
 def RunMetrics(
     recording: Recording, *, task: Task[Any] | None = None
 ) -> dict[str, Any]:
-    """Returns the metrics of a run: what its task counts.
+    """Returns the metrics of a run, as its task defines them.
 
-    Insertion.Metrics() describes those of a teleoperation, Tracking.Metrics() those of
-    the tracking of chapter 3.
+    Insertion.Metrics() describes the metrics of a teleoperation, Tracking.Metrics() the
+    metrics of the tracking of chapter 3.
 
     Args:
-        recording: A run. What comes after its last finite sample does not count.
-        task: What counts; None: the task of its scenario.
+        recording: A run. Samples after its last finite sample are ignored.
+        task: The task that defines the metrics; None: the task of the scenario.
 
     Returns:
         The `metrics` object of `teleop-drake run --json`: finite numbers, lists of
@@ -46,21 +46,27 @@ def RunMetrics(
 def RunSummary(
     recording: Recording, *, task: Task[Any] | None = None
 ) -> dict[str, Any]:
-    """Returns what `teleop-drake run --json` prints: the run, its metrics, its end.
+    """Returns the object that `teleop-drake run --json` prints.
 
     Args:
-        recording: A run. What comes after its last finite sample does not count.
-        task: What counts; None: the task of its scenario.
+        recording: A run. Samples after its last finite sample are ignored.
+        task: The task that defines the metrics; None: the task of the scenario.
 
     Returns:
-        scenario, controller (its kind), the particulars of the task (forward_delay and
-        return_delay in s; of a tracking diverged, and diverged_at in s or None),
-        duration (s, as the scenario asks for), metrics (what RunMetrics returns), final
-        (position in m, velocity in m/s and environment_force in N of the last sample,
-        n each), with network channels `channels` (the PacketStatistics of each by its
-        name), with something left out `notes` (why, a sentence each), and solver (the
-        SolverStatistics). Only finite numbers, None, bool, str,
-        and lists and dicts of these.
+        A dict of finite numbers, None, bool, str, and lists and dicts of these:
+
+        * scenario: its name.
+        * controller: its kind.
+        * The particulars of the task: forward_delay and return_delay in s; for a
+          tracking diverged, and diverged_at in s or None.
+        * duration: the duration in the scenario, s.
+        * metrics: the result of RunMetrics().
+        * final: position in m, velocity in m/s and environment_force in N of the last
+          sample, n each.
+        * notes: why something was left out, a sentence each; only if something was.
+        * channels: the PacketStatistics of each network channel by its name; only if
+          there are network channels.
+        * solver: the SolverStatistics.
 
     Raises:
         ValueError: If the recording has no finite sample.
@@ -93,9 +99,9 @@ def RunSummary(
 
 
 def MetricUnits(scenario: AnyScenario) -> dict[str, str]:
-    """Returns the names of all scalar metrics of a scenario, and their units.
+    """Returns the units of all scalar metrics of a scenario, by their names.
 
-    Those of its network channels, if it has any, are among them.
+    The metrics of its network channels are included.
     """
     task = TaskOf(scenario)
     units = dict(task.units) | {
@@ -112,7 +118,7 @@ def MetricUnits(scenario: AnyScenario) -> dict[str, str]:
 
 
 def FlattenMetrics(metrics: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Returns metrics by names such as `puncture.time` and `velocity_rms_error.x`."""
+    """Returns metrics keyed by dotted names, as `puncture.time` and `rms_error.x`."""
     flat: dict[str, Any] = {}
     for key, value in metrics.items():
         if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""Panels of a run's figures: plain data, which teleop_drake.figures draws."""
+"""Panels of a run's figures, as plain data that teleop_drake.figures draws."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,14 +15,16 @@ class SignalRow:
     """One signal: a panel against time and one against position.
 
     Attributes:
-        label: What the axis shows, without the unit.
+        label: The label of the axis, without the unit.
         unit: SI unit; empty if there is none.
         signal: Name of the signal.
-        components: Which of its components are shown.
-        command: Component of the operator's commands that is shown beside, or None.
+        components: The indices of the components that are shown.
+        command: The index of the operator's command that is drawn beside the signal;
+            None: no command is drawn.
         symbol: Name of the components in a legend, if there is more than one.
-        groups: Names of as many equal parts of the components, each of which has one
-            colour: the rows of a matrix. Empty: every component has its own.
+        groups: Names of the groups into which the components are divided equally, such
+            as the rows of a matrix. A group has one colour. Empty: each component has a
+            colour of its own.
     """
 
     label: str
@@ -39,7 +41,7 @@ class AxisRow:
     """One quantity against time, with a panel for each task axis.
 
     Attributes:
-        label: What it is; the name of the axis comes after it.
+        label: The label of the quantity, to which the name of the axis is appended.
         unit: SI unit.
         signals: Names of the signals (n each), a line for each.
         reference: Name of the signal that is subtracted from them; empty: none.
@@ -56,8 +58,8 @@ class AxisPanels:
     """A figure with a column for each task axis.
 
     Attributes:
-        rows: From top to bottom.
-        names: Of the lines, in the order of the signals of a row.
+        rows: The rows from top to bottom.
+        names: Names of the lines, in the order of the signals of a row.
     """
 
     rows: Sequence[AxisRow]
@@ -65,19 +67,19 @@ class AxisPanels:
 
 
 def AxisName(axis: int) -> str:
-    """Returns how a task axis is called.
+    """Returns the name of a task axis.
 
     Args:
-        axis: Its number, from 0 on.
+        axis: The index of the axis, from 0.
     """
     return AxesOf(6)[axis]
 
 
 def NormalOfRuns(recordings: Sequence[Recording]) -> np.ndarray:
-    """Returns along which direction (n,) positions are shown; see ShownNormal.
+    """Returns the direction (n,) along which positions are shown; see ShownNormal.
 
     Args:
-        recordings: Runs of robots with as many axes, at least one.
+        recordings: One run or more, of robots with the same number of axes.
     """
     num_axes = recordings[0]["tool_position"].shape[1]
     surfaces = [surface for recording in recordings for surface in recording.surfaces]

@@ -25,7 +25,7 @@ class TrackingRun:
     """The signals of a tracking in pieces (p, 5, n); see numerics.pieces.
 
     Attributes:
-        pieces: Where the signals are polynomials.
+        pieces: The pieces of time in which the signals are polynomials.
         error: r - r_d, m.
         disturbance_error: W Phi - F_e, N.
     """
@@ -53,7 +53,7 @@ def RmsError(run: TrackingRun) -> Array:
 def DisturbanceRmsError(run: TrackingRun) -> Array:
     """Returns the rms over the run of W Phi - F_e per axis, N.
 
-    It is what the network does not know of the disturbance.
+    It is the part of the disturbance that the network has not learned.
     """
     return rms(run.disturbance_error, run.pieces.length)
 
@@ -90,11 +90,11 @@ class Tracking(Task[TrackingScenario]):
         return SpeedLimit(speed=speed, name=f"{speed:g} m/s")
 
     def FindEvents(self, recording: Recording) -> list[Event]:
-        """Returns no event: nothing is met and nobody switches."""
+        """Returns no events: there is neither a surface nor an operator."""
         return []
 
     def Metrics(self, recording: Recording) -> dict[str, Any]:
-        """Returns the metrics of a tracking, METRICS, each per task axis.
+        """Returns the metrics of a tracking: METRICS, each per task axis.
 
         Args:
             recording: A run, all of its numbers finite.
@@ -113,7 +113,7 @@ class Tracking(Task[TrackingScenario]):
     def Panels(self, recordings: Sequence[Recording]) -> AxisPanels:
         """Returns the position, the tracking error and the disturbance.
 
-        The desired position and the estimate of the disturbance are beside them.
+        The desired position and the estimated disturbance are drawn beside them.
         """
         rows = (
             ("position", "m", ["tool_position", "desired_position"], ""),
@@ -165,10 +165,10 @@ def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
                          ^           |
                          +-----------+
 
-    The controller does not feel the disturbance: it learns it from the motion.
+    The controller does not measure the disturbance. It learns it from the motion.
 
     Returns:
-        The Diagram, named `network_tracking`. Its default context is the start.
+        The Diagram, named `network_tracking`. A run starts from its default Context.
 
     Raises:
         ScenarioError: If the scenario is not valid.
@@ -199,8 +199,9 @@ def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
     builder = DiagramBuilder()
     for name, system in systems.items():
         builder.AddNamedSystem(name, system)
-    # Refuses names that stand for another signal of the loop.
+    # This call raises an error if a port has the name of another signal of the loop.
     NamedSignals(systems.values())
+    # Each row of the table connects a source to a target by signals of equal names.
     desired = ("desired_position", "desired_velocity", "desired_acceleration")
     motion = ("tool_position", "tool_velocity")
     for source, target, signals in (
