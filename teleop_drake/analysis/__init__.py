@@ -1,1 +1,1 @@
-"""Stability and energy of the loop: at which delay it fails, and why."""
+"""Analyses of the loop: stability against the delay, transparency and energy."""

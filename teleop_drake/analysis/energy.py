@@ -1,12 +1,12 @@
 """Energy at both ends of the channels.
 
-Two pairs of ends. With the thesis's packets, which carry a force forward and a
-velocity back, the channels themselves have a power at each end (ChannelEnergyBalance).
-Other architectures send waves, positions or more. For every one
-there is the two-port between the operator's hand and the tool, channels and both sides
-of the architecture together: F_h . v_felt goes in and F_c . v comes out
-(TwoPortEnergyBalance). What the sides dissipate or store, such as
-the handle of P+d, is then part of the balance. With direct force the two are the same.
+There are two balances. The thesis's packets carry a force forward and a velocity back,
+so that the channels themselves have a power at each end (ChannelEnergyBalance). Other
+architectures send waves, positions or further signals. The balance between the
+operator's hand and the tool exists for every architecture: F_h . v_felt goes in and
+F_c . v comes out (TwoPortEnergyBalance). It includes the channels and both sides of the
+architecture, and therefore the energy that the sides dissipate or store, for example in
+the handle of P+d. With direct force both balances are equal.
 """
 
 from collections.abc import Sequence
@@ -22,10 +22,10 @@ from teleop_drake.validation import Refuse
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EnergyBalance:
-    """What goes into the channels and what comes out of them, over a run.
+    """The power into and out of a system with two ends over a run.
 
     Attributes:
-        time: (N,) the recording's in s.
+        time: (N,) the times of the recording in s.
         power_in: (N,) at the master's end in W.
         power_out: (N,) at the slave's end in W.
         energy: (N,) integral of power_in - power_out in J, 0 at the start.
@@ -38,9 +38,9 @@ class EnergyBalance:
 
     @property
     def violation(self) -> Array:
-        """Energy in J that was made in between by each time (N).
+        """The energy in J that was generated between the ends up to each time (N).
 
-        The largest deficit so far; it is 0 as long as they are passive.
+        It is the largest deficit so far, and 0 as long as the system is passive.
         """
         return np.maximum.accumulate(np.maximum(-self.energy, 0.0))
 

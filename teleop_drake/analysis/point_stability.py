@@ -1,31 +1,31 @@
-"""At which delay the loop of an operating point fails, and why: its margins.
+"""The delay margins of the loop at an operating point.
 
-The loop has one delay only, T = T_f + T_r. Everything from the operator to the robot
-crosses the forward channel and everything back crosses the return channel, each with
-the same delay for all entries of a packet. So with slave S(s) and master M(s)
+The loop has only one delay, T = T_f + T_r. All signals from the operator to the robot
+cross the forward channel, and all signals back cross the return channel. Each channel
+has the same delay for all entries of a packet. So with slave S(s) and master M(s)
 
     det(I - S(s) e^(-s T_f) M(s) e^(-s T_r)) = det(I - S(s) M(s) e^(-s T)) = 0,
 
-and unequal delays with the same sum give the same roots. (It holds beyond the linear
+and unequal delays with the same sum give the same roots. (This holds beyond the linear
 model: with the slave's clock set back by T_f, the forward channel has no delay and the
-return channel all of it.) Only entries of the packets that the other side listens to
-are kept, on that side of the cut where they are fewer, and those that always act
-together are one: for one axis L is scalar.
+return channel has the whole delay.) L has only those entries of the packets that the
+other side uses. The loop is cut on the side where these are fewer, and entries that
+always act together count as one. With one axis L is therefore scalar.
 
-A Smith predictor has a delay of its own, which is to be the round trip: it is cut as
-well and taken to be T whatever T is. A loop with a second delay, different from T, is
-refused.
+A Smith predictor contains a delay that should be the round trip. This delay is cut as
+well and set to T at every T. A loop with a second delay that differs from T is refused.
 
-Roots at 0 that stay there at every delay are neutral: they say where the tool is, or
-how far the operator's device has been wound up against a spring, and do not count as an
-instability. In velocity mode there is one per axis, because the tool's position and the
-device's integral of the felt velocity both integrate v, and their sum stays what it
-was. With the thesis's packets it does not show in L and is removed with whatever else
-does not; with others, that carry a force back, it does, and delay_margin knows it.
-Any other hidden mode on or right of the imaginary axis spoils every delay.
+Roots that are at 0 for every delay are neutral and do not count as an instability. They
+describe the position of the tool, or how far the operator's device has been wound up
+against a spring. In velocity mode there is one neutral root per axis: the tool's
+position and the device's integral of the felt velocity both integrate v, so that their
+sum is constant. With the thesis's packets this root is hidden in L and is removed with
+all other hidden modes. With packets that carry a force back it appears in L, and
+delay_margin handles it. Any other hidden mode on or right of the imaginary axis makes
+the loop unstable at every delay.
 
-Nor do roots count that are slower than the motion of the operating point, whose model
-is that of an instant (linear_model.loop): PointStability.unresolved.
+The model describes one instant of the operating point's motion (linear_model.loop).
+Roots slower than that motion do not count; see PointStability.unresolved.
 """
 
 from dataclasses import dataclass
@@ -50,7 +50,7 @@ from teleop_drake.numerics.delay_margin import (
 from teleop_drake.numerics.state_space import StateSpace, minimal_realization
 
 MAX_DELAY = 2.0
-"""Up to which round-trip delay, in s, intervals are reported unless said otherwise."""
+"""The default upper end of the reported intervals of round-trip delays, in s."""
 
 # A hidden mode this close to the imaginary axis, relative to its size, is on it.
 _ON_AXIS = 1e-9
@@ -67,24 +67,25 @@ class PointStability:
         model: The linear models of both ends.
         loop: L, minimal: the roots are those of det(I + L(s) e^(-s T)).
         delay: Round-trip delay of the scenario in s.
-        max_delay: Up to which round-trip delay stable_delays reaches, in s.
-        crossings: Where roots cross the imaginary axis, by ascending frequency.
+        max_delay: The largest round-trip delay of stable_delays, in s.
+        crossings: The crossings of the imaginary axis, by ascending frequency.
         margin: The crossing at which the loop first becomes unstable as the delay
             grows from 0; None if there is none, or the loop is unstable without delay.
         stable_delays: Every interval of round-trip delays at which the loop is stable,
-            in s; one that ends at max_delay goes on.
-        hidden_modes: Modes that do not show in L, in 1/s, neutral ones apart.
-        num_neutral: Number of roots without delay that are not told from 0, hidden
-            ones included.
-        unresolved: The size in 1/s below which roots and crossings do not count: they
-            are slower than the motion of the operating point, or 0 to rounding.
-        slave_root: The slave's rightmost root on its own, neutral ones apart, in 1/s:
-            the loop while nothing comes back to the slave. None: it has no other.
-        force_mode: The loop on the contact surface from when the operator has perceived
-            contact and holds a force, where the tool then rests. None: the operator
-            does not change there, or see `untold`.
-        untold: Why the loop that the operator closes there after contact is not known;
-            empty: it is, or nothing changes.
+            in s. An interval that ends at max_delay may extend beyond it.
+        hidden_modes: Modes that do not appear in L, in 1/s, without neutral ones.
+        num_neutral: Number of roots without delay that cannot be distinguished from 0,
+            including hidden ones.
+        unresolved: The magnitude in 1/s below which roots and crossings do not count:
+            they are slower than the motion of the operating point, or 0 to rounding.
+        slave_root: The rightmost root of the slave alone, in 1/s, without neutral ones.
+            It describes the loop while the slave receives nothing. None: the slave has
+            only neutral roots.
+        force_mode: The loop on the contact surface after the operator has perceived
+            contact and holds a force, at the point where the tool then rests. None: the
+            operator does not change its behaviour there, or `untold` has the reason.
+        untold: Why there is no model of the loop after contact; empty: there is one, or
+            the operator does not change its behaviour.
     """
 
     model: LoopModel
@@ -103,13 +104,13 @@ class PointStability:
 
     @property
     def operator(self) -> str:
-        """What the operator of this loop does."""
+        """The behaviour of the operator in this loop."""
         holds_force = self.model.point.holds_force
         return "holds a force" if holds_force else "commands a velocity"
 
     @property
     def label(self) -> str:
-        """Name of the operating point, and whether a force is held there."""
+        """The name of the operating point, and whether a force is held there."""
         name = self.model.point.name
         return f"{name}, force held" if self.model.point.holds_force else name
 
@@ -119,7 +120,7 @@ class PointStability:
         return self.IsStableWith(self.delay)
 
     def IsStableWith(self, delay: float) -> bool:
-        """Returns whether the loop is stable with a delay, by counting crossings.
+        """Returns whether the loop is stable at a delay, by counting crossings.
 
         Args:
             delay: Round-trip delay in s.
@@ -150,8 +151,8 @@ class PointStability:
         return _RightmostFirst(roots)[:count]
 
     def _AreNeutral(self, roots: ComplexArray) -> NDArray[np.bool_]:
-        """Returns which roots of the loop are not told from those at 0."""
-        # Those at 0 at every delay are known to be, with the accuracy of collocation.
+        """Returns which roots of the loop cannot be distinguished from roots at 0."""
+        # Collocation finds the roots that are at 0 at every delay only to its accuracy.
         exact = np.argsort(np.abs(roots))[: neutral_root_count(self.loop)]
         is_exact = np.isin(np.arange(len(roots)), exact)
         slow = _NEUTRAL * float(np.linalg.norm(self.loop.A))
@@ -162,8 +163,8 @@ class PointStability:
     def RightmostRoot(self, delay: float) -> complex | None:
         """Returns the rightmost characteristic root in 1/s; of a pair, the upper one.
 
-        None if there is none, if D lets roots tend to infinity, or if it is too fast
-        for collocation: it then has the wrong sign.
+        The result is None if there is no root, if roots tend to infinity because of D,
+        or if the root is too fast for collocation, which then gives it the wrong sign.
 
         Args:
             delay: Round-trip delay in s.
@@ -180,7 +181,7 @@ class PointStability:
         return root
 
     def ToRecord(self) -> dict[str, Any]:
-        """Returns what `teleop-drake analyze` writes as JSON, plain and without NaN."""
+        """Returns the JSON object of `teleop-drake analyze`, without NaN."""
         point = self.model.point
         margin = self.margin
         root = self.RightmostRoot(self.delay)
@@ -218,19 +219,19 @@ def AnalyzeModel(
 
     Args:
         delay: Round-trip delay of the scenario in s.
-        max_delay: Up to which round-trip delay intervals are wanted, in s, > 0.
+        max_delay: The largest round-trip delay of the intervals, in s, > 0.
     """
     cut = CutLoop(model)
     loop, hidden = minimal_realization(cut)
-    # What is slower than the motion, or 0 to rounding, is not told from 0.
+    # A root slower than the motion, or 0 to rounding, cannot be distinguished from 0.
     fastest = float(np.abs(np.linalg.eigvals(cut.A)).max(initial=0.0))
     motion_rate = model.motion.rate if model.motion else 0.0
     unresolved = max(motion_rate, _NEUTRAL * fastest)
     is_neutral = np.abs(hidden) < unresolved
     hidden_modes = _RightmostFirst(hidden[~is_neutral])
     crossings = _ResolvedCrossings(model, loop, max_delay, unresolved)
-    # Which modes are hidden does not depend on the delay. One of them that does not
-    # decay spoils every delay.
+    # Hidden modes do not depend on the delay. If one of them does not decay, the loop
+    # is unstable at every delay.
     intervals: list[tuple[float, float]] = []
     margin = None
     if _AllDecay(hidden_modes):
@@ -264,23 +265,23 @@ def _ResolvedCrossings(
     if motion is None:
         return crossings
     if not _HasDivergence(loop, max_delay, unresolved):
-        # What passes through 0 does not leave the circle of the motion.
+        # A root that passes through 0 stays in the circle of unresolved roots.
         crossings = [x for x in crossings if x.frequency > 0]
     return [x for x in crossings if _IsResolved(motion, x, unresolved)]
 
 
 def _RightmostFirst(roots: ComplexArray) -> ComplexArray:
-    """Sorts roots by descending real part, and the upper one of a pair first."""
+    """Returns roots by descending real part, the upper root of a pair first."""
     return roots[np.lexsort((-roots.imag, -roots.real.round(12)))]
 
 
 def _AllDecay(modes: ComplexArray) -> bool:
-    """Returns whether no mode lies right of the imaginary axis or on it."""
+    """Returns whether all modes lie left of the imaginary axis."""
     return bool(np.all(modes.real < -_ON_AXIS * np.abs(modes)))
 
 
 def _HasDivergence(loop: StateSpace, delay: float, unresolved: float) -> bool:
-    """Returns whether a real root is right of the axis, and resolved."""
+    """Returns whether a resolved real root lies right of the imaginary axis."""
     roots = characteristic_roots(
         loop.A, loop.B, -loop.C, -loop.D, delay=delay, count=loop.num_states
     )
@@ -290,9 +291,9 @@ def _HasDivergence(loop: StateSpace, delay: float, unresolved: float) -> bool:
 def _IsResolved(motion: Motion, crossing: Crossing, unresolved: float) -> bool:
     """Returns whether the roots that cross are faster than the motion.
 
-    With a delay T they are if they move by less than their size while their mode turns
-    by a radian and its signals are under way, in 1/|s| + T. Their rate is that of the
-    root of f = det(I + L(s) e^(-s T)): ds/dt = -(df/dt)/(df/ds).
+    Roots are resolved if they move by less than their magnitude in the time
+    1/|s| + T, in which the mode turns by a radian and its signals cross the delay T.
+    The rate of a root of f = det(I + L(s) e^(-s T)) is ds/dt = -(df/dt)/(df/ds).
     """
     s = 1j * crossing.frequency
     T = crossing.delay

@@ -1,10 +1,10 @@
 """Stability of a scenario's loop at its operating points; see point_stability.
 
-An operator may close another loop on the contact surface than before it: the thesis's
-commands a velocity until it perceives contact, and holds a force from then on. The loop
-of an operating point is that of the velocity, which the tool meets first, and
-PointStability.force_mode the one that stays. The operator's block tells which force it
-holds (linear_part.HeldForce).
+An operator may close one loop before contact and another one after it: the operator of
+the thesis commands a velocity until it perceives contact, and then holds a force. A
+PointStability describes the loop with the velocity command, and its attribute
+force_mode the loop that follows. The operator's block declares the force that it holds
+(linear_part.HeldForce).
 """
 
 from collections.abc import Iterable
@@ -33,7 +33,7 @@ from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.validation import CheckNumber, ScenarioError
 
 NO_LOOP = "tracking has no loop with a delay"
-"""Why a task is refused that is no teleoperation."""
+"""The reason for refusing a task that is not a teleoperation."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,12 +42,13 @@ class StabilityAnalysis:
 
     Attributes:
         scenario: The scenario.
-        forward_delay: Of the forward channel, in s; see ChannelConfig.AsConstantDelay.
-        return_delay: Of the return channel, in s.
-        max_delay: Up to which round-trip delay the intervals reach, in s.
-        points: One for each operating point, in the order in which the tool comes to
-            them.
-        notes: Sentences that say what was assumed, and so what the margins hold for.
+        forward_delay: The constant delay of the forward channel in s; see
+            ChannelConfig.AsConstantDelay.
+        return_delay: The constant delay of the return channel in s.
+        max_delay: The largest round-trip delay of the intervals, in s.
+        points: The stability at each operating point, in the order in which the tool
+            reaches them.
+        notes: The assumptions under which the margins hold, a sentence each.
     """
 
     scenario: Scenario
@@ -58,10 +59,10 @@ class StabilityAnalysis:
     notes: list[str]
 
     def __getitem__(self, name: str) -> PointStability:
-        """Returns the operating point with that name.
+        """Returns the stability at the operating point of a name.
 
         Raises:
-            KeyError: If there is none.
+            KeyError: If there is no operating point of that name.
         """
         for point in self.points:
             if point.model.point.name == name:
@@ -69,7 +70,7 @@ class StabilityAnalysis:
         raise KeyError(name)
 
     def Loops(self) -> list[PointStability]:
-        """Returns the loops of all operating points, those of a held force too."""
+        """Returns the loops of all operating points, including those of held forces."""
         return [
             loop
             for point in self.points
@@ -78,7 +79,7 @@ class StabilityAnalysis:
         ]
 
     def ToRecord(self) -> dict[str, Any]:
-        """Returns what `teleop-drake analyze` writes as JSON."""
+        """Returns the JSON object of `teleop-drake analyze`."""
         return {
             "scenario": self.scenario.name,
             "controller": self.scenario.controller.kind,
@@ -90,7 +91,7 @@ class StabilityAnalysis:
         }
 
 
-@Interpreted()  # There are too few calls to pay compiling.
+@Interpreted()  # An analysis calls each law too few times for compilation to pay.
 def AnalyzeStability(
     scenario: ScenarioLike,
     *,
@@ -101,17 +102,17 @@ def AnalyzeStability(
     """Analyses the stability of a scenario's loop against its delay.
 
     Args:
-        scenario: A teleoperation, or its name or file. Of channels whose delay is not
-            constant, a constant one takes the place; see ChannelConfig.AsConstantDelay.
-        points: Operating points; None: those of OperatingPoints(scenario).
-        max_delay: Up to which round-trip delay intervals are wanted, in s, > 0.
-        teleoperator: The Diagram, made by MakeTeleoperator for this scenario, with
-            systems of your own perhaps; None makes the scenario's.
+        scenario: A teleoperation, or its name or file. A delay that is not constant is
+            replaced by a constant one; see ChannelConfig.AsConstantDelay.
+        points: Operating points; None: the result of OperatingPoints(scenario).
+        max_delay: The largest round-trip delay of the intervals, in s, > 0.
+        teleoperator: A Diagram made by MakeTeleoperator() for this scenario. It may
+            contain your own systems. None: the Diagram is made from the scenario.
 
     Raises:
         ScenarioError: If the scenario is not valid, is not a teleoperation, or
-            a channel is no delay; if max_delay is not allowed, Linearizer refuses a
-            point, or a station has a delay of its own that is not the round trip.
+            a channel is not a delay; if max_delay is not allowed; if Linearizer refuses
+            a point; or if a station contains a delay that differs from the round trip.
         ValueError: If the loop is not well posed without delay.
     """
     scenario = AsTeleoperation(scenario, NO_LOOP)
@@ -162,7 +163,7 @@ def AnalyzeStability(
 def _WithForceMode(
     velocity_mode: PointStability, scenario: Scenario, linearizer: Linearizer
 ) -> PointStability:
-    """Adds the loop that the operator closes there after contact, if it is another."""
+    """Adds the loop after contact at an operating point, if the operator changes it."""
     point = velocity_mode.model.point
     diagram = linearizer.diagram
     environment = diagram.GetSubsystemByName("environment")
@@ -193,7 +194,7 @@ def _WithForceMode(
 
 
 def _Assumptions(model: LoopModel, delay: float) -> list[str]:
-    """Returns what the model takes for granted, beyond small deviations."""
+    """Returns the assumptions of the model in addition to small deviations."""
     notes = []
     if model.inner_delays:
         for inner in model.inner_delays:

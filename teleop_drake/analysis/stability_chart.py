@@ -25,10 +25,10 @@ class StabilityChart:
     """Stable delays against the values of a key of the scenario.
 
     Attributes:
-        key: What varies: a dotted path, or POSITION.
-        values: Its values, ascending.
-        analyses: One for each value.
-        max_delay: Up to which round-trip delay the intervals reach, in s.
+        key: The key that varies: a dotted path, or POSITION.
+        values: The values of the key, ascending.
+        analyses: The analysis for each value.
+        max_delay: The largest round-trip delay of the intervals, in s.
     """
 
     key: str
@@ -40,7 +40,7 @@ class StabilityChart:
         """Returns the labels of the loops that any of the analyses has.
 
         Args:
-            with_force_mode: Whether those in which the operator holds a force count.
+            with_force_mode: Whether to include loops in which a force is held.
         """
         names: dict[str, None] = {}
         for analysis in self.analyses:
@@ -52,7 +52,7 @@ class StabilityChart:
         """Returns the stable intervals in s at each value; None: no such loop.
 
         Args:
-            name: Label of a loop, which is the name of its operating point unless a
+            name: The label of a loop, which is the name of its operating point if no
                 force is held.
         """
         result: list[list[tuple[float, float]] | None] = []
@@ -62,7 +62,7 @@ class StabilityChart:
         return result
 
     def ToRecord(self) -> dict[str, Any]:
-        """Returns what `teleop-drake analyze --vary` writes as JSON."""
+        """Returns the JSON object of `teleop-drake analyze --vary`."""
         return {
             "key": self.key,
             "values": self.values.tolist(),
@@ -82,18 +82,20 @@ def ChartStability(
     """Analyses a scenario for many values of a key.
 
     Args:
-        key: A dotted path to a number, for example environment.layers.bone.stiffness;
-            or POSITION, where the tool is on its path in m (see OperatingPointAt),
-            instead of one operating point in each layer. On a surface, where there is
-            no linear model, it is that of what begins there.
+        name_or_path: A built-in name or a YAML file.
+        key: A dotted path to a number, for example environment.layers.bone.stiffness,
+            or POSITION. A value of POSITION is a position of the tool on its path in m
+            (see OperatingPointAt) and replaces the operating points in the layers. On
+            a surface there is no linear model; the model of the layer that begins there
+            is used.
         values: Values of the key, at least one.
-        overrides: As for LoadScenario; the key comes after them.
-        max_delay: Up to which round-trip delay intervals are wanted, in s, > 0.
-        progress: Called with the number of finished values and their number.
+        overrides: Overrides as in LoadScenario(). The key is set after them.
+        max_delay: The largest round-trip delay of the intervals, in s, > 0.
+        progress: Called with the number of finished values and the number of all.
 
     Raises:
-        ScenarioError: If a value is not allowed, as AnalyzeStability, or if there is
-            none.
+        ScenarioError: If a value is not allowed, if there are no values, or as in
+            AnalyzeStability().
     """
     points = np.unique(np.asarray(values, dtype=float))
     if points.size == 0:

@@ -1,18 +1,18 @@
 """Transparency and absolute stability of the loop that the operator feels.
 
 The teleoperator is a two-port between the operator's hand and the environment. Its
-admittance matrix y(j w), (2n, 2n), is put together from both sides, linearised, and
+admittance matrix y(j w), (2n, 2n), is computed from the linear models of both sides and
 the exact delays between them:
 
     [v_m; -v_s] = y [F_h; F_e]                                                   (1)
 
-F_h is applied at the hand, where v_m is felt; F_e is what the tool exerts on the
-environment, where it moves with v_s. F_h . v_m and -F_e . v_s are the powers that go
-in. Behind it an environment with F_e = Z_e v_s makes it the one-port that the operator
-feels, F_h = Z_to v_m.
+F_h is the force at the hand, where the velocity v_m is felt. F_e is the force of the
+tool on the environment, and v_s the velocity of the tool. The powers F_h . v_m and
+-F_e . v_s flow into the two-port. With an environment F_e = Z_e v_s at its far end, the
+operator feels the one-port F_h = Z_to v_m.
 
-The tool is at rest here: the model of an arm in motion, at an instant, is not passive,
-even if the arm is.
+The tool is at rest here: the model of a moving arm at one instant is not passive, even
+if the arm itself is passive.
 
 Sources: B. Hannaford, "A design framework for teleoperators with kinesthetic
 feedback", IEEE Trans. Robot. Autom. 5 (1989); D. A. Lawrence, "Stability and
@@ -37,8 +37,8 @@ def TransmittedImpedance(admittance: ArrayLike, load: ArrayLike) -> ComplexArray
 
         Z_to = [y11 - y12 Z_e (1 + y22 Z_e)^-1 y21]^-1
 
-    It is infinite where a motion cannot be felt at all; Re Z_to < 0 where the operator
-    is given energy.
+    It is infinite where the hand cannot be moved. Where Re Z_to < 0, energy flows to
+    the operator.
 
     Args:
         admittance: y of (1) (K, 2n, 2n).
@@ -71,7 +71,7 @@ def EnvironmentImpedance(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Transparency:
-    """What the operator feels at an operating point.
+    """The impedance that the operator feels at an operating point.
 
     Attributes:
         point: The operating point.
@@ -79,11 +79,11 @@ class Transparency:
         transmitted: Z_to with the scenario's delays, N s/m (K, n, n).
         undelayed: Z_to without delay, N s/m (K, n, n).
         environment: Z_e, N s/m (K, n, n).
-        llewellyn: Llewellyn's parameter of each axis with the scenario's delays, no
-            force on the others (K, n): absolute stability takes 1 or more at every
-            frequency.
-        idle_passivity: Whether it is that of passivity controllers that inject nothing,
-            which says nothing of the architecture's passivity.
+        llewellyn: Llewellyn's parameter of each axis (K, n), with the scenario's delays
+            and no force on the other axes. Absolute stability requires 1 or more at
+            every frequency.
+        idle_passivity: Whether the model assumes passivity controllers that inject
+            nothing. It then gives no information on the architecture's passivity.
     """
 
     point: OperatingPoint
@@ -95,15 +95,15 @@ class Transparency:
     idle_passivity: bool
 
     def ToRecord(self) -> dict[str, Any]:
-        """Returns where each axis is farthest from absolute stability, plain."""
+        """Returns as JSON where each axis is farthest from absolute stability."""
         least = self.llewellyn.argmin(axis=0)
         eta = self.llewellyn.min(axis=0)
         return {
             "name": self.point.name,
-            # JSON knows no infinity. Null: a port gives energy by itself.
+            # JSON has no infinity. Null: one port alone generates energy.
             "least_llewellyn": [x if np.isfinite(x) else None for x in eta.tolist()],
             "at_frequency": self.frequencies[least].tolist(),
-            # Passivity controllers are there for where this parameter is not.
+            # The model without passivity controllers cannot decide this.
             "absolutely_stable": (
                 None if self.idle_passivity else bool(eta.min() >= 1 - _ROUNDING)
             ),
@@ -114,7 +114,7 @@ class Transparency:
 _ROUNDING = 1e-6
 
 FREQUENCIES = np.geomspace(0.01, 100.0, 600)
-"""Where transparency is looked at unless said otherwise, in rad/s."""
+"""The default frequencies of an analysis of transparency, in rad/s."""
 
 
 def AnalyzeTransparency(
@@ -124,18 +124,19 @@ def AnalyzeTransparency(
     frequencies: ArrayLike = FREQUENCIES,
     linearizer: Linearizer | None = None,
 ) -> Transparency:
-    """Analyses what the operator feels at an operating point.
+    """Analyses the impedance that the operator feels at an operating point.
 
     Args:
-        scenario: A valid one, or its name or file; see ChannelConfig.AsConstantDelay
-            for its channels.
-        point: The operating point, of which the position is used, at rest.
+        scenario: A valid scenario, or its name or file. A delay that is not constant is
+            replaced by a constant one; see ChannelConfig.AsConstantDelay.
+        point: The operating point. Its position is used, with the tool at rest.
         frequencies: w in rad/s (K), > 0.
-        linearizer: Of the scenario, at its ports, if there are many points.
+        linearizer: The scenario's Linearizer at its ports, to be reused for several
+            points; None makes one.
 
     Raises:
-        ScenarioError: If a channel is no delay.
-        ValueError: As Linearizer.
+        ScenarioError: If a channel is not a delay.
+        ValueError: As in Linearizer.
     """
     scenario = AsTeleoperation(scenario)
     point = replace(
@@ -171,15 +172,15 @@ def FeltStiffness(
 
         k(w) = Re j w / Y_xx(j w),   Y = Z_to^-1
 
-    The part of the force that is in phase with the motion of the hand, while no force
-    is applied along the other axes. A hand that holds a spring k_e feels k_e. For slow
-    motions, on a layer of stiffness k_e, the stiffness is
+    It is the part of the force that is in phase with the motion of the hand, while no
+    force is applied along the other axes. A hand that holds a spring k_e feels k_e. For
+    slow motions, on a layer of stiffness k_e, the stiffness is
 
-        direct force                    k_e, and so with every other law whose slave
-                                        ends up with the force that the hand applies
-                                        and whose hand goes where the tool goes
-        wave variables                  k_e in series with 2 b / T: a line that is T
-                                        long, there and back, is a spring itself
+        direct force                    k_e; also with every other law whose slave
+                                        finally exerts the force of the hand and
+                                        whose hand follows the tool
+        wave variables                  k_e in series with 2 b / T: a transmission
+                                        line with the round trip T is a spring itself
         proportional damping            k_e in series with K
 
     At higher frequencies the delay turns the phase, so a felt stiffness is one number
@@ -188,15 +189,14 @@ def FeltStiffness(
 
         k(w) = (k_e - m w^2) cos(w T) - d w sin(w T),   about k_e cos(w T) if w is small
 
-    k(w) < 0 is felt as being pushed away from the layer while pushing into it no
-    further.
+    With k(w) < 0 the force changes as if the layer pulled the hand in.
 
     Args:
-        point: Where the tool is, taken at rest.
+        point: The operating point, with the tool at rest.
         frequencies: w in rad/s (K), > 0.
 
     Raises:
-        ValueError: As AnalyzeTransparency.
+        ValueError: As in AnalyzeTransparency().
     """
     felt = AnalyzeTransparency(scenario, point, frequencies=frequencies)
     admittance = np.linalg.inv(felt.transmitted)[:, 0, 0]
@@ -204,11 +204,11 @@ def FeltStiffness(
 
 
 def FeltStiffnessLoss(scenario: Scenario) -> float:
-    """Returns |1 - k/k_e|, k being the stiffness that is felt at 1 rad/s along x.
+    """Returns |1 - k/k_e|, where k is the stiffness felt at 1 rad/s along x.
 
-    That is at the last operating point, where the environment has k_e. 0: the
-    environment itself is felt; 1: nothing, or twice as much; more: the tool seems to
-    pull.
+    k_e is the stiffness of the environment at the last operating point. The result is 0
+    if the felt stiffness is k_e, and 1 if it is 0 or 2 k_e. Above 1 the felt stiffness
+    is negative or more than 2 k_e.
 
     Raises:
         ValueError: If there is no linear model.
