@@ -1,4 +1,4 @@
-"""Many runs: a grid of values times controllers."""
+"""Sweeps: runs of a scenario over a grid of values and controllers."""
 
 from teleop_drake.sweep.folder import TableNames, WriteTables
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan

@@ -1,4 +1,4 @@
-"""Up to which delay the loop of a sweep is stable, by its characteristic roots."""
+"""The largest stable delays of a sweep's loops, from their characteristic roots."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,23 +14,22 @@ from teleop_drake.sweep.plan import SweepPlan
 from teleop_drake.sweep.values import ALIASES
 from teleop_drake.validation import Refuse
 
-# Each takes an analysis, of about a tenth of a second.
+# Each value needs an analysis, which takes about a tenth of a second.
 _MAX_ANALYSES = 200
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Boundary:
-    """Where a loop ceases to be stable at an operating point.
+    """The delays at which a loop becomes unstable at an operating point.
 
     Attributes:
         point: Label of the loop: the name of the operating point, and whether the
-            operator holds a force there. Of an operator who does so after contact there
-            is only that loop: runs stay in it.
-        ends: Of the key that is a delay, where the loop that is stable without delay
-            ceases to be, one for each value of the other key (k), in s. 0 if it is not
-            stable without delay, NaN if there is no such point, or its loop is not
-            known.
-        note: Why the loop is not known, if it is not; see PointStability.untold.
+            operator holds a force there. If the operator holds a force after contact,
+            only that loop is listed, because runs stay in it.
+        ends: The delay in s at which the loop becomes unstable as the delay grows from
+            0, for each value of the other key (k). 0 if the loop is unstable without
+            delay; NaN if there is no such operating point, or no model of its loop.
+        note: Why there is no model of the loop, else empty; see PointStability.untold.
     """
 
     point: str
@@ -49,15 +48,19 @@ def FindBoundaries(
     """Analyses the loops of a sweep for the values of one of its keys.
 
     Args:
-        delay_key: Its key that is a delay: delay, forward_delay or return_delay.
+        plan: The sweep.
+        delay_key: The key of the sweep that is a delay: delay, forward_delay or
+            return_delay.
+        key: The other key.
+        values: The values of the other key.
         others: The values of further keys that the sweep varies.
 
     Returns:
         A boundary for each operating point.
 
     Raises:
-        ValueError: If there is no linear model, too much to analyse, gains derive from
-            the delay, or the first key is no delay.
+        ValueError: If there is no linear model, if there are too many values, if gains
+            derive from the delay, or if delay_key is not a delay.
     """
     if delay_key not in ("delay", "forward_delay", "return_delay"):
         Refuse(delay_key, "a key of the grid", "a delay of exact channels")
@@ -75,6 +78,7 @@ def FindBoundaries(
         for constant in scenario.ConstantDelays():
             if constant.note is not None:
                 raise ValueError(constant.note)
+        # The round trip is the swept delay, once or twice, and a fixed delay.
         fixed = {
             "delay": 0.0,
             "forward_delay": scenario.return_channel.delay,
@@ -86,6 +90,8 @@ def FindBoundaries(
             loop = found.force_mode or found
             if loop.untold:
                 reasons[loop.label] = loop.untold
+            # The boundary is the end of the stable interval that begins at 0, as a
+            # value of the swept delay. An interval cut off at max_delay has no end.
             stable = [end for begin, end in loop.stable_delays if begin == 0]
             end = stable[0] if stable else 0.0
             if end >= max_delay:

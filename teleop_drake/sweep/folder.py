@@ -1,17 +1,17 @@
 """The folder of a sweep, from which it can be resumed.
 
-It has
+The folder contains
 
-* `sweep.json`: what is swept, with the engine, the versions of the packages and the
-  commit, so that --resume can tell whether it is the same sweep;
-* `runs.jsonl`: one record per line, added as each run ends, and put into the order of
-  the grid when all have;
-* `runs.csv`: the scalar metrics, one row per run, written when all have ended;
+* `sweep.json`: the scenario, the grid, the engine, the versions of the packages and the
+  commit, so that --resume can check whether it is the same sweep;
+* `runs.jsonl`: one record per line, added as each run ends, and sorted into the order
+  of the grid when all runs have ended;
+* `runs.csv`: the scalar metrics, one row per run, written when all runs have ended;
 * with seeds, `statistics.csv` and `differences.csv`: medians, shares and differences
-  over the seeds, see Statistics and Differences.
+  over the seeds; see Statistics and Differences.
 
-Nothing in them depends on the time or the order in which runs were done: a sweep
-that was killed and resumed leaves the same bytes as one that was not. Therefore the
+The contents do not depend on when or in which order runs were simulated: a sweep that
+was killed and resumed leaves the same bytes as an uninterrupted one. Therefore the
 records lack the wall times that RunSummary has.
 """
 
@@ -39,16 +39,16 @@ class SweepFolder:
     """A folder with a sweep, which one process at a time may use.
 
     Attributes:
-        records: The records that the folder held at first, by the number of the run.
+        records: The records in the folder when it was opened, by the number of the run.
 
     Args:
-        path: The folder, which is made if need be.
+        path: The folder, which is made if it does not exist.
         plan: The sweep.
         resume: Whether the folder may hold the same sweep already.
         notice: Called with a line of text if a torn record is dropped.
 
     Raises:
-        SweepError: On entering it, if it cannot be used.
+        SweepError: When the context is entered, if the folder cannot be used.
     """
 
     def __init__(
@@ -65,8 +65,9 @@ class SweepFolder:
         self.records: dict[int, dict[str, Any]] = {}
 
     def __enter__(self) -> "SweepFolder":
+        """Locks the folder, checks its sweep, reads its records, opens its journal."""
         self._stack = contextlib.ExitStack()
-        with contextlib.ExitStack() as stack:  # It is kept if nothing goes wrong.
+        with contextlib.ExitStack() as stack:  # An error on the way closes everything.
             try:
                 self._path.mkdir(parents=True, exist_ok=True)
                 self._Lock(stack)
@@ -86,7 +87,7 @@ class SweepFolder:
         self._stack.close()
 
     def Append(self, record: dict[str, Any]) -> None:
-        """Adds a record. One system call, so that a kill can hardly tear it."""
+        """Adds a record by one system call, which a kill can hardly interrupt."""
         line = _JsonLine(record).encode()
         if self._journal.write(line) != len(line):
             raise OSError(None, "disk full", str(self._path / "runs.jsonl"))
@@ -108,6 +109,7 @@ class SweepFolder:
             raise SweepError(f"{self._Title()}: in use by another sweep") from None
 
     def _CheckParameters(self) -> None:
+        """Writes the parameters of a new sweep, or compares those of an old one."""
         mine = _Parameters(self._plan)
         file = self._path / "sweep.json"
         if not file.exists():
@@ -125,7 +127,7 @@ class SweepFolder:
                 "folder"
             )
         theirs = json.loads(file.read_bytes())
-        theirs.pop("commit", None)  # It may be one that changes nothing here.
+        theirs.pop("commit", None)  # Another commit need not change the results.
         different = [key for key in mine | theirs if theirs.get(key) != mine.get(key)]
         if different:
             raise SweepError(
@@ -134,7 +136,7 @@ class SweepFolder:
             )
 
     def _ReadRecords(self) -> None:
-        """Reads the records, without a last line that a kill has torn."""
+        """Reads the records, and discards an incomplete last line after a kill."""
         file = self._path / "runs.jsonl"
         text = file.read_text(encoding="utf-8") if file.exists() else ""
         whole = text[: text.rfind("\n") + 1]
@@ -152,18 +154,18 @@ class SweepFolder:
 
 @functools.cache
 def Versions() -> dict[str, str]:
-    """Returns the versions of the packages that decide what a run gives."""
+    """Returns the versions of the packages on which the results of runs depend."""
     versions = {}
     for package in ("teleop-drake", "drake", "numpy", "llvmlite"):
         try:
             versions[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:  # Or run uninstalled.
+        except importlib.metadata.PackageNotFoundError:  # It may run uninstalled.
             versions[package] = "none"
     return versions
 
 
 def _Parameters(plan: SweepPlan) -> dict[str, Any]:
-    """Returns what makes a sweep different from others, as it is read from a file."""
+    """Returns the parameters that identify a sweep, as JSON returns them."""
     parameters = {
         "scenario": plan.scenario.name,
         "overrides": plan.overrides,
@@ -178,9 +180,9 @@ def _Parameters(plan: SweepPlan) -> dict[str, Any]:
 
 
 def _Commit() -> str | None:
-    """Returns the commit of the package's sources, with "+" where they differ from it.
+    """Returns the commit of the package's sources, with "+" if they were changed since.
 
-    None if no git repository has them.
+    Returns None if the sources are in no git repository.
     """
 
     def Git(*arguments: str) -> str:
@@ -193,7 +195,7 @@ def _Commit() -> str | None:
         ).stdout.strip()
 
     try:
-        # An environment in a user's own repository is not of that repository.
+        # This fails for a package that is installed inside a user's own repository.
         Git("ls-files", "--error-unmatch", Path(__file__).name)
         return Git("describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+")
     except (OSError, subprocess.CalledProcessError):
@@ -205,7 +207,7 @@ def _JsonLine(record: Mapping[str, Any]) -> str:
 
 
 def TableNames(result: SweepResult) -> list[str]:
-    """Returns the names of the CSV files that the folder of a finished sweep has."""
+    """Returns the names of the CSV files in the folder of a finished sweep."""
     if not HasSeeds(result):
         return ["runs.csv"]
     has_pairs = any(len(result.axes.get(key, [])) > 1 for key in CONTROLLERS)
@@ -216,7 +218,9 @@ def WriteTables(result: SweepResult, folder: Path, prefix: str = "") -> list[Pat
     """Writes the tables of a sweep as CSV files; returns their paths.
 
     Args:
-        prefix: What the files' names begin with.
+        result: The sweep.
+        folder: The folder of the files.
+        prefix: The beginning of the files' names.
     """
     makers: dict[str, Callable[[SweepResult], list[dict[str, Any]]]] = {
         "runs.csv": SweepResult.Table,
@@ -231,7 +235,7 @@ def WriteTables(result: SweepResult, folder: Path, prefix: str = "") -> list[Pat
 
 
 def WriteCsv(path: Path, table: list[dict[str, Any]]) -> Path:
-    """Writes rows, all of which have the keys of the first; returns the path."""
+    """Writes rows with equal keys as a CSV file; returns its path."""
     with (
         Replacing(path) as temporary,
         open(temporary, "w", encoding="utf-8", newline="") as file,
@@ -243,5 +247,5 @@ def WriteCsv(path: Path, table: list[dict[str, Any]]) -> Path:
 
 
 def _Cell(value: Any) -> Any:
-    """Returns what the CSV has: an empty cell for None, and JSON for what is nested."""
+    """Returns a cell of a CSV file: booleans, lists and dicts are written as JSON."""
     return json.dumps(value) if isinstance(value, bool | list | dict) else value

@@ -37,11 +37,11 @@ from teleop_drake.sweep.values import (
 )
 from teleop_drake.tasks import TaskOf
 
-# A value of the grid is good if it is valid together with one of so many choices of
-# the other values.
+# A value of the grid is accepted if it is valid in combination with other values. At
+# most so many combinations are tried.
 _MAX_CHECKS = 61
 
-# So many scenarios stay in the memory after they were checked.
+# At most so many checked scenarios stay in memory.
 _MAX_LOADED = 1000
 
 
@@ -49,10 +49,11 @@ _MAX_LOADED = 1000
 class Source:
     """A scenario file that can be sent to another machine.
 
-    The files that it names, a measured trace or a robot's model, have to be there.
+    The files that it names, such as a measured trace or a robot's model, have to exist
+    on that machine.
 
     Attributes:
-        name: A built-in name, or the file's.
+        name: The name of a built-in scenario, or of the file.
         text: Contents of the file; None for a built-in scenario.
     """
 
@@ -75,17 +76,17 @@ class Source:
 
 @dataclass(kw_only=True)
 class SweepPlan:
-    """A sweep of one scenario that was checked, see PlanSweep.
+    """A checked sweep of one scenario; see PlanSweep.
 
     Attributes:
         source: The scenario.
-        overrides: For all runs, as "PATH=VALUE".
+        overrides: Overrides of all runs, as "PATH=VALUE".
         axes: Keys of the grid and their values.
-        points: Key to value for each run; the last key varies fastest.
-        scenario: The first point that is valid.
-        traces: The files that scenarios of the runs name, and a hash of each.
-        engine: As simulate() takes it.
-        loaded: Some of the scenarios that were checked, by their overrides.
+        points: A dict from key to value for each run; the last key varies fastest.
+        scenario: The scenario of the first valid point.
+        traces: The hash of each file that the scenarios of the runs name.
+        engine: The engine, as in simulate().
+        loaded: Some of the checked scenarios, by their overrides.
     """
 
     source: Source
@@ -118,13 +119,13 @@ def PlanSweep(
     overrides: GivenOverrides = (),
     engine: str = "auto",
 ) -> SweepPlan:
-    """Checks everything about a sweep that can be wrong before it runs.
+    """Makes the plan of a sweep, and checks it before anything runs.
 
     Args:
         scenario: A built-in name or a YAML file.
-        grid: Values by key, as Sweep() takes them.
-        overrides: For all runs, as LoadScenario takes them.
-        engine: As simulate() takes it.
+        grid: Values by key, as in Sweep().
+        overrides: Overrides of all runs, as in LoadScenario().
+        engine: The engine, as in simulate().
 
     Raises:
         ScenarioError: If a value of the grid is not valid with any of the others.
@@ -143,7 +144,7 @@ def PlanSweep(
     loaded: dict[tuple[str, ...], AnyScenario] = {}
 
     def Load(point: Mapping[str, Any]) -> AnyScenario:
-        """Returns the scenario of a point by the user's name, which messages have."""
+        """Returns the scenario of a point; error messages have the name given."""
         own = [*texts, *PointOverrides(point)]
         checked, replaced = LoadOverridden(scenario, own)
         CheckSteps(checked)
@@ -155,6 +156,7 @@ def PlanSweep(
             loaded[tuple(own)] = checked
         return checked
 
+    # Each value of the grid has to be valid in combination with some others.
     first = _CheckValues(Load, axes)
     if "seed" in axes and not _HasRandomNumbers(first, axes):
         raise SweepError(
@@ -176,12 +178,13 @@ def PlanSweep(
 
 
 def _ReadSource(scenario: File) -> Source:
-    """Returns the source of a scenario that LoadScenario takes."""
+    """Returns the source of a scenario, given as in LoadScenario()."""
     path = Path(scenario)
     if os.fspath(scenario) in ScenarioNames():
         return Source(name=path.name, text=None)
     tree = ParseScenario(path, ReadText(path))
-    ResolveFiles(tree, path.parent.resolve())  # The scenario file will be elsewhere.
+    # Another machine does not have the folder to which paths are relative.
+    ResolveFiles(tree, path.parent.resolve())
     return Source(name=path.name, text=DumpYaml(tree))
 
 
@@ -195,14 +198,14 @@ def _HasRandomNumbers(scenario: AnyScenario, axes: Iterable[str]) -> bool:
 
 
 class _Setting(NamedTuple):
-    """A field that the overrides or a key of the grid set."""
+    """A field that is set by the overrides or by a key of the grid."""
 
     setter: str
     path: str
 
 
 def _Settings(overrides: Sequence[str], axes: Iterable[str]) -> Iterator[_Setting]:
-    """Yields the fields that are set, in the order in which they are."""
+    """Yields the fields that are set, in the order in which they are set."""
     for text in overrides:
         path = text.partition("=")[0].strip()
         for field in DELAYS if path == "delay" else (path,):
@@ -220,8 +223,8 @@ def _CheckPaths(
     """Refuses a setting that has no effect because a later value replaces it.
 
     Args:
-        replaced: The one name that each field has for all of its names, in the order
-            of the settings; None: the name that is given.
+        replaced: The unique name of each field, in the order of the settings; None: the
+            given name.
     """
     settings = list(_Settings(overrides, axes))
     names = replaced or [setting.path for setting in settings]
@@ -239,7 +242,7 @@ def _CheckPaths(
 def _CheckValues(
     load: Callable[[Mapping[str, Any]], AnyScenario], axes: Grid
 ) -> AnyScenario:
-    """Refuses values that are not valid with any others, returns a valid scenario."""
+    """Refuses values that are valid in no combination; returns a valid scenario."""
     first: AnyScenario | None = None
     good: set[tuple[str, int]] = set()
     for key, values in axes.items():
@@ -258,7 +261,7 @@ def _FindValid(
     """Returns the indices of a valid point with value i of a key, and its scenario.
 
     Raises:
-        ScenarioError: That of the first point, if none is valid.
+        ScenarioError: The error of the first point, if no point is valid.
     """
     choices = {k: range(len(values)) for k, values in axes.items()}
     choices[key] = range(i, i + 1)

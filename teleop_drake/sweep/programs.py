@@ -1,4 +1,4 @@
-"""The programs of a sweep: runs that differ in numbers alone share one."""
+"""The programs of a sweep: runs that differ only in numbers share a program."""
 
 import threading
 from collections.abc import Callable, Mapping
@@ -13,9 +13,9 @@ from teleop_drake.sweep.values import ALIASES
 
 
 class Programs:
-    """The programs that runs of one sweep have been compiled to.
+    """The programs to which the runs of one sweep have been compiled.
 
-    Several threads may simulate with the same programs. They compile in turn.
+    Several threads may simulate with the same programs. Only one compiles at a time.
     """
 
     def __init__(self) -> None:
@@ -25,7 +25,7 @@ class Programs:
     def Simulate(
         self, load: Callable[[], AnyScenario], point: Mapping[str, Any]
     ) -> Recording:
-        """Simulates a run, by a program that is there already if one fits.
+        """Simulates a run with a program of an earlier run if one fits.
 
         Args:
             load: Returns the scenario of the run.
@@ -48,7 +48,7 @@ class Programs:
             try:
                 return program.Run(**changes)
             except ScenarioError:
-                # It needs another program, or is not valid: then load() says so.
+                # The run needs another program, or load() raises the error below.
                 pass
         scenario = load()
         try:

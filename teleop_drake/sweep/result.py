@@ -24,20 +24,20 @@ _HEADLINES = (
 
 
 class SweepError(ScenarioError):
-    """Bad input. Its text is one line: the parameter, its value and what is allowed."""
+    """Bad input; its message names the parameter, the value and what is allowed."""
 
 
 @dataclass(kw_only=True)
 class SweepResult:
-    """What came out of a sweep.
+    """The results of a sweep.
 
     Attributes:
         scenario: The first valid scenario of the grid.
         axes: Keys of the grid and their values; the last one varies fastest.
-        records: One for each run, in the order of the grid: `run` (its number),
+        records: The records of the runs, in the order of the grid: `run` (its number),
             `varied` (key to value), `status` (`completed`, `diverged` or `failed`),
-            `reason` (why, if not completed) and, unless it failed, all that RunSummary
-            returns but the wall times. The `metrics` of a run that failed are None.
+            `reason` (why it was not completed) and, unless it failed, the entries of
+            RunSummary except the wall times. The `metrics` of a failed run are None.
     """
 
     scenario: AnyScenario
@@ -50,10 +50,10 @@ class SweepResult:
         return tuple(len(values) for values in self.axes.values())
 
     def Values(self, metric: str) -> np.ndarray:
-        """Returns a metric, one element for each run, NaN where a run has none.
+        """Returns a metric of each run, NaN for a run without a value.
 
         Args:
-            metric: One of MetricUnits(scenario), for example "collision.peak_force".
+            metric: A name in MetricUnits(scenario), such as "collision.peak_force".
 
         Returns:
             Array of the shape of the grid.
@@ -68,7 +68,7 @@ class SweepResult:
         ).reshape(self.shape)
 
     def Metrics(self) -> list[str]:
-        """Returns the metrics that most people look at, and that any run has."""
+        """Returns those of the most used metrics that at least one run has."""
         names = SelectMetrics(self.scenario)
         return [name for name in names if np.isfinite(self.Values(name)).any()]
 
@@ -79,10 +79,10 @@ class SweepResult:
         )
 
     def Table(self) -> list[dict[str, Any]]:
-        """Returns the rows of runs.csv: all of them have the same keys.
+        """Returns the rows of runs.csv, which `pandas.DataFrame` accepts.
 
-        They are run, the keys of the grid, status, reason and the metrics, None where
-        a run has none. `pandas.DataFrame` takes them as they are.
+        Each row has the same keys: run, the keys of the grid, status, reason and the
+        metrics. A metric is None for a run without a value.
         """
         rows = []
         for record in self.records:
@@ -102,14 +102,14 @@ class SweepResult:
 def SelectMetrics(
     scenario: AnyScenario, names: Sequence[str] | None = None
 ) -> list[str]:
-    """Returns the scalar metrics that names stand for.
+    """Returns the scalar metrics that match some names.
 
     Args:
         names: Scalar metrics, or groups such as "collision" or "velocity_rms_error".
-            None selects those that most people look at.
+            None selects the most used metrics.
 
     Raises:
-        SweepError: If a name stands for none.
+        SweepError: If a name matches no metric.
     """
     known = MetricUnits(scenario)
     if names is None:

@@ -1,4 +1,4 @@
-"""Sweeps: a scenario over a grid of its fields, on many processors, and resumable."""
+"""Sweeps: resumable runs of a scenario over a grid, on several processors."""
 
 import contextlib
 import json
@@ -32,15 +32,15 @@ from teleop_drake.tasks.metrics import RunSummary
 Record = dict[str, Any]
 """The record of a run; see SweepResult."""
 
-# Compiled runs that would take no longer than this, in s, than worker processes take to
-# start and import, are done without.
+# The time in s that worker processes take to start and import. Compiled runs that take
+# no longer than this are simulated without workers.
 _START_OF_WORKERS = 6.0
 
-# This process simulates so many runs itself at most, because of what Drake leaks.
+# This process itself simulates at most so many runs, because Drake leaks memory.
 _MAX_RUNS_HERE = 100
 
-# An executor may be far away: a call of it has at most so many compiled runs, fewer if
-# there would not be so many calls.
+# Calls of an executor on another machine are slow, so that a call has several compiled
+# runs: at most _RUNS_PER_CALL, and fewer if there were less than _MIN_CALLS calls.
 _RUNS_PER_CALL = 20
 _MIN_CALLS = 16
 
@@ -62,25 +62,25 @@ def Sweep(
 
         Sweep("one_dof", {"controller": CONTROLLERS, "delay": np.linspace(0, 0.4, 9)})
 
-    A run that fails is a record with its reason, and so is a combination of values
-    that is not valid; the sweep goes on. A run whose process dies is tried once more.
-    Records do not depend on where, or in which order, the runs are simulated.
+    A run that fails, or a combination of values that is not valid, gets a record with
+    the reason, and the sweep continues. A run whose process dies is repeated once. The
+    records do not depend on where, or in which order, the runs are simulated.
 
     In a script, call this under `if __name__ == "__main__":`, because Python imports
-    the script in each worker process. A notebook need not.
+    the script in each worker process. A notebook does not need this.
 
     Args:
         scenario: A built-in name or a YAML file.
-        grid: Values by key. A key is the dotted path of a field as LoadScenario takes
-            it, or one of ALIASES. The last key varies fastest.
-        overrides: For all runs, as LoadScenario takes them.
-        engine: As simulate() takes it; `auto` runs what can be compiled as machine
-            code, and notes why other scenarios cannot.
-        executor: Where to simulate, as RunSweep() takes it, and so are all others.
+        grid: Values by key. A key is the dotted path of a field as in LoadScenario(),
+            or one of ALIASES. The last key varies fastest.
+        overrides: Overrides of all runs, as in LoadScenario().
+        engine: The engine, as in simulate(). `auto` runs a scenario as machine code if
+            it can be compiled; otherwise `notice` gets the reason.
+        executor: Where to simulate. RunSweep() describes this and the other arguments.
         jobs: Number of worker processes.
         out: Folder to write to.
-        resume: Whether to go on with the sweep in `out`.
-        progress: Called with the numbers of finished runs and of all.
+        resume: Whether to continue the sweep in `out`.
+        progress: Called with the number of finished runs and the number of all runs.
         notice: Called with a line of text.
 
     Returns:
@@ -118,17 +118,16 @@ def RunSweep(
     Args:
         executor: Where to simulate: any Executor whose workers can import this package
             in the same version, for example `Client(...).get_executor(pure=False)` of
-            Dask. It stays open. None: on this machine.
-        jobs: Number of worker processes, >= 1; None: as many as there are processors,
-            and none for compiled runs that would be done before these have started.
+            Dask. RunSweep() does not shut it down. None: on this machine.
+        jobs: Number of worker processes, >= 1. None: one for each processor, and none
+            for compiled runs that would end before the processes have started.
         out: Folder to write to; None writes nothing.
-        resume: Whether to go on with the sweep in `out`, if there is one. To have a
-            run done again, delete its line in runs.jsonl.
-        progress: Called with the number of runs that are finished and the number of
-            all, at the start and after each.
-        notice: Called with a line of text if runs cannot be machine code, or if runs in
-            `out` have to be done again because their lines were changed; None:
-            warnings.warn.
+        resume: Whether to continue the sweep in `out`, if there is one. To repeat a
+            run, delete its line in runs.jsonl.
+        progress: Called with the number of finished runs and the number of all runs, at
+            the start and after each run.
+        notice: Called with a line of text if runs cannot be compiled, or if a run in
+            `out` has to be repeated; None: warnings.warn.
 
     Raises:
         SweepError: If jobs or the folder cannot be used, or a worker has other versions
@@ -150,6 +149,7 @@ def RunSweep(
             records |= stack.enter_context(folder).records
         if progress is not None:
             progress(len(records), num_runs)
+        # Each record is written as soon as its run has ended.
         missing = deque(run for run in range(num_runs) if run not in records)
         new = _SimulateRuns(plan, missing, executor, jobs, notice)
         for record in stack.enter_context(contextlib.closing(new)):
@@ -178,16 +178,18 @@ def RunSweeps(
     progress: Progress | None = None,
     notice: Notice | None = None,
 ) -> dict[str, SweepResult]:
-    """Simulates the runs of several plans, those of a study for example.
+    """Simulates the runs of several plans, for example the plans of a study.
+
+    RunSweep() describes the arguments that are not explained here, and the errors.
 
     Args:
-        plans: By their names, which their folders in `out` have. For the rest, and for
-            what is raised, see RunSweep().
+        plans: The plans by name. Each has a folder of its name in `out`.
         executor: Where to simulate.
         jobs: Number of worker processes.
         out: Folder to write to.
-        resume: Whether to go on with the sweeps in `out`.
-        progress: Called with the numbers of finished runs and of all, of all plans.
+        resume: Whether to continue the sweeps in `out`.
+        progress: Called with the number of finished runs and the number of all runs,
+            both counted over all plans.
         notice: Called with a line of text.
 
     Returns:
@@ -222,7 +224,7 @@ def _SimulateRuns(
     jobs: int | None,
     notice: Notice,
 ) -> Generator[Record, None, None]:
-    """Simulates runs of a plan and yields each record as it comes."""
+    """Simulates runs of a plan and yields each record when it is complete."""
     if not runs:
         return
     is_compiled = False
@@ -235,14 +237,14 @@ def _SimulateRuns(
         yield from _SimulateHere(plan, runs)
     if not runs:
         return
-    # The runs of a call share their programs.
+    # The compiled runs of a call share their programs.
     size = 1
     if is_compiled:
         size = max(min(_RUNS_PER_CALL, len(runs) // _MIN_CALLS), 1)
     if executor is not None:
         yield from _SimulateOn(executor, plan, list(runs), size)
         return
-    # A sweep that is left early leaves no process behind.
+    # No process remains if the caller stops before the sweep has ended.
     workers = Workers(min(len(runs), jobs or os.cpu_count() or 1), __name__)
     try:
         yield from _SimulateOn(workers, plan, list(runs), size)
@@ -253,12 +255,12 @@ def _SimulateRuns(
 
 
 def _SimulateHere(plan: SweepPlan, runs: deque[int]) -> Generator[Record, None, None]:
-    """Simulates runs in this process, and removes them, until workers would pay."""
+    """Simulates runs in this process until workers are faster; removes those done."""
     programs = Programs()
     num_done = 0
     total_time = 0.0
     while runs and num_done < _MAX_RUNS_HERE:
-        # The first run may compile: its time is not that of others.
+        # The first run may include compilation, so its time is not counted.
         if total_time * len(runs) > _START_OF_WORKERS * (num_done - 1) > 0:
             return
         point = plan.points[runs[0]]
@@ -275,8 +277,8 @@ def _SimulateOn(
 ) -> Generator[Record, None, None]:
     """Simulates runs by calls of an executor, each of several runs.
 
-    The runs of a call that is lost, with a worker for example, are done again, each
-    by a call of its own. Only a run that is lost again fails.
+    If a call is lost, for example with its worker, each of its runs is repeated by a
+    call of its own. Only a run that is lost again fails.
     """
     # The notice has told once why runs are not machine code.
     engine = "drake" if plan.engine == "drake" else "auto"
@@ -341,12 +343,12 @@ def _SimulateCall(
     """Simulates runs in a worker, and returns their outcomes.
 
     Args:
-        runs: The overrides of each.
-        points: The values that each has in the sweep, by the keys of the grid.
-        versions: Those of the packages where the sweep was started.
+        runs: The overrides of each run.
+        points: The values of each run in the sweep, by the keys of the grid.
+        versions: The versions of the packages where the sweep was started.
 
     Raises:
-        SweepError: If the versions here differ.
+        SweepError: If the worker has other versions.
     """
     if Versions() != versions:
         raise SweepError(

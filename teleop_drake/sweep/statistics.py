@@ -1,8 +1,8 @@
 """Statistics over the seeds of a sweep: medians, shares, and differences in pairs.
 
-A run over a network is one draw of its delays and losses. `seed` is the key of a grid
-that draws them anew, and runs with the same seed meet the same network. So controllers
-are compared seed by seed.
+A run over a network is one random draw of its delays and losses. The key `seed` of a
+grid selects the draw, so runs with the same seed have the same delays and losses.
+Controllers are therefore compared seed by seed.
 
 Intervals are for 95 % confidence: of a median by the bootstrap (percentiles of
 `scipy.stats.bootstrap`), of a share by Wilson's method (`scipy.stats.binomtest`).
@@ -19,7 +19,7 @@ from teleop_drake.sweep.result import SweepError, SweepResult
 from teleop_drake.tasks.metrics import MetricUnits
 
 SEED = "seed"
-"""The key of a grid over which statistics are taken."""
+"""The key of a grid over whose values statistics are computed."""
 
 LEVEL = 0.95
 """Confidence of every interval."""
@@ -36,7 +36,7 @@ def HasSeeds(result: SweepResult) -> bool:
 
 
 def VariesSeedsOnly(result: SweepResult) -> bool:
-    """Returns whether a sweep varies the seed, and beside it at most the controller."""
+    """Returns whether a sweep varies only the seed, or the seed and the controller."""
     varied = {key for key, values in result.axes.items() if len(values) > 1}
     return HasSeeds(result) and varied <= {SEED, *CONTROLLERS}
 
@@ -70,15 +70,20 @@ def ShareInterval(count: int, total: int) -> tuple[float, float]:
 def Statistics(result: SweepResult) -> list[dict[str, Any]]:
     """Returns the rows of statistics.csv: for each point of the grid, over its seeds.
 
-    A row has the keys of the grid without `seed`, `metric`, `statistic` and `unit`;
-    `runs`, the number of runs; `count`, of those that have a value; `value`, and its
-    interval `low` to `high`. The statistic of a metric is the `median`, over the runs
-    that were not ended early, which also has `p5` and `p95`, the 5 % and 95 %
-    quantiles of the runs. `diverged`, and `collision.settles` where a run can settle,
-    are the `share` of all runs. None is where there is no such number.
+    A row has these columns:
+
+    * the keys of the grid without `seed`;
+    * `metric`, `statistic` and `unit`;
+    * `runs`, the number of runs, and `count`, the number of runs with a value;
+    * `value`, and its confidence interval from `low` to `high`;
+    * `p5` and `p95`, the 5 % and 95 % quantiles of the runs, for a median only.
+
+    The statistic of a metric is the `median` over the runs that did not end early. The
+    statistic of `diverged`, and of `collision.settles` where a run can settle, is the
+    `share` of all runs. A missing number is None.
 
     Raises:
-        SweepError: If it has no seeds.
+        SweepError: If the sweep has no seeds.
     """
     rows = []
     points = list(_Points(result))
@@ -108,15 +113,16 @@ def Statistics(result: SweepResult) -> list[dict[str, Any]]:
 def Differences(result: SweepResult) -> list[dict[str, Any]]:
     """Returns the rows of differences.csv: each controller against the first one.
 
-    A row is like one of Statistics; its `value` is the median over the seeds of what
-    the metric is more for `controller` than for `baseline`, with the same seed. Runs
-    of which one has no value make no pair: `count` says how many pairs there are.
+    A row has the columns of Statistics(). Its `value` is the median over the seeds of
+    the difference between the metric with `controller` and the metric with `baseline`,
+    both with the same seed. `count` is the number of pairs in which both runs have a
+    value.
 
     Args:
-        result: A sweep with the key `seed`; with one controller there are no rows.
+        result: A sweep with the key `seed`. With one controller there are no rows.
 
     Raises:
-        SweepError: If it has no seeds.
+        SweepError: If the sweep has no seeds.
     """
     key = next((k for k in CONTROLLERS if len(result.axes.get(k, [])) > 1), None)
     points = list(_Points(result))
@@ -142,11 +148,13 @@ def Differences(result: SweepResult) -> list[dict[str, Any]]:
 
 
 def Bands(values: np.ndarray, estimate: Callable[[np.ndarray], Any]) -> np.ndarray:
-    """Returns a statistic of the finite numbers along the last axis, NaN of none.
+    """Returns a statistic of the finite numbers along the last axis.
+
+    The result is NaN where there are no finite numbers.
 
     Args:
         values: Array (..., seeds).
-        estimate: Takes a vector of finite numbers and returns a number.
+        estimate: A function that takes a vector of finite numbers and returns a number.
     """
     flat = values.reshape(-1, values.shape[-1])
     results = [
@@ -157,7 +165,7 @@ def Bands(values: np.ndarray, estimate: Callable[[np.ndarray], Any]) -> np.ndarr
 
 
 def _Points(result: SweepResult) -> Iterator[tuple[dict[str, Any], tuple[Any, ...]]]:
-    """Yields each point of the grid without its seed, and the index of its runs."""
+    """Yields each point of the grid without its seed, and the indices of its runs."""
     if SEED not in result.axes:
         raise SweepError("result: must be of a grid with the key seed")
     keys = [key for key in result.axes if key != SEED]
@@ -174,7 +182,7 @@ def _Others(point: dict[str, Any], key: str) -> str:
 
 
 def _Medians(result: SweepResult) -> dict[str, tuple[str, np.ndarray]]:
-    """Returns unit and values of each metric; NaN where a run was ended early."""
+    """Returns the unit and the values of each metric; NaN if a run ended early."""
     is_complete = result.Status() == "completed"
     return {
         metric: (unit, np.where(is_complete, result.Values(metric), math.nan))
@@ -184,7 +192,7 @@ def _Medians(result: SweepResult) -> dict[str, tuple[str, np.ndarray]]:
 
 
 def _Shares(result: SweepResult) -> dict[str, np.ndarray]:
-    """Returns for each event whether it takes place in a run."""
+    """Returns for each event whether it happens in each run."""
     status = result.Status()
     shares = {"diverged": status == "diverged"}
     if "collision.settling_time" in MetricUnits(result.scenario):

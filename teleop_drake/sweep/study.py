@@ -1,4 +1,4 @@
-"""A study: sweeps of several scenarios, described by a file.
+"""Studies: sweeps of several scenarios, described by a file.
 
     scenarios: [two_dof_collision, mine.yaml]
     controllers: [direct_force, adaptive_backstepping, my_module:MyLaw]
@@ -9,10 +9,10 @@
     overrides: {duration: 8}
     engine: auto
 
-Every key but `scenarios` may be left out. In the place of a mapping, `overrides` may be
-the name of a YAML file with one, such as the gains.yaml of a search. Instead of a list,
-`scenarios` may be a mapping from a name to each sweep, which adds to the settings that
-all sweeps share, or replaces them:
+Every key but `scenarios` may be left out. `overrides` is a mapping, or the name of a
+YAML file that contains a mapping, such as the gains.yaml of a search. `scenarios` is a
+list, or a mapping from the name of each sweep to its settings. These settings extend or
+replace the settings that all sweeps share:
 
     scenarios:
       slow: {scenario: one_dof, overrides: {duration: 30}, seeds: 5}
@@ -39,11 +39,11 @@ _STUDIES = Path(__file__).parents[1] / "studies"
 
 @dataclass(kw_only=True, frozen=True)
 class Study:
-    """A study that was checked.
+    """A checked study.
 
     Attributes:
-        plans: The sweep of each scenario, by the name of its file.
-        metrics: What to draw, as SelectMetrics takes them; None: a few.
+        plans: The plan of each sweep, by the sweep's name.
+        metrics: The metrics to draw, as in SelectMetrics(); None: a few.
     """
 
     plans: dict[str, SweepPlan]
@@ -56,7 +56,7 @@ def StudyNames() -> list[str]:
 
 
 def IsStudy(name: str) -> bool:
-    """Returns whether a name is that of a study, or of a file with one."""
+    """Returns whether a name is the name of a study, or of a file with a study."""
     if name in StudyNames():
         return True
     path = Path(name)
@@ -64,7 +64,7 @@ def IsStudy(name: str) -> bool:
 
 
 def LoadStudy(file: File) -> Study:
-    """Reads a study and checks everything that can be wrong before it runs.
+    """Reads a study, and checks it before anything runs.
 
     Args:
         file: A built-in name, or a YAML file. Paths of scenarios are relative to it.
@@ -92,7 +92,7 @@ def _Read(path: Path) -> dict[Any, Any]:
 
 
 def _NamedSweeps(sweeps: Any) -> Mapping[Any, Any]:
-    """Returns the sweeps by name; those of a list have the names of their files."""
+    """Returns the sweeps by name; in a list, a sweep has the name of its file."""
     if IsListOfText(sweeps):
         named = {Path(name).stem: {"scenario": name} for name in sweeps}
         if len(named) < len(sweeps):

@@ -1,4 +1,4 @@
-"""The values of a grid: how they are written, checked and set in a scenario."""
+"""The values of a grid: their notation, their checks, and their overrides."""
 
 import json
 import math
@@ -28,13 +28,13 @@ File = str | os.PathLike[str]
 """The name of a file or a folder."""
 
 Progress = Callable[[int, int], None]
-"""Called with the number of finished runs and the number of all."""
+"""A function that is called with the numbers of finished runs and of all runs."""
 
 Notice = Callable[[str], object]
-"""Called with a line of text for the user."""
+"""A function that is called with a line of text for the user."""
 
 MAX_RUNS = 100_000
-"""Most runs of a sweep, so that a typing error cannot exhaust the memory."""
+"""Largest number of runs in a sweep. A typing error thus cannot exhaust the memory."""
 
 ALIASES = {
     "channel": ("forward_channel", "return_channel"),
@@ -54,12 +54,11 @@ def MakeGrid(
 
     Args:
         controllers: A list of kinds, `all`, or None.
-        varied: Paths, and their values as a list or as ParseValues() takes them.
+        varied: Paths with their values, as a list or as a text for ParseValues().
         seeds: Number of seeds; None: the seed is not varied.
 
     Raises:
-        ScenarioError: Naming the argument that is not allowed, or the path that is
-            varied twice.
+        ScenarioError: If an argument is not allowed, or a path is varied twice.
         SweepError: If the text of a path has no values.
     """
     grid: Grid = {}
@@ -82,7 +81,7 @@ def MakeGrid(
 
 
 def _ReadValues(title: str, values: object) -> list[Any]:
-    """Returns the values of a list, or of a text that ParseValues() takes."""
+    """Returns the values of a list, or of a text for ParseValues()."""
     if isinstance(values, str):
         try:
             return ParseValues(values)
@@ -101,15 +100,16 @@ def IsListOfText(value: object) -> TypeGuard[list[str]]:
 
 
 def ParseValues(text: str) -> list[Any]:
-    """Returns the values that START:STOP:COUNT or A,B,... stand for.
+    """Returns the values that START:STOP:COUNT or A,B,... stands for.
 
-    A range has both ends; its values are rounded to 12 digits. A list has YAML values.
+    A range includes both ends; its values are rounded to 12 digits. The values of a
+    list are written in YAML.
 
     Args:
         text: For example "0:0.4:41", "0.1", "auto,4.3" or "[0.1, 0],[0.2, 0]".
 
     Raises:
-        SweepError: If it is neither.
+        SweepError: If the text is neither.
     """
     is_kind = re.fullmatch(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", text)  # module:Class
     if ":" in text and not is_kind and not set(text) & set(",[]{}\"'"):
@@ -140,10 +140,11 @@ def _ParseRange(text: str) -> list[float]:
 
 
 def CheckAxis(key: str, values: Iterable[Any]) -> list[Any]:
-    """Returns the values of a key as JSON has them: without numpy, and all different.
+    """Returns the values of a key as plain JSON values, without numpy types.
 
     Raises:
-        SweepError: If they are none, cannot be written as JSON, or two are equal.
+        SweepError: If there are no values, if a value cannot be written as JSON, or if
+            two values are equal.
     """
     if isinstance(values, str):
         raise SweepError(f"grid.{key} = {values!r}: must be a list of values")
@@ -166,7 +167,7 @@ def CheckAxis(key: str, values: Iterable[Any]) -> list[Any]:
 
 
 def PointOverrides(point: Mapping[str, Any]) -> list[str]:
-    """Returns the overrides, as PATH=VALUE, that make a point of the grid."""
+    """Returns the overrides, as PATH=VALUE, that set a point of the grid."""
     overrides = []
     for key, value in point.items():
         text = _YamlOf(value)
@@ -175,7 +176,7 @@ def PointOverrides(point: Mapping[str, Any]) -> list[str]:
 
 
 def OverridesOf(overrides: GivenOverrides) -> list[str]:
-    """Returns overrides, in any form that LoadScenario() takes, as PATH=VALUE."""
+    """Returns overrides as PATH=VALUE, from any form that LoadScenario() accepts."""
     if isinstance(overrides, str):
         return [overrides]
     if isinstance(overrides, Mapping):
@@ -184,10 +185,10 @@ def OverridesOf(overrides: GivenOverrides) -> list[str]:
 
 
 def _ToPlain(value: Any, *, allow_nan: bool = True) -> Any:
-    """Returns a value without numpy, as JSON gives it back.
+    """Returns a value as JSON returns it, without numpy types.
 
     Raises:
-        ValueError: If JSON has no such value.
+        ValueError: If the value cannot be written as JSON.
     """
     try:
         text = json.dumps(value, default=lambda x: x.tolist(), allow_nan=allow_nan)

@@ -1,4 +1,4 @@
-"""Worker processes of this machine, as an executor that survives their death."""
+"""Worker processes on this machine, as an executor that replaces dead processes."""
 
 import multiprocessing
 import os
@@ -12,8 +12,8 @@ from multiprocessing.connection import Connection
 from multiprocessing.context import BaseContext
 from typing import Any
 
-# After so many calls each, processes are replaced. In Drake before 1.56 a simulation
-# leaks two megabytes: a Diagram with a LeafSystem written in Python is never freed.
+# A process is replaced after so many calls. In Drake before 1.56 a simulation leaks two
+# megabytes: a Diagram with a LeafSystem written in Python is never freed.
 _CALLS_PER_PROCESS = 100
 
 _NO_START = (
@@ -23,14 +23,15 @@ _NO_START = (
 
 
 class Workers(Executor):
-    """A pool of processes, of which a thread of this process serves each.
+    """A pool of processes, each of which is served by a thread of this process.
 
-    The death of a process costs its own call only, whose future raises a
-    ChildProcessError. If a process cannot start, the future raises a BrokenExecutor.
+    If a process dies, only the future of its present call raises a ChildProcessError.
+    If a process cannot start, the future raises a BrokenExecutor.
 
-    On Linux processes are forks of a server that has imported what calls need, and
-    stays as long as this process: this one may have threads, which a fork would not
-    survive. macOS forbids much after a fork.
+    On Linux the processes are forks of a server, which has imported the modules that
+    calls need and lives as long as this process. They are not forks of this process,
+    because its threads would not survive a fork. On macOS each process is started
+    anew, because much is forbidden after a fork.
 
     Args:
         jobs: Number of processes.
@@ -62,7 +63,7 @@ class Workers(Executor):
             self._End(worker)
 
     def _Do(self, call: Callable[[], Any]) -> Any:
-        """Does a call in a process that is idle, or in a new one."""
+        """Executes a call in an idle process, or in a new one."""
         try:
             worker = self._idle.get_nowait()
         except queue.Empty:
@@ -81,12 +82,12 @@ class Workers(Executor):
 
     def _End(self, worker: "_Worker") -> None:
         self._workers.discard(worker)
-        worker.connection.close()  # Its process ends with that.
+        worker.connection.close()  # The process ends when its connection is closed.
         worker.process.join()
 
 
 class _Worker:
-    """A process, and the connection over which it gets its calls."""
+    """A process, and the connection over which it receives its calls."""
 
     def __init__(self, context: BaseContext):
         self.connection, other_end = context.Pipe()
@@ -123,9 +124,10 @@ class _Worker:
 
 
 def _Serve(connection: Connection, environment: Mapping[str, str]) -> None:
-    """Does the calls that come over a connection, until its other end is closed.
+    """Executes the calls from a connection until its other end is closed.
 
-    Ctrl-C is left to the parent, whose environment the process takes over.
+    The process takes over the parent's environment, and ignores Ctrl-C, which the
+    parent handles.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.clear()
@@ -137,7 +139,7 @@ def _Serve(connection: Connection, environment: Mapping[str, str]) -> None:
             result = error = None
             try:
                 result = call()
-            except BaseException as raised:  # It is the caller's to handle.
+            except BaseException as raised:  # The caller handles it.
                 error = raised
             connection.send((result, error))
     except (EOFError, OSError):

@@ -423,7 +423,8 @@ def Depth(surface: Surface, position: Array) -> Array:
     Args:
         position: The position of the tool in pieces, m (p, 5, n).
     """
-    # A layer may begin at infinity along an axis, and infinity times 0 is no number.
+    # Axes across the normal are left out: a layer may begin at infinity, and infinity
+    # times 0 is nan.
     is_along = surface.normal_W != 0
     begin = surface.point_W[is_along] @ surface.normal_W[is_along]
     return position @ surface.normal_W - begin

@@ -1,20 +1,19 @@
-"""Gains by search, each generation of which is a sweep.
+"""The search for gains, in which each generation of gains is a sweep.
 
-Gains are tried together on all training runs: every run of a study, several scenarios,
-delays, values and seeds. For each metric that is minimised, a set of gains has a score,
+Each set of gains is tried in all training runs: every run of a study, with its
+scenarios, delays, values and seeds. A set of gains has a score for each metric that is
+minimised. The score is the mean, over all runs, of the metric divided by its mean over
+the runs of the same scenario with the reference gains. The reference gains are the
+scenario's own or, if these are not accepted, the first accepted gains.
 
-    the mean over all runs of (metric)/(mean over the scenario's runs of it, with the
-    reference gains),
+With weights, the goal is the weighted sum of the scores. Without weights, the search
+looks for a Pareto front by several goals in turn: first the largest score, then for
+each metric the largest score when its own is multiplied by five.
 
-and the reference gains are the scenario's own, or, if these are not accepted, the first
-that are. With weights, the goal is the weighted sum of the scores. Without, several
-goals in turn look for a Pareto front: the largest score, and then the largest with one
-score weighing five times as much as the others.
-
-Gains are accepted if every run with them goes on to its end and has a value of each
-metric. A time that a run does not have, because it never settles for example, counts as
-the run's duration. With a margin, every loop of every training run also has to stay
-stable, by analysis, if the round trip becomes that much longer.
+Gains are accepted if every run reaches its end and has a value of each metric. A time
+that a run does not have, for example because it never settles, counts as the run's
+duration. With a margin, every loop of every training run also has to remain stable, by
+analysis, if the round trip becomes longer by the margin.
 
 The search is differential evolution from a Sobol' sequence (scipy), on logarithmic
 ranges where these are positive. Gains are rounded to four digits.

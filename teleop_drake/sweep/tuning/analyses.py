@@ -1,4 +1,4 @@
-"""What analyses of a scenario add to its runs: stiffness that is felt, and margins."""
+"""Results that analyses of a scenario add to its runs: felt stiffness and margins."""
 
 from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
@@ -10,7 +10,7 @@ from teleop_drake.sweep.plan import SweepPlan
 from teleop_drake.tasks import TaskOf
 
 STIFFNESS_LOSS = "felt_stiffness_loss"
-"""The metric that FeltStiffnessLoss() returns of a scenario."""
+"""The name of the metric that FeltStiffnessLoss() computes."""
 
 
 class Analysis(NamedTuple):
@@ -18,7 +18,7 @@ class Analysis(NamedTuple):
 
     Attributes:
         stiffness_loss: See FeltStiffnessLoss; 0 if it is not one of the metrics.
-        reason: Why a delay margin is too small; empty: none is.
+        reason: Why a delay margin is too small; empty: no margin is too small.
     """
 
     stiffness_loss: float
@@ -35,7 +35,7 @@ def LoadChecked(sweep: SweepPlan, point: Mapping[str, Any]) -> AnyScenario:
 def Analyze(
     scenario: AnyScenario, metrics: Collection[str], margin: float | None
 ) -> Analysis:
-    """Analyses a scenario, as far as metrics or a delay margin need it.
+    """Performs those analyses of a scenario that metrics or a delay margin need.
 
     Args:
         margin: Least delay margin of the round trip, in s; None: it is not checked.

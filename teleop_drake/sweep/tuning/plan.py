@@ -23,23 +23,23 @@ Gains = dict[str, float]
 
 _MAX_GAINS = 6
 
-# A range that is not given: a tenth to ten times the scenario's own value.
+# The default range is a tenth to ten times the scenario's own value.
 _DECADE = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class TuningPlan:
-    """A search that was checked, see PlanTuning.
+    """A checked search for gains; see PlanTuning.
 
     Attributes:
-        training: Sweep of each scenario, the controller being one of its overrides.
-        held_out: Sweeps of the runs that the search does not see.
-        ranges: Lower and upper bound of each gain by its path.
-        weights: Weights of the metrics that are minimised, by their names; None for
-            each: a Pareto front is looked for.
+        training: The sweep of each scenario, with the controller among its overrides.
+        held_out: The sweeps of the runs that the search does not use.
+        ranges: The lower and upper bound of each gain, by its path.
+        weights: The weights of the minimised metrics, by their names. If all are None,
+            the search looks for a Pareto front.
         margin: Least delay margin of the round trip, in s; None: it is not checked.
-        evaluations: How many sets of gains are tried, the scenario's own apart.
-        seed: Of the search.
+        evaluations: Number of sets of gains to try, besides the scenario's own.
+        seed: The seed of the search.
     """
 
     training: dict[str, SweepPlan]
@@ -61,7 +61,7 @@ class TuningPlan:
         return None not in self.weights.values()
 
     def Gains(self, place: Array) -> Gains:
-        """Returns the gains at a place in the ranges, which are 0 to 1 wide there."""
+        """Returns the gains at a place, which is 0 to 1 along each range."""
         gains = {}
         for (path, (low, high)), share in zip(self.ranges.items(), place, strict=True):
             if low > 0:
@@ -83,20 +83,20 @@ def PlanTuning(
     evaluations: int = 64,
     seed: int = 0,
 ) -> TuningPlan:
-    """Checks everything about a search that can be wrong before it runs.
+    """Makes the plan of a search for gains, and checks it before anything runs.
 
     Args:
         training: The runs with which gains are tried.
         controller: Kind of the controller.
-        gains: One to six, NAME or NAME=LOW:HIGH. A name is the path of a field of the
-            scenario, or of one of the controller's, `impedance` for
-            `controller.wave_variables.impedance`. A range that is not given is a tenth
-            to ten times the value of the first training scenario.
-        minimize: METRIC or METRIC:WEIGHT.
-        held_out: Runs that the search does not see; None: there are none.
-        margin: Least delay margin of the round trip, in s.
-        evaluations: How many sets of gains are tried, the scenario's own apart.
-        seed: Of the search: with the same one, the same gains are found.
+        gains: One to six gains, as NAME or NAME=LOW:HIGH. A name is the path of a field
+            of the scenario or of its controller: `impedance` stands for
+            `controller.wave_variables.impedance`. The default range is a tenth to ten
+            times the value in the first training scenario.
+        minimize: The metrics to minimise, as METRIC or METRIC:WEIGHT.
+        held_out: Runs that the search does not use; None: there are none.
+        margin: Least delay margin of the round trip, in s; None: it is not checked.
+        evaluations: Number of sets of gains to try, besides the scenario's own.
+        seed: The seed of the search. Equal seeds give equal gains.
 
     Raises:
         ScenarioError: If something is not allowed.
@@ -128,7 +128,7 @@ def PlanTuning(
                 Refuse(f"gains.{path}", bounds, "a field that no run varies")
             for bound in bounds:
                 LoadChecked(sweep, {**sweep.points[0], path: bound})
-        # This refuses a scenario without a linear model, if one is needed.
+        # This call refuses a scenario without a linear model, if one is needed.
         Analyze(sweep.scenario, plan.weights, margin)
     return plan
 
@@ -187,7 +187,7 @@ def _ParseRange(name: str, text: str) -> tuple[float, float]:
 
 
 def _ScalarOf(value: object) -> float | None:
-    """Returns a number, or x of a matrix x I; None of anything else."""
+    """Returns a number, or x if the value is a matrix x I; None for other values."""
     matrix = np.atleast_2d(np.asarray(math.nan if value is None else value))
     x = matrix.flat[0]
     if matrix.dtype.kind in "if" and np.array_equal(matrix, x * np.eye(len(matrix))):

@@ -22,12 +22,12 @@ class TuningResult:
         plan: The search.
         own: The scenario's own gains.
         reference: The reference gains.
-        best: The member of the front with the smallest goal: the weighted sum, or
-            without weights the largest score.
-        front: The accepted gains that no others dominate, ascending in the first
+        best: The member of the front with the smallest goal, which is the weighted sum
+            of the scores or, without weights, the largest score.
+        front: The accepted gains that no other gains dominate, ascending in the first
             metric; with weights only the best.
         held_out: The held-out runs of the scenario's own gains and of the front.
-        tried: All that was tried in the training runs.
+        tried: All sets of gains that were tried in the training runs.
     """
 
     plan: TuningPlan
@@ -45,8 +45,8 @@ class TuningResult:
     def Table(self) -> list[dict[str, Any]]:
         """Returns the rows of tuning.csv: one for each set of gains and scenario.
 
-        `bounded` is the number of runs that go on to their end and have every metric;
-        the mean and the largest value over these follow for each metric.
+        `bounded` is the number of runs that reach their end and have every metric. The
+        mean and the largest value over these runs follow for each metric.
         """
         rows = []
         for i, trial in enumerate([self.own, *self.front]):
@@ -76,10 +76,10 @@ class TuningResult:
         return rows
 
     def Write(self, folder: Path) -> list[Path]:
-        """Writes the gains and the table; returns the files.
+        """Writes the gains and the table; returns the paths of the files.
 
-        `gains.yaml` has the best ones, `front-N.yaml` those of a front: mappings of
-        paths to values, which --set and the `overrides` of a study take.
+        `gains.yaml` contains the best gains and `front-N.yaml` the members of a front.
+        Each is a mapping of paths to values, for --set and the `overrides` of a study.
         """
         trials = {"gains": self.best}
         if len(self.front) > 1:

@@ -27,7 +27,7 @@ from teleop_drake.sweep.tuning.trials import (
 from teleop_drake.sweep.values import File, GivenGrid, GivenOverrides, Notice, Progress
 from teleop_drake.validation import Refuse
 
-# How much more one score weighs than the others, in a goal of a Pareto front.
+# The weight of one score relative to the others, in a goal of a Pareto front.
 _EMPHASIS = 5.0
 
 
@@ -56,29 +56,29 @@ def Tune(
              minimize=["collision.settling_time"], grid={"delay": [0.05, 0.1]})
 
     Args:
-        scenario: A built-in name, a YAML file, or a study: then grid and overrides are
-            left out.
-        controller: Its kind.
-        gains: Fields that are searched, as PlanTuning() takes them, and so are
-            minimize, margin, evaluations and seed.
-        minimize: METRIC or METRIC:WEIGHT.
-        grid: Training runs, as Sweep() takes it.
-        held_out: Values of the grid that replace others in the held-out runs, or a
-            study of these; None: there are none.
-        overrides: For all runs.
+        scenario: A built-in name, a YAML file, or a study. With a study, grid and
+            overrides are left out.
+        controller: The kind of the controller.
+        gains: The fields to search, as in PlanTuning(), which also describes minimize,
+            margin, evaluations and seed.
+        minimize: The metrics to minimise, as METRIC or METRIC:WEIGHT.
+        grid: The values of the training runs, as in Sweep().
+        held_out: Values that replace those of the grid in the held-out runs, or a study
+            with the held-out runs; None: there are none.
+        overrides: Overrides of all runs.
         margin: Least delay margin of the round trip, in s.
-        evaluations: How many sets of gains are tried.
-        seed: Of the search.
-        executor: Where to simulate, as RunSweep() takes it, and so are jobs, resume
+        evaluations: Number of sets of gains to try.
+        seed: The seed of the search.
+        executor: Where to simulate, as in RunSweep(), which also describes jobs, resume
             and notice.
         jobs: Number of worker processes.
-        out: Folder to write to, as RunTuning() takes it.
-        resume: Whether to go on with the search in `out`.
-        progress: Called with the numbers of finished training runs and of all.
+        out: Folder to write to, as in RunTuning().
+        resume: Whether to continue the search in `out`.
+        progress: Called with the number of finished training runs and of all of them.
         notice: Called with a line of text.
 
     Raises:
-        ScenarioError: If anything is not allowed, or no gains are accepted.
+        ScenarioError: If an argument is not allowed, or no gains are accepted.
     """
     all_values = {"controller": [controller], **(grid or {})}
     if IsStudy(str(scenario)):
@@ -125,13 +125,13 @@ def RunTuning(
     """Searches for gains, and simulates the held-out runs.
 
     Args:
-        executor: Where to simulate, as RunSweep() takes it, and so are jobs, resume
+        executor: Where to simulate, as in RunSweep(), which also describes jobs, resume
             and notice.
         jobs: Number of worker processes.
-        out: Folder to write to, of which `runs` has a sweep for each generation; None
+        out: Folder to write to. Its folder `runs` has a sweep for each generation. None
             writes nothing.
-        resume: Whether to go on with the search in `out`.
-        progress: Called with the number of finished training runs and that of all.
+        resume: Whether to continue the search in `out`.
+        progress: Called with the number of finished training runs and of all of them.
         notice: Called with a line of text.
 
     Raises:
@@ -147,6 +147,7 @@ def RunTuning(
             progress(min(num_before + num_finished, total), total)
 
     def Try(sweeps: Sweeps, sets: Sequence[Gains], folder: str) -> list[Trial]:
+        """Returns the trials of gains, whose runs have a folder of their own."""
         nonlocal num_before
 
         def Run(plans: Sweeps) -> Mapping[str, SweepResult]:
@@ -171,8 +172,8 @@ class _Tried(NamedTuple):
     """A set of gains that was tried.
 
     Attributes:
-        place: In the ranges (n), 0 to 1 each.
-        trial: Its outcome.
+        place: The position of the gains in their ranges (n), 0 to 1 each.
+        trial: The outcome.
     """
 
     place: Array
@@ -234,7 +235,7 @@ class _Search:
         plan = self._plan
         num_left = plan.evaluations // plan.size - 1
         for k, goal in enumerate(goals):
-            # What is left of the generations is shared by the goals.
+            # The goals share the generations that follow the first one.
             num_generations = (num_left + len(goals) - 1 - k) // len(goals)
             if num_generations == 0:
                 continue
@@ -260,7 +261,7 @@ class _Search:
             )
 
     def _TryPlaces(self, places: Array) -> list[Trial]:
-        """Returns the trials of gains by their places (S, n); runs those not tried."""
+        """Returns the trials of gains at places (S, n); simulates the missing ones."""
         keys = []
         new: dict[tuple[float, ...], Array] = {}
         for place in places:

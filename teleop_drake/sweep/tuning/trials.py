@@ -1,4 +1,4 @@
-"""Sets of gains that are tried: their runs, their metrics, and how they compare."""
+"""Trials of sets of gains: their runs, their metrics and their comparison."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -18,10 +18,10 @@ from teleop_drake.sweep.tuning.analyses import (
 from teleop_drake.sweep.tuning.plan import Gains, TuningPlan
 from teleop_drake.tasks.metrics import MetricUnits
 
-# Scores that differ by less do not make two members of a front.
+# Gains whose scores differ by less than this factor count as one member of a front.
 _EQUAL = 1.02
 
-# The goal of gains that are not accepted, for each run that is not.
+# The goal of gains that are not accepted, and what each bad run adds to it.
 _REJECTED = 1e6
 
 Sweeps = Mapping[str, SweepPlan]
@@ -32,10 +32,10 @@ class Trial:
     """The outcome of a set of gains.
 
     Attributes:
-        gains: By their paths; empty: the scenario's own.
-        values: The metrics (P, M) of the P runs of each scenario; infinite for a run
-            that does not go on to its end, and where it has none.
-        reason: Why the gains are not accepted; empty: they are.
+        gains: The gains by their paths; empty: the scenario's own.
+        values: The metrics (P, M) of the P runs of each scenario. A value is infinite
+            if the run does not reach its end or has no such metric.
+        reason: Why the gains are not accepted; empty: they are accepted.
     """
 
     gains: Gains
@@ -56,8 +56,8 @@ class Goal:
     """A number that the search minimises.
 
     Attributes:
-        weights: Of the metrics (M).
-        is_sum: Whether it is the weighted sum of the scores, not the largest.
+        weights: The weights of the metrics (M).
+        is_sum: Whether the goal is the sum of the weighted scores, or the largest.
     """
 
     weights: Array
@@ -79,10 +79,10 @@ def TryGains(
     sets: Sequence[Gains],
     run: Callable[[Sweeps], Mapping[str, SweepResult]],
 ) -> list[Trial]:
-    """Returns the trials of sets of gains in all runs of sweeps.
+    """Tries sets of gains in all runs of sweeps, and returns the trials.
 
     Args:
-        run: Simulates the runs of sweeps.
+        run: A function that simulates the runs of sweeps.
     """
     trials = [Trial(gains=gains) for gains in sets]
     if not sets:
@@ -107,14 +107,14 @@ def TryGains(
 
 
 def _WithGains(sweep: SweepPlan, sets: Sequence[Gains]) -> SweepPlan:
-    """Returns a sweep in which each run is done with each set of gains."""
+    """Returns a sweep in which each run is simulated with each set of gains."""
     axes = {"gains": [list(gains.values()) for gains in sets], **sweep.axes}
     points = [{**gains, **point} for gains in sets for point in sweep.points]
     return replace(sweep, axes=axes, points=points)
 
 
 def _Values(plan: TuningPlan, result: SweepResult) -> Array:
-    """Returns the metrics (runs, M), 0 for the one that an analysis adds."""
+    """Returns the metrics (runs, M), with 0 for the metric that an analysis adds."""
     units = MetricUnits(result.scenario)
     values = np.full((len(result.records), len(plan.weights)), math.inf)
     for i, row in enumerate(result.Table()):
@@ -136,7 +136,7 @@ def _AddAnalyses(plan: TuningPlan, sweep: SweepPlan, name: str, trial: Trial) ->
     known: dict[str, Analysis] = {}
     losses = []
     for point in sweep.points:
-        # A seed changes no linear model.
+        # The linear model does not depend on the seed.
         given = {key: value for key, value in point.items() if key != "seed"}
         key = str(given)
         if key not in known:
@@ -170,7 +170,7 @@ def FindReference(plan: TuningPlan, trials: Sequence[Trial]) -> Trial:
 def FindFront(accepted: Sequence[Trial], reference: Trial) -> list[Trial]:
     """Returns the trials that no other dominates, ascending in the first metric.
 
-    Of trials that differ by less than 2 % in every score, one is enough.
+    Of trials that differ by less than 2 % in every score, only one is returned.
     """
     scores = np.array([trial.Scores(reference) for trial in accepted])
     kept: list[int] = []
