@@ -1,32 +1,33 @@
 """Functions of numbers and arrays as machine code, by LLVM.
 
 **Laws and diagrams** are plain Python and numpy. `following` calls a function with
-arrays of `symbols.Number`s in the place of floats. What it does with them becomes a
-graph of operations on single numbers (`tracing`): loops, slices, products of matrices
-and helpers are gone from it. Where the function asks whether a comparison holds, it is
-called once for each answer, and the graph merges the ways. `traced_numpy` says what the
-functions of numpy, math and Python do with Numbers. `scalar_code` writes the graph in
-LLVM's language, each operation where it is first needed, a merge as branches.
+arrays of `symbols.Number`s in the place of floats. The operations on these Numbers form
+a graph of operations on single numbers (`tracing`), without loops, slices, products of
+matrices and calls of helpers. Where the function branches on a comparison, it is called
+once for each result, and the graph merges the branches. `traced_numpy` defines the
+functions of numpy, math and Python on Numbers. `scalar_code` writes the graph in LLVM's
+language: each operation where it is first needed, and a merge as branches.
 
 **The integrator and other loops** over arrays, whose rounds depend on the numbers, are
 translated statement by statement (`typed_code`, `typed_expressions`), with types that
 follow from the arguments.
 
-* *Compiled and kept.* `native` makes an object file of LLVM's code and links it into
-  the process. `cache` keeps it on disk by the hash of the code, of llvmlite's version
-  and of the processor. It cannot be out of date: each process traces anew.
-* *Read when traced.* Machine code holds what functions read from outside of their
-  arguments as it was when they were traced, as in numba and JAX. No trace is kept: each
-  diagram that is compiled, and each CompiledLaw, traces anew.
-* *Refused*, by function and line: what is in no graph, such as loops until numbers have
-  converged, caught errors, random numbers, state that changes from call to call
-  (`contents` sees that), indices in writing that depend on numbers, and functions of
-  numpy that are not in the table of docs/blocks.md. So is what would round in
-  another way: float32, whole numbers beyond 2^53, LAPACK's eigenvectors with their
-  signs. Such a law runs as it is, and its diagram in Drake's Simulator; the log says
-  so.
-* *Bounds.* A law's index that depends on numbers is compared with each index there is;
-  out of bounds its result is nan, as is what Python would raise an error for. A loop's
-  index is checked, before the loop where that can be; out of bounds, also below 0, it
-  raises an IndexError with function and line.
+* *Compiled and cached.* `native` makes an object file from LLVM's code and links it
+  into the process. `cache` stores it on disk under the hash of the code, of llvmlite's
+  version and of the processor. The cache cannot be out of date, because each process
+  traces anew.
+* *Read when traced.* As in numba and JAX, machine code contains the values that
+  functions read from outside of their arguments when they were traced. No trace is
+  reused: each compiled diagram, and each CompiledLaw, traces anew.
+* *Refused*, with function and line, is a law that cannot be a graph: with loops that
+  end when numbers have converged, caught errors, random numbers, state that changes
+  from call to call (detected by `contents`), writing at indices that depend on numbers,
+  or functions of numpy that are not in the table of docs/blocks.md. Operations that
+  would round differently are refused as well: float32, whole numbers beyond 2^53, and
+  the eigenvectors of LAPACK with their signs. Such a law runs in Python, and its
+  diagram in Drake's Simulator; the log has a line with the reason.
+* *Bounds.* If an index in a law depends on numbers, it is compared with each valid
+  index. The result is nan if it is out of bounds, or where Python would raise another
+  error. The index of a loop is checked, before the loop if possible. If it is out of
+  bounds or below 0, an IndexError names the function and the line.
 """

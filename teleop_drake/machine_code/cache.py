@@ -1,4 +1,4 @@
-"""Object files of LLVM's code, kept on disk for this user."""
+"""A cache on disk of the object files made from LLVM's code, one for each user."""
 
 import contextlib
 import functools
@@ -11,8 +11,7 @@ from pathlib import Path
 from teleop_drake.files import Replacing
 from teleop_drake.machine_code.native import ObjectFile, Target
 
-# Files beyond this size in all are deleted, those first that were used longest ago,
-# also those of other versions.
+# Beyond this total size, files of all versions are deleted, least recently used first.
 _MAX_BYTES = 64_000_000
 
 _HASH = hashlib.sha256
@@ -22,13 +21,13 @@ _HASH_SIZE = _HASH().digest_size
 def Kept(
     name: str, code: str, make: Callable[[str], bytes] | None = None
 ) -> tuple[bytes, bool]:
-    """Returns the object file of LLVM's code from the cache, or makes it and keeps it.
+    """Returns the object file of LLVM's code from the cache, or makes and stores it.
 
-    Several processes may do so at once. Where nothing can be kept it is made each time,
-    and so it is where the file in the cache is damaged.
+    Several processes may do so at once. The object file is made anew if the cache
+    cannot be written, or if the file in the cache is damaged.
 
-    The file's name begins with `name`. `make` may make something else of the code. The
-    second result is whether it was there.
+    The file's name begins with `name`. `make` is the function that makes the file from
+    the code. The second result is whether the file was in the cache.
     """
     folder = _Folder()
     file = folder / _Version() / f"{name}_{_HASH(code.encode()).hexdigest()[:32]}.o"
@@ -37,7 +36,7 @@ def Kept(
         data = content[_HASH_SIZE:]
         if _HASH(data).digest() == content[:_HASH_SIZE]:
             with contextlib.suppress(OSError):
-                os.utime(file)  # The time of its last use.
+                os.utime(file)  # A file's time is the time of its last use.
             return data, True
     data = (make or ObjectFile)(code)
     with contextlib.suppress(OSError):
@@ -49,7 +48,7 @@ def Kept(
 
 
 def _Folder() -> Path:
-    """Returns where programs keep what they can make anew, for this user."""
+    """Returns the folder of this user's cache."""
     if sys.platform == "win32":
         root = os.environ.get("LOCALAPPDATA", "~")
     elif sys.platform == "darwin":
@@ -61,12 +60,12 @@ def _Folder() -> Path:
 
 @functools.cache
 def _Version() -> str:
-    """Returns a folder's name for all that an object file depends on besides code."""
+    """Returns a folder name that identifies llvmlite's version and the processor."""
     return _HASH(Target().encode()).hexdigest()[:16]
 
 
 def _Sweep(folder: Path) -> None:
-    """Deletes what was used longest ago."""
+    """Deletes the files that were used longest ago."""
     size = 0
     files = [(file.stat(), file) for file in folder.rglob("*") if file.is_file()]
     for status, file in sorted(files, key=lambda x: x[0].st_mtime, reverse=True):

@@ -21,13 +21,13 @@ from teleop_drake.machine_code.symbols import Untraceable
 Law = Callable[..., Array]
 
 
-# Each thread has its own.
+# Each thread has its own flag.
 _is_interpreted: ContextVar[bool] = ContextVar("is_interpreted", default=False)
 
 
 @contextmanager
 def Interpreted() -> Iterator[None]:
-    """Lets this thread run compiled laws as they are, where a few calls do not pay."""
+    """Makes this thread run laws as Python, where few calls do not pay compilation."""
     token = _is_interpreted.set(True)
     try:
         yield
@@ -39,30 +39,31 @@ _told: set[Any] = set()
 
 
 def TellOnce(error: Untraceable) -> None:
-    """Logs that a law is not compiled, at the first time."""
+    """Logs that a law is not compiled, once for each law."""
     if error.function not in _told:
         _told.add(error.function)
         logging.getLogger("teleop_drake").warning("not compiled: %s", error)
 
 
 class CompiledLaw:
-    """A law as machine code; within Interpreted() it is called as it is.
+    """A law as machine code; within Interpreted() the Python function is called.
 
-    It is the same function to within rounding. Each thread traces it at its first call.
-    What it reads from outside of its arguments is read then, and not again: a new
-    CompiledLaw traces anew. A law that does what a graph of operations cannot, see
-    `tracing`, stays as it is, and a line in the log says why.
+    Both compute the same function to within rounding. Each thread traces the law at its
+    first call. Values outside of its arguments are read then, and not again; a new
+    CompiledLaw traces anew. A law that cannot be a graph of operations, see `tracing`,
+    remains a Python function, and a line in the log has the reason.
 
     Args:
-        law: Takes numbers and arrays, of the same shapes each time, and returns an
-            array.
-        constants: Its first arguments, the same each time, also named tuples. Whole
-            numbers and arrays of them are among these: they decide what is done.
+        law: A function of numbers and arrays that returns an array. The shapes are the
+            same in each call.
+        constants: The law's first arguments, which are the same in each call and may be
+            named tuples. All whole numbers and arrays of them have to be among these,
+            because they determine the structure of the graph.
     """
 
     def __init__(self, law: Law, *constants: Any):
         self.law = functools.partial(law, *constants)
-        # What a call works with, for each thread its own.
+        # The state of a call, separate for each thread.
         self._local = threading.local()
 
     def __call__(self, *arguments: Any) -> Array:
@@ -80,7 +81,8 @@ class CompiledLaw:
         return call.result.copy()
 
     def _Prepare(self, arguments: Sequence[Any]) -> "_Call":
-        # Called once as it is, the law tells the shape of what it returns.
+        """Compiles the law and allocates its arguments; logs why if it cannot."""
+        # A first call in Python gives the shape of the result.
         result = np.array(self.law(*arguments), dtype=float)
         samples = [*self.law.args, *(np.asarray(x, dtype=float) for x in arguments)]
         try:
@@ -103,7 +105,7 @@ class CompiledLaw:
 
 
 class _Call(NamedTuple):
-    """What a call of a law works with."""
+    """The arrays and the compiled function of a call of a law."""
 
     places: list[Array]  # Where arguments go.
     run: Callable[[], None] | None  # What to call then; None: the law itself.
@@ -111,7 +113,7 @@ class _Call(NamedTuple):
 
 
 def _LibraryOf(law: FunctionType, samples: Sequence[Any]) -> Library:
-    """Returns a law for arguments of these shapes as machine code."""
+    """Returns a law as machine code for arguments with the shapes of the samples."""
     program = TraceLaw(law, copy.deepcopy(samples))
     data, _ = Kept(law.__name__.strip("<>"), MakeCode(program))
     return Library(data, "evaluate")

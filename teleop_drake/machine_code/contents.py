@@ -1,4 +1,4 @@
-"""Contents of values that can change: whether they have changed, and as they were."""
+"""The contents of mutable values: to detect changes, and to restore the values."""
 
 import contextlib
 import functools
@@ -23,14 +23,14 @@ from teleop_drake.machine_code.symbols import Number
 
 
 class Opaque:
-    """A base of what is not looked into."""
+    """A base class for values whose contents are not examined."""
 
 
 class Contents:
-    """What there is in values that can change, as it is now.
+    """A copy of the present contents of mutable values.
 
     Attributes:
-        arrays: Those with Numbers in them.
+        arrays: The arrays that contain Numbers.
     """
 
     def __init__(self, value: Any):
@@ -48,11 +48,11 @@ class Contents:
                     pending += parts
 
     def Has(self, value: Any) -> bool:
-        """Returns whether a value is among them."""
+        """Returns whether a value is among the contents."""
         return id(value) in self._known
 
     def Shares(self, array: Any) -> bool:
-        """Returns whether an array is part of one of them."""
+        """Returns whether an array shares memory with one of the arrays."""
         return any(
             isinstance(value, np.ndarray) and AreShared(array, value)
             for value, _ in self._known.values()
@@ -68,7 +68,7 @@ class Contents:
         )
 
     def Restore(self, values: Sequence[Any] | None = None) -> None:
-        """Makes values what they were; None: all that Python can."""
+        """Restores values to their former contents; None: all that can be restored."""
         for value, parts in self._known.values():
             if values is None or any(value is x for x in values):
                 _Restore(value, parts)
@@ -82,7 +82,8 @@ _FOREIGN = "numpy", "pydrake"
 
 
 def _Parts(value: Any) -> tuple[Any, ...]:
-    """Returns what a value is made of; nothing if it cannot change."""
+    """Returns the parts of a value; none if the value is immutable."""
+    # Arrays and containers.
     if isinstance(value, np.ndarray):
         plain = np.asarray(value)
         if plain.dtype == object:
@@ -92,6 +93,7 @@ def _Parts(value: Any) -> tuple[Any, ...]:
         return dict, *itertools.chain.from_iterable(value.items())
     if isinstance(value, (tuple, list, set)):
         return type(value), *value
+    # A function has the values in its closure, its defaults and its attributes.
     if isinstance(value, FunctionType):
         cells = [x.cell_contents for x in value.__closure__ or () if x != CellType()]
         outside = value.__defaults__, value.__kwdefaults__, vars(value)
@@ -100,6 +102,7 @@ def _Parts(value: Any) -> tuple[Any, ...]:
         return MethodType, value.__self__
     if isinstance(value, (Opaque, Number, ModuleType, CodeType, *_PLAIN)):
         return ()
+    # A user's class has its attributes, without methods.
     if isinstance(value, type):
         package = value.__module__.split(".")[0]
         if package in sys.stdlib_module_names or package in _FOREIGN:
@@ -110,6 +113,7 @@ def _Parts(value: Any) -> tuple[Any, ...]:
             if not (name.startswith("__") or callable(x))
         ]
         return type, *itertools.chain.from_iterable(own)
+    # Other objects have attributes or, if they are written in C, a pickle.
     slots = [getattr(value, x) for x in _Slots(value.__class__) if hasattr(value, x)]
     attributes = getattr(value, "__dict__", None)
     if isinstance(attributes, dict) and not isinstance(value, random.Random):
@@ -122,7 +126,7 @@ def _Parts(value: Any) -> tuple[Any, ...]:
 
 
 def _Restore(value: Any, parts: tuple[Any, ...]) -> None:
-    """Makes a value of its parts again, if it is of a kind that can be changed."""
+    """Restores a value from its parts, if its type is mutable."""
     kind, *items = parts
     if isinstance(value, np.ndarray):
         if value.flags.writeable:

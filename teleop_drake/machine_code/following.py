@@ -1,7 +1,8 @@
-"""Functions that are followed while they compute with Numbers, and all that they call.
+"""Functions, with all that they call, whose operations on Numbers are recorded.
 
-A copy of a function gets other globals: numpy, math, Python's own functions and its
-helpers are replaced. What cannot be followed is refused by its line.
+A copy of a function is made with other globals: numpy, math, Python's built-in
+functions and the function's helpers are replaced. A statement that cannot be followed
+is refused with its line.
 """
 
 import dis
@@ -31,7 +32,7 @@ T = TypeVar("T")
 def Traced(trace: Callable[Concatenate[Graph, P], T]) -> Callable[P, T]:
     """Returns a function that traces others in a new graph.
 
-    It raises Untraceable if they do what a graph cannot, or change anything.
+    It raises Untraceable if they cannot be a graph or have side effects.
     """
 
     @functools.wraps(trace)
@@ -63,15 +64,15 @@ def _Trace(trace: Callable[[Graph], T]) -> T:
         raise
 
 
-# Modules whose functions return another value each time, and such that do not.
+# Modules whose functions return another value in each call, and harmless ones.
 _CHANGING = "numpy.random.", "random.", "secrets.", "time.", "uuid."
 _HARMLESS = "_operator", "_functools", "builtins"
 
 
 class _Surrounding(NamedTuple):
-    """What a function has from outside of it, by its name, with its contents at first.
+    """A value from outside of a function, with its name and its original contents.
 
-    The function is None if there is none yet.
+    The function is None outside of functions.
     """
 
     function: FunctionType | None
@@ -79,7 +80,7 @@ class _Surrounding(NamedTuple):
     contents: Contents
 
     def Refused(self, why: str) -> Untraceable:
-        """Returns an error that says in which line it is mentioned."""
+        """Returns an error with the line in which the value is mentioned."""
         error = Untraceable(f"{why} {self.name}")
         if self.function is not None:
             line = self.function.__code__.co_firstlineno
@@ -94,7 +95,8 @@ class _Surrounding(NamedTuple):
 def Follow(
     graph: Graph, value: Any, name: str, function: FunctionType | None = None
 ) -> Any:
-    """Returns what to use instead of what a function has from outside of it."""
+    """Returns the replacement of a value from outside of a function."""
+    # Functions and modules of numpy, math and Python.
     try:
         if value in REPLACED:
             return REPLACED[value]
@@ -110,6 +112,7 @@ def Follow(
         if hasattr(value, "_implementation") or isinstance(value, np.ufunc):
             return OfNumpy(value)
         return value if isinstance(value, type) else Refusing(value, name)
+    # Functions of Python are followed, also as methods or with bound arguments.
     if isinstance(value, FunctionType):
         if value not in graph.followed:
             graph.followed[value] = _Followed(graph, value)
@@ -122,6 +125,7 @@ def Follow(
         return functools.partial(followed, value.__self__)
     if isinstance(value, BuiltinFunctionType) and module not in _HARMLESS:
         return Refusing(value, name, always=True)
+    # An array becomes read-only. Any other value is checked for changes at the end.
     if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
         is_real = value.dtype.kind == "f"
         array = AsNumbers(value) if is_real else value.view(Table)
@@ -151,7 +155,7 @@ class _Module(Opaque):
 
 
 class _Followed(Opaque):
-    """A function that notes what it and its helpers do."""
+    """A function that records its operations and those of its helpers."""
 
     _graph: Graph
     _function: Any
@@ -190,7 +194,7 @@ class _Followed(Opaque):
         return line
 
     def _Codes(self) -> list[CodeType]:
-        """Returns the code of the function, and that of those inside of it."""
+        """Returns the code of a function and of the functions defined inside of it."""
         codes = [self._function.__code__]
         for code in codes:
             codes += [x for x in code.co_consts if isinstance(x, CodeType)]
@@ -247,7 +251,7 @@ def _IsNone(instruction: dis.Instruction | None) -> bool:
 
 
 def _CheckCode(code: CodeType, is_outermost: bool) -> None:
-    """Refuses what is seen in code without running it."""
+    """Refuses code that can be rejected without running it."""
     if not _REFUSED_NUMBERS & set(code.co_code[::2]):
         return
     instructions = list(dis.get_instructions(code))

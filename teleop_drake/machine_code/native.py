@@ -1,4 +1,4 @@
-"""LLVM's code as functions in memory, and kept on disk as object files."""
+"""LLVM's code as functions in memory and as object files on disk."""
 
 import ctypes
 import functools
@@ -23,7 +23,7 @@ _LONG = 20_000
 
 @functools.cache
 def Targets() -> Any:
-    """Returns what LLVM knows about this machine, for long code and for other."""
+    """Returns LLVM's descriptions of this machine, for long code and for other code."""
     import llvmlite.binding as llvm
 
     try:
@@ -48,7 +48,7 @@ def _Machine(level: int) -> Any:
 
 
 def Target() -> str:
-    """Returns what an object file depends on besides its source."""
+    """Returns the target of object files, on which they depend besides their source."""
     import llvmlite
     import llvmlite.binding as llvm
 
@@ -74,7 +74,7 @@ def ObjectFile(code: str) -> bytes:
 
 @functools.cache
 def _Linker() -> Any:
-    """Returns what links libraries, and a number for each."""
+    """Returns the linker of libraries, and a counter that numbers them."""
     import llvmlite.binding as llvm
 
     Targets()
@@ -101,7 +101,7 @@ class Library:
         self._fault: ctypes.c_char_p | None = None
 
     def Address(self, name: str) -> int:
-        """Returns where a function or variable is."""
+        """Returns the address of a function or variable."""
         return int(self._addresses[name])
 
     def RaiseFault(self) -> None:
@@ -117,7 +117,7 @@ class Library:
 
 _ARGUMENTS = (ctypes.c_double, *[ctypes.c_void_p] * 6, ctypes.c_int32)
 _EVALUATE = ctypes.CFUNCTYPE(None, *_ARGUMENTS)
-# Without giving way to other threads, which takes as long as a short law.
+# Holds Python's lock: its release would take as long as a short law.
 _EVALUATE_AT_ONCE = ctypes.PYFUNCTYPE(None, *_ARGUMENTS)
 
 
@@ -131,7 +131,7 @@ class Evaluate:
         self._function = _EVALUATE(address)
 
     def __call__(self, t: float, *others: Any) -> None:
-        """Evaluates, as the generated function does."""
+        """Evaluates the generated function."""
         *arrays, everything = others
         self._function(t, *(array.ctypes.data for array in arrays), everything)
 
@@ -156,7 +156,7 @@ class TypedFunction:
 
     def __call__(self, *arguments: Any) -> int:
         """Calls it with numbers, named tuples of arrays and a function `evaluate`."""
-        headers = []  # They have to stay until it returns.
+        headers = []  # The headers must not be freed before the call returns.
         taken: list[Any] = []
         for argument in arguments:
             if isinstance(argument, tuple):

@@ -1,7 +1,7 @@
-"""A generated function `evaluate` as a graph of operations, and that as LLVM's code.
+"""A generated function `evaluate` as a graph of operations, and the graph in LLVM.
 
-LLVM gets no loops, no arrays beside the arguments, and nothing to guess about types.
-So it is done in a fraction of the time that it takes for general code.
+The code has no loops, no arrays besides the arguments, and only known types. LLVM
+therefore compiles it in a fraction of the time that general code takes.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -29,7 +29,7 @@ LIBRARY_FUNCTIONS = (
     "exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh",
     "tanh", "pow", "fmod",
 )  # fmt: skip
-"""Those of C's mathematics that the code may call."""
+"""The functions of C's mathematics library that the code may call."""
 
 _INTRINSICS = (
     "sqrt", "fabs", "floor", "ceil", "trunc", "rint", "copysign", "exp", "log", "sin",
@@ -41,7 +41,7 @@ _COMPARISONS = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge", "eq": "oeq"}
 
 
 class ScalarProgram(NamedTuple):
-    """What `evaluate` writes where, number by number, and what besides if asked for."""
+    """The numbers that `evaluate` writes, with their places, always or on demand."""
 
     graph: Graph
     stores: Stores
@@ -147,7 +147,7 @@ def _Given(graph: Graph, name: str, size: int) -> Numbers:
 
 
 def _Changes(graph: Graph, arrays: dict[str, Numbers]) -> Stores:
-    """Returns what is in arrays that was not given, by its place."""
+    """Returns the elements of arrays that have changed, by their places."""
     changes = {}
     for name, array in arrays.items():
         for i, value in enumerate(array):

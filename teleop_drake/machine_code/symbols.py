@@ -1,7 +1,7 @@
 """Symbolic numbers and arrays of them: each records the operation that made it.
 
-See tracing, which makes a graph of that, and traced_numpy, which fills in what numpy's
-functions do with them.
+`tracing` makes a graph of these operations. `traced_numpy` defines numpy's functions on
+symbolic numbers and arrays.
 """
 
 import math
@@ -11,14 +11,14 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 
 UFUNCS: dict[Any, Any] = {}
-"""What computes a ufunc of numpy on arrays of objects."""
+"""The functions that compute the ufuncs of numpy on arrays of objects."""
 
 FUNCTIONS: dict[Any, Callable[..., Any]] = {}
-"""What takes the place of another function of numpy."""
+"""The replacements of other functions of numpy."""
 
 
 class Untraceable(Exception):
-    """A function that does what a graph of operations cannot."""
+    """Raised for a function that cannot be a graph of operations."""
 
     function: Any = None  # The outermost one, if it is known.
     place: str = ""  # The function and the line that are to blame.
@@ -35,7 +35,7 @@ class Ref(NamedTuple):
 
 
 def IsBoolean(value: Any) -> bool:
-    """Returns whether a number, also one of Python, is a yes or no."""
+    """Returns whether a number, symbolic or of Python, is a boolean."""
     if isinstance(value, Number):
         return value.is_boolean
     return isinstance(value, (bool, np.bool_))
@@ -78,11 +78,11 @@ def Not(value: Any) -> Any:
 
 
 def IsSame(column: Sequence[Any]) -> bool:
-    """Returns whether all are the same number, whatever it is."""
+    """Returns whether all values of a column are the same number or node."""
     first = column[0]
     if isinstance(first, Number):
         return all(isinstance(x, Number) and x.ref == first.ref for x in column)
-    # As texts, 0.0 is not -0.0, and True is not 1.0.
+    # Texts distinguish 0.0 from -0.0, and True from 1.0.
     return all(not isinstance(x, Number) and repr(x) == repr(first) for x in column)
 
 
@@ -95,7 +95,7 @@ def CheckPrecision(value: Any) -> None:
 
 
 def _AsFloat(value: Any) -> float:
-    """Returns a number of Python's as a float; refuses one that is none."""
+    """Returns a number of Python's as a float; refuses values that are no numbers."""
     CheckPrecision(value)
     result = float(value)
     if isinstance(value, (int, np.integer)) and result != int(value):

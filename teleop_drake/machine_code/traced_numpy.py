@@ -1,6 +1,6 @@
 """Functions of numpy, math and Python on the Numbers of a graph.
 
-A function of numpy that is not here is refused when it gets Numbers.
+A function of numpy that is not defined here is refused when it is called with Numbers.
 """
 
 import builtins
@@ -39,7 +39,7 @@ from teleop_drake.machine_code.symbols import (
 
 
 def _Operation(name: str, usual: Callable[..., Any]) -> Callable[..., Any]:
-    """Returns a function that is an operation of the graph, or the usual one."""
+    """Returns a function that adds an operation to the graph if it gets Numbers."""
 
     def Of(*values: Any) -> Any:
         values = tuple(v.item() if isinstance(v, np.ndarray) else v for v in values)
@@ -72,7 +72,7 @@ def _Square(a: Any) -> Any:
 
 
 def _Least(*values: Any, **keywords: Any) -> Any:
-    """Returns what Python's min() returns."""
+    """Returns the minimum as Python's min() does."""
     if not HasNumbers(values):
         return min(*values, **keywords)
     if keywords:
@@ -84,7 +84,7 @@ def _Least(*values: Any, **keywords: Any) -> Any:
 
 
 def _Greatest(*values: Any, **keywords: Any) -> Any:
-    """Returns what Python's max() returns."""
+    """Returns the maximum as Python's max() does."""
     if not HasNumbers(values):
         return max(*values, **keywords)
     if keywords:
@@ -334,7 +334,7 @@ REPLACED: dict[Any, Any] = {
         )
     },
 }  # fmt: skip
-"""What takes the place of functions that numpy does not let us replace."""
+"""The replacements of functions that numpy itself gives no means to override."""
 
 # Those of Python's functions that do not know Numbers, and those with effects.
 _KNOWS_NO_NUMBERS = (

@@ -1,19 +1,19 @@
 """Functions of numbers as graphs of operations, found by calling them.
 
-A function of arrays is called with arrays of `Number`s. What it does with them is noted
-as a graph of operations on single numbers. Loops, views, products of matrices and the
-calls of helpers are gone from it.
+A function of arrays is called with arrays of `Number`s. Its operations on them are
+recorded as a graph of operations on single numbers, without loops, views, products of
+matrices and calls of helpers.
 
-Where a function asks whether a comparison holds, it is called once for each answer.
-The results form a tree, and the graph gets a merge: an operation whose value is that of
-the one leaf whose conditions hold. The calls of helpers are merged by themselves, so
-that the number of leaves adds up and does not multiply. A helper whose ways differ in
-more than numbers, such as in what they append to a list, is not merged: its conditions
-become conditions of its caller.
+Where a function branches on a comparison, it is called once for each result. The
+results form a tree, and the graph gets a merge: an operation with the value of the one
+leaf whose conditions hold. The calls of each helper are merged separately, so that the
+numbers of leaves add up and do not multiply. A helper is not merged if its branches
+differ in more than numbers, for example in what they append to a list. Its conditions
+then become conditions of its caller.
 
-What cannot be followed is refused: errors that are caught, what changes from call to
-call, functions that work with numbers in a way that is not known here. A number that
-Python would raise an error for, such as an index that is too large, is nan.
+A function is refused if it catches errors, depends on values that change from call to
+call, or passes Numbers to functions that are unknown here. Where Python would raise an
+error, for example for an index that is too large, the number is nan.
 """
 
 import functools
@@ -41,13 +41,13 @@ from teleop_drake.machine_code.symbols import (
     WithLimitOf,
 )
 
-# Operations whose value is yes or no.
+# Operations whose value is a boolean.
 BOOLEAN = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not"})
 
-# Those that take yes or no as it is.
+# Operations that take booleans without conversion.
 _OF_BOOLEANS = frozenset({"and", "or", "not", "select", "merge", "load"})
 
-# Those whose value is finite if their arguments are.
+# Operations whose value is finite if their arguments are finite.
 _FINITE = frozenset(
     {"add", "sub", "mul", "neg", "fabs", "select", "merge", "floor", "ceil", "trunc"}
     | {"rint", "sin", "cos", "atan", "atan2", "tanh", "copysign"}
@@ -61,18 +61,18 @@ _TOO_MANY_CASES = "there are too many cases, as in a loop until numbers have con
 
 
 class MustJoinCaller(BaseException):
-    """A helper whose ways have to be ways of its caller; it is raised with its code."""
+    """Raised with a helper's code if its branches must be branches of its caller."""
 
 
 class Node(NamedTuple):
     """An operation.
 
     Attributes:
-        operation: Its name; "load" for what is given, "merge" for what a condition
-            chooses of two sides, of which only one is computed.
-        arguments: Numbers and nodes; for "load" the array's name and the place in it;
-            for "merge" a number, the same for all that is chosen there, the condition
-            and the sides.
+        operation: The name of the operation. "load" reads an argument. "merge" selects
+            one of two sides by a condition; only that side is computed.
+        arguments: Numbers and nodes. For "load" they are the array's name and the index
+            in it; for "merge" a number that identifies the branch, the condition and
+            the two sides.
     """
 
     operation: str
@@ -110,12 +110,13 @@ class Graph:
     """Operations, none of them twice.
 
     Attributes:
-        is_given_finite: Whether what is given is finite: then 0 times it is 0.
-        nodes: Each after those that it takes.
-        followed: The functions that are traced, by what they stand for.
-        codes: What may work with numbers: the code of these functions.
-        joined: The code of those that are not merged; see MustJoinCaller.
-        surroundings: What they have from outside, by its name, as it was at first.
+        is_given_finite: Whether the arguments are finite, so that 0 times one is 0.
+        nodes: The operations, each after its arguments.
+        followed: The traced functions, by the functions that they replace.
+        codes: The code of the traced functions, which may operate on Numbers.
+        joined: The code of helpers that are not merged; see MustJoinCaller.
+        surroundings: The values that functions have from outside, with their original
+            contents, by the identity of each value.
     """
 
     is_given_finite: bool = True
@@ -173,11 +174,11 @@ class Graph:
         return Ref(place)
 
     def IsZeroTimes(self, value: Number) -> bool:
-        """Returns whether 0.0 times a number is taken for 0.0.
+        """Returns whether 0.0 times a number is replaced by 0.0.
 
-        A function of a user gets what Python makes of it, also -0.0 and nan. The
-        package's own functions multiply matrices that are mostly zero, and nothing in
-        them depends on the sign of a zero.
+        In a user's function the product is computed as in Python, and may be -0.0 or
+        nan. The package's own functions multiply matrices that are mostly zero, and
+        nothing in them depends on the sign of a zero.
         """
         return self._is_of_package and value.ref.place not in self._infinite
 
@@ -196,7 +197,7 @@ class Graph:
         return True
 
     def _CheckCaller(self) -> None:
-        """Refuses what works with numbers without being followed."""
+        """Refuses code that operates on Numbers without being followed."""
         frame = sys._getframe(2)
         while self._way is not None and frame.f_code not in self.codes:
             if not _IsOwn(frame.f_code):
@@ -206,14 +207,14 @@ class Graph:
             frame = frame.f_back
 
     def Decide(self, condition: Ref) -> bool:
-        """Returns the answer to a condition on the way that is being traced."""
+        """Returns the truth of a condition on the branch that is being traced."""
         way = self._way
         if way is not None and condition in way.answers:
             return way.answers[condition]
         if way is None:
             raise Untraceable("a condition stands outside of a function")
         self._CheckCaller()
-        if len(way.path) == _MAX_LEAVES:  # Each answer makes a leaf more.
+        if len(way.path) == _MAX_LEAVES:  # Each condition adds a leaf.
             raise Untraceable(_TOO_MANY_CASES)
         is_forced = len(way.path) < len(way.forced)
         answer = way.forced[len(way.path)] if is_forced else True
@@ -247,7 +248,7 @@ class Graph:
         is_helper = self._way is not None
         before = Contents((arguments, keywords))
         arrays = [x for x in before.arrays if x.size and x.flags.writeable]
-        # What is returned to no caller is only read.
+        # A result that has no caller is only read.
         known = before if is_helper else None
         leaves: list[_Leaf] = []
         first: Any = None
@@ -255,7 +256,7 @@ class Graph:
         forced: list[bool] | None = []
         while forced is not None:
             result, path = self._CallOneWay(function, arguments, keywords, forced)
-            if not path and not leaves:  # There is one way only.
+            if not path and not leaves:  # There is only one branch.
                 return result
             # All ways have to do the same, but for numbers.
             if is_helper and _HasAliases(result, before):

@@ -1,8 +1,8 @@
-"""Loops over arrays as LLVM's code: the part of Python that the integrator is in.
+"""Loops over arrays as LLVM's code, from the part of Python used by the integrator.
 
-Numbers, arrays, named tuples of arrays, loops, conditions, and calls of functions in
-the same style. Types follow from the arguments, and each variable keeps its own. What
-is outside of that is refused when it is compiled, by its line.
+It consists of numbers, arrays, named tuples of arrays, loops, conditions, and calls of
+functions in the same style. Types follow from the arguments, and a variable has one
+type. Other code is refused with its line when it is compiled.
 """
 
 import ast
@@ -36,12 +36,12 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
     """Returns a function and all that it calls as LLVM's code.
 
     Args:
-        function: Where an index is not in its array, it ends, and the variable `fault`
-            points to the function's name and the line.
-        types: Those of its arguments. A named tuple is a pointer to its Header().
+        function: The function. It ends at an index that is out of bounds, and the
+            variable `fault` then points to the function's name and the line.
+        types: The types of its arguments. A named tuple is a pointer to its Header().
 
     Raises:
-        NotTyped: If it does what cannot be compiled here.
+        NotTyped: If the function cannot be compiled here.
     """
     module = _Module()
     module.Compile(function, tuple(types), "")
@@ -179,6 +179,7 @@ class _Function(ExpressionWriter):
             self._Statement(statement)
 
     def _Statement(self, node: ast.stmt) -> None:
+        """Writes a statement; refuses statements that have no case here."""
         match node:
             case ast.Expr(value=ast.Constant()) | ast.Pass():
                 pass

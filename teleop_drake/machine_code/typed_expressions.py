@@ -50,7 +50,7 @@ Type = Any
 
 
 class NotTyped(Exception):
-    """A function that is outside of the part of Python that is compiled here."""
+    """Raised for a function outside of the part of Python that is compiled here."""
 
 
 class Value(NamedTuple):
@@ -58,7 +58,7 @@ class Value(NamedTuple):
 
     Attributes:
         type: Its type.
-        operands: What LLVM calls it; of an array the pointer and the dimensions.
+        operands: Its names in LLVM; for an array, the pointer and the dimensions.
     """
 
     type: Type
@@ -66,7 +66,7 @@ class Value(NamedTuple):
 
     @property
     def operand(self) -> str:
-        """The first of the operands, of a number the only one."""
+        """The first operand, which is the only operand of a number."""
         return self.operands[0]
 
 
@@ -87,7 +87,7 @@ def TypeOf(value: Any) -> Type:
 
 
 def Header(value: Any) -> list[int]:
-    """Returns what is in memory of a named tuple: addresses and dimensions."""
+    """Returns the memory of a named tuple: the arrays' addresses and dimensions."""
     if isinstance(value, np.ndarray):
         return [value.ctypes.data, *value.shape]
     if isinstance(value, (int, np.integer)):
@@ -116,7 +116,7 @@ def _NumSlots(kind: Type) -> int:
     return len(PartsOf(kind))
 
 
-# What a variable has before it has a value: no number, and no index.
+# The initial values of variables: nan, and an index that is out of bounds.
 _NO_VALUES = {FLOAT: ConstantText(float("nan")), INTEGER: str(-(2**62))}
 
 
@@ -312,7 +312,7 @@ class ExpressionWriter:
     def _Element(self, node: ast.Subscript) -> Value:
         """Returns the array of fewer dimensions that is at an index.
 
-        The index has to be in the array. One from the end, below 0, is none here.
+        The index has to be within the array. An index below 0 is out of bounds here.
         """
         array = self._Expression(node.value)
         if not isinstance(array.type, ArrayType):
@@ -384,7 +384,7 @@ class ExpressionWriter:
     def _Holds(self, name: str, a: Value, b: Value) -> str:
         kind, x, y = self._Same(a, b)
         if kind == FLOAT:
-            prefix = "u" if name == "ne" else "o"  # What is no number differs.
+            prefix = "u" if name == "ne" else "o"  # nan differs from every number.
             return self._Do(f"fcmp {prefix}{name} double {x}, {y}")
         prefix = "" if name in ("eq", "ne") else "s"
         return self._Do(f"icmp {prefix}{name} {kind} {x}, {y}")
