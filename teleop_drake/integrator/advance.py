@@ -2,17 +2,17 @@
 
 The system is a function `evaluate(t, x, m, p, q, y, dx, everything)` that fills in the
 rate dx of the state x and the signals y, as teleop_drake.compiler.source describes it.
-What comes out of a delay is put into y before each evaluation.
+The outputs of the delays are written into y before each evaluation.
 
-* A delayed signal is kept as a polynomial of each step, through its values at five
-  points of the step, so that nothing reaches across a jump. Its error is of the order
-  of the dense output's, O(step^5).
-* No step crosses a break: the instant of a transition, and its echoes through the
-  delays. The step before a break sees what is before it, the step after it what is
-  after it.
+* A delayed signal is stored as one polynomial for each step, through its values at five
+  points of the step, so that no polynomial crosses a jump. Its error is O(step^5), as
+  for the dense output.
+* No step crosses a break, which is the instant of a transition or one of its echoes
+  through the delays. The step before a break uses the values before it, and the step
+  after it the values after it.
 * A transition happens as soon as its guard is not negative, at an instant that is
-  located on the dense output. A guard that comes near to 0 is looked at within the step
-  as well: it may have crossed it for a moment.
+  located on the dense output. A guard that comes near to 0 is also evaluated within the
+  step, because it may have been positive for a moment.
 
 All functions here are in the part of Python that machine_code/typed_code compiles.
 """
@@ -104,7 +104,7 @@ def _add_past(
 def _add_sent(
     s: float, weight: float, d: int, column: int, delays: Delays, memory: Memory
 ) -> None:
-    """Adds a signal as it was at an instant before the events there; see _add_past."""
+    """Adds the value of a signal before the events of an instant; see _add_past."""
     if abs(s - memory.clock[2]) <= SAME:
         for i in range(delays.sizes[d]):
             value = memory.first_values[column + i]
@@ -146,7 +146,7 @@ def delay_at(t: float, d: int, delays: Delays) -> float:
 
 
 def _arrival(s: float, d: int, delays: Delays) -> float:
-    """Returns when what is sent at s comes out of a delay, s: t - T(t) = s."""
+    """Returns the time t in s at which a value sent at s arrives: t - T(t) = s."""
     if delays.piece_ranges[d, 0] == delays.piece_ranges[d, 1]:
         return s + float(delays.times[d])
     low = s
@@ -165,9 +165,9 @@ def _arrival(s: float, d: int, delays: Delays) -> float:
 
 
 def _fetch(t: float, delays: Delays, memory: Memory) -> None:
-    """Puts into y what comes out of the delays.
+    """Writes the outputs of the delays into y.
 
-    A jump at the beginning of the step has happened, a later one has not.
+    A jump at the start of the step is included, a later jump is not.
     """
     is_after = t <= memory.clock[0]
     column = 0
@@ -209,7 +209,7 @@ def _evaluate(
 
 
 def _interpolate(theta: float, h: float, memory: Memory) -> None:
-    """Puts the dense output of the step into x_stage."""
+    """Writes the dense output of the step into x_stage."""
     stages = memory.stages
     result = memory.x_stage
     _copy(memory.x, result)
@@ -224,7 +224,7 @@ def _interpolate(theta: float, h: float, memory: Memory) -> None:
 
 
 def _keep_node(node: int, delays: Delays, memory: Memory) -> None:
-    """Keeps the delayed signals at a node of the polynomial under way."""
+    """Stores the delayed signals at a node of the present polynomial."""
     values = memory.values[memory.counts[POLYNOMIALS], node]
     column = 0
     for d in range(len(delays.times)):
@@ -297,7 +297,7 @@ def _record(t: float, memory: Memory) -> None:
 
 
 def _add_break(t: float, order: int, memory: Memory) -> None:
-    """Notes that no step must cross a time."""
+    """Adds a break, a time that no step may cross."""
     num = memory.counts[BREAKS]
     for i in range(num):
         if abs(memory.breaks[i, 0] - t) <= SAME:
@@ -310,9 +310,9 @@ def _add_break(t: float, order: int, memory: Memory) -> None:
 
 
 def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
-    """Notes when what happened now comes out of the delays.
+    """Adds a break where the present event leaves each delay.
 
-    A signal that jumps is a jump again, however often it has been delayed.
+    A jump of a signal remains a jump after any number of delays.
     """
     num = memory.counts[POLYNOMIALS]
     column = 0
@@ -330,7 +330,7 @@ def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
 
 
 def _take_break(t: float, memory: Memory) -> int:
-    """Forgets a break at a time and returns its order, or -1."""
+    """Removes a break at a time and returns its order; -1 if there is none."""
     for i in range(memory.counts[BREAKS]):
         if abs(memory.breaks[i, 0] - t) <= SAME:
             order = int(memory.breaks[i, 1])
@@ -343,7 +343,7 @@ def _take_break(t: float, memory: Memory) -> int:
 
 
 def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) -> None:
-    """Makes what happens now happen: a break of an order (-1: none), transitions."""
+    """Executes a break of an order (-1: none) and the transitions of this instant."""
     t = memory.clock[0]
     has_jumped = order >= 0
     for _ in range(10):  # One transition may bring about another one.
@@ -372,7 +372,7 @@ def _show_packets(t: float, delays: Delays, memory: Memory) -> bool:
 
 
 def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
-    """Makes what happens now happen: breaks, packets and transitions."""
+    """Executes the breaks, packets and transitions of this instant."""
     t = memory.clock[0]
     delays = problem.delays
     order = _take_break(t, memory)
@@ -466,7 +466,7 @@ def _locate(
 
 
 def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
-    """Records the first row, and makes what happens at the first time."""
+    """Records the first row, and executes the events of the start time."""
     clock = memory.clock
     delays = problem.delays
     memory.counts[IS_STARTED] = 1
@@ -522,13 +522,13 @@ def advance(
     Args:
         memory: The state, and room for what is recorded: of each step three rows within
             it and one at its end, and another one at the same time after a break.
-        t_end: In s. What happens at this very time has not happened yet.
-        accuracy: What a step may be wrong by, in the largest of all states.
-        max_step: In s.
+        t_end: The end time in s. Events at this very time are not executed.
+        accuracy: The largest error of a step in any state.
+        max_step: The longest step in s.
 
     Returns:
-        DONE, FULL (it has to be called again), or STUCK if the smallest step is too
-        inaccurate.
+        DONE; FULL if advance() has to be called again; or STUCK if even the smallest
+        step is too inaccurate.
     """
     clock = memory.clock
     counts = memory.counts

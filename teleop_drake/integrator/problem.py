@@ -9,24 +9,25 @@ from teleop_drake.numerics.instants import same_within
 
 
 class Delays(NamedTuple):
-    """What is delayed; d delays of w numbers in all.
+    """The d delays of a system, with w delayed numbers in all.
 
     Attributes:
-        times: The delays in s (d), > 0; infinity where packets are shown. Of one that
-            varies the shortest.
-        signals: Where in y a delay's signal begins (d).
-        outputs: Where in y its output begins (d).
-        sizes: Width of the signal (d).
-        initial_values: What comes out at first, one after another (w).
-        packet_ranges: First and end of a delay's packets among all (d, 2).
-        packets: When they are shown and sent, and when the one was sent with which they
-            make a line, -infinity without, s (k, 3). Where no packets are shown, steps
-            end when one would be: at the nonsmooth points of a delay that varies.
-        piece_ranges: First and end of a delay's pieces among all (d, 2); none where the
-            delay is constant.
-        knots: Of the delays that vary, as piecewise.Pieces has them, one after another;
-            each delay has one knot more than it has pieces.
-        coefficients: Of their pieces (p, 8).
+        times: The delays in s (d), > 0; infinity for a delay of packets, and the
+            shortest delay for one that varies.
+        signals: The index in y at which each delay's signal begins (d).
+        outputs: The index in y at which each delay's output begins (d).
+        sizes: The width of each signal (d).
+        initial_values: The initial outputs of all delays, one after another (w).
+        packet_ranges: The begin and end of each delay's rows in `packets` (d, 2).
+        packets: Three times in s for each packet (k, 3): when it is shown, when it was
+            sent, and when the earlier packet was sent through which the signal
+            continues along a line; -infinity: the value is held. A varying delay has
+            packets at its nonsmooth points, which only make steps end there.
+        piece_ranges: The begin and end of each delay's rows in `coefficients` (d, 2);
+            empty for a constant delay.
+        knots: The knots of all varying delays, as in piecewise.Pieces, one delay after
+            another. Each delay has one knot more than it has pieces.
+        coefficients: The coefficients of the pieces (p, 8).
     """
 
     times: Array
@@ -45,13 +46,14 @@ class Transitions(NamedTuple):
     """Changes of the mode, k in all.
 
     Attributes:
-        guards: Where in y the guard is (k), -1 if it is periodic.
-        sources: Where in y the new mode begins (k).
-        targets: Where in m it belongs (k).
-        sizes: How many numbers it has (k).
-        periods: Of the periodic ones in s (k); infinity: once.
-        offsets: When the periodic ones happen first, s (k); infinity for others.
-        are_discrete: 1 for what happens after the others at an instant, 0 for those.
+        guards: The index of each guard in y (k); -1 for a periodic transition.
+        sources: The index in y at which the new mode begins (k).
+        targets: The index in m at which the mode begins (k).
+        sizes: The width of the mode (k).
+        periods: The periods of periodic transitions in s (k); infinity: once.
+        offsets: The first times of periodic transitions in s (k); infinity for others.
+        are_discrete: 1 for discrete updates, which happen after the other transitions
+            of an instant; 0 for others.
     """
 
     guards: Indices
@@ -64,13 +66,13 @@ class Transitions(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """What belongs to a system.
+    """The data of a system.
 
     Attributes:
-        p: Its parameters.
-        q: Its parameters that are integers.
-        delays: What is delayed.
-        transitions: How the mode changes.
+        p: The parameters that are floats.
+        q: The parameters that are integers.
+        delays: The delays.
+        transitions: The changes of the mode.
     """
 
     p: Array
@@ -80,32 +82,32 @@ class Problem(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What advance() works with and leaves behind.
+    """The working memory and the results of advance().
 
     Attributes:
-        clock: Time, next step's length, and where it started, in s (3).
-        counts: Steps taken, evaluations, polynomials, breaks, rows, whether the first
-            stage is known, and what was tried: steps, rejected ones too, and events
-            (7).
+        clock: The time, the length of the next step and the start time, in s (3).
+        counts: Numbers of steps taken, evaluations, polynomials, breaks and rows;
+            whether the first stage is known; and the number of attempts, which are
+            steps, including rejected ones, and events (7).
         x: Continuous state.
         m: Discrete state.
-        m_before: The same before the transitions under way.
-        y: Signals; what is fed from outside is there beforehand.
+        m_before: Discrete state before the transitions of the present instant.
+        y: Signals. The caller sets those that are fed from outside.
         stages: Rates at the stages of a step (7, n).
         x_stage: State at a stage (n).
         x_next: State at the end of the step (n).
-        dx: A rate that is not a stage's (n).
-        next_packets: The next packet that will be shown of each delay (d).
+        dx: A rate that belongs to no stage (n).
+        next_packets: The index of the next packet to be shown for each delay (d).
         ticks: The number of each periodic transition's next instant (k).
-        guards: What each guard was at the begin of the step, and of the one before if
-            nothing happened in between (k, 2).
+        guards: The value of each guard at the start of the step, and at the start of
+            the step before if no event happened in between (k, 2).
         breaks: Time and order of the breaks ahead (b, 2).
         steps: Begin and end of each polynomial in s (c, 2).
         values: Delayed signals at the nodes (c, 5, w).
-        first_values: Delayed signals before anything has happened (w).
+        first_values: Delayed signals before the first event (w).
         row_times: Times of the recorded rows (r).
-        row_ends: 1 for those with which a step ends (r); before one there are the three
-            rows within the step, and before these the one with which it begins.
+        row_ends: 1 for a row at the end of a step, else 0 (r). Three rows within the
+            step precede it, and the row at the start of the step precedes these.
         rows: Signals of the recorded rows (r, y).
     """
 
@@ -145,13 +147,13 @@ def make_memory(
     first_step: float = 1e-3,
     room: int = 512,
 ) -> Memory:
-    """Returns what advance() starts with.
+    """Returns the initial memory of advance().
 
     Args:
-        y: Signals, with what is fed from outside.
-        time: In s. What is due before has happened.
+        y: Signals, including those that are fed from outside.
+        time: The start time in s. Events that were due before it have happened.
         first_step: Length of the first step in s.
-        room: For how many polynomials and rows.
+        room: The number of polynomials and of rows for which memory is reserved.
     """
     n = len(x)
     width = len(problem.delays.initial_values)

@@ -12,7 +12,7 @@ from teleop_drake.numerics.instants import same_within
 def next_time(k: int, transitions: Transitions, memory: Memory) -> float:
     """Returns when a periodic transition happens next, s; infinity for others.
 
-    Periods are not added up, so that nothing drifts.
+    The time is a multiple of the period, so that no rounding accumulates.
     """
     ticks = memory.ticks[k]
     time = float(transitions.offsets[k])
@@ -29,11 +29,11 @@ def is_due(transitions: Transitions, memory: Memory) -> bool:
 
 
 def change_modes(has_jumped: bool, transitions: Transitions, memory: Memory) -> bool:
-    """Makes the transitions that are due; returns whether there were any.
+    """Executes the transitions that are due; returns whether there were any.
 
-    All see what was there before any of them, and each changes the elements in which
-    its new mode differs from that. Discrete updates wait until nothing else is due, and
-    if a signal has just jumped until it has been evaluated.
+    All are evaluated with the values before any of them. Each changes those elements of
+    the mode that differ between the old and its new mode. Discrete updates are executed
+    after all others and, if a signal has just jumped, after its evaluation.
     """
     t = memory.clock[0]
     has_changed = False
@@ -64,7 +64,7 @@ def change_modes(has_jumped: bool, transitions: Transitions, memory: Memory) -> 
 
 
 def note_guards(has_jumped: bool, transitions: Transitions, memory: Memory) -> None:
-    """Notes the guards at the begin of a step."""
+    """Stores the values of the guards at the start of a step."""
     guards = memory.guards
     for k in range(len(transitions.guards)):
         place = transitions.guards[k]
@@ -76,8 +76,8 @@ def note_guards(has_jumped: bool, transitions: Transitions, memory: Memory) -> N
 def is_near(transitions: Transitions, memory: Memory) -> bool:
     """Returns whether a guard may have ceased to be negative within the step.
 
-    Then it is as near to 0 at the end as it has changed in this step and the last one.
-    A guard on its way back has changed in the one or in the other.
+    In that case its distance from 0 at the end is at most its change over this step and
+    the last one. A guard that has already turned back has changed in one of the two.
     """
     guards = memory.guards
     for k in range(len(transitions.guards)):
