@@ -160,7 +160,7 @@ def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> Non
         return EventStatus.DidNothing()
 
     parameters = InitializeParams(suppress_initialization_events=True)
-    caller = sys._getframe()
+    caller: FrameType | None = sys._getframe()
 
     def NoteCall(frame: FrameType, event: str, _: object) -> None:
         code = frame.f_code
@@ -181,3 +181,4 @@ def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> Non
     finally:
         sys.setprofile(profiler)
         simulator.clear_monitor()
+        caller = None  # This frame refers to itself, and so keeps the block.

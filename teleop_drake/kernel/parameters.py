@@ -7,6 +7,7 @@ with the elements of the array, row by row. All other parameters are constants, 
 computed from these.
 """
 
+import weakref
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -95,18 +96,23 @@ class BlockParameters:
             shape = leaves[name].shape
             self.named.append(NamedParameter(name, number, unit, shape))
         self.ticket = block.all_parameters_ticket()
-        self._entry = block.DeclareCacheEntry(
+        # The entry itself would keep the block alive, and Python would not see it.
+        self._block = weakref.ref(block)
+        self._index = block.DeclareCacheEntry(
             "numbers of the kernel",
             ValueProducer(
                 allocate=_AllocateNumbers,
                 calc=Weakly(self._CalcNumbers),
             ),
             {self.ticket},
-        )
+        ).cache_index()
 
     def In(self, context: Context) -> Numbers:
         """Returns the parameters of the kernel with their values in a Context."""
-        numbers: Numbers = self._entry.EvalAbstract(context).get_value()
+        block = self._block()
+        assert block is not None
+        entry = block.get_cache_entry(self._index)
+        numbers: Numbers = entry.EvalAbstract(context).get_value()
         return numbers
 
     def _CalcNumbers(self, context: Context, result: AbstractValue) -> None:
