@@ -47,8 +47,9 @@ def test_table(capsys):
     assert os.listdir() == []
 
 
-def test_what_was_assumed_is_said(capsys):
-    for options, text in [
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
         (["--controller", "wave_variables"], "Llewellyn's parameter is 1 or more ever"),
         (["--controller", "time_domain_passivity"], "are taken to inject nothing"),
         (["--controller", "smith_predictor"], "predictor is taken to be the round tr"),
@@ -56,9 +57,11 @@ def test_what_was_assumed_is_said(capsys):
          "forward_channel: the delay varies from 0.08 to 0.12 s; the margins hold"),
         (["--set", "return_channel={kind: sampled, sample_period: 0.01}"],
          "return_channel: packets are held for 0.01 s, on average half of that; the"),
-    ]:  # fmt: skip
-        assert main(["analyze", "one_dof", *options]) == 0
-        assert text in capsys.readouterr().out
+    ],
+)  # fmt: skip
+def test_what_was_assumed_is_said(options, text, capsys):
+    assert main(["analyze", "one_dof", *options]) == 0
+    assert text in capsys.readouterr().out
 
 
 def test_json_on_stdout(capsys):
@@ -115,8 +118,9 @@ def test_files(capsys, unrendered):
     assert record["chart"]["analyses"][0]["controller"] == "direct_force"
 
 
-def test_bad_input(capsys):
-    for command, message in [
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
         ("one_dof --max-delay 0", "max_delay = 0.0: must be a finite number > 0 (s)"),
         ("one_dof --max-delay soon", "argument --max-delay: invalid float value: 'so"),
         ("one_dof --vary robot.mass", "--vary = 'robot.mass': must be PATH=START:"),
@@ -134,15 +138,19 @@ def test_bad_input(capsys):
             "--set controller.smith_predictor.delay=0.1",
             "delay inside of a station = 0.1: must be the round trip, 0.2 s",
         ),
-    ]:
-        Path("file").touch()
-        command = ["analyze", *re.split(r"(?<![:,]) ", command), "--quiet"]
-        assert main(command) == 2
-        out, err = capsys.readouterr()
-        assert out == ""
-        assert err.startswith(f"teleop-drake: error: {message}")
-        assert err.count("\n") == 1 and err.endswith("\n")
-        assert os.listdir() == ["file"]
+        ("one_dof --out file", "--out = 'file': must be a folder that can be"),
+        ("one_dof --json no/a", "--json = 'no/a': must be where 'a' can be"),
+    ],
+)
+def test_bad_input(command, message, capsys):
+    Path("file").touch()
+    command = ["analyze", *re.split(r"(?<![:,]) ", command), "--quiet"]
+    assert main(command) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"teleop-drake: error: {message}")
+    assert err.count("\n") == 1 and err.endswith("\n")
+    assert os.listdir() == ["file"]
 
 
 def Chart(capsys, *options):

@@ -302,23 +302,24 @@ def test_force_that_is_held_leaves_the_slider_alone():
     assert held.stable_delays == [(0.0, 2.0)] and held.margin is None
 
 
-def test_no_loop_of_a_held_force():
-    for overrides, reason in [
+@pytest.mark.parametrize(
+    ("overrides", "reason"),
+    [
         ({"surgeon.contact_force": None}, ""),
         ({"surgeon.contact_force": [-0.1]}, "the tool does not rest under it"),
         (
             {"surgeon.kind": "own_kinds:FadingConfig"},
             "own_kinds:FadingConfig does not tell it",
         ),
-    ]:
-        analysis = Analyze("one_dof", **overrides)
-        bone = analysis.ToRecord()["operating_points"][2]
-        assert bone["operator"] == "commands a velocity" and bone["force_mode"] is None
-        note = "The loop in bone once the operator holds a force there is not known: "
-        note += f"{reason}."
-        assert [x for x in analysis.notes if "holds a force" in x] == [note] * bool(
-            reason
-        )
+    ],
+)
+def test_no_loop_of_a_held_force(overrides, reason):
+    analysis = Analyze("one_dof", **overrides)
+    bone = analysis.ToRecord()["operating_points"][2]
+    assert bone["operator"] == "commands a velocity" and bone["force_mode"] is None
+    note = "The loop in bone once the operator holds a force there is not known: "
+    note += f"{reason}."
+    assert [x for x in analysis.notes if "holds a force" in x] == [note] * bool(reason)
 
 
 def PredictorDeterminant(s, T, model_mass, k, d):
@@ -421,11 +422,14 @@ def test_runs_in_free_space_on_either_side_of_the_margin(kind, share):
     assert frequency == pytest.approx(pair.imag, rel=1e-2)
 
 
-def test_gains_that_derive_from_the_delay_are_held():
-    for kind in ("proportional_damping", "four_channel"):
-        (note,) = Analyze("one_dof", kind).notes
-        assert note.startswith("Gains that derive from the delay keep the values")
-        assert "for 0.2 s" in note
+@pytest.mark.parametrize(
+    "kind",
+    ("proportional_damping", "four_channel"),
+)
+def test_gains_that_derive_from_the_delay_are_held(kind):
+    (note,) = Analyze("one_dof", kind).notes
+    assert note.startswith("Gains that derive from the delay keep the values")
+    assert "for 0.2 s" in note
 
 
 def test_bare_wave_line_is_not_robust():
