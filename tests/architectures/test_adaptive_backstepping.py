@@ -132,8 +132,9 @@ def test_it_takes_its_parameters_from_what_has_them():
     assert (config.G1, config.G2, config.leakage) == (1.0, 2.0, 0.7)
 
 
-def test_what_is_refused():
-    for changes, message in [
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
         ({"G2": -1.0}, "controller.G2 = "),
         ({"Lambda": np.array([[1.0, 2.0], [2.0, 1.0]])}, "controller.Lambda = "),
         ({"P": np.diag([1.0, 100.0]), "G1": np.array([[1.0, 0.9], [0.9, 1.0]])},
@@ -145,9 +146,11 @@ def test_what_is_refused():
         ({"minimum_psi": 0.0}, "controller.minimum_psi = 0.0: must be"),
         ({"network": NetworkConfig(lower=None, upper=None, count=None)},
          "controller.network.lower = null: must be"),
-    ]:  # fmt: skip
-        with pytest.raises(ScenarioError, match=message):
-            Config(**changes).Check("controller", 2)
+    ],
+)  # fmt: skip
+def test_what_is_refused(changes, message):
+    with pytest.raises(ScenarioError, match=message):
+        Config(**changes).Check("controller", 2)
 
 
 @pytest.mark.parametrize("psi", [0.05, -3.0, np.diag([1.0, 0.01])])
@@ -192,8 +195,9 @@ def test_whether_anything_is_given():
     assert NetworkConfig(lower=None, upper=None, count=[3]).is_given
 
 
-def test_lattices_that_are_refused():
-    for changes, message in [
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
         ({"lower": np.array([0.0])}, "network.lower = "),
         ({"upper": np.array([1.0, np.nan])}, "network.upper = "),
         ({"upper": np.array([1.0, 1.0])}, r"network.upper = .*> network.lower = "),
@@ -201,9 +205,11 @@ def test_lattices_that_are_refused():
         ({"count": [3, 0]}, r"network.count = \[3, 0\]: must be a list of 2 whole"),
         ({"count": [MAX_BASIS_FUNCTIONS, 2]}, "network.count = .* at most 10000 in"),
         ({"width": 0.0}, "network.width = 0.0: must be"),
-    ]:
-        with pytest.raises(ScenarioError, match=message):
-            Lattice(**changes).Check("network", 2)
+    ],
+)
+def test_lattices_that_are_refused(changes, message):
+    with pytest.raises(ScenarioError, match=message):
+        Lattice(**changes).Check("network", 2)
 
 
 WITH_VELOCITY = {
@@ -239,14 +245,17 @@ def test_a_page_with_velocity_as_an_input():
     )
 
 
-def test_inputs_that_are_refused():
-    for name, changes, message in [
+@pytest.mark.parametrize(
+    ("name", "changes", "message"),
+    [
         ("one_dof", {"velocity_range": None}, "velocity_range = null: must be a speed"),
         ("one_dof", {"inputs": "speed"}, "inputs = 'speed': must be one of pos"),
         ("one_dof", {"velocity_count": 0}, "velocity_count = 0: must be >= 1"),
         ("network_tracking_linear", {}, "inputs = 'position_velocity': must be posit"),
-    ]:
-        changes = {"inputs": "position_velocity", "velocity_range": 1.0} | changes
-        overrides = {f"controller.network.{key}": x for key, x in changes.items()}
-        with pytest.raises(ScenarioError, match=f"controller.network.{message}"):
-            LoadScenario(name, overrides)
+    ],
+)
+def test_inputs_that_are_refused(name, changes, message):
+    changes = {"inputs": "position_velocity", "velocity_range": 1.0} | changes
+    overrides = {f"controller.network.{key}": x for key, x in changes.items()}
+    with pytest.raises(ScenarioError, match=f"controller.network.{message}"):
+        LoadScenario(name, overrides)

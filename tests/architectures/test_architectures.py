@@ -211,17 +211,23 @@ BAD = {
 }  # fmt: skip
 
 
-def test_bad_input_is_named():
-    for kind, rows in BAD.items():
-        own = f"controller.{kind}."
-        for changes, message in rows.items():
-            overrides = [f"controller.kind={kind}"]
-            for change in changes.split():
-                is_other = re.match(r"\w+(_device|_channel)\.", change)
-                overrides.append(change if is_other else own + change)
-            message = rf"^({own})?{re.escape(message)}"
-            with pytest.raises(ScenarioError, match=message):
-                MakeTeleoperator(LoadScenario("one_dof", overrides))
+@pytest.mark.parametrize(
+    ("kind", "changes", "message"),
+    [
+        (kind, changes, message)
+        for kind, rows in BAD.items()
+        for changes, message in rows.items()
+    ],
+)
+def test_bad_input_is_named(kind, changes, message):
+    own = f"controller.{kind}."
+    overrides = [f"controller.kind={kind}"]
+    for change in changes.split():
+        is_other = re.match(r"\w+(_device|_channel)\.", change)
+        overrides.append(change if is_other else own + change)
+    message = rf"^({own})?{re.escape(message)}"
+    with pytest.raises(ScenarioError, match=message):
+        MakeTeleoperator(LoadScenario("one_dof", overrides))
 
 
 def test_the_thesis_has_no_master_side():

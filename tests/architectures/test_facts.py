@@ -27,14 +27,20 @@ def test_the_slider_and_its_tissue_tell_what_they_are():
     assert facts.StartDamping("x").item() == pytest.approx(0.6)
 
 
-def test_what_is_not_told_is_not_guessed():
-    for fact, who in [
+@pytest.mark.parametrize(
+    ("fact", "who"),
+    [
         ("inertia", "robot does not tell its inertia"),
         ("robot_damping", "robot does not tell its damping"),
         ("environment_stiffness", "environment does not tell its stiffness"),
-    ]:
-        with pytest.raises(ScenarioError, match=rf"^controller.mass = null: .*{who}"):
-            Facts(**UNTOLD).Told(fact, "controller.mass")
+    ],
+)
+def test_what_is_not_told_is_not_guessed(fact, who):
+    with pytest.raises(ScenarioError, match=rf"^controller.mass = null: .*{who}"):
+        Facts(**UNTOLD).Told(fact, "controller.mass")
+
+
+def test_a_damping_that_is_not_told_is_not_guessed():
     half = Facts(environment_damping=None)
     with pytest.raises(ScenarioError, match="environment does not tell its damping"):
         half.StartDamping("controller.damping")

@@ -146,17 +146,20 @@ def test_defaults_derive_from_the_delays_and_the_robot():
     assert config.C_s.stiffness == pytest.approx(config.C_m.stiffness)
 
 
-def test_without_delay_the_tool_follows_the_command():
-    for variant, name in [
+@pytest.mark.parametrize(
+    ("variant", "name"),
+    [
         *((variant, "one_dof") for variant in VARIANTS),
         (VARIANTS[0], "two_dof_puncture"),
-    ]:
-        scenario = Scenario(f"variant={variant}", name=name, delay=0)
-        scenario.duration = 2.0 if name == "two_dof_puncture" else 4.0  # In the tissue.
-        recording = simulate(scenario, engine="auto")
-        assert recording.termination == "completed"
-        v = recording["tool_velocity"][-1, 0]
-        assert v == pytest.approx(scenario.surgeon.velocity[0], rel=0.25)
+    ],
+)
+def test_without_delay_the_tool_follows_the_command(variant, name):
+    scenario = Scenario(f"variant={variant}", name=name, delay=0)
+    scenario.duration = 2.0 if name == "two_dof_puncture" else 4.0  # In the tissue.
+    recording = simulate(scenario, engine="auto")
+    assert recording.termination == "completed"
+    v = recording["tool_velocity"][-1, 0]
+    assert v == pytest.approx(scenario.surgeon.velocity[0], rel=0.25)
 
 
 def test_a_lasting_force_arrives_as_it_was_sent():
@@ -168,12 +171,17 @@ def test_a_lasting_force_arrives_as_it_was_sent():
     assert recording["control_force"][-1] == pytest.approx([0.2, 0.0], abs=0.005)
 
 
-def test_bad_parameters_of_the_blocks():
-    master = {"master_mass": np.zeros((2, 2)), "master_damping": -1.0, "C4": np.nan}
-    slave = {"slave_damping": np.eye(3), "C5": None}
-    for name, value in (master | {"start": [np.inf]} | slave).items():
-        with pytest.raises(ValueError, match=name):
-            Make(
-                FourChannelSlave if name in slave else FourChannelMaster,
-                **{name: value},
-            )
+@pytest.mark.parametrize(
+    ("block", "name", "value"),
+    [
+        (FourChannelMaster, "master_mass", np.zeros((2, 2))),
+        (FourChannelMaster, "master_damping", -1.0),
+        (FourChannelMaster, "C4", np.nan),
+        (FourChannelMaster, "start", [np.inf]),
+        (FourChannelSlave, "slave_damping", np.eye(3)),
+        (FourChannelSlave, "C5", None),
+    ],
+)
+def test_bad_parameters_of_the_blocks(block, name, value):
+    with pytest.raises(ValueError, match=name):
+        Make(block, **{name: value})

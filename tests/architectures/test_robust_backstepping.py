@@ -34,19 +34,20 @@ def test_its_kernel_is_the_law():
     assert CheckKernel(law, num_states=3) == []
 
 
-def test_what_is_refused():
-    for key, value, allowed in [
+@pytest.mark.parametrize(
+    ("key", "value", "allowed"),
+    [
         ("acceleration_bound", -1.0, ">= 0 (m/s^2)"),
         ("velocity_width", 0.0, "> 0 (m/s)"),
         ("force_rate_bound", float("nan"), ">= 0 (N/s)"),
         ("force_width", -0.1, "> 0 (N)"),
-    ]:
-        with pytest.raises(ScenarioError) as error:
-            Load(kind="direct_force", robust={key: value})
-        message = (
-            f"controller.robust.{key} = {value}: must be a finite number {allowed}"
-        )
-        assert str(error.value) == message
+    ],
+)
+def test_what_is_refused(key, value, allowed):
+    with pytest.raises(ScenarioError) as error:
+        Load(kind="direct_force", robust={key: value})
+    message = f"controller.robust.{key} = {value}: must be a finite number {allowed}"
+    assert str(error.value) == message
 
 
 def test_without_a_speed_the_widths_have_to_be_given():

@@ -79,27 +79,32 @@ def Delays(forward, back):
 
 
 # The robot's own damper, of which the model knows, changes nothing.
-def test_an_exact_model_gives_the_response_without_delay_only_later():
-    """In the tissue, of which the slider's default model knows everything."""
-    for delays, damper, without in [
+@pytest.mark.parametrize(
+    ("delays", "damper", "without"),
+    [
         ((0.35, 0.25), "local_damping=0", "direct_force"),
         ((0.0, 0.3), "local_damping=2", "damped_force"),
-    ]:
-        short, forward = "duration=2.0", delays[0]
-        damper = f"controller.{KIND}.{damper}"
-        late = simulate(Scenario(short, damper, *Delays(*delays)))
-        free = Run("one_dof", without, short, *Delays(0.0, 0.0))
-        times = np.linspace(0, 2 - forward, 500)
-        for ours, theirs, shift in (
-            ("tool_velocity", "tool_velocity", forward),
-            ("force_command", "forward_packet_sent", 0.0),
-        ):
-            expected = free.Interpolate(theirs, times)[:, 0]
-            np.testing.assert_allclose(
-                late.Interpolate(ours, times + shift)[:, 0],
-                expected,
-                atol=1e-4 * np.ptp(expected),
-            )
+    ],
+)
+def test_an_exact_model_gives_the_response_without_delay_only_later(
+    delays, damper, without
+):
+    """In the tissue, of which the slider's default model knows everything."""
+    short, forward = "duration=2.0", delays[0]
+    damper = f"controller.{KIND}.{damper}"
+    late = simulate(Scenario(short, damper, *Delays(*delays)))
+    free = Run("one_dof", without, short, *Delays(0.0, 0.0))
+    times = np.linspace(0, 2 - forward, 500)
+    for ours, theirs, shift in (
+        ("tool_velocity", "tool_velocity", forward),
+        ("force_command", "forward_packet_sent", 0.0),
+    ):
+        expected = free.Interpolate(theirs, times)[:, 0]
+        np.testing.assert_allclose(
+            late.Interpolate(ours, times + shift)[:, 0],
+            expected,
+            atol=1e-4 * np.ptp(expected),
+        )
 
 
 @pytest.mark.parametrize("is_exact", [True, False])
@@ -153,7 +158,10 @@ def test_the_delay_of_the_model_limits_the_step():
     assert np.diff(recording.time).max() < 0.0021
 
 
-def test_bad_parameters_of_the_block():
-    for bad in ({"mass": np.zeros((2, 2))}, {"damping": np.eye(3)}, {"delay": -0.1}):
-        with pytest.raises(ValueError, match=next(iter(bad))):
-            Make(**bad)
+@pytest.mark.parametrize(
+    "bad",
+    ({"mass": np.zeros((2, 2))}, {"damping": np.eye(3)}, {"delay": -0.1}),
+)
+def test_bad_parameters_of_the_block(bad):
+    with pytest.raises(ValueError, match=next(iter(bad))):
+        Make(**bad)

@@ -176,8 +176,11 @@ def test_energy_for_the_start_is_what_the_tool_takes():
     assert config.maximum_mobility == pytest.approx(1 / (25 * 0.01))
 
 
-def test_bad_parameters_of_the_blocks():
-    for name in ("horizon", "maximum_mobility", "initial_energy"):
-        for value in (0.0, None):
-            with pytest.raises(ValueError, match=name):
-                PassivityMaster(replace(CONFIG, **{name: value}), num_axes=1)
+@pytest.mark.parametrize(
+    "name",
+    ("horizon", "maximum_mobility", "initial_energy"),
+)
+def test_bad_parameters_of_the_blocks(name):
+    for value in (0.0, None):
+        with pytest.raises(ValueError, match=name):
+            PassivityMaster(replace(CONFIG, **{name: value}), num_axes=1)

@@ -78,11 +78,20 @@ def Wave(name, *overrides):
     return simulate(scenario, engine="auto")
 
 
-def test_bad_parameters_of_the_blocks():
-    bad = {"impedance": np.zeros((2, 2)), "master_damping": -1.0, "return_scaling": 1.1}
-    for name, value in bad.items():
-        with pytest.raises(ValueError, match=name):
-            WaveMaster(replace(CONFIG, **{name: value}), start=START)
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("impedance", np.zeros((2, 2))),
+        ("master_damping", -1.0),
+        ("return_scaling", 1.1),
+    ],
+)
+def test_bad_parameters_of_the_master(name, value):
+    with pytest.raises(ValueError, match=name):
+        WaveMaster(replace(CONFIG, **{name: value}), start=START)
+
+
+def test_bad_parameters_of_the_slave():
     with pytest.raises(ValueError, match=r"forward_scaling = 0\.0"):
         WaveSlave(replace(CONFIG, forward_scaling=0.0), num_axes=2)
 
