@@ -85,55 +85,70 @@ def test_what_others_are_told(config, step, period, passes, delay, note):
     assert note is None or told.note.startswith("return_channel: ")
 
 
-def test_the_block_delivers_the_initial_value_first():
-    for config, block_type in [
+@pytest.mark.parametrize(
+    ("config", "block_type"),
+    [
         (TransportChannelConfig(delay=0.1), TransportDelay),
         (VariableChannelConfig(delay=0.1), VariableDelay),
         (SampledChannelConfig(delay=0.1, sample_period=0.02), SampledDelay),
         (Network(), NetworkDelay),
-    ]:
-        block = config.MakeChannel(size=2, initial_value=[1.0, 2.0], duration=DURATION)
-        assert isinstance(block, block_type)
-        assert not block.HasAnyDirectFeedthrough()
-        context = block.CreateDefaultContext()
-        output = block.GetOutputPort("delayed_signal").Eval(context)
-        assert output.tolist() == [1.0, 2.0]
-        config.delay = 0.0
-        if config.IsPassThrough():
-            block = config.MakeChannel(size=2, initial_value=[1.0, 2.0])
-            assert block.HasAnyDirectFeedthrough()
+    ],
+)
+def test_the_block_delivers_the_initial_value_first(config, block_type):
+    block = config.MakeChannel(size=2, initial_value=[1.0, 2.0], duration=DURATION)
+    assert isinstance(block, block_type)
+    assert not block.HasAnyDirectFeedthrough()
+    context = block.CreateDefaultContext()
+    output = block.GetOutputPort("delayed_signal").Eval(context)
+    assert output.tolist() == [1.0, 2.0]
+    config.delay = 0.0
+    if config.IsPassThrough():
+        block = config.MakeChannel(size=2, initial_value=[1.0, 2.0])
+        assert block.HasAnyDirectFeedthrough()
 
 
-def test_what_is_refused():
-    for config, message in [
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
         (Wire(delay=SHORTEST_TIME / 2), ".delay = 5e-07: must be 0 or a finite"),
         (Wire(delay=math.inf), ".delay = inf: must be 0 or a finite number"),
         (Wire(seed=-1), ".seed = -1: must be a whole number >= 0"),
-        (Wire(delay=SHORTEST_TIME), None),
         (VariableChannelConfig(delay=0.0), ".delay = 0.0: must be such that"),
         (SampledChannelConfig(delay=0.1, sample_period=0.2),
          ".sample_period = 0.2: must be at most the delay, 0.1"),
         (SampledChannelConfig(delay=9.0, sample_period=8.9 / MAX_PACKETS),
          ".sample_period = 8.9"),
-        (SampledChannelConfig(delay=9.0, sample_period=9.0 / MAX_PACKETS), None),
-    ]:  # fmt: skip
-        if message is None:
-            config.Check("channel", DURATION)
-            continue
-        with pytest.raises(ScenarioError) as error:
-            config.Check("channel", DURATION)
-        assert str(error.value).startswith(f"channel{message}")
+    ],
+)  # fmt: skip
+def test_what_is_refused(config, message):
+    with pytest.raises(ScenarioError) as error:
+        config.Check("channel", DURATION)
+    assert str(error.value).startswith(f"channel{message}")
 
 
-def test_what_is_no_constant_delay():
-    for fields, message in [
+@pytest.mark.parametrize(
+    "config",
+    [
+        Wire(delay=SHORTEST_TIME),
+        SampledChannelConfig(delay=9.0, sample_period=9.0 / MAX_PACKETS),
+    ],
+)
+def test_what_is_just_allowed(config):
+    config.Check("channel", DURATION)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
         ({"receiver": Receiver(policy="extrapolate")},
          r"return_channel.receiver.policy = 'extrapolate': must be newest"),
         ({"loss": Loss(kind="independent", probability=1.0)},
          "return_channel: must deliver a packet within the duration, 20 s"),
-    ]:  # fmt: skip
-        with pytest.raises(ScenarioError, match=message):
-            Network(**fields).AsConstantDelay("return_channel", DURATION)
+    ],
+)  # fmt: skip
+def test_what_is_no_constant_delay(fields, message):
+    with pytest.raises(ScenarioError, match=message):
+        Network(**fields).AsConstantDelay("return_channel", DURATION)
 
 
 def test_arrivals():

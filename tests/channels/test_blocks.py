@@ -83,8 +83,9 @@ def test_state_is_bounded(block):
     assert len(held) < 70
 
 
-def test_bad_parameters():
-    for block, arguments, message in [
+@pytest.mark.parametrize(
+    ("block", "arguments", "message"),
+    [
         *((block, {"size": 0}, "size = 0: must") for block in BLOCKS),
         *((block, {"initial_value": [1.0]}, "initial_value = .*: must be 2 numbers")
           for block in BLOCKS),
@@ -105,6 +106,8 @@ def test_bad_parameters():
          "receiver.depth = -1: must be"),
         (NetworkDelay, {"receiver": Receiver(depth=0.1)},
          "receiver.depth = 0.1: must be 0 where"),
-    ]:  # fmt: skip
-        with pytest.raises(ValueError, match=message):
-            Make(block, **arguments)
+    ],
+)  # fmt: skip
+def test_bad_parameters(block, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Make(block, **arguments)

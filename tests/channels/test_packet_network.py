@@ -61,8 +61,9 @@ def test_measured_delays_are_used_as_they_are():
     np.testing.assert_allclose(delays(network, 50), measured, atol=1e-11)
 
 
-def test_delays_have_the_distribution_of_their_parameters():
-    for jitter, name, arguments in [
+@pytest.mark.parametrize(
+    ("jitter", "name", "arguments"),
+    [
         (Jitter(kind="uniform", std=0.02), "uniform",
          (MEAN - math.sqrt(3) * 0.02, 2 * math.sqrt(3) * 0.02)),
         (Jitter(kind="normal", std=0.01), "norm", (MEAN, 0.01)),
@@ -71,38 +72,43 @@ def test_delays_have_the_distribution_of_their_parameters():
         (Jitter(kind="gamma", std=0.02, minimum=0.06), "gamma", (4.0, 0.06, 0.01)),
         (Jitter(kind="gamma", std=0.02 * math.sqrt(2), minimum=0.08), "gamma",
          (0.5, 0.08, 0.04)),
-    ]:  # fmt: skip
-        from scipy import stats  # It takes a second.
+    ],
+)  # fmt: skip
+def test_delays_have_the_distribution_of_their_parameters(jitter, name, arguments):
+    from scipy import stats  # It takes a second.
 
-        distribution = getattr(stats, name)(*arguments)
-        sample = delays(make(jitter=jitter, seed=1))
-        assert stats.kstest(sample, distribution.cdf).pvalue > 0.01
-        assert sample.min() >= max(jitter.minimum, distribution.ppf(0)) - 1e-9
-        mean_error = (sample.mean() - distribution.mean()) / distribution.std()
-        assert abs(mean_error) < 4 / math.sqrt(COUNT)
-        assert sample.std() == pytest.approx(distribution.std(), rel=0.05)
-        # Neighbours are independent.
-        assert abs(np.corrcoef(sample[1:], sample[:-1])[0, 1]) < 4 / math.sqrt(COUNT)
+    distribution = getattr(stats, name)(*arguments)
+    sample = delays(make(jitter=jitter, seed=1))
+    assert stats.kstest(sample, distribution.cdf).pvalue > 0.01
+    assert sample.min() >= max(jitter.minimum, distribution.ppf(0)) - 1e-9
+    mean_error = (sample.mean() - distribution.mean()) / distribution.std()
+    assert abs(mean_error) < 4 / math.sqrt(COUNT)
+    assert sample.std() == pytest.approx(distribution.std(), rel=0.05)
+    # Neighbours are independent.
+    assert abs(np.corrcoef(sample[1:], sample[:-1])[0, 1]) < 4 / math.sqrt(COUNT)
 
 
-def test_correlated_delays_have_the_same_distribution():
-    for jitter, kurtosis in [
+@pytest.mark.parametrize(
+    ("jitter", "kurtosis"),
+    [
         (Jitter(kind="uniform", std=0.02), 1.8),
         (Jitter(kind="normal", std=0.01), 3.0),
         (Jitter(kind="gamma", std=0.02, minimum=0.06), 3 + 6 / 4),
-    ]:
-        jitter.correlation_time = 5 * H
-        a = math.exp(-1 / 5)
-        sample = delays(make(jitter=jitter, seed=2))
-        independent = COUNT * (1 - a) / (1 + a)
-        assert abs(sample.mean() - MEAN) < 4 * jitter.std / math.sqrt(independent)
-        error = math.sqrt((kurtosis - 1) / 4 / independent)
-        assert sample.std() == pytest.approx(jitter.std, rel=4 * error)
-        ranks = np.argsort(np.argsort(sample))
-        for m in (1, 3, 8):
-            expected = 6 / math.pi * math.asin(a**m / 2)
-            found = np.corrcoef(ranks[m:], ranks[:-m])[0, 1]
-            assert found == pytest.approx(expected, abs=4 / math.sqrt(independent))
+    ],
+)
+def test_correlated_delays_have_the_same_distribution(jitter, kurtosis):
+    jitter.correlation_time = 5 * H
+    a = math.exp(-1 / 5)
+    sample = delays(make(jitter=jitter, seed=2))
+    independent = COUNT * (1 - a) / (1 + a)
+    assert abs(sample.mean() - MEAN) < 4 * jitter.std / math.sqrt(independent)
+    error = math.sqrt((kurtosis - 1) / 4 / independent)
+    assert sample.std() == pytest.approx(jitter.std, rel=4 * error)
+    ranks = np.argsort(np.argsort(sample))
+    for m in (1, 3, 8):
+        expected = 6 / math.pi * math.asin(a**m / 2)
+        found = np.corrcoef(ranks[m:], ranks[:-m])[0, 1]
+        assert found == pytest.approx(expected, abs=4 / math.sqrt(independent))
 
 
 def test_in_order_a_packet_waits_for_the_one_before():
@@ -260,8 +266,9 @@ def sinusoid(**fields):
     return {"sinusoid": Sinusoid(**fields)}
 
 
-def test_bad_parameters():
-    for arguments, message in [
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
         ({"delay": -0.1}, "delay = -0.1: must be a finite number >= 0"),
         ({"drift": math.nan}, "drift = nan: must be a finite number"),
         ({"drift": -0.01}, "delay = 0.1: must be such that the delay, down to -inf s"),
@@ -294,9 +301,11 @@ def test_bad_parameters():
         (loss("burst", good_loss=0.2), "loss.probability = 0.1: must be >= 0.2"),
         (loss("burst", 0.0, good_loss=0.5, bad_loss=0.5),
          "loss.bad_loss = 0.5: must be > good_loss"),
-    ]:  # fmt: skip
-        with pytest.raises(ValueError, match=message):
-            make(**arguments)
+    ],
+)  # fmt: skip
+def test_bad_parameters(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        make(**arguments)
 
 
 # Statistics, against counting the packets one by one.

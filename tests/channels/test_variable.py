@@ -173,8 +173,9 @@ def test_beyond_the_trace_it_has_no_value_and_without_one_it_has_no_end():
     assert constant(1e9) == constant.minimum == constant.delay == 0.1
 
 
-def test_what_cannot_be_continuous():
-    for arguments, message in [
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
         ({"delay": 0.0}, "delay = 0.0: must be .* never less than 1e-06 s"),
         ({"drift": 1.0}, "drift = 1.0: must be such that dT/dt, up to 1, is less"),
         (
@@ -182,7 +183,9 @@ def test_what_cannot_be_continuous():
             "sinusoid.amplitude = 0.05: must be such that dT/dt, up to 1.025",
         ),
         ({"trace": ([0, 1, 1.01], [0.1, 0.1, 0.2])}, "trace = .*: must .* up to 10"),
-    ]:
-        profile = DelayProfile(**({"delay": 0.1} | arguments))
-        with pytest.raises(ValueError, match=message):
-            profile.CheckContinuous(1e-6)
+    ],
+)
+def test_what_cannot_be_continuous(arguments, message):
+    profile = DelayProfile(**({"delay": 0.1} | arguments))
+    with pytest.raises(ValueError, match=message):
+        profile.CheckContinuous(1e-6)
