@@ -92,20 +92,23 @@ def test_a_difference_is_found_where_it_is(tmp_path, capsys):
     assert line.endswith(f"{columns['time'][100]:.4g} s")
 
 
-def test_bad_input(tmp_path, capsys):
-    for old, new, message in [
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
         (f"reference: {NAME}", "reference: mine", "reference = 'mine': must be one of"),
         ("tool_velocity_1", "v", "column 'tool_velocity_1': must be there: time, "),
         ("time,", "t,", "must be names, `time` among them"),
         ("\n0.0", "\nnan,0.0", "'nan,0.0"),
         (",-", ",x", "finite numbers"),
         ("\n0.0", "\n0.3", "must ascend and cover"),
-    ]:
-        text = (FOLDER / f"{NAME}.csv").read_text("utf-8")
-        (tmp_path / "own.csv").write_text(text.replace(old, new, 1))
-        code, (printed, error) = Check(tmp_path / "own.csv", capsys)
-        assert code == 2 and printed == ""
-        assert message in error and error.count("\n") == 1
+    ],
+)
+def test_bad_input(old, new, message, tmp_path, capsys):
+    text = (FOLDER / f"{NAME}.csv").read_text("utf-8")
+    (tmp_path / "own.csv").write_text(text.replace(old, new, 1))
+    code, (printed, error) = Check(tmp_path / "own.csv", capsys)
+    assert code == 2 and printed == ""
+    assert message in error and error.count("\n") == 1
 
 
 def test_a_file_that_is_not_there(tmp_path, capsys):

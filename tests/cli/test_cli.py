@@ -98,7 +98,10 @@ def test_list(capsys):
     studies = "league, league_held_out, sample_period, sensitivity, tolerance, "
     studies += "why_adaptive"
     assert f"Studies\n  {studies}\n" in out
-    kinds = dict(zip(*2 * [iter(out.splitlines()[-12:])], strict=True))
+    lines = out.splitlines()[-12:]
+    titles = lines[::2]
+    names = lines[1::2]
+    kinds = dict(zip(titles, names, strict=True))
     for title, table in {
         "Environments": ENVIRONMENT_KINDS.names,
         "Operators": OPERATOR_KINDS.names,
@@ -297,8 +300,9 @@ def test_a_run_that_comes_no_further_ends_with_its_reason(capsys, monkeypatch):
     assert line.startswith("teleop-drake: error: duration = 1: must be at most ")
 
 
-def test_what_a_figure_cannot_show_is_refused(capsys):
-    for command, options, message in [
+@pytest.mark.parametrize(
+    ("command", "options", "message"),
+    [
         ("compare", ["--vary", "delay"], "--vary = 'delay': must be PATH=VALUES"),
         ("compare", ["--vary", "delay=a:b:c"], "grid.delay = 'a:b:c': must be START"),
         ("compare", ["--vary", "dely=1,2"], "dely = 1: unknown key 'dely'"),
@@ -308,10 +312,12 @@ def test_what_a_figure_cannot_show_is_refused(capsys):
         ("run", ["--signals", "psy", "--out", "."],
          "--signals = 'psy': must be one of"),
         ("run", ["--window", "1:2", "--out", "."], "time = [1.0, 2.0]: must be before"),
-    ]:  # fmt: skip
-        assert main([command, "one_dof", *SHORT, *options]) == 2
-        error = capsys.readouterr().err.splitlines()[-1]
-        assert message in error
+    ],
+)  # fmt: skip
+def test_what_a_figure_cannot_show_is_refused(command, options, message, capsys):
+    assert main([command, "one_dof", *SHORT, *options]) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert message in error
 
 
 @pytest.mark.slow
@@ -320,7 +326,9 @@ def test_figures_of_sweeps_and_of_analyses_have_the_formats_asked_for():
     options = ["--delay", "0.1,0.2", "--controllers", "direct_force", "--jobs", "1"]
     options += ["--metrics", "control_force_peak", "--format", "pdf,svg"]
     assert main(["sweep", "one_dof", *SHORT, *options, "--out", "s"]) == 0
-    figures = {name for name in os.listdir("s") if name.endswith(("f", "g"))}
+    figures = {
+        name for name in os.listdir("s") if name.endswith((".pdf", ".svg", ".png"))
+    }
     assert figures == {"metrics.pdf", "metrics.svg"}
     command = ["analyze", "one_dof", "--controller", "direct_force", "--quiet"]
     assert main([*command, "--format", "svg,png", "--out", "a"]) == 0
@@ -384,8 +392,9 @@ def no_simulation(monkeypatch):
     monkeypatch.setattr(teleop_drake.simulation, "simulate", fail)
 
 
-def test_bad_input(no_simulation, capsys):
-    for command, message in [
+@pytest.mark.parametrize(
+    "command, message",
+    [
         ("", "the following arguments are required: COMMAND"),
         ("rum one_dof", "argument COMMAND: invalid choice: 'rum'"),
         ("run", "the following arguments are required: SCENARIO"),
@@ -413,14 +422,16 @@ def test_bad_input(no_simulation, capsys):
         ("diagram one_dof -o a.txt",
          "--output: path = 'a.txt': must be a file that ends"),
         ("diagram one_dof -o no/a.dot", "--output: "),
-    ]:  # fmt: skip
-        Path("file").touch()
-        assert main(command.split()) == 2
-        out, err = capsys.readouterr()
-        assert out == ""
-        assert err.startswith(f"teleop-drake: error: {message}")
-        assert err.count("\n") == 1 and err.endswith("\n")
-        assert os.listdir() == ["file"]
+    ],
+)  # fmt: skip
+def test_bad_input(command, message, no_simulation, capsys):
+    Path("file").touch()
+    assert main(command.split()) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"teleop-drake: error: {message}")
+    assert err.count("\n") == 1 and err.endswith("\n")
+    assert os.listdir() == ["file"]
 
 
 def test_failed_write_leaves_nothing(monkeypatch, capsys):

@@ -86,8 +86,9 @@ def test_an_interrupted_run_is_written_and_not_opened(out, monkeypatch):
     assert not out or Runs("a.html") == ["direct force"]
 
 
-def test_bad_input(recording, capsys):
-    for arguments, message in [
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
         (["a.npz", "--out", "a.gif"], "--out = 'a.gif': must end in .html"),
         (["a.npz", "--out", "no/a.html"], "--out = 'no/a.html': must be where"),
         (["a.npz", "--delay", "1"], "--delay = '1': must be left out with a recording"),
@@ -95,8 +96,10 @@ def test_bad_input(recording, capsys):
         (["b.npz"], "FILE.npz = 'b.npz': must be a file that can be read (No such"),
         (["one_dof", "a.npz"], "FILE.npz = 'a.npz': must be left out after a scenario"),
         (["one_dof", "--controllers", "a,a"], "--controllers = 'a,a': must be diff"),
-    ]:
-        assert message in Refused(capsys, "replay", *arguments)
+    ],
+)
+def test_bad_input(arguments, message, recording, capsys):
+    assert message in Refused(capsys, "replay", *arguments)
 
 
 def test_half_a_recording_is_none(recording, capsys):
@@ -106,18 +109,21 @@ def test_half_a_recording_is_none(recording, capsys):
     assert "FILE.npz = a.npz: must be a recording of teleop-drake" in message
 
 
-def test_recordings_of_another_version(recording, capsys):
-    with np.load(recording) as data:
-        arrays = dict(data)
-    written = json.loads(str(arrays["description"]))
-    for change, message in (
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
         ({"format": 2}, "it has format 2"),
         ({"events": [{"name": "contact", "when": 1}]}, "unexpected keyword"),
         ({"solver": {}}, "SolverStatistics"),
         ({"scenario": "robot: {model: hexapod}"}, "robot"),
-    ):
-        arrays["description"] = np.array(json.dumps(written | change))
-        np.savez(recording, **arrays)
-        line = Refused(capsys, "replay", recording, "--out", "a.html")
-        assert "must be a recording of format 3, as this version" in line
-        assert message in line
+    ],
+)
+def test_recordings_of_another_version(change, message, recording, capsys):
+    with np.load(recording) as data:
+        arrays = dict(data)
+    written = json.loads(str(arrays["description"]))
+    arrays["description"] = np.array(json.dumps(written | change))
+    np.savez(recording, **arrays)
+    line = Refused(capsys, "replay", recording, "--out", "a.html")
+    assert "must be a recording of format 3, as this version" in line
+    assert message in line
