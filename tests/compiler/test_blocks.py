@@ -57,8 +57,9 @@ WAVES = WaveVariablesConfig(
 MATCHED = replace(WAVES, master_damping=2.0, return_scaling=0.9)
 
 
-def test_a_variant_has_a_kernel():
-    for block in [
+@pytest.mark.parametrize(
+    "block",
+    [
         WaveMaster(WAVES, start=[0.1, 0]),
         WaveMaster(MATCHED, start=[0.1, 0]),
         WaveSlave(WAVES, num_axes=2),
@@ -67,8 +68,10 @@ def test_a_variant_has_a_kernel():
         TransportDelay(delay=0, size=2),
         DisturbanceForce(kind="linear", gain=I),
         DisturbanceForce(kind="coupled", gain=I),
-    ]:
-        CheckKernel(block)
+    ],
+)
+def test_a_variant_has_a_kernel(block):
+    CheckKernel(block)
 
 
 def layers():
@@ -155,16 +158,19 @@ def wrong(block, **changes):
     return system
 
 
-def test_a_wrong_transition_or_delay_is_found():
-    for block, changes in [
+@pytest.mark.parametrize(
+    ("block", "changes"),
+    [
         ("operator", {"guard": WRONG_PLACE}),
         ("operator", {"mode": (with_stop, "mode")}),
         ("transport", {"initial_value": [1, 2.1]}),
         ("variable", {"time": lambda t: 0.2}),
         ("network", {"shown": lambda k: np.inf}),
-    ]:
-        with pytest.raises(KernelDisagrees, match="its kernel says"):
-            CheckKernel(wrong(block, **changes), num_states=1)
+    ],
+)
+def test_a_wrong_transition_or_delay_is_found(block, changes):
+    with pytest.raises(KernelDisagrees, match="its kernel says"):
+        CheckKernel(wrong(block, **changes), num_states=1)
 
 
 class Limit(LeafSystem):

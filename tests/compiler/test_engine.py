@@ -71,24 +71,27 @@ class Sampler(KernelBlock):
         return Kernel(outputs={"y": "mode"}, transitions={"samples": samples})
 
 
-def test_a_sample_at_the_instant_of_a_jump_is_that_of_drake():
-    """Drake's hold samples after the jump that arrives, the package's own before it."""
-    for delay in [
+@pytest.mark.parametrize(
+    "delay",
+    [
         lambda: TransportDelay(delay=0.1, size=1),
         lambda: SampledDelay(delay=0.1, sample_period=0.05, size=1),
-    ]:
-        times, values = np.array([0.07, 0.12]), {}
-        for make in (lambda: Sampler(0.05), lambda: ZeroOrderHold(0.05, 1)):
-            for engine in (InDrake, Compiled):
-                builder = DiagramBuilder()
-                source = builder.AddSystem(ConstantVectorSource([1.0]))
-                line, hold = builder.AddSystem(delay()), builder.AddSystem(make())
-                builder.Connect(source.get_output_port(), line.get_input_port())
-                builder.Connect(line.get_output_port(), hold.get_input_port())
-                builder.ExportOutput(hold.get_output_port(), "y")
-                values[make, engine] = engine(builder.Build(), SimulatorConfig(), times)
-        shown = [x["y"][-1, 0] for x in values.values()]
-        assert shown == [0.0, 0.0, 1.0, 1.0]
+    ],
+)
+def test_a_sample_at_the_instant_of_a_jump_is_that_of_drake(delay):
+    """Drake's hold samples after the jump that arrives, the package's own before it."""
+    times, values = np.array([0.07, 0.12]), {}
+    for make in (lambda: Sampler(0.05), lambda: ZeroOrderHold(0.05, 1)):
+        for engine in (InDrake, Compiled):
+            builder = DiagramBuilder()
+            source = builder.AddSystem(ConstantVectorSource([1.0]))
+            line, hold = builder.AddSystem(delay()), builder.AddSystem(make())
+            builder.Connect(source.get_output_port(), line.get_input_port())
+            builder.Connect(line.get_output_port(), hold.get_input_port())
+            builder.ExportOutput(hold.get_output_port(), "y")
+            values[make, engine] = engine(builder.Build(), SimulatorConfig(), times)
+    shown = [x["y"][-1, 0] for x in values.values()]
+    assert shown == [0.0, 0.0, 1.0, 1.0]
 
 
 def run(diagram, end, *, accuracy=1e-9, max_step=0.1, every=math.inf):

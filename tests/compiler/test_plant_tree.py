@@ -170,16 +170,19 @@ def controlled(plant, rng):
     motor.set_controller_gains(PdControllerGains(p=1.0, d=1.0))
 
 
-def test_what_is_not_a_tree_of_such_joints_is_refused_by_name():
-    for add, step, message in [
+@pytest.mark.parametrize(
+    ("add", "step", "message"),
+    [
         (ball, 0.0, "joint shoulder is ball_rpy"),
         (free, 0.0, "quaternion_floating"),
         (spring, 0.0, "RevoluteSpring"),
         (limited, 0.001, "joint hinge has limits"),
         (controlled, 0.001, "actuator motor has a controller"),
-    ]:
-        plant = MultibodyPlant(step)
-        add(plant, np.random.default_rng(1))
-        plant.Finalize()
-        with pytest.raises(UnsupportedSystem, match=message):
-            ReadPlantTree(plant, plant.CreateDefaultContext())
+    ],
+)
+def test_what_is_not_a_tree_of_such_joints_is_refused_by_name(add, step, message):
+    plant = MultibodyPlant(step)
+    add(plant, np.random.default_rng(1))
+    plant.Finalize()
+    with pytest.raises(UnsupportedSystem, match=message):
+        ReadPlantTree(plant, plant.CreateDefaultContext())
