@@ -228,20 +228,23 @@ def test_feedthrough():
     }
 
 
-def test_bad_layers():
-    for change, message in [
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
         ({"stiffness": math.nan}, "layers.bone.stiffness = nan"),
         ({"damping": -1.0}, "layers.bone.damping = -1.0"),
         ({"reference": math.inf}, "layers.bone.reference = inf"),
         ({"lateral_stiffness": -1.0}, "layers.bone.lateral_stiffness = -1.0"),
         ({"start": 0.0075}, "layers.bone.start = 0.0075"),
         ({"start": 0.001}, "layers.bone.start = 0.001"),
-    ]:
-        layers = Layers()
-        for name, value in change.items():
-            setattr(layers[-1], name, value)
-        with pytest.raises(ValueError, match=message):
-            LayeredForceField(layers=layers, num_axes=1)
+    ],
+)
+def test_bad_layers(change, message):
+    layers = Layers()
+    for name, value in change.items():
+        setattr(layers[-1], name, value)
+    with pytest.raises(ValueError, match=message):
+        LayeredForceField(layers=layers, num_axes=1)
 
 
 # The kind `layers`.

@@ -92,9 +92,9 @@ NORMAL = np.array([0.8, 0.6])
 ALONG = np.outer(NORMAL, NORMAL)
 
 
-def test_slopes():
-    """Of the force at rest: what it is to analyze and to the architectures."""
-    for config, stiffness, damping in [
+@pytest.mark.parametrize(
+    ("config", "stiffness", "damping"),
+    [
         (
             HuntCrossleyConfig(start=0.0, stiffness=2000.0, damping=1.5),
             2000 * 1.5 * 0.02**0.5 * ALONG,
@@ -112,11 +112,14 @@ def test_slopes():
             25 * ALONG,
             0 * ALONG,
         ),
-    ]:
-        config.direction = NORMAL
-        K, D = config.StiffnessAndDamping(0.02 * NORMAL)
-        np.testing.assert_allclose(K, stiffness, rtol=1e-6, atol=1e-6)
-        np.testing.assert_allclose(D, damping, rtol=1e-6, atol=1e-6)
+    ],
+)
+def test_slopes(config, stiffness, damping):
+    """Of the force at rest: what it is to analyze and to the architectures."""
+    config.direction = NORMAL
+    K, D = config.StiffnessAndDamping(0.02 * NORMAL)
+    np.testing.assert_allclose(K, stiffness, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(D, damping, rtol=1e-6, atol=1e-6)
 
 
 def test_equation_of_the_solid():
@@ -153,19 +156,26 @@ def test_a_tool_that_rests_on_friction_creeps_in_the_linear_model():
     np.testing.assert_allclose(models[1] - models[0], expected, atol=1e-4 * scale)
 
 
-def test_refuses():
-    for kind, *changes in [
-        ("hunt_crossley", "direction: [0, 0]", "direction: [1]", "friction: 1"),
-        ("hunt_crossley", "start: .inf", "stiffness: 0", "exponent: 0.5"),
-        ("hunt_crossley", "damping: -1"),
-        ("friction_wall", "friction: -0.1", "creep_speed: 0"),
-        ("standard_linear_solid", "stiffness: -1", "branch_stiffness: 0"),
-        ("standard_linear_solid", "relaxation_time: null", "relaxation_time: 0"),
-    ]:
-        for change in changes:
-            field, refusal = change.partition(":")[0], Refusal(kind, change)
-            assert refusal.startswith(f"environment.{field} = ")
-            assert ": must be" in refusal
+@pytest.mark.parametrize(
+    ("kind", "change", "message"),
+    [
+        ("hunt_crossley", "direction: [0, 0]", "direction = [0.0, 0.0]: must be"),
+        ("hunt_crossley", "direction: [1]", "direction = [1.0]: must be"),
+        ("hunt_crossley", "start: .inf", "start = inf: must be"),
+        ("hunt_crossley", "stiffness: 0", "stiffness = 0.0: must be"),
+        ("hunt_crossley", "exponent: 0.5", "exponent = 0.5: must be"),
+        ("hunt_crossley", "damping: -1", "damping = -1.0: must be"),
+        ("hunt_crossley", "friction: 1", "friction = 1.0: must be"),
+        ("friction_wall", "friction: -0.1", "friction = -0.1: must be"),
+        ("friction_wall", "creep_speed: 0", "creep_speed = 0.0: must be"),
+        ("standard_linear_solid", "stiffness: -1", "stiffness = -1.0: must be"),
+        ("standard_linear_solid", "branch_stiffness: 0", "branch_stiffness = 0.0: mus"),
+        ("standard_linear_solid", "relaxation_time: null", "relaxation_time = null: m"),
+        ("standard_linear_solid", "relaxation_time: 0", "relaxation_time = 0.0: must"),
+    ],
+)
+def test_refuses(kind, change, message):
+    assert Refusal(kind, change).startswith(f"environment.{message}")
 
 
 def test_refuses_a_wall_behind_the_start():
