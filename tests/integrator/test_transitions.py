@@ -3,6 +3,7 @@
 import types
 
 import numpy as np
+import pytest
 
 from teleop_drake.integrator.problem import Transitions
 from teleop_drake.integrator.transitions import (
@@ -36,24 +37,27 @@ def a_memory(time=0.2, guard=-1.0):
     )
 
 
-def test_modes_change_when_they_are_due():
-    for time, guard, mode in [
+@pytest.mark.parametrize(
+    ("time", "guard", "mode"),
+    [
         (0.2, -1.0, [0, 0, 0]),
         (0.2, 0.0, [7, 0, 0]),
         (0.5, -1.0, [0, 8, 0]),
         (0.5 - 1e-13, 1.0, [7, 8, 0]),
         (0.5 - 1e-9, 1.0, [7, 0, 0]),
-    ]:
-        memory = a_memory(time, guard)
-        assert is_due(TRANSITIONS, memory) == (guard >= 0)
-        assert change_modes(False, TRANSITIONS, memory) == any(mode)
-        assert memory.m.tolist() == mode
-        is_tick = time > 0.5 - 1e-10
-        assert next_time(1, TRANSITIONS, memory) == (1.0 if is_tick else 0.5)
-        memory.y[0] = -1.0
-        assert change_modes(False, TRANSITIONS, memory) == is_tick
-        assert memory.m.tolist() == [*mode[:2], 9 if is_tick else 0]
-        assert not change_modes(False, TRANSITIONS, memory)
+    ],
+)
+def test_modes_change_when_they_are_due(time, guard, mode):
+    memory = a_memory(time, guard)
+    assert is_due(TRANSITIONS, memory) == (guard >= 0)
+    assert change_modes(False, TRANSITIONS, memory) == any(mode)
+    assert memory.m.tolist() == mode
+    is_tick = time > 0.5 - 1e-10
+    assert next_time(1, TRANSITIONS, memory) == (1.0 if is_tick else 0.5)
+    memory.y[0] = -1.0
+    assert change_modes(False, TRANSITIONS, memory) == is_tick
+    assert memory.m.tolist() == [*mode[:2], 9 if is_tick else 0]
+    assert not change_modes(False, TRANSITIONS, memory)
 
 
 def test_a_discrete_update_waits_until_a_jump_has_been_evaluated():
