@@ -103,16 +103,19 @@ class Spring(KernelBlock):
         return Kernel(parameters={"k": 3.0}, **self._terms)
 
 
-def test_a_misspelt_name_is_refused_where_the_block_is_made():
-    for terms, message in [
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
         ({"outputs": {"force": (times, "k", "postion")}}, "outputs.force = 'postion'"),
         ({"outputs": {"force": "k", "other": "postion"}}, "outputs.other = 'postion'"),
         ({"outputs": {"force": "k"}, "rate": ["postion"]}, "rate = 'postion'"),
-    ]:
-        with pytest.raises(ScenarioError) as error:
-            Spring(**terms)
-        assert f"Spring: {message}: must be one of position, " in str(error.value)
-        assert "did you mean 'position'" in str(error.value)
+    ],
+)
+def test_a_misspelt_name_is_refused_where_the_block_is_made(terms, message):
+    with pytest.raises(ScenarioError) as error:
+        Spring(**terms)
+    assert f"Spring: {message}: must be one of position, " in str(error.value)
+    assert "did you mean 'position'" in str(error.value)
 
 
 def test_a_trace_shows_the_users_file_and_no_text_that_is_none():

@@ -78,38 +78,41 @@ def newest(h, time, start, *, is_before):
     return k * h if k * h >= start else None
 
 
-def test_updates_at_one_instant_see_what_was_there_before():
-    for first, second, late, h_1, h_2, start, end in [
+@pytest.mark.parametrize(
+    ("first", "second", "late", "h_1", "h_2", "start", "end"),
+    [
         (sensor, sampled, 1, "0.1", "0.3", "0", "2"),
         (sensor, network, 0, "0.1", "0.3", "0", "2"),
         (hold, sampled, 1, "0.001", "0.01", "11.66", "11.69"),
         # A discrete update of Drake's sees what unrestricted ones have made.
         (sensor, hold, 0, "0.3", "0.1", "0", "2"),
         (sensor, network, 0, "0.02", "0.1", "0", "0.7"),
-    ]:
-        builder = DiagramBuilder()
-        sine = builder.AddNamedSystem("sine", Sine(1.0, 3.0, 0.4, 1))
-        one = builder.AddNamedSystem("one", first(float(h_1)))
-        two = builder.AddNamedSystem("two", second(float(h_2)))
-        builder.Connect(sine.get_output_port(0), one.get_input_port())
-        builder.Connect(one.get_output_port(0), two.get_input_port())
-        output = two.get_output_port()
-        h_1, h_2, start, end = map(Fraction, (h_1, h_2, start, end))
-        step = min(h_1, h_2)
-        middles = [
-            start + (k + Fraction(1, 2)) * step for k in range((end - start) // step)
-        ]
-        diagram = builder.Build()
-        values = in_both_engines(
-            diagram, output, float(start), [float(t) for t in middles]
-        )
-        for t, pair in zip(middles, values, strict=True):
-            sent = newest(h_2, t - late * h_2, start, is_before=False)
-            taken = None
-            if sent is not None:
-                taken = newest(h_1, sent, start, is_before=second is not hold)
-            expected = 0.0 if taken is None else math.sin(3 * float(taken) + 0.4)
-            assert pair == pytest.approx((expected, expected), abs=1e-12), float(t)
+    ],
+)
+def test_updates_at_one_instant_see_what_was_there_before(
+    first, second, late, h_1, h_2, start, end
+):
+    builder = DiagramBuilder()
+    sine = builder.AddNamedSystem("sine", Sine(1.0, 3.0, 0.4, 1))
+    one = builder.AddNamedSystem("one", first(float(h_1)))
+    two = builder.AddNamedSystem("two", second(float(h_2)))
+    builder.Connect(sine.get_output_port(0), one.get_input_port())
+    builder.Connect(one.get_output_port(0), two.get_input_port())
+    output = two.get_output_port()
+    h_1, h_2, start, end = map(Fraction, (h_1, h_2, start, end))
+    step = min(h_1, h_2)
+    middles = [
+        start + (k + Fraction(1, 2)) * step for k in range((end - start) // step)
+    ]
+    diagram = builder.Build()
+    values = in_both_engines(diagram, output, float(start), [float(t) for t in middles])
+    for t, pair in zip(middles, values, strict=True):
+        sent = newest(h_2, t - late * h_2, start, is_before=False)
+        taken = None
+        if sent is not None:
+            taken = newest(h_1, sent, start, is_before=second is not hold)
+        expected = 0.0 if taken is None else math.sin(3 * float(taken) + 0.4)
+        assert pair == pytest.approx((expected, expected), abs=1e-12), float(t)
 
 
 def test_a_packet_without_delay_is_there_at_once():
