@@ -369,8 +369,9 @@ def test_law_projects_and_supervises_psi(n, seed, margin):
 VALID = replace(Gains(2), Psi0=np.diag([2.0, 7.0]))
 
 
-def test_bad_gains():
-    for change, message in [
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
         ({"Lambda": 1.0}, r"^Lambda = 1\.0: must be a finite 1 x 1 matrix"),
         ({"G1": np.eye(3)}, r"^G1 = .*finite 2 x 2 matrix, the size of Lambda"),
         ({"P": [[1.0, np.nan], [0.0, 1.0]]}, r"^P = .*must be a finite 2 x 2 matrix"),
@@ -383,9 +384,11 @@ def test_bad_gains():
         ({"Psi_min": 2.0}, r"^Psi0 = .*greater than Psi_min, 2"),
         ({"Psi0": np.diag([2.0, -7.0])}, "^Psi0 = .*must be of positive determinant"),
         ({"Psi0": np.ones((2, 2))}, "^Psi0 = "),
-    ]:
-        with pytest.raises(ValueError, match=message):
-            replace(VALID, **change)
+    ],
+)
+def test_bad_gains(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(VALID, **change)
 
 
 def test_definite_P_and_G1_do_not_make_their_product_definite():

@@ -72,8 +72,9 @@ def test_rate_against_finite_differences(m, seed):
     np.testing.assert_allclose(Phi_dot, difference / (2 * h), atol=1e-6)
 
 
-def test_bad_arguments():
-    for change, message in [
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
         ({"lower": [0.0]}, r"^lower, upper = .*must be vectors of one size"),
         ({"lower": [], "upper": [], "count": []}, "^lower, upper = "),
         ({"lower": [0.0, 1.0]}, "must be finite, lower less than upper"),
@@ -82,10 +83,12 @@ def test_bad_arguments():
         ({"count": [3, 0]}, r"^count = \[3, 0\]: must be 2 whole numbers >= 1"),
         ({"count": [3, 2.5]}, "^count = .*must be 2 whole numbers"),
         ({"width": 0.0}, "^width = 0.0: must be a finite number > 0"),
-    ]:
-        arguments = {"lower": [0, 0], "upper": [1, 1], "count": [2, 2], "width": 1.0}
-        with pytest.raises(ValueError, match=message):
-            GaussianNetwork(**(arguments | change))
+    ],
+)
+def test_bad_arguments(change, message):
+    arguments = {"lower": [0, 0], "upper": [1, 1], "count": [2, 2], "width": 1.0}
+    with pytest.raises(ValueError, match=message):
+        GaussianNetwork(**(arguments | change))
 
 
 def test_arrays_are_read_only():

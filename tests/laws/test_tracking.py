@@ -59,17 +59,20 @@ def test_leakage_pulls_the_weights_to_zero():
     np.testing.assert_allclose(pull, -5.0 * 0.25 * W)
 
 
-def test_bad_gains():
-    for change, message in [
+@pytest.mark.parametrize(
+    "change, message",
+    [
         ({"Lambda": -np.eye(2)}, r"Lambda = .*must be a positive definite 2 x 2"),
         ({"Lambda": np.array(1.0)}, "Lambda = 1.0: must be a positive definite 1 x 1"),
         ({"G1": np.eye(3)}, "G1 = .*must be a positive definite 2 x 2 matrix"),
         ({"G1": np.diag([1.0, np.inf])}, "G1 = .*must be"),
         ({"beta": -1.0}, "beta = -1.0: must be a finite number >= 0"),
         ({"nu": np.nan}, "nu = nan: must be"),
-    ]:
-        with pytest.raises(ValueError, match=f"^{message}"):
-            replace(GAINS, **change)
+    ],
+)
+def test_bad_gains(change, message):
+    with pytest.raises(ValueError, match=f"^{message}"):
+        replace(GAINS, **change)
 
 
 def test_gains_are_copies():
