@@ -22,15 +22,18 @@ def test_frequency_response_of_a_known_filter():
     )
 
 
-def test_bad_sizes():
-    for matrices, message in [
+@pytest.mark.parametrize(
+    ("matrices", "message"),
+    [
         (([[1.0, 0.0]], [[1.0]], [[1.0]], [[0.0]]), "shape of A = "),
         (([[1.0]], [[1.0, 2.0]], [[1.0]], [[0.0]]), "shape of B = "),
         (([[1.0]], [[1.0]], [[1.0], [2.0]], [[0.0]]), "shape of C = "),
         (([[np.nan]], [[1.0]], [[1.0]], [[0.0]]), r"A = .*: must be a finite"),
-    ]:
-        with pytest.raises(ValueError, match=message):
-            System(*matrices)
+    ],
+)
+def test_bad_sizes(matrices, message):
+    with pytest.raises(ValueError, match=message):
+        System(*matrices)
 
 
 def test_cancelled_integrator_is_found():

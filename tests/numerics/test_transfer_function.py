@@ -42,8 +42,9 @@ def test_states_of_one_axis_stand_together():
     np.testing.assert_array_equal(B, [[0, 0], [1, 0], [0, 0], [0, 1]])
 
 
-def test_bad_arguments():
-    for numerator, denominator, num_axes, message in [
+@pytest.mark.parametrize(
+    ("numerator", "denominator", "num_axes", "message"),
+    [
         ([1, 2, 3], [1, 2], 1, "numerator = .*must be of degree 1 at most"),
         ([1], [0, 1], 1, "denominator = .*whose first coefficient is not zero"),
         ([1], [], 1, "denominator = .*must be a vector"),
@@ -51,9 +52,11 @@ def test_bad_arguments():
         ([1], [1, float("nan")], 1, "denominator = .*must be finite"),
         ([float("inf")], [1, 1], 1, "numerator = .*must be finite"),
         ([1], [1, 1], 0, "num_axes = 0: must be a finite number >= 1"),
-    ]:
-        with pytest.raises(ValueError, match=message):
-            realize_transfer_function(numerator, denominator, num_axes=num_axes)
+    ],
+)
+def test_bad_arguments(numerator, denominator, num_axes, message):
+    with pytest.raises(ValueError, match=message):
+        realize_transfer_function(numerator, denominator, num_axes=num_axes)
 
 
 def test_low_frequency_resistance():
