@@ -123,8 +123,9 @@ def test_the_hand_follows_the_line_that_is_set_and_holds_its_end():
     assert port.Eval(context).tolist() == pytest.approx([0.1, 0.1])
 
 
-def test_refused():
-    for fields, message in [
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
         ("kind=sin", "kind = 'sin': must be one of constant_velocity"),
         ("kind=human goal=force", "goal = 'force': must be one"),
         ("kind=human reaction_delay=1e-9",
@@ -139,8 +140,10 @@ def test_refused():
          "waypoints.0 = [0.1, 0.0]: must be a list of 1 finite number (m)"),
         ("kind=recorded", "file = null: must be the path of a CSV file"),
         ("kind=sine rise_time=2", "rise_time = 2.0: must be 0.5 for a sine operator"),
-    ]:  # fmt: skip
-        with pytest.raises(ScenarioError) as error:
-            LoadScenario("one_dof", [f"surgeon.{field}" for field in fields.split()])
-        assert str(error.value).startswith(f"surgeon.{message}")
-        assert "\n" not in str(error.value)
+    ],
+)  # fmt: skip
+def test_refused(fields, message):
+    with pytest.raises(ScenarioError) as error:
+        LoadScenario("one_dof", [f"surgeon.{field}" for field in fields.split()])
+    assert str(error.value).startswith(f"surgeon.{message}")
+    assert "\n" not in str(error.value)

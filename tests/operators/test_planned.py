@@ -146,15 +146,18 @@ def test_feedthrough():
             ) == (output == "force_command" and source == "haptic_force")
 
 
-def test_bad_parameters():
-    for arguments, message in [
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
         ({"velocity": [math.nan]}, "velocity = "),
         ({"contact_force": [1.0, 2.0]}, "contact_force = .*1 finite"),
         ({"contact_surface": Surface("a", [math.inf], [1.0])}, "contact_surface"),
         ({"stop_time": -1.0}, "stop_time = -1.0"),
-    ]:
-        with pytest.raises(ValueError, match=message):
-            ConstantVelocityOperator(**({"velocity": [0.1]} | arguments))
+    ],
+)
+def test_bad_parameters(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        ConstantVelocityOperator(**({"velocity": [0.1]} | arguments))
 
 
 def Commands(dut, times):
@@ -181,10 +184,13 @@ def test_time_alone_decides():
         )
 
 
-def test_bad_pieces():
-    for breaks, factor in ((-LINES[0], 1.0), (LINES[0], math.nan)):
-        with pytest.raises(ValueError, match="must be ascending, with finite coeff"):
-            PlanOfPieces(breaks, factor * LINES[1])
+@pytest.mark.parametrize(
+    ("breaks", "factor"),
+    ((-LINES[0], 1.0), (LINES[0], math.nan)),
+)
+def test_bad_pieces(breaks, factor):
+    with pytest.raises(ValueError, match="must be ascending, with finite coeff"):
+        PlanOfPieces(breaks, factor * LINES[1])
 
 
 @pytest.mark.parametrize("cruise_time", [0.0, 0.3, None])

@@ -26,8 +26,9 @@ def test_a_file_beside_the_scenario(tmp_path):
     assert values == pytest.approx([0.001, 0.002, 0.001, 0.0, 0.0])
 
 
-def test_refused(tmp_path):
-    for text, message in [
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
         (None, "must be readable (No such file or directory)"),
         ("0,1\n", "must have at least two rows, not 1"),
         ("0,1\n0,2\n", "line 2, '0,2': must be later than the row before, 0 s"),
@@ -35,14 +36,16 @@ def test_refused(tmp_path):
         ("0,1\n1,x\n", "line 2, '1,x': must be a time"),
         ("0,1\n1,nan\n", "line 2, '1,nan': must be finite numbers"),
         ("-1,1\n1,1\n", "line 1, '-1,1': must be a time >= 0 (s)"),
-    ]:
-        file = tmp_path / "hand.csv"
-        if text is not None:
-            file.write_text(text)
-        with pytest.raises(ScenarioError) as error:
-            ReadCommand("surgeon.file", str(file), 1)
-        assert f"surgeon.file = {str(file)!r}"[:40] in str(error.value)
-        assert message in str(error.value)
+    ],
+)
+def test_refused(text, message, tmp_path):
+    file = tmp_path / "hand.csv"
+    if text is not None:
+        file.write_text(text)
+    with pytest.raises(ScenarioError) as error:
+        ReadCommand("surgeon.file", str(file), 1)
+    assert f"surgeon.file = {str(file)!r}"[:40] in str(error.value)
+    assert message in str(error.value)
 
 
 def test_many_rows_are_at_equal_distances(tmp_path):
