@@ -158,10 +158,13 @@ def test_names_with_html_are_text(tmp_path):
     assert "<h1>&lt;b&gt;x" in page and ">1 &lt;b&gt;x" in page
 
 
-def test_what_is_no_number_is_refused(tmp_path):
-    for key, words in (("robot.model", "a number"), ("robot.nothing", "unknown key")):
-        with pytest.raises(ScenarioError, match=words):
-            WritePage("one_dof", tmp_path / "a.html", vary={key: (0.0, 1.0)})
+@pytest.mark.parametrize(
+    ("key", "words"),
+    (("robot.model", "a number"), ("robot.nothing", "unknown key")),
+)
+def test_what_is_no_number_is_refused(key, words, tmp_path):
+    with pytest.raises(ScenarioError, match=words):
+        WritePage("one_dof", tmp_path / "a.html", vary={key: (0.0, 1.0)})
 
 
 class Own(LeafSystem):
