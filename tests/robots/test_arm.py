@@ -134,8 +134,9 @@ LOOP = (
 )
 
 
-def test_files_that_are_no_arm(tmp_path):
-    for change, message in [
+@pytest.mark.parametrize(
+    "change, message",
+    [
         (('"tool"', '"hand"'), "robot.tool_frame = 'tool': must be a frame of the mod"),
         (('<joint name="turn"/>', '<joint name="elbow"/>'), "one actuator for each"),
         (("</robot>", ""), "robot.file = '.*': must be a model of one open chain"),
@@ -144,11 +145,13 @@ def test_files_that_are_no_arm(tmp_path):
             "robot.file = '.*': must be a model of one open",
         ),
         (("<dynamics", '<mimic joint="turn"/><dynamics'), "without constraints .mimic"),
-    ]:
-        config = arm(file=changed(tmp_path, change))
-        with pytest.raises(ScenarioError, match=message) as error:
-            config.Check("robot")
-        assert "\n" not in str(error.value)
+    ],
+)
+def test_files_that_are_no_arm(change, message, tmp_path):
+    config = arm(file=changed(tmp_path, change))
+    with pytest.raises(ScenarioError, match=message) as error:
+        config.Check("robot")
+    assert "\n" not in str(error.value)
 
 
 def transmissions():
@@ -199,8 +202,9 @@ def test_motors_may_have_any_order(tmp_path):
     np.testing.assert_allclose(rates[1:], [rates[0]] * 2, atol=1e-12)
 
 
-def test_bad_fields_get_one_clear_line():
-    for fields, message in [
+@pytest.mark.parametrize(
+    "fields, message",
+    [
         ({"start": [2.0, 0.0, 0.2]}, "the tool, which comes no nearer than 1.3"),
         ({"start": [0.6999, 0.0, 0.2]}, "singular poses .* smallest singular value"),
         ({"file": None}, "robot.file = null: must be the path of an .sdf or .urdf"),
@@ -209,10 +213,12 @@ def test_bad_fields_get_one_clear_line():
         ({"gravity": [-9.81]}, r"robot.gravity = \[-9.81\]: must be a list of 3 fin"),
         ({"tool_frame": "hand"}, "robot.tool_frame = 'hand': must be a frame of the"),
         ({"tool_frame": "base"}, "robot.tool_frame = 'base': must be tool, because"),
-    ]:
-        with pytest.raises(ScenarioError, match=message) as error:
-            replace(arm(), **fields).Check("robot")
-        assert "\n" not in str(error.value)
+    ],
+)
+def test_bad_fields_get_one_clear_line(fields, message):
+    with pytest.raises(ScenarioError, match=message) as error:
+        replace(arm(), **fields).Check("robot")
+    assert "\n" not in str(error.value)
 
 
 # The scenario.

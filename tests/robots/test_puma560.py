@@ -100,8 +100,9 @@ def test_its_torque_is_limited():
     assert abs(torque[0]) == 97.6
 
 
-def test_bad_fields_get_one_clear_line():
-    for fields, message in [
+@pytest.mark.parametrize(
+    "fields, message",
+    [
         (
             {"start": [2.0, 0.0, 0.5]},
             "robot.start = .*: must be in reach of the tool, ",
@@ -123,12 +124,14 @@ def test_bad_fields_get_one_clear_line():
             "robot.payload_error = 0.1: must be 0, as nothing compensates",
         ),
         ({"friction_speed": 0.0}, "robot.friction_speed = 0.0: must be a finite"),
-    ]:
-        config = puma()
-        for name, value in fields.items():
-            setattr(config, name, np.array(value) if isinstance(value, list) else value)
-        if config.start is None:  # Where the posture puts it.
-            config.start = standard_dh.tool_pose(config.posture)[1]
-        with pytest.raises(ScenarioError, match=message) as error:
-            config.Check("robot")
-        assert "\n" not in str(error.value)
+    ],
+)
+def test_bad_fields_get_one_clear_line(fields, message):
+    config = puma()
+    for name, value in fields.items():
+        setattr(config, name, np.array(value) if isinstance(value, list) else value)
+    if config.start is None:  # Where the posture puts it.
+        config.start = standard_dh.tool_pose(config.posture)[1]
+    with pytest.raises(ScenarioError, match=message) as error:
+        config.Check("robot")
+    assert "\n" not in str(error.value)

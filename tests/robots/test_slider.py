@@ -30,13 +30,16 @@ def test_mass_and_damping_are_in_the_default_context():
     assert robot.EvalTimeDerivatives(context)[1] == pytest.approx(-damping / mass)
 
 
-def test_bad_input_gets_one_clear_line():
-    for changes, message in [
+@pytest.mark.parametrize(
+    "changes, message",
+    [
         ({"start": []}, r"robot.start = \[\]: must be a list of 1, 2 or 3 finite"),
         ({"start": [0.1, 0.2]}, r"robot.start = \[0.1, 0.2\]: must be a list of 1 fin"),
         ({"mass": 0}, "robot.mass = 0: must be a finite number > 0"),
         ({"damping": np.nan}, "robot.damping = nan: must be a finite number >= 0"),
-    ]:
-        with pytest.raises(ScenarioError, match=message) as error:
-            SliderConfig(**{"start": [0.25], **changes}).Check("robot")
-        assert "\n" not in str(error.value)
+    ],
+)
+def test_bad_input_gets_one_clear_line(changes, message):
+    with pytest.raises(ScenarioError, match=message) as error:
+        SliderConfig(**{"start": [0.25], **changes}).Check("robot")
+    assert "\n" not in str(error.value)

@@ -125,8 +125,9 @@ def test_elbow_down_is_at_negative_y_of_an_arm_stretched_forward():
     assert q[0] < 0 < q[1]
 
 
-def test_bad_input_gets_one_clear_line():
-    for changes, message in [
+@pytest.mark.parametrize(
+    "changes, message",
+    [
         (
             {"start": [1.6, 0]},
             r"start = \[1.6, 0.0\]: must be 0.0375\d+ to 1.499.* 1.6 m",
@@ -136,8 +137,10 @@ def test_bad_input_gets_one_clear_line():
         ({"start": None}, "start = null: must be a list of 1, 2 or 3 finite"),
         ({"elbow": "left"}, "elbow = 'left': must be one of up, down"),
         ({"elbow": None}, "elbow = null: must be one of up, down"),
-    ]:
-        config = TwoLinkArmConfig(**{"start": [0.85, 0.1], "elbow": "down", **changes})
-        with pytest.raises(ScenarioError, match=rf"^robot\.{message}") as error:
-            config.Check("robot")
-        assert "\n" not in str(error.value)
+    ],
+)
+def test_bad_input_gets_one_clear_line(changes, message):
+    config = TwoLinkArmConfig(**{"start": [0.85, 0.1], "elbow": "down", **changes})
+    with pytest.raises(ScenarioError, match=rf"^robot\.{message}") as error:
+        config.Check("robot")
+    assert "\n" not in str(error.value)
