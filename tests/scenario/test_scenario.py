@@ -170,19 +170,22 @@ def test_a_bare_number_is_a_vector_with_one_entry(minimal):
     assert scenario.surgeon.velocity.tolist() == [0.002]
 
 
-def test_missing(tmp_path):
-    for key, path in [
+@pytest.mark.parametrize(
+    ("key", "path"),
+    [
         ("duration", "duration"),
         ("robot", "robot.model"),
         ("surgeon", "surgeon.velocity"),
         ("controller", "controller.kind"),
-    ]:
-        tree = yaml.safe_load(MINIMAL)
-        del tree[key]
-        file = tmp_path / "a.yaml"
-        file.write_text(yaml.safe_dump(tree))
-        with pytest.raises(ScenarioError, match=rf"^{path} = null: must be "):
-            LoadScenario(file)
+    ],
+)
+def test_missing(key, path, tmp_path):
+    tree = yaml.safe_load(MINIMAL)
+    del tree[key]
+    file = tmp_path / "a.yaml"
+    file.write_text(yaml.safe_dump(tree))
+    with pytest.raises(ScenarioError, match=rf"^{path} = null: must be "):
+        LoadScenario(file)
 
 
 # Overrides.
@@ -252,18 +255,21 @@ def test_overrides():
     assert text.simulator.use_error_control is False
 
 
-def test_numbers_as_people_write_them():
-    """YAML 1.1 takes 1e-2, 1.5e3 and -.5 for text."""
-    for text, value in [
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
         *(("1e-2", 0.01), ("+1e3", 1000.0), ("1E0", 1.0), ("1.5e3", 1500.0)),
         *((".5", 0.5), ("-.5", -0.5), ("+.5e1", 5.0), ("1.e2", 100.0)),
         *(("1_000", 1000), ("1_0e3", 1e4), ("0x10", 16), ("1e-400", 0.0)),
         *(("1e3x", "1e3x"), ("e3", "e3"), ("1e", "1e"), ("-", "-"), (".e3", ".e3")),
         *(("'1e-2'", "1e-2"), ("!!str 1e-2", "1e-2"), ("1e-2.5", "1e-2.5")),
-    ]:
-        tree = ParseYaml(f"[{text}]", "it")
-        assert tree == [value] and type(tree[0]) is type(value)
-        assert ParseYaml(DumpYaml(tree), "it") == tree
+    ],
+)
+def test_numbers_as_people_write_them(text, value):
+    """YAML 1.1 takes 1e-2, 1.5e3 and -.5 for text."""
+    tree = ParseYaml(f"[{text}]", "it")
+    assert tree == [value] and type(tree[0]) is type(value)
+    assert ParseYaml(DumpYaml(tree), "it") == tree
 
 
 def test_the_step_is_the_one_that_was_given():
@@ -275,21 +281,22 @@ def test_the_step_is_the_one_that_was_given():
     assert scenario.simulator.max_step_size == 0.3
 
 
-def test_number_of_steps():
-    for overrides, field in [
+@pytest.mark.parametrize(
+    ("overrides", "field"),
+    [
         (["duration=1e6"], "simulator.max_step_size"),
         (["forward_channel.delay=1e-6"], "forward_channel.delay"),
         (["forward_channel={kind: variable, delay: 2e-5, drift: 1e-6}"],
          "forward_channel.delay"),
         (["return_channel={kind: network, delay: 0.1, sample_period: 1e-6}"],
          "return_channel.sample_period"),
-    ]:  # fmt: skip
-        with pytest.raises(
-            ScenarioError, match=rf"^duration = .* with {field} = "
-        ) as info:
-            CheckSteps(LoadScenario("one_dof", overrides))
-        assert "\n" not in str(info.value)
-        CheckSteps(LoadScenario("one_dof", {"simulator.max_step_size": 5e-5}))
+    ],
+)  # fmt: skip
+def test_number_of_steps(overrides, field):
+    with pytest.raises(ScenarioError, match=rf"^duration = .* with {field} = ") as info:
+        CheckSteps(LoadScenario("one_dof", overrides))
+    assert "\n" not in str(info.value)
+    CheckSteps(LoadScenario("one_dof", {"simulator.max_step_size": 5e-5}))
 
 
 # Derived numbers.
@@ -330,8 +337,9 @@ def Layers(*layers: tuple[float, float]) -> dict:
     }
 
 
-def test_surface_and_puncture():
-    for layers, surface, puncture in [
+@pytest.mark.parametrize(
+    ("layers", "surface", "puncture"),
+    [
         ([], None, None),
         ([(-math.inf, 5)], None, None),
         # Empty space in front of the first layer is softer than anything.
@@ -340,10 +348,12 @@ def test_surface_and_puncture():
         # A tool that starts inside the first layer has no surface in front of it.
         ([(-1, 5), (1, 0)], None, 1),
         ([(-math.inf, 1), (1, 5), (2, 3), (3, 4)], 1, 2),
-    ]:
-        scenario = LoadScenario("one_dof", Layers(*layers))
-        assert Border(scenario, "contact") == surface
-        assert Border(scenario, "puncture") == puncture
+    ],
+)
+def test_surface_and_puncture(layers, surface, puncture):
+    scenario = LoadScenario("one_dof", Layers(*layers))
+    assert Border(scenario, "contact") == surface
+    assert Border(scenario, "puncture") == puncture
 
 
 # Bad values: each with the beginning of the one line that must name it.
@@ -391,25 +401,32 @@ def AssertRefused(message, name, overrides):
     assert str(info.value).isprintable()
 
 
-def test_bad_values():
-    for override, message in BAD_ONE_DOF:
-        AssertRefused(message, "one_dof", [override])
+@pytest.mark.parametrize(
+    ("override", "message"),
+    BAD_ONE_DOF,
+)
+def test_bad_values(override, message):
+    AssertRefused(message, "one_dof", [override])
 
 
-def test_bad_values_of_the_arm():
-    for overrides, message in [
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
         (["robot.mass=1"], "robot.mass = 1.0: must be null for a two_link_arm robot"),
         (["controller.G1=[[1, 2], [0, 1]]"], "controller.G1 = [[1.0, 2.0], [0.0, 1.0]"),
         (["controller.P=[[1, 0], [0]]"], "controller.P = [[1, 0], [0]]: must be a num"),
         (["controller.minimum_psi=3"], "controller.initial_psi = 'auto', here [[6.46"),
         # In this order: what comes later does not matter if it is bad earlier on.
         (["duration=-1", "environment.layers=x"], "environment.layers = 'x': must be"),
-    ]:
-        AssertRefused(message, "two_dof_combined", overrides)
+    ],
+)
+def test_bad_values_of_the_arm(overrides, message):
+    AssertRefused(message, "two_dof_combined", overrides)
 
 
-def test_bad_values_of_tracking():
-    for override, message in [
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
         ("controller.kind=direct_force", "controller.kind = 'direct_force': must be o"),
         ("controller.G2=20", "controller.G2 = 20: unknown key 'G2', must be one of"),
         ("robot={model: slider, start: [0]}", "robot.model = 'slider': must be one of"),
@@ -424,8 +441,10 @@ def test_bad_values_of_tracking():
         ("disturbance.kind=cubic", "disturbance.kind = 'cubic': must be one of"),
         ("disturbance.gain=.inf", "disturbance.gain = inf: must be a finite number or"),
         ("divergence_speed=0", "divergence_speed = 0.0: must be a finite number > 0 ("),
-    ]:
-        AssertRefused(message, "network_tracking_linear", [override])
+    ],
+)
+def test_bad_values_of_tracking(override, message):
+    AssertRefused(message, "network_tracking_linear", [override])
 
 
 def test_tracking_scenario():
@@ -450,22 +469,26 @@ def test_tracking_scenario():
         scenario.Validate()
 
 
-def test_suggestions():
-    for override, suggestion in [
+@pytest.mark.parametrize(
+    ("override", "suggestion"),
+    [
         ("controller.kind=adaptive_backsteping", "adaptive_backstepping"),
         ("forward_channel.dealy=1", "delay"),
         ("environment.layers.bonee.start=1", "bone"),
         ("controller={kinds: direct_force}", "kind"),
-    ]:
-        with pytest.raises(ScenarioError, match=rf"\(did you mean '{suggestion}'\?\)"):
-            LoadScenario("one_dof", [override])
+    ],
+)
+def test_suggestions(override, suggestion):
+    with pytest.raises(ScenarioError, match=rf"\(did you mean '{suggestion}'\?\)"):
+        LoadScenario("one_dof", [override])
 
 
 # Bad files.
 
 
-def test_bad_files(tmp_path):
-    for text, message in [
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
         (b"", "must hold a mapping of scenario fields, not null"),
         (b"[1, 2]", r"must hold a mapping of scenario fields, not \[1, 2\]"),
         (b"robot: [}", "at line 1, column 9: must be valid YAML"),
@@ -476,14 +499,16 @@ def test_bad_files(tmp_path):
         (b"1: 2", "^1 = 2: unknown key 1, must be one of name"),
         (b"robot: 1", "^robot = 1: must be a mapping"),
         (b"simulator: {accuracy: high}", "^simulator.accuracy = 'high': must be a num"),
-    ]:
-        path = tmp_path / "bad.yaml"
-        path.write_bytes(text)
-        with pytest.raises(ScenarioError, match=message) as info:
-            LoadScenario(path)
-        assert str(info.value).isprintable()
-        if not message.startswith("^"):
-            assert str(info.value).startswith(f"scenario file {str(path)!r}")
+    ],
+)
+def test_bad_files(text, message, tmp_path):
+    path = tmp_path / "bad.yaml"
+    path.write_bytes(text)
+    with pytest.raises(ScenarioError, match=message) as info:
+        LoadScenario(path)
+    assert str(info.value).isprintable()
+    if not message.startswith("^"):
+        assert str(info.value).startswith(f"scenario file {str(path)!r}")
 
 
 def test_local_file_without_extension(minimal, monkeypatch):
@@ -507,21 +532,24 @@ def test_validate_takes_lists_and_numpy():
     assert Border(scenario, "contact") == 1.1
 
 
-def test_validate():
-    for edit, message in [
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
         ({"duration": "long"}, "duration = 'long': must be a number"),
         ({"simulator": SimulatorConfig(accuracy=-1)}, "simulator.accuracy = -1.0"),
         (
             {"surgeon": ConstantVelocityConfig(velocity=[math.nan, 0])},
             "surgeon.velocity",
         ),
-    ]:
-        scenario = LoadScenario("two_dof_combined")
-        for key, value in edit.items():
-            setattr(scenario, key, value)
-        with pytest.raises(ScenarioError) as info:
-            scenario.Validate()
-        assert str(info.value).startswith(message)
+    ],
+)
+def test_validate(edit, message):
+    scenario = LoadScenario("two_dof_combined")
+    for key, value in edit.items():
+        setattr(scenario, key, value)
+    with pytest.raises(ScenarioError) as info:
+        scenario.Validate()
+    assert str(info.value).startswith(message)
 
 
 def test_scenario_made_in_python(minimal):
