@@ -161,13 +161,16 @@ class Restless(DirectForce):
         pass
 
 
-def test_what_a_subclass_adds_is_not_lost():
-    for law, reason in [
+@pytest.mark.parametrize(
+    "law, reason",
+    [
         (Measured(), "its kernel has no output 'clock'"),
         (Restless(num_axes=1), "Restless has a DoCalcTimeDerivatives\\(\\) that its"),
-    ]:
-        scenario = LoadScenario("one_dof", {"duration": 0.05})
-        teleoperator = MakeTeleoperator(scenario, control_law=law)
-        recording = simulate(scenario, teleoperator=teleoperator)
-        assert recording.solver.engine == "drake"
-        assert re.search(reason, recording.notes[0])
+    ],
+)
+def test_what_a_subclass_adds_is_not_lost(law, reason):
+    scenario = LoadScenario("one_dof", {"duration": 0.05})
+    teleoperator = MakeTeleoperator(scenario, control_law=law)
+    recording = simulate(scenario, teleoperator=teleoperator)
+    assert recording.solver.engine == "drake"
+    assert re.search(reason, recording.notes[0])

@@ -145,8 +145,9 @@ def NoOutputs():
     return diagram
 
 
-def test_bad_input():
-    for make, options, message in [
+@pytest.mark.parametrize(
+    ("make", "options", "message"),
+    [
         (Halver, {}, "diagram = 'Halver': must be a Diagram, which"),
         (Open, {}, "input of open = 'force': must be connected to a source"),
         (NoOutputs, {}, "outputs of silent = null: must be one vector or more"),
@@ -154,10 +155,12 @@ def test_bad_input():
         (NoOutputs, {"duration": -1.0}, "duration = -1.0: must be"),
         (NoOutputs, {"engine": "fast"}, "engine = 'fast': must be"),
         (NoOutputs, {"teleoperator": 1}, "teleoperator, task = 1: must be left out"),
-    ]:
-        with pytest.raises(ScenarioError) as info:
-            simulate(make(), **{"duration": 1.0} | options)
-        assert str(info.value).startswith(message) and "\n" not in str(info.value)
+    ],
+)
+def test_bad_input(make, options, message):
+    with pytest.raises(ScenarioError) as info:
+        simulate(make(), **{"duration": 1.0} | options)
+    assert str(info.value).startswith(message) and "\n" not in str(info.value)
 
 
 def test_numbers_that_leave_the_finite_end_a_run():

@@ -104,27 +104,28 @@ def test_both_sides_of_the_puncture():
     assert 0.0075 <= position[0] < 0.0075 + 1e-9
 
 
-def test_contact_is_located_and_perceived_one_return_delay_later():
-    for name in ("one_dof", "two_dof_collision", "two_dof_combined"):
-        recording = Run(name, ADAPTIVE)
-        contact = recording.EventTimes("contact")[0]
-        x = recording.Interpolate("tool_position", np.array([contact]))[0, 0]
-        surface = Border(recording.scenario, "contact")
-        assert x == pytest.approx(surface, abs=1e-9)
-        (switch,) = recording.EventTimes("surgeon_force")
-        assert switch - contact == pytest.approx(0.1, abs=2e-6)
-        before, after = sides(recording, "forward_packet_sent", switch)
-        n = recording.scenario.num_axes
-        np.testing.assert_array_equal(before[n:], recording.scenario.surgeon.velocity)
-        np.testing.assert_array_equal(
-            after, [*recording.scenario.surgeon.contact_force, *[0.0] * n]
-        )
-        # The echo of the jump arrives at the slave exactly one forward delay later.
-        before, after = sides(recording, "forward_packet_received", switch + 0.1)
-        np.testing.assert_array_equal(
-            after[:n], recording.scenario.surgeon.contact_force
-        )
-        assert before[0] != after[0]
+@pytest.mark.parametrize(
+    "name",
+    ("one_dof", "two_dof_collision", "two_dof_combined"),
+)
+def test_contact_is_located_and_perceived_one_return_delay_later(name):
+    recording = Run(name, ADAPTIVE)
+    contact = recording.EventTimes("contact")[0]
+    x = recording.Interpolate("tool_position", np.array([contact]))[0, 0]
+    surface = Border(recording.scenario, "contact")
+    assert x == pytest.approx(surface, abs=1e-9)
+    (switch,) = recording.EventTimes("surgeon_force")
+    assert switch - contact == pytest.approx(0.1, abs=2e-6)
+    before, after = sides(recording, "forward_packet_sent", switch)
+    n = recording.scenario.num_axes
+    np.testing.assert_array_equal(before[n:], recording.scenario.surgeon.velocity)
+    np.testing.assert_array_equal(
+        after, [*recording.scenario.surgeon.contact_force, *[0.0] * n]
+    )
+    # The echo of the jump arrives at the slave exactly one forward delay later.
+    before, after = sides(recording, "forward_packet_received", switch + 0.1)
+    np.testing.assert_array_equal(after[:n], recording.scenario.surgeon.contact_force)
+    assert before[0] != after[0]
 
 
 @pytest.mark.parametrize("kind", Slow(CONTROLLERS, but=[1]))
@@ -138,28 +139,31 @@ def test_mirror_image_elbows_give_mirror_image_runs(kind):
         assert np.abs(mirror - down.Interpolate(name, times)).max() < 1e-5 * scale
 
 
-def test_numbers_that_leave_the_finite_end_the_recording():
-    for overrides in [
+@pytest.mark.parametrize(
+    "overrides",
+    [
         # Without error control there is no shorter step to try.
         {"controller.adaptation_rate": 1e8, "simulator.use_error_control": False},
         {
             f"environment.layers.{name}.stiffness": 1e9
             for name in ("tissue", "free", "bone")
         },
-    ]:
-        recording = simulate(
-            LoadScenario(
-                "two_dof_combined",
-                {"controller.kind": ADAPTIVE, "duration": 0.3} | overrides,
-            )
+    ],
+)
+def test_numbers_that_leave_the_finite_end_the_recording(overrides):
+    recording = simulate(
+        LoadScenario(
+            "two_dof_combined",
+            {"controller.kind": ADAPTIVE, "duration": 0.3} | overrides,
         )
-        assert recording.termination == "diverged"
-        # Without error control there was one attempt.
-        reasons = "Error control|numbers left.*max_step_size|the tool's speed"
-        assert re.match(reasons, recording.reason)
-        assert recording.time[-1] < 0.3
-        for values in recording.signals.values():
-            assert np.all(np.isfinite(values))
+    )
+    assert recording.termination == "diverged"
+    # Without error control there was one attempt.
+    reasons = "Error control|numbers left.*max_step_size|the tool's speed"
+    assert re.match(reasons, recording.reason)
+    assert recording.time[-1] < 0.3
+    for values in recording.signals.values():
+        assert np.all(np.isfinite(values))
 
 
 class Raising(DirectForce):
@@ -244,15 +248,18 @@ def test_echoes_that_nearly_coincide_do_not_stop_the_clock(forward, back):
     assert len(recording.time) < 500
 
 
-def test_diagram_of_another_task_is_refused():
-    for name, other, message in [
+@pytest.mark.parametrize(
+    ("name", "other", "message"),
+    [
         ("two_dof_puncture", "one_dof", r"robot\.num_axes = 1: must be 2"),
         ("one_dof", "network_tracking_linear", "for one_dof, with .* environment"),
         ("network_tracking_linear", "one_dof", "for network_.*, with a system named"),
-    ]:
-        teleoperator = MakeDiagram(LoadScenario(other))
-        with pytest.raises(ValueError, match=message):
-            simulate(LoadScenario(name), teleoperator=teleoperator)
+    ],
+)
+def test_diagram_of_another_task_is_refused(name, other, message):
+    teleoperator = MakeDiagram(LoadScenario(other))
+    with pytest.raises(ValueError, match=message):
+        simulate(LoadScenario(name), teleoperator=teleoperator)
 
 
 def test_more_steps_than_anyone_waits_for_are_refused():
