@@ -80,15 +80,18 @@ def test_analyze_knows_the_slope_of_friction():
     )
 
 
-def test_what_is_refused():
-    for field, allowed in [
+@pytest.mark.parametrize(
+    ("field", "allowed"),
+    [
         ("bandwidth", "> 0 (rad/s)"),
         ("force_limit", "> 0 (N)"),
         ("coulomb_friction", ">= 0 (N)"),
         ("friction_speed", "> 0 (m/s)"),
         ("viscous_friction", ">= 0 (N s/m)"),
-    ]:
-        with pytest.raises(ScenarioError) as error:
-            LoadScenario("one_dof", {f"actuator.{field}": -1.0})
-        expected = f"actuator.{field} = -1.0: must be a finite number {allowed}"
-        assert str(error.value) == expected
+    ],
+)
+def test_what_is_refused(field, allowed):
+    with pytest.raises(ScenarioError) as error:
+        LoadScenario("one_dof", {f"actuator.{field}": -1.0})
+    expected = f"actuator.{field} = -1.0: must be a finite number {allowed}"
+    assert str(error.value) == expected

@@ -17,12 +17,15 @@ def test_force():
         assert Feedthrough(block) == {"environment_force": felt}
 
 
-def test_bad_parameters():
-    for kind, gain, message in [
+@pytest.mark.parametrize(
+    "kind, gain, message",
+    [
         ("cubic", np.eye(2), "kind = 'cubic': must be one of linear, coupled"),
         ("linear", [1.0, 2.0], "gain = .*must be a square, finite matrix"),
         ("linear", [[np.nan]], "gain = .*must be a square, finite matrix"),
         ("coupled", np.eye(3), "gain = .*must be 2 x 2 for kind coupled"),
-    ]:
-        with pytest.raises(ValueError, match=f"^{message}"):
-            DisturbanceForce(kind=kind, gain=gain)
+    ],
+)
+def test_bad_parameters(kind, gain, message):
+    with pytest.raises(ValueError, match=f"^{message}"):
+        DisturbanceForce(kind=kind, gain=gain)

@@ -18,15 +18,18 @@ def test_fast_joints_feel_their_own_friction():
     assert torque == pytest.approx([-2.0, 0.7])
 
 
-def test_bad_parameters():
-    for fields, message in [
+@pytest.mark.parametrize(
+    "fields, message",
+    [
         ({"forward": [-1.0, 0.0]}, r"forward = \[-1.0, 0.0\]: must be finite numbers"),
         ({"backward": [1.0]}, "backward = .* one for each joint"),
         ({"speed": 0.0}, "speed = 0.0: must be a finite number > 0"),
-    ]:
-        good = {"forward": [1.0, 1.0], "backward": [1.0, 1.0], "speed": 0.1}
-        with pytest.raises(ScenarioError, match=message):
-            JointFriction(**{**good, **fields})
+    ],
+)
+def test_bad_parameters(fields, message):
+    good = {"forward": [1.0, 1.0], "backward": [1.0, 1.0], "speed": 0.1}
+    with pytest.raises(ScenarioError, match=message):
+        JointFriction(**{**good, **fields})
 
 
 @pytest.mark.parametrize("payload, error", [(2.0, 0.0), (2.0, -0.5)])

@@ -91,16 +91,19 @@ def test_a_linear_model_is_refused():
     assert "controller.encoder_sensor = a state that is not continuous" in str(error)
 
 
-def test_what_is_refused():
-    for path, value, allowed in [
+@pytest.mark.parametrize(
+    ("path", "value", "allowed"),
+    [
         ("encoder.sample_period", 0.0, "a finite number >= 1e-06 (s)"),
         ("force.resolution", -1.0, "a finite number >= 0"),
         ("encoder.noise", 0.1, "0 without a sample_period"),
         ("seed", -1, "a whole number >= 0"),
-    ]:
-        with pytest.raises(ScenarioError) as error:
-            LoadScenario("one_dof", {f"sensor.{path}": value})
-        assert str(error.value) == f"sensor.{path} = {value}: must be {allowed}"
+    ],
+)
+def test_what_is_refused(path, value, allowed):
+    with pytest.raises(ScenarioError) as error:
+        LoadScenario("one_dof", {f"sensor.{path}": value})
+    assert str(error.value) == f"sensor.{path} = {value}: must be {allowed}"
 
 
 def test_too_many_samples_are_refused():
