@@ -130,17 +130,20 @@ def test_command(tmp_path, monkeypatch, capsys, unrendered):
     }
 
 
-def test_bad_input(tmp_path, monkeypatch, capsys):
-    for arguments, parts in [
+@pytest.mark.parametrize(
+    ("arguments", "parts"),
+    [
         (["--only", "4.1,9.9"], ["--only", "'9.9'", "2.1, 2.4", "5.20"]),
         (["--only", ""], ["--only", "2.1, 2.4", "5.20"]),
         (["--format", "jpg"], ["--format", "'jpg'", "png, svg"]),
         (["--out", "/dev/null/x"], ["--out", "/dev/null/x", "folder"]),
-    ]:
-        monkeypatch.chdir(tmp_path)
-        assert main(["reproduce", *arguments]) == 2
-        captured = capsys.readouterr()
-        assert captured.out == ""
-        assert captured.err.count("\n") == 1
-        for part in parts:
-            assert part in captured.err
+    ],
+)
+def test_bad_input(arguments, parts, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["reproduce", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.count("\n") == 1
+    for part in parts:
+        assert part in captured.err
