@@ -179,8 +179,9 @@ def test_systems_in_place_of_the_channels():
     )
 
 
-def test_bad_input():
-    for override, message in [
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
         (
             "return_channel.kind=no_module:X",
             "return_channel.kind = 'no_module:X': must",
@@ -199,11 +200,13 @@ def test_bad_input():
             "controller={kind: own_kinds:BrakedForce, parameters: {damping: -1}}",
             "controller.parameters.damping = -1.0: must be a finite number >= 0",
         ),
-    ]:
-        with pytest.raises(ScenarioError) as error:
-            LoadScenario("one_dof", [override])
-        assert str(error.value).startswith(message)
-        assert "\n" not in str(error.value)
+    ],
+)
+def test_bad_input(override, message):
+    with pytest.raises(ScenarioError) as error:
+        LoadScenario("one_dof", [override])
+    assert str(error.value).startswith(message)
+    assert "\n" not in str(error.value)
 
 
 def test_an_unknown_kind_falls_nowhere():

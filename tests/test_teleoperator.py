@@ -131,19 +131,22 @@ class Telling(DirectForce):
         )
 
 
-def test_outputs_with_the_name_of_another_signal_are_refused():
-    for output, owner in [
+@pytest.mark.parametrize(
+    "output, owner",
+    [
         ("forward_packet_received", "forward_channel"),
         ("velocity_command", "master"),
         ("joint_torque", "robot"),
-    ]:
-        scenario = LoadScenario("one_dof")
-        with pytest.raises(ValueError, match=f"'{output}'") as raised:
-            MakeTeleoperator(scenario, control_law=Telling(output))
-        message = str(raised.value)
-        assert {"controller", owner} <= set(message.replace(":", "").split())
-        assert "\n" not in message
-        assert MakeTeleoperator(scenario, control_law=Telling("doubt"))
+    ],
+)
+def test_outputs_with_the_name_of_another_signal_are_refused(output, owner):
+    scenario = LoadScenario("one_dof")
+    with pytest.raises(ValueError, match=f"'{output}'") as raised:
+        MakeTeleoperator(scenario, control_law=Telling(output))
+    message = str(raised.value)
+    assert {"controller", owner} <= set(message.replace(":", "").split())
+    assert "\n" not in message
+    assert MakeTeleoperator(scenario, control_law=Telling("doubt"))
 
 
 def test_a_diagram_is_run_and_analysed_in_any_order():

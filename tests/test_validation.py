@@ -20,15 +20,18 @@ class StiffSpring(Spring):
     stiffness: float = 1e3
 
 
-def test_a_number_has_its_limits():
-    for config, message in [
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
         (Spring(), r"a.stiffness = null: must be a finite number > 0 \(N/m\)"),
         (StiffSpring(stiffness=0.0), "stiffness = 0.0: .* > 0"),
         (StiffSpring(share=1.5), "share = 1.5: .* >= 0 and <= 1"),
         (StiffSpring(share=math.nan), "share = nan"),
-    ]:
-        with pytest.raises(ScenarioError, match=message):
-            config.CheckNumbers("a")
+    ],
+)
+def test_a_number_has_its_limits(config, message):
+    with pytest.raises(ScenarioError, match=message):
+        config.CheckNumbers("a")
 
 
 def test_other_fields_and_null_are_free():
