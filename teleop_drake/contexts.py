@@ -10,8 +10,7 @@ def ContextsIn(system: Any, context: Any) -> dict[Any, Any]:
     """Returns the Context of a system and of every system in it, at any depth.
 
     System.GetMyContextFromRoot() finds the same ones, but only as long as the diagram
-    is no part of another. A Simulator of MakeSimulator() makes it one, and so may a
-    user, between two runs of it.
+    is no part of another. A user may make it one between two runs of it.
 
     Args:
         system: A System of any scalar type.

@@ -103,11 +103,15 @@ class Recording:
         solver: Solver statistics.
         channels: What became of the packets, by the name of the channel; for channels
             of kind network.
-        termination: `completed`, `diverged` or `interrupted`.
+        termination: `completed`, `terminated` (by an event of a block), `diverged` or
+            `interrupted`.
         reason: Why it did not complete; empty if it did.
         notes: What is left out, and why: a sentence each.
         has_constant_command: Whether the operator commands scenario.surgeon.velocity
             until contact, as its block told; metrics compare with it.
+        final_context: A Context of the Diagram at the end of the run, from which
+            simulate() goes on; None for a recording that was read from a file or
+            copied, and for runs of scenarios.
     """
 
     scenario: AnyScenario
@@ -122,6 +126,7 @@ class Recording:
     notes: list[str] = field(default_factory=list)
     has_constant_command: bool = True
     steps: np.ndarray = field(default_factory=lambda: np.empty((0, 0), int))
+    final_context: Any = None
 
     def __post_init__(self) -> None:
         """Makes the steps of a recording without."""
@@ -152,7 +157,8 @@ class Recording:
 
     def __getstate__(self) -> dict[str, Any]:
         """Returns the fields, for pickle and copy."""
-        return {item.name: getattr(self, item.name) for item in fields(self)}
+        state = {item.name: getattr(self, item.name) for item in fields(self)}
+        return state | {"final_context": None}  # A Context cannot be pickled.
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Returns the samples (N, k) of a signal.

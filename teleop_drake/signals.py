@@ -1,6 +1,10 @@
 """The names of a loop's signals: what its systems put out is recorded by them."""
 
-from collections.abc import Iterable
+import itertools
+import re
+import weakref
+from collections import Counter
+from collections.abc import Iterable, Sequence
 
 from pydrake.systems.framework import Diagram, OutputPort, PortDataType, System
 
@@ -91,29 +95,70 @@ _LOOP = (
 )
 
 
-def SignalsOf(diagram: Diagram) -> dict[str, OutputPort]:
-    """Returns what is recorded of a diagram, by the names of the signals.
+# The systems from which the package, or a scenario's run, has made a loop.
+_in_loops: weakref.WeakSet[System] = weakref.WeakSet()
 
-    A loop, or a side of it, with a `robot` that has a tool or with a `master` that has
-    an operator, has those of NamedSignals(). Of any other diagram they are the vector
-    outputs that it exports or, if it exports none, `system.port` for those of its
-    systems.
+# The name that Drake gives to a system without one, as drake/systems/Adder@0000a1b2.
+_ADDRESS = re.compile(r"@[0-9a-f]{8,}$")
+
+
+def MarkLoop(systems: Iterable[System]) -> None:
+    """Marks systems as those of a loop, whose signals have the names of NamedSignals().
+
+    What a Diagram is follows from this mark, never from the names of its systems.
+    """
+    _in_loops.update(systems)
+
+
+def SignalsOf(system: System) -> dict[str, OutputPort]:
+    """Returns the signals that are recorded of a system, by name.
+
+    A loop that was made by this package, or a side of it, has those of NamedSignals().
+    For any other system they are its vector outputs or, for a Diagram that exports
+    none, all vector outputs of its systems, named `system.port`. A system without a
+    name is called by its class, with a number if there are several.
 
     Raises:
         ValueError: If there are none.
     """
-    systems = diagram.GetSystems()
-    marks = {"robot": "tool_velocity", "master": "surgeon_mode"}
-    if any(x.HasOutputPort(marks.get(x.get_name(), "")) for x in systems):
-        return NamedSignals(systems)
-    signals = {port.get_name(): port for port in _VectorOutputs(diagram)} or {
-        f"{system.get_name()}.{port.get_name()}": port
-        for system in systems
-        for port in _VectorOutputs(system)
+    parts: list[System] = system.GetSystems() if isinstance(system, Diagram) else []
+    if not _in_loops.isdisjoint(parts):
+        return NamedSignals(parts)
+    signals = {port.get_name(): port for port in _VectorOutputs(system)} or {
+        f"{name}.{port.get_name()}": port
+        for part, name in zip(parts, _NamesOf(parts), strict=True)
+        for port in _VectorOutputs(part)
     }
     if not signals:
-        Refuse(f"outputs of {diagram.get_name()}", None, "one vector or more")
+        Refuse(f"outputs of {NameOf(system)}", None, "one vector or more")
     return signals
+
+
+def NameOf(system: System) -> str:
+    """Returns the name of a system, or that of its class if it has none."""
+    return str(system.get_name()) if _HasName(system) else type(system).__name__
+
+
+def _HasName(system: System) -> bool:
+    name = system.get_name()
+    return bool(name) and not _ADDRESS.search(name)
+
+
+def _NamesOf(systems: Sequence[System]) -> list[str]:
+    """Returns a name of each system; of those without one, several are numbered."""
+    taken = {system.get_name() for system in systems}
+    unnamed = [system for system in systems if not _HasName(system)]
+    classes = Counter(map(NameOf, unnamed))
+    names = []
+    for system in systems:
+        name = NameOf(system)
+        is_single = classes[name] == 1 and name not in taken
+        if not (_HasName(system) or is_single):
+            numbered = (f"{NameOf(system)}{k}" for k in itertools.count(1))
+            name = next(x for x in numbered if x not in taken)
+        taken.add(name)
+        names.append(name)
+    return names
 
 
 def _VectorOutputs(system: System) -> list[OutputPort]:

@@ -9,7 +9,7 @@ from teleop_drake.architectures import Architecture
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.environments import SurfacesOf
 from teleop_drake.scenario import AsTeleoperation, CheckStart, Scenario, ScenarioLike
-from teleop_drake.signals import NamedSignals
+from teleop_drake.signals import MarkLoop, NamedSignals
 from teleop_drake.stations import (
     MakeArchitecture,
     MakeMasterStation,
@@ -197,7 +197,9 @@ def _CloseLoop(builder: DiagramBuilder) -> None:
     """
     names = dict.fromkeys(source for source, _, _, _ in _CONNECTIONS)
     present = [name for name in names if builder.HasSubsystemNamed(name)]
-    NamedSignals(map(builder.GetSubsystemByName, present))
+    systems = [builder.GetSubsystemByName(name) for name in present]
+    NamedSignals(systems)
+    MarkLoop(systems)
     for source, output, target, input_name in _CONNECTIONS:
         if source in present and target in present:
             builder.Connect(

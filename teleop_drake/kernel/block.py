@@ -230,6 +230,8 @@ class KernelBlock(_Rated, Convertible):
             sizes: Width of each port by its name, in the order of the ports.
         """
         self._is_declaring = True
+        self._watching: weakref.WeakKeyDictionary[Any, Callable[[Any], None]]
+        self._watching = weakref.WeakKeyDictionary()
         kernel = self.Kernel()
         self.kernel_parameters = _MakeParameters(self, kernel, self.numeric_parameters)
         lines: dict[str, DelayLine | PacketLine] = {}
@@ -245,6 +247,21 @@ class KernelBlock(_Rated, Convertible):
 
         self._kernel_events = Events(self, kernel, Read)
         self._is_declaring = False
+
+    def WatchRates(self, simulator: Any, look: Callable[[Any], None]) -> None:
+        """Has a function called before each evaluation of the time derivatives.
+
+        Args:
+            simulator: The Simulator whose steps are watched. It is not kept alive.
+            look: Takes the Simulator; must not refer to it.
+        """
+        self._watching[simulator] = look
+
+    def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
+        """Evaluates the rate; called by Drake several times in every step."""
+        for simulator, look in self._watching.items():
+            look(simulator)
+        super().DoCalcTimeDerivatives(context, derivatives)
 
     def LongestStep(self, context: Context) -> float:
         """Returns the longest step in s that the solver may take; infinity: any."""

@@ -24,7 +24,7 @@ from teleop_drake.page.wasm import MakeModule
 from teleop_drake.robots import PlantRobotConfig, RobotConfig
 from teleop_drake.robots.inverse_kinematics import TOOL
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
-from teleop_drake.signals import NamedSignals, UnitOf
+from teleop_drake.signals import SignalsOf, UnitOf
 from teleop_drake.simulation.ending import BoundsOf
 from teleop_drake.simulation.simulate import HasConstantCommand
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
@@ -173,7 +173,7 @@ class Model:
         }
         return {
             name: f"{paths[port.get_system().GetSystemPathname()]}:{port.get_name()}"
-            for name, port in NamedSignals(self.diagram.GetSystems()).items()
+            for name, port in SignalsOf(self.diagram).items()
         }
 
 

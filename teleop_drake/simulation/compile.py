@@ -126,6 +126,7 @@ class CompiledScenario:
     ) -> Recording:
         job = Job(
             diagram=compiled.diagram,
+            context=compiled.context,
             config=scenario.simulator,
             duration=scenario.duration,
             speed_limit=self._task.MakeSpeedLimit(scenario),

@@ -15,14 +15,14 @@ from teleop_drake.compiler.engine import CompiledRun, Visited
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf, UnsupportedSystem
 from teleop_drake.integrator.problem import EVALUATIONS, STEPS, TRIES
-from teleop_drake.numerics.instants import SAME
+from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
 from teleop_drake.simulation.run import Interruption, Job, Outcome, Pace
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
-from teleop_drake.simulation.stepping import LongestStep
+from teleop_drake.simulation.stepping import LongestStep, SystemsIn
 from teleop_drake.tasks import TaskOf
 from teleop_drake.validation import ScenarioError
 
@@ -45,7 +45,7 @@ class CompiledDiagram:
         parts: Systems that stand in the place of the diagram's, by their paths.
     """
 
-    diagram: Diagram
+    diagram: System
     context: Context
     evaluator: Evaluator
     places: dict[str, slice]
@@ -72,9 +72,9 @@ class CompiledDiagram:
         Raises:
             KernelDisagrees: If the machine code does not compute what the diagram does.
         """
-        run = self.Start(job.config, job.duration)
+        run = self.Start(job.config, self.start.t + job.duration)
         outcome = _Run(run, job, self.places)
-        systems = {system.get_name(): system for system in self.diagram.GetSystems()}
+        systems = {system.get_name(): system for system in SystemsIn(self.diagram)}
         outcome.TakeStatistics({**systems, **self.parts}.values())
         self.Check(run.visited)
         return outcome
@@ -95,28 +95,31 @@ class CompiledDiagram:
 
 
 def CompileDiagram(
-    diagram: Diagram,
+    diagram: System,
     config: SimulatorConfig,
-    inputs: Mapping[str, Array] | None = None,
+    context: Context | None = None,
     like: Evaluator | None = None,
+    *,
+    continues: bool = False,
 ) -> CompiledDiagram:
-    """Compiles a diagram.
+    """Compiles a diagram, or a block by itself.
 
     Args:
         config: The solver that will be asked for.
-        inputs: What the inputs of the diagram are fed with at first, by their names.
+        context: Where its runs begin, with their parameters and fixed inputs; it is not
+            changed. None: the default Context.
         like: Of another diagram, whose machine code is used if it would be the same.
+        continues: Whether the initialization events have happened already.
 
     Raises:
         CannotCompile: If a block, or the solver, has no machine code.
     """
     if why := WhyNotSolved(config):
         raise CannotCompile(why)
-    context = diagram.CreateDefaultContext()
+    context = diagram.CreateDefaultContext() if context is None else context.Clone()
     context.SetAccuracy(EVENT_ACCURACY)
-    for name, values in (inputs or {}).items():
-        diagram.GetInputPort(name).FixValue(context, values)
-    diagram.ExecuteInitializationEvents(context)
+    if not continues:
+        diagram.ExecuteInitializationEvents(context)
     try:
         evaluator = Evaluator(diagram, context, as_machine_code=True, like=like)
         places = SignalPlaces(evaluator, diagram)
@@ -144,7 +147,10 @@ def StartFed(
         The run, which agrees with the diagram where it starts; where the signals are in
         its rows, by their names; and what is fed, by the names of the blocks.
     """
-    compiled = CompileDiagram(diagram, config, inputs)
+    context = diagram.CreateDefaultContext()
+    for name, values in inputs.items():
+        diagram.GetInputPort(name).FixValue(context, values)
+    compiled = CompileDiagram(diagram, config, context)
     compiled.Check()
     blocks, fed = compiled.evaluator.blocks, compiled.evaluator.program.fed
     places = {blocks[i].system.get_name(): place for (i, _), place in fed.items()}
@@ -180,17 +186,20 @@ def _Run(run: CompiledRun, job: Job, places: dict[str, slice]) -> Outcome:
     Args:
         places: Where in a row the signals are that are recorded, by their names.
     """
-    limit, pace, start = job.speed_limit, Pace(job.duration), clock.monotonic()
+    limit = job.speed_limit
+    begin, end = run.start.t, run.start.t + job.duration
+    pace = Pace(job.duration, begin)
+    start = clock.monotonic()
     # Without a tool, whatever is computed has to stay finite.
     watched = places.get("tool_velocity", slice(None))
     steps: list[Indices] = []
     termination, reason, is_too_fast = "completed", "", False
     with Interruption() as interruption:
-        while run.time < job.duration - SAME and not (
+        while run.time < end - same_within(end) and not (
             steps and (reason or interruption.has_come)
         ):
             num_before = len(run.Rows()[0])
-            _, rows, new_steps = run.Advance(job.duration)
+            _, rows, new_steps = run.Advance(end)
             steps.append(new_steps + num_before)
             pace.Check(run.memory.counts[TRIES], run.time)
             speeds = np.linalg.norm(rows[:, watched], axis=1)
@@ -243,18 +252,10 @@ def _ReasonOf(run: CompiledRun) -> str:
     return ReasonOfDivergence(run.error, has_error_control=True)
 
 
-def SignalPlaces(evaluator: Evaluator, diagram: Diagram) -> dict[str, slice]:
-    """Returns where the outputs of the diagram's systems are in a row, by name.
-
-    Raises:
-        UnsupportedSystem: If the kernel of a block does not have one of them.
-    """
-    places = {}
-    for name, port in SignalsOf(diagram).items():
-        system, index = port.get_system(), int(port.get_index())
-        source = OutputOf(evaluator.blocks, system, index)
-        if source not in evaluator.program.signals:
-            block = evaluator.blocks[source.block].system
-            raise UnsupportedSystem(block, f"its kernel has no output {source.port}")
-        places[name] = evaluator.program.signals[source]
-    return places
+def SignalPlaces(evaluator: Evaluator, diagram: System) -> dict[str, slice]:
+    """Returns where the outputs of the diagram's systems are in a row, by name."""
+    places, blocks = evaluator.program.signals, evaluator.blocks
+    return {
+        name: places[OutputOf(blocks, port.get_system(), int(port.get_index()))]
+        for name, port in SignalsOf(diagram).items()
+    }

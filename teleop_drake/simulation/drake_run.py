@@ -4,11 +4,22 @@ import math
 import time as clock
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, EventStatus
+from pydrake.systems.analysis import (
+    ApplySimulatorConfig,
+    InitializeParams,
+    Simulator,
+    SimulatorStatus,
+)
+from pydrake.systems.framework import Context, EventStatus, System
 
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.numerics.instants import same_within
-from teleop_drake.numerics.step_polynomials import DEGREE, Series, shares
+from teleop_drake.numerics.step_polynomials import (
+    DEGREE,
+    Series,
+    shares,
+    straight_steps,
+)
 from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation.failures import (
     IsDivergence,
@@ -16,42 +27,49 @@ from teleop_drake.simulation.failures import (
     ReasonOfDivergence,
 )
 from teleop_drake.simulation.run import Interruption, Job, Outcome, Pace
-from teleop_drake.simulation.simulator import MakeSimulator, TeleoperatorSimulator
-from teleop_drake.simulation.stepping import LongestStepOf
+from teleop_drake.simulation.simulator import (
+    EVENT_ACCURACY,
+    MakeSimulator,
+    TeleoperatorSimulator,
+)
+from teleop_drake.simulation.stale_cache_guard import HasOwnBlocks
+from teleop_drake.simulation.stepping import LongestStepOf, SystemsIn
 from teleop_drake.validation import ScenarioError
 
 # Most steps that a block may force on a run. Each takes some milliseconds.
 _MOST_FORCED_STEPS = 100_000
+
+_TERMINATED = SimulatorStatus.ReturnReason.kReachedTerminationCondition
 
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
 
 
 def RunInDrake(job: Job) -> Outcome:
-    """Runs a diagram in Drake's Simulator.
+    """Runs a system in Drake's Simulator.
+
+    Without a block of this package that is the plain Simulator. The signals of a system
+    without discrete state are then recorded at the ends of its steps alone.
 
     Raises:
         ScenarioError: If a block forces more than 100 000 steps.
     """
     _CheckSteps(job)
-    simulator = MakeSimulator(job.diagram, job.config)
+    simulator = _MakeSimulator(job)
     run = _DrakeRun(simulator, job)
     simulator.set_monitor(run.Monitor)
     termination, reason = "completed", ""
     start = clock.monotonic()
     with run.interruption as interruption:
-        with NamingBlocks():
-            simulator.Initialize()
         try:
-            with NamingBlocks():
-                if not (run.failure or interruption.has_come):
-                    simulator.AdvanceTo(job.duration)
+            status = _Advance(simulator, run, job)
+            if not run.is_over and status.reason() == _TERMINATED:
+                termination, reason = "terminated", status.message()
         except KeyboardInterrupt:
             interruption.has_come = True
         except Exception as error:
-            if not (
-                interruption.has_come or IsDivergence(error, simulator.get_context())
-            ):
+            is_divergence = IsDivergence(error, simulator.get_context())
+            if not (interruption.has_come or (run.has_begun and is_divergence)):
                 raise
             is_controlled = not simulator.get_integrator().get_fixed_step_mode()
             reason = ReasonOfDivergence(error, has_error_control=is_controlled)
@@ -63,10 +81,10 @@ def RunInDrake(job: Job) -> Outcome:
     wall_time = clock.monotonic() - start
     # The samples know the Context, and pydrake keeps the Simulator alive with that.
     simulator.clear_monitor()
-    steps, evaluations, _ = simulator.Counts()
+    steps, evaluations, _ = _Counts(simulator)
     series = run.recorder.Finish()
     if termination == "completed":
-        series[0][-1] = job.duration  # The last step ends there but for rounding.
+        series[0][-1] = job.end  # The last step ends there but for rounding.
     outcome = Outcome(
         engine="drake",
         series=series,
@@ -76,15 +94,54 @@ def RunInDrake(job: Job) -> Outcome:
         termination=termination,
         reason=reason,
         is_too_fast=bool(run.failure),
+        final_context=simulator.get_context().Clone(),
     )
-    outcome.TakeStatistics(job.diagram.GetSystems())
+    outcome.TakeStatistics(SystemsIn(job.diagram))
     return outcome
+
+
+def _MakeSimulator(job: Job) -> Simulator:
+    """Returns the Simulator for a system, at the start of a run."""
+    context = job.context.Clone()
+    if HasOwnBlocks(job.diagram):
+        return MakeSimulator(job.diagram, job.config, context)
+    simulator = Simulator(job.diagram, context)
+    ApplySimulatorConfig(job.config, simulator)
+    context.SetTime(job.start)
+    if context.get_accuracy() is None:
+        context.SetAccuracy(EVENT_ACCURACY)
+    return simulator
+
+
+def _IsDense(job: Job) -> bool:
+    """Returns whether samples are taken within steps, and after discrete updates."""
+    num_groups = job.context.num_discrete_state_groups()
+    return num_groups > 0 or HasOwnBlocks(job.diagram)
+
+
+def _Advance(simulator: Simulator, run: "_DrakeRun", job: Job) -> SimulatorStatus:
+    """Runs to the end of a job, or less far; returns why it ended."""
+    parameters = InitializeParams(suppress_initialization_events=job.continues)
+    with NamingBlocks():
+        status = simulator.Initialize(parameters)
+        run.has_begun = True
+        if status.reason() != _TERMINATED and not run.interruption.has_come:
+            status = simulator.AdvanceTo(job.end)
+    return status
+
+
+def _Counts(simulator: Simulator) -> tuple[int, int, int]:
+    """Returns the steps of the run, evaluations of the rates, rejected steps."""
+    if isinstance(simulator, TeleoperatorSimulator):
+        return simulator.Counts()
+    integrator = simulator.get_integrator()
+    steps = integrator.get_num_steps_taken()
+    return steps, integrator.get_num_derivative_evaluations(), 0
 
 
 def _CheckSteps(job: Job) -> None:
     """Refuses a run that a delay or an operator forces to take too many steps."""
-    contexts = ContextsIn(job.diagram, job.diagram.CreateDefaultContext())
-    for system, context in contexts.items():
+    for system, context in ContextsIn(job.diagram, job.context).items():
         step = LongestStepOf(system, context)
         num_steps = job.duration / step
         if num_steps > _MOST_FORCED_STEPS:
@@ -106,9 +163,16 @@ class Recorder:
 
     Attributes:
         names: Of the signals, in the order of a sample's values.
+
+    Args:
+        diagram: What is simulated.
+        root_context: The Context of the Simulator.
+        is_dense: Whether samples are taken within steps, too.
     """
 
-    def __init__(self, diagram: Diagram, root_context: Context):
+    def __init__(
+        self, diagram: System, root_context: Context, *, is_dense: bool = True
+    ):
         signals = SignalsOf(diagram)
         self.names = list(signals)
         self._inner_context = root_context.Clone()
@@ -120,6 +184,7 @@ class Recorder:
             for root in (root_context, self._inner_context)
         )
         self._diagram = diagram
+        self._is_dense = is_dense
         self._root_context = root_context
         self._rows: list[tuple[float, list[np.ndarray]]] = []
         self._step_ends: list[int] = []
@@ -129,6 +194,9 @@ class Recorder:
         """Takes a sample now, and those in the step that ends; returns its values."""
         time, root = self._root_context.get_time(), self._root_context
         values = [evaluate(context) for evaluate, context in self._at_end]
+        if not self._is_dense:
+            self._rows.append((time, values))
+            return values
         state = root.get_continuous_state_vector().CopyToVector()
         rate, mode = self._RateIn(root), DiscreteState(root)
         if self._rows and time > self._rows[-1][0]:
@@ -143,8 +211,9 @@ class Recorder:
 
     def _RateIn(self, root_context: Context) -> np.ndarray:
         """Returns the rate of the state in a Context."""
-        context = self._diagram.GetMyContextFromRoot(root_context)
-        rate: np.ndarray = self._diagram.EvalTimeDerivatives(context).CopyToVector()
+        rate: np.ndarray = self._diagram.EvalTimeDerivatives(
+            root_context
+        ).CopyToVector()
         return rate
 
     def _SampleBeginning(self) -> None:
@@ -174,6 +243,8 @@ class Recorder:
             name: np.array([values[i] for _, values in self._rows])
             for i, name in enumerate(self.names)
         }
+        if not self._is_dense:
+            return times, signals, straight_steps(times)
         ends = np.array(self._step_ends, int)
         return times, signals, ends[:, np.newaxis] + np.arange(-DEGREE, 1)
 
@@ -184,14 +255,23 @@ class _DrakeRun:
     Attributes:
         recorder: What it records with.
         failure: Why the run cannot go on; empty while it can.
+        has_begun: Whether the Simulator has been initialized.
+        is_over: Whether the monitor has ended the run.
         interruption: Ends it because of Ctrl-C.
     """
 
-    def __init__(self, simulator: TeleoperatorSimulator, job: Job):
+    def __init__(self, simulator: Simulator, job: Job):
         self._simulator, self._job = simulator, job
-        self._pace, self._num_samples = Pace(job.duration), 0
-        self.recorder = Recorder(job.diagram, simulator.get_mutable_context())
+        self._pace = Pace(job.duration, job.start)
+        self._num_samples = 0
+        self.recorder = Recorder(
+            job.diagram,
+            simulator.get_mutable_context(),
+            is_dense=_IsDense(job),
+        )
         self.failure = ""
+        self.has_begun = False
+        self.is_over = False
         self.interruption = Interruption()
         self._last_report = clock.monotonic()
         names = self.recorder.names
@@ -202,21 +282,23 @@ class _DrakeRun:
     def Monitor(self, root_context: Context) -> EventStatus:
         """Records the end of a step; ends the run if it cannot go on."""
         now, time = self.recorder.Sample(), root_context.get_time()
-        diagram, limit = self._job.diagram, self._job.speed_limit
-        duration = self._job.duration
-        is_at_end = time >= duration - same_within(duration)
+        limit = self._job.speed_limit
         self._num_samples += 1
-        self._pace.Check(self._num_samples + self._simulator.Counts()[2], time)
+        self._pace.Check(self._num_samples + _Counts(self._simulator)[2], time)
         speed = math.hypot(*(x for i in self._watched for x in now[i]))
         if not speed <= limit.speed:
             self.failure = limit.Reason(speed)
-            return EventStatus.ReachedTermination(diagram, self.failure)
+            return self._End(self.failure)
         progress = self._job.progress
         if progress and clock.monotonic() > self._last_report + _REPORT_PERIOD:
             self._last_report = clock.monotonic()
             progress(time)
         if self.interruption.has_come:
-            return EventStatus.ReachedTermination(diagram, "interrupted")
-        if is_at_end:  # What is due now does not happen any more.
-            return EventStatus.ReachedTermination(diagram, "at the end")
+            return self._End("interrupted")
+        if time >= self._job.end - same_within(self._job.end):
+            return self._End("at the end")  # What is due now does not happen.
         return EventStatus.DidNothing()
+
+    def _End(self, reason: str) -> EventStatus:
+        self.is_over = True
+        return EventStatus.ReachedTermination(self._job.diagram, reason)

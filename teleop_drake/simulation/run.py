@@ -8,7 +8,7 @@ from types import FrameType
 from typing import NamedTuple
 
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Diagram, System
+from pydrake.systems.framework import Context, System
 
 from teleop_drake.channels.network import NetworkDelay
 from teleop_drake.channels.packet_network import PacketStatistics
@@ -30,17 +30,32 @@ class Job(NamedTuple):
 
     Attributes:
         diagram: The model.
+        context: Where the run begins. It is not changed.
         config: The solver.
         duration: How long, s.
         speed_limit: When to end early.
         progress: Called now and then with the simulated time in s.
+        continues: Whether an earlier run has ended there, so that the initialization
+            events have happened.
     """
 
-    diagram: Diagram
+    diagram: System
+    context: Context
     config: SimulatorConfig
     duration: float
     speed_limit: SpeedLimit
     progress: Callable[[float], None] | None
+    continues: bool = False
+
+    @property
+    def start(self) -> float:
+        """When the run begins, s."""
+        return float(self.context.get_time())
+
+    @property
+    def end(self) -> float:
+        """When the run ends, s."""
+        return self.start + self.duration
 
 
 @dataclass(kw_only=True)
@@ -57,6 +72,7 @@ class Outcome:
         reason: Why it did not complete.
         is_too_fast: Whether it ended because the tool was faster than allowed.
         channels: As in Recording.
+        final_context: As in Recording.
     """
 
     engine: str
@@ -68,6 +84,7 @@ class Outcome:
     reason: str
     is_too_fast: bool
     channels: dict[str, PacketStatistics] = field(default_factory=dict)
+    final_context: Context | None = None
 
     def TakeStatistics(self, systems: Iterable[System]) -> None:
         """Takes what became of the packets of network channels among systems."""
@@ -85,11 +102,14 @@ class Pace:
 
     Args:
         duration: How far the run should come, s.
+        start: When it begins, s.
     """
 
-    def __init__(self, duration: float):
+    def __init__(self, duration: float, start: float = 0.0):
         self._duration = duration
-        self._num_steps, self._time = 0, 0.0
+        self._start = start
+        self._num_steps = 0
+        self._time = start
 
     def Check(self, num_steps: int, time: float) -> None:
         """Looks at how far a run has come, after 10 000 steps again.
@@ -103,9 +123,11 @@ class Pace:
         steps, gone = num_steps - self._num_steps, time - self._time
         if steps < _STRETCH:
             return
-        if num_steps * gone + steps * (self._duration - time) > _MOST_STEPS * gone:
+        ahead = self._start + self._duration - time
+        if num_steps * gone + steps * ahead > _MOST_STEPS * gone:
+            allowed = f"at most {time - self._start:.3g} s here"
             raise ScenarioError(
-                f"duration = {self._duration:g}: must be at most {time:.3g} s here, "
+                f"duration = {self._duration:g}: must be {allowed}, "
                 f"which took {num_steps} steps; the loop is so stiff, or has so many "
                 f"events, that the last {steps} steps came {gone:.2g} s further, and "
                 f"more than {_MOST_STEPS} would be needed"

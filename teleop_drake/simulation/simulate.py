@@ -2,12 +2,13 @@
 
 import dataclasses
 import math
+import weakref
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, cast
 
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Diagram, System
+from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.environments import Surface, SurfacesOf
 from teleop_drake.machine_code.compiled import Interpreted
@@ -15,9 +16,10 @@ from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
 from teleop_drake.scenario.config import DefaultSimulator
-from teleop_drake.signals import SignalsOf
+from teleop_drake.signals import MarkLoop, NameOf, SignalsOf
 from teleop_drake.simulation.drake_run import RunInDrake
 from teleop_drake.simulation.ending import EndAtBound
+from teleop_drake.simulation.inputs import CheckInputs
 from teleop_drake.simulation.run import Job, Outcome
 from teleop_drake.simulation.stepping import NotesOnSamples, SystemsIn
 from teleop_drake.tasks import SpeedLimit, Task, TaskOf
@@ -45,22 +47,31 @@ def MakeDiagram(scenario: ScenarioLike) -> Diagram:
 
 
 def simulate(
-    scenario: ScenarioLike | Diagram,
+    scenario: ScenarioLike | System,
     *,
     duration: float | None = None,
+    context: Context | None = None,
     simulator: SimulatorConfig | None = None,
     teleoperator: Diagram | None = None,
     task: Task[Any] | None = None,
     progress: Callable[[float], None] | None = None,
     engine: str = "auto",
 ) -> Recording:
-    """Simulates a scenario, or a Diagram, from its start and records its signals.
+    """Simulates a scenario, or any System of Drake's, and records its signals.
 
-    Of a Diagram of one's own, with the defaults of its blocks, these are the vector
-    outputs that it exports; if it exports none, those of its systems as `system.port`.
-    Its recording has no scenario, and therefore no events and no metrics.
+    A System begins where its Context is: time, states, numeric parameters and fixed
+    inputs are those of the Context. The recorded signals are its vector outputs or, for
+    a Diagram that exports none, all vector outputs of its systems, named `system.port`.
+    The recording has no scenario, and therefore no events and no metrics. Its
+    `final_context` continues the run.
 
-        recording = simulate(diagram, duration=10.0)
+        context = diagram.CreateDefaultContext()
+        context.SetContinuousState([0.1, 0.0])
+        first = simulate(diagram, context=context, duration=10.0)
+        second = simulate(diagram, context=first.final_context, duration=10.0)
+
+    Initialization events are executed at the start, as by Drake's Simulator, unless the
+    Context is the `final_context` of a recording itself.
 
     The signals of a scenario, with n task axes and four rows for each step of the
     integrator:
@@ -100,8 +111,10 @@ def simulate(
     block comes out as it is, with a note that names the block.
 
     Args:
-        scenario: What to simulate, or its name or file; or a Diagram.
+        scenario: What to simulate, or its name or file; or a System.
         duration: How long, s; None: as the scenario says.
+        context: Where the run of a System begins; it is not changed. None: the default
+            Context.
         simulator: The solver; None: the scenario's, for a Diagram DefaultSimulator().
         teleoperator: The Diagram to simulate, made by MakeTeleoperator for this
             scenario with systems of your own; None makes the scenario's.
@@ -125,13 +138,20 @@ def simulate(
     """
     CheckChoice("engine", engine, ENGINES)
     if isinstance(scenario, System):
-        _CheckDiagram(scenario, duration, teleoperator or task)
-        assert isinstance(scenario, Diagram) and duration is not None
-        config = simulator or DefaultSimulator()
-        job = Job(scenario, config, duration, _Finite(), progress)
-        run, notes = _Run(job, engine)
-        _EndWhereFinite(run)
-        return MakeRecording(None, scenario, config, run, notes)
+        _CheckArguments(duration, teleoperator or task)
+        assert duration is not None
+        job = Job(
+            diagram=scenario,
+            context=scenario.CreateDefaultContext() if context is None else context,
+            config=simulator or DefaultSimulator(),
+            duration=duration,
+            speed_limit=_Finite(),
+            progress=progress,
+            continues=context is not None and context in _final_contexts,
+        )
+        return _SimulateSystem(job, engine)
+    if context is not None:
+        Refuse("context", "a Context", "left out where a scenario is simulated")
     scenario = AsScenario(scenario)
     given = {"duration": duration, "simulator": simulator}
     changes = {key: value for key, value in given.items() if value is not None}
@@ -142,8 +162,11 @@ def simulate(
     if teleoperator is not None:
         _CheckTeleoperator(scenario, task, teleoperator)
     CheckSteps(scenario)
+    diagram = teleoperator or task.MakeDiagram(scenario)
+    MarkLoop(diagram.GetSystems())
     job = Job(
-        diagram=teleoperator or task.MakeDiagram(scenario),
+        diagram=diagram,
+        context=diagram.CreateDefaultContext(),
         config=scenario.simulator,
         duration=scenario.duration,
         speed_limit=task.MakeSpeedLimit(scenario),
@@ -183,18 +206,32 @@ class _Finite(SpeedLimit):
         return "a signal is not finite"
 
 
-def _CheckDiagram(system: System, duration: float | None, other: object) -> None:
-    """Refuses what cannot be run by itself, or is of a scenario."""
-    name = system.get_name() or type(system).__name__
-    if not isinstance(system, Diagram):
-        Refuse("diagram", name, "a Diagram, which a DiagramBuilder makes of systems")
+# The Contexts at which runs have ended.
+_final_contexts: weakref.WeakSet[Context] = weakref.WeakSet()
+
+
+def _SimulateSystem(job: Job, engine: str) -> Recording:
+    """Runs a System and makes the recording."""
+    try:
+        job.diagram.ValidateContext(job.context)
+    except (RuntimeError, SystemExit):
+        Refuse("context", "a Context", f"one of {NameOf(job.diagram)}")
+    CheckInputs(job.diagram, job.context)
+    SignalsOf(job.diagram)
+    run, notes = _Run(job, engine)
+    _EndWhereFinite(run)
+    recording = MakeRecording(None, job.diagram, job.config, run, notes)
+    if run.final_context is not None:
+        _final_contexts.add(run.final_context)
+    recording.final_context = run.final_context
+    return recording
+
+
+def _CheckArguments(duration: float | None, other: object) -> None:
+    """Refuses arguments that are not for a System."""
     if other is not None:
         Refuse("teleoperator, task", other, "left out where a Diagram is simulated")
     CheckNumber("duration", duration, "s", above=0)
-    if system.num_input_ports() > 0:
-        port = system.get_input_port(0).get_name()
-        Refuse(f"input of {name}", port, "connected to a source inside of the Diagram")
-    SignalsOf(system)
 
 
 def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:
@@ -205,11 +242,13 @@ def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:
 
         try:
             with Interpreted():  # There are too few calls to pay compiling.
-                return CompileDiagram(job.diagram, job.config).Run(job), notes
+                compiled = CompileDiagram(
+                    job.diagram, job.config, job.context, continues=job.continues
+                )
+                return compiled.Run(job), notes
         except CannotCompile as error:
             notes = [f"Run in Drake's Simulator: {error}."]
-    context = job.diagram.CreateDefaultContext()
-    return RunInDrake(job), notes + NotesOnSamples(job.diagram, context)
+    return RunInDrake(job), notes + NotesOnSamples(job.diagram, job.context)
 
 
 def _EndWhereFinite(run: Outcome) -> None:
@@ -272,7 +311,7 @@ def _Reporters(systems: Iterable[System]) -> tuple[Any, ...]:
 
 def MakeRecording(
     scenario: AnyScenario | None,
-    diagram: Diagram,
+    diagram: System,
     config: SimulatorConfig,
     run: Outcome,
     notes: list[str],
@@ -289,7 +328,7 @@ def MakeRecording(
     if scenario is None:
         reporters = _Reporters(SystemsIn(diagram))
         facts = ModelFacts((), reporters, has_constant_command=True)
-    model = facts or ModelFactsOf(diagram)
+    model = facts or ModelFactsOf(cast(Diagram, diagram))
     time, signals, steps = run.series
 
     def FindNotes(recording: Recording) -> list[str]:
@@ -312,7 +351,7 @@ def MakeRecording(
             steps=run.steps,
             derivative_evaluations=run.derivative_evaluations,
             wall_time_s=run.wall_time,
-            real_time_factor=float(time[-1]) / run.wall_time,
+            real_time_factor=float(time[-1] - time[0]) / run.wall_time,
         ),
         channels=run.channels,
         termination=run.termination,

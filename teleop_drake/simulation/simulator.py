@@ -12,11 +12,11 @@ from pydrake.systems.analysis import (
     SimulatorConfig,
     SimulatorStatus,
 )
-from pydrake.systems.framework import Context, Diagram, EventStatus
+from pydrake.systems.framework import Context, EventStatus, System
 
 from teleop_drake.contexts import DiscreteState
 from teleop_drake.simulation.failures import IsDivergence, IsGivingUp
-from teleop_drake.simulation.stale_cache_guard import GuardOf, MakeGuarded, TrialStep
+from teleop_drake.simulation.stale_cache_guard import TrialOf
 from teleop_drake.simulation.stepping import LongestStep, Stepping
 
 # Accuracy of the Context, which Drake uses to locate events: 1e-4 locates them to
@@ -31,7 +31,9 @@ _ENDS = (EventStatus.Severity.kReachedTermination, EventStatus.Severity.kFailed)
 _Monitor = Callable[[Context], EventStatus | None]
 
 
-def MakeSimulator(diagram: Diagram, config: SimulatorConfig) -> "TeleoperatorSimulator":
+def MakeSimulator(
+    diagram: System, config: SimulatorConfig, context: Context | None = None
+) -> "TeleoperatorSimulator":
     """Makes the Simulator of a diagram that has delays or walls in it.
 
     It does what simulate() does, to the last bit; Drake's own Simulator, with the same
@@ -44,20 +46,27 @@ def MakeSimulator(diagram: Diagram, config: SimulatorConfig) -> "TeleoperatorSim
       short ones behind it, from which a delayed signal is interpolated,
     * where a block has periodic discrete updates, executes what is due once more until
       nothing changes, so that delays and guards see these updates at their instant,
-    * repeats a rejected step as if it were the first attempt (StaleCacheGuard),
+    * repeats a rejected step as if it were the first attempt, and
     * under error control, tries a shorter step where numbers leave the finite within a
-      step, or a block cannot compute with them (TrialStep).
+      step, or a block cannot compute with them (TrialStep for both).
+
+    The last two need a block of this package in the diagram, which looks at each step.
+    What is published at the end of a step is published again if the step is repeated.
 
     Args:
-        diagram: What to simulate; not part of another Diagram. Its Context, or that of
-            a system in it, is what GetMyContextFromRoot() makes of the Simulator's.
-        config: Drake's, of which start_time is to be 0.
+        diagram: What to simulate; not part of another Diagram.
+        config: Drake's. Its start_time is not used if there is a Context.
+        context: Where the run begins; the Simulator changes it, as Drake's does. None:
+            the default Context.
 
     Returns:
-        The Simulator, with the default Context of the diagram.
+        The Simulator.
     """
-    simulator = TeleoperatorSimulator(diagram)
+    simulator = TeleoperatorSimulator(diagram, context)
+    time = simulator.get_context().get_time()
     ApplySimulatorConfig(config, simulator)
+    if context is not None:
+        simulator.get_mutable_context().SetTime(time)
     return simulator
 
 
@@ -69,18 +78,17 @@ class TeleoperatorSimulator(Simulator):
 
     Args:
         diagram: What to simulate; not part of another Diagram.
+        context: Where the run begins; None: the default Context.
     """
 
-    def __init__(self, diagram: Diagram):
-        guarded = MakeGuarded(diagram)
-        Simulator.__init__(self, guarded)
-        self._trial = TrialStep()
-        GuardOf(guarded).Watch(self, self._trial)
-        self._diagram = guarded
+    def __init__(self, diagram: System, context: Context | None = None):
+        Simulator.__init__(self, diagram, context)
+        self._trial = TrialOf(self, diagram)
+        self._diagram = diagram
         self._stepping: Stepping | None = None
         self._monitor: _Monitor | None = None
         self._is_stopped = False
-        self._is_rejected = False
+        self._rejected_to: float | None = None
         self._is_put_back = False
         self._is_settling = False
         self._counts = 0, 0, 0
@@ -129,16 +137,16 @@ class TeleoperatorSimulator(Simulator):
         before = self._stepping
         if before is not None and longest_step == before.step_limit:
             longest_step = before.longest_step  # What an earlier run has left.
-        context = self._diagram.GetMyContextFromRoot(self.get_context())
-        longest_step = min(longest_step, LongestStep(self._diagram, context))
+        longest_step = min(longest_step, LongestStep(self._diagram, self.get_context()))
         integrator.set_maximum_step_size(longest_step)
-        self._stepping = Stepping(self._diagram, longest_step)
+        start = self.get_context().get_time()
+        self._stepping = Stepping(self._diagram, longest_step, start)
         self._counts = 0, 0, 0
         self._is_stopped = False
         root_context = self.get_mutable_context()
         if root_context.get_accuracy() is None:
             root_context.SetAccuracy(EVENT_ACCURACY)
-        self._trial.Begin(root_context)
+        self._BeginStep()
         return Simulator.Initialize(self, *arguments, **keywords)
 
     def AdvancePendingEvents(self) -> SimulatorStatus:
@@ -178,11 +186,13 @@ class TeleoperatorSimulator(Simulator):
             except (Exception, SystemExit) as error:
                 if not IsDivergence(error, context) or IsGivingUp(error):
                     raise
-                if not self._BeginAgain():
+                shorter = self._ShorterStep()
+                if shorter is None:
                     raise
+                self._BeginAgain(shorter)
                 continue
-            if self._is_rejected:
-                self._BeginAgain()
+            if self._rejected_to is not None:
+                self._BeginAgain(self._rejected_to)
                 continue
             if context.get_time() >= boundary_time or self._IsEndedByOthers(status):
                 return status
@@ -202,28 +212,41 @@ class TeleoperatorSimulator(Simulator):
                 break
         self._is_settling = False
 
+    def _BeginStep(self) -> None:
+        """Notes the start of a step, from which it may be begun again."""
+        if self._trial is not None:
+            self._trial.Begin(self)
+
     def _ShorterStep(self) -> float | None:
         """Returns the longest step to try instead of a failed one; None: none is."""
-        if self.get_integrator().get_fixed_step_mode():
+        if self._trial is None or self.get_integrator().get_fixed_step_mode():
             return None
         assert self._stepping is not None
         return self._trial.ShorterStep(self.get_context(), self._stepping.step_limit)
 
-    def _BeginAgain(self) -> bool:
-        """Goes back to the start of a step that failed; returns whether it can."""
-        step = self._ShorterStep()
-        if step is None:
-            return False
+    def _RepeatedStep(self, root_context: Context) -> float | None:
+        """Returns the longest step to try instead of the last one; None: it is good."""
+        if self._trial is None:
+            return None
+        state = root_context.get_continuous_state_vector().CopyToVector()
+        if not math.isfinite(state.sum()):  # The norm of the error has overlooked it.
+            return self._ShorterStep()
+        return self._trial.StaleStep(self)
+
+    def _BeginAgain(self, step: float) -> None:
+        """Goes back to the start of a step, and tries one of at most `step` s."""
         assert self._stepping is not None
         integrator = self.get_mutable_integrator()
         steps, evaluations, rejected = self.Counts()
         self._counts = steps, evaluations, rejected + 1
-        self._trial.PutBack(self.get_mutable_context())
+        assert self._trial is not None
+        self._trial.PutBack(self)
         self._stepping.Reject(step, integrator)
         # Drake wants the first step to be no longer than the longest.
         first_step = integrator.get_initial_step_size_target()
         integrator.request_initial_step_size_target(step)
-        self._is_rejected, self._is_put_back = False, True
+        self._rejected_to = None
+        self._is_put_back = True
         try:
             # Otherwise Drake would not go on after an error.
             Simulator.Initialize(
@@ -232,7 +255,7 @@ class TeleoperatorSimulator(Simulator):
         finally:
             self._is_put_back = False
             integrator.request_initial_step_size_target(first_step)
-        return True
+        self._BeginStep()
 
     def _IsEndedByOthers(self, status: SimulatorStatus) -> bool:
         """Returns whether something else than the stepping ended AdvanceTo()."""
@@ -244,12 +267,10 @@ class TeleoperatorSimulator(Simulator):
         self._is_stopped = False
         if self._is_put_back or self._is_settling:
             return EventStatus.DidNothing()
-        state = root_context.get_continuous_state_vector().CopyToVector()
-        if not math.isfinite(state.sum()) and self._ShorterStep() is not None:
-            # The norm of the error has overlooked it.
-            self._is_rejected = True
-            return EventStatus.ReachedTermination(self._diagram, "not finite")
-        self._trial.Begin(root_context)
+        self._rejected_to = self._RepeatedStep(root_context)
+        if self._rejected_to is not None:
+            return EventStatus.ReachedTermination(self._diagram, "repeated")
+        self._BeginStep()
         if self._monitor is not None:
             status = self._monitor(root_context)
             if status is not None and status.severity() in _ENDS:

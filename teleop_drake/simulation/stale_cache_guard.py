@@ -30,17 +30,14 @@ no longer needs the guard.
 
 import math
 import sys
-import weakref
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import (
-    Context,
-    ContinuousState,
-    Diagram,
-    DiagramBuilder,
-    LeafSystem,
-)
+from pydrake.systems.framework import Context, Diagram, System
+
+from teleop_drake.kernel import KernelBlock
 
 # A shorter step hardly moves the time. A hundred times Drake's own limit.
 _SHORTEST = 1e-12
@@ -57,34 +54,58 @@ class TrialStep:
     smallest step for ever. So the state is looked at before each evaluation of the
     rates, and a step that fails is begun again as a shorter one.
 
+    When time goes back, Look() marks everything that is cached as out of date. It is
+    called by a block, so the rates of systems in front of that block have been computed
+    from stale results by then. Where one of these has a state, a step that error
+    control has rejected is begun again with the length that was accepted.
+
     It belongs to one run, and keeps no Context: that would keep the Simulator alive.
+
+    Args:
+        is_first: Whether no system with a state is evaluated before Look() is called.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, is_first: bool) -> None:
+        self._is_first = is_first
         self._time = -math.inf
+        self._last_time = -math.inf
         self._state = np.empty(0)
-        self._is_at_start = False
+        self._num_rejected = 0
 
-    def Begin(self, root_context: Context) -> None:
+    def Begin(self, simulator: Simulator) -> None:
         """Notes that a step begins, maybe with events that change the state yet."""
-        self._time = root_context.get_time()
+        root_context = simulator.get_context()
+        self._time = self._last_time = root_context.get_time()
         self._state = root_context.get_continuous_state_vector().CopyToVector()
-        self._is_at_start = True
+        self._num_rejected = _NumRejected(simulator)
 
-    def Look(self, root_context: Context) -> None:
-        """Looks at the state of which rates are to be evaluated.
+    def Look(self, simulator: Simulator) -> None:
+        """Looks at the time and the state of which rates are to be evaluated.
 
         Raises:
             FloatingPointError: If the state is not finite.
         """
+        root_context = simulator.get_context()
+        time = root_context.get_time()
+        if time < self._last_time:
+            simulator.get_mutable_context().SetAllCacheEntriesOutOfDate()
+        self._last_time = time
         state = root_context.get_continuous_state_vector().CopyToVector()
         # Of so many numbers that are finite the sum is, or the step is absurd.
         if not math.isfinite(state.sum()):
             raise FloatingPointError("the state is not finite")
-        if self._is_at_start:
-            self._is_at_start = False
-            if root_context.get_time() == self._time:
-                self._state = state
+        if time == self._time:  # The events at the start have happened.
+            self._state = state
+
+    def StaleStep(self, simulator: Simulator) -> float | None:
+        """Returns the length in s of a step that has to be repeated; None: it is good.
+
+        Its first attempts were rejected, and it began with stale results.
+        """
+        if self._is_first or _NumRejected(simulator) == self._num_rejected:
+            return None
+        length = simulator.get_context().get_time() - self._time
+        return length if length > 0 else None
 
     def ShorterStep(self, root_context: Context, longest_step: float) -> float | None:
         """Returns the longest step to try next in s, or None: it would not help.
@@ -99,85 +120,57 @@ class TrialStep:
         step = min(gone / 2, longest_step / 2)
         return step if step > _SHORTEST * max(1.0, self._time) else None
 
-    def PutBack(self, root_context: Context) -> None:
+    def PutBack(self, simulator: Simulator) -> None:
         """Puts time and state back to the start of the step.
 
         What is due at the start has happened. So that it does not happen again, the
         time is the next larger number.
         """
         time = max(math.nextafter(self._time, math.inf), sys.float_info.min)
+        root_context = simulator.get_mutable_context()
         root_context.SetTime(time)
         root_context.SetContinuousState(self._state)
-        self.Begin(root_context)
+        self.Begin(simulator)
 
 
-class StaleCacheGuard(LeafSystem):
-    """Marks everything that is cached as out of date whenever time goes back.
+def _NumRejected(simulator: Simulator) -> int:
+    """Returns how many steps error control has rejected since the initialization."""
+    integrator = simulator.get_integrator()
+    return int(integrator.get_num_step_shrinkages_from_error_control())
 
-    It has neither ports nor state. A Diagram evaluates the time derivatives of its
-    systems in the order in which they were added, so this is the one to add first.
+
+def TrialOf(simulator: Simulator, system: System) -> TrialStep | None:
+    """Returns what can repeat the steps of a Simulator; None: steps are Drake's own.
+
+    A block of this package calls it before each evaluation of the rates, so that a
+    Diagram need not become a part of another one. None is returned if there is no such
+    block in the system.
     """
-
-    def __init__(self) -> None:
-        LeafSystem.__init__(self)
-        self._simulators: weakref.WeakKeyDictionary[Simulator, TrialStep] = (
-            weakref.WeakKeyDictionary()
-        )
-        # Of the last evaluation. No result depends on it.
-        self._time = -math.inf
-
-    def Watch(self, simulator: Simulator, trial: TrialStep) -> None:
-        """Adds a Simulator to those whose steps are watched.
-
-        Args:
-            simulator: Of the whole diagram. It is not kept alive.
-            trial: Looks at the state before each evaluation.
-        """
-        self._simulators[simulator] = trial
-
-    def DoCalcTimeDerivatives(
-        self, context: Context, derivatives: ContinuousState
-    ) -> None:
-        """Looks at the time and the state; there are no derivatives."""
-        time = context.get_time()
-        has_gone_back, self._time = time < self._time, time
-        for simulator, trial in self._simulators.items():
-            if has_gone_back:
-                simulator.get_mutable_context().SetAllCacheEntriesOutOfDate()
-            trial.Look(simulator.get_context())
+    has_states = False
+    for leaf in _LeavesOf(system):
+        if _CallsWatchers(leaf):
+            trial = TrialStep(is_first=not has_states)
+            leaf.WatchRates(simulator, trial.Look)
+            return trial
+        has_states = has_states or leaf.num_continuous_states() > 0
+    return None
 
 
-_NAME = "stale_cache_guard"
-
-# The diagrams of a guard and of another diagram, by the latter. It keeps the former
-# alive, because pydrake keeps together what was built together. A strong reference
-# here would keep both, for ever.
-_guarded: weakref.WeakKeyDictionary[Diagram, weakref.ref[Diagram]] = (
-    weakref.WeakKeyDictionary()
-)
+def HasOwnBlocks(system: System) -> bool:
+    """Returns whether there is a block of this package in a system."""
+    return any(isinstance(leaf, KernelBlock) for leaf in _LeavesOf(system))
 
 
-def MakeGuarded(diagram: Diagram) -> Diagram:
-    """Makes a Diagram of a StaleCacheGuard and of the one that is given.
-
-    Args:
-        diagram: What to guard; not part of another Diagram.
-
-    Returns:
-        The Diagram, the same one each time. Its guard is GuardOf() it.
-    """
-    guarded = _guarded[diagram]() if diagram in _guarded else None
-    if guarded is None:
-        builder = DiagramBuilder()
-        builder.AddNamedSystem(_NAME, StaleCacheGuard())
-        builder.AddSystem(diagram)
-        guarded = builder.Build()
-        _guarded[diagram] = weakref.ref(guarded)
-    return guarded
+def _CallsWatchers(leaf: Any) -> bool:
+    """Returns whether a block calls those that watch the evaluation of its rates."""
+    own = KernelBlock.DoCalcTimeDerivatives
+    return isinstance(leaf, KernelBlock) and type(leaf).DoCalcTimeDerivatives is own
 
 
-def GuardOf(guarded: Diagram) -> StaleCacheGuard:
-    """Returns the guard in a Diagram that MakeGuarded() made."""
-    guard = guarded.GetSubsystemByName(_NAME)
-    assert isinstance(guard, StaleCacheGuard)
-    return guard
+def _LeavesOf(system: System) -> Iterator[Any]:
+    """Yields the leaf systems in the order in which their rates are evaluated."""
+    if not isinstance(system, Diagram):
+        yield system
+        return
+    for part in system.GetSystems():
+        yield from _LeavesOf(part)

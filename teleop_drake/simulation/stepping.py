@@ -43,7 +43,7 @@ _STEP_GROWTH = 0.04
 _STEP_GROWTH_AFTER_CROSSING = 0.02
 
 
-def LongestStep(diagram: Diagram, context: Context, *, of_delays: bool = True) -> float:
+def LongestStep(diagram: System, context: Context, *, of_delays: bool = True) -> float:
     """Returns the longest step in s that a diagram's systems allow, or infinity.
 
     Args:
@@ -111,10 +111,11 @@ class Stepping:
     Args:
         diagram: What is simulated.
         longest_step: Of the run, in s.
+        start: When the run begins, in s.
     """
 
-    def __init__(self, diagram: Diagram, longest_step: float):
-        systems = list(SystemsIn(diagram))
+    def __init__(self, diagram: System, longest_step: float, start: float):
+        systems = list(SystemsIn(diagram)) or [diagram]
 
         def With(member: str) -> Iterator[Any]:
             return (system for system in systems if hasattr(system, member))
@@ -145,7 +146,7 @@ class Stepping:
         self.longest_step = longest_step
         self.step_limit = longest_step
         self._motions: list[_Motion] = []
-        self._last_jump = 0.0
+        self._last_jump = start
         self._crossing_time = -math.inf
         self._next_jump = math.inf
         self._stop = 0.0
@@ -290,15 +291,15 @@ class Stepping:
         return shortest
 
 
-def SystemsIn(diagram: Diagram) -> Iterator[System]:
-    """Yields the systems in a diagram and in those inside."""
-    for system in diagram.GetSystems():
+def SystemsIn(diagram: System) -> Iterator[System]:
+    """Yields the systems in a diagram and in those inside; none in a leaf system."""
+    for system in diagram.GetSystems() if isinstance(diagram, Diagram) else ():
         yield system
         if isinstance(system, Diagram):
             yield from SystemsIn(system)
 
 
-def NotesOnSamples(diagram: Diagram, context: Context) -> list[str]:
+def NotesOnSamples(diagram: System, context: Context) -> list[str]:
     """Returns whether samples come too densely for the delays of a run in Drake.
 
     A delay is a polynomial through the ends of steps. A signal that bends at each

@@ -13,7 +13,7 @@ from teleop_drake.numerics.pieces import Pieces, maximum, minimum, rms
 from teleop_drake.recording import Event, Recording
 from teleop_drake.robots import PlantRobotConfig
 from teleop_drake.scenario import TrackingScenario, TrajectoryConfig
-from teleop_drake.signals import NamedSignals
+from teleop_drake.signals import MarkLoop, NamedSignals
 from teleop_drake.systems.disturbance_force import DisturbanceForce
 from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
 from teleop_drake.tasks.base import SpeedLimit, Task
@@ -201,7 +201,7 @@ def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
         builder.AddNamedSystem(name, system)
     # This call raises an error if a port has the name of another signal of the loop.
     NamedSignals(systems.values())
-    # Each row of the table connects a source to a target by signals of equal names.
+    MarkLoop(systems.values())
     desired = ("desired_position", "desired_velocity", "desired_acceleration")
     motion = ("tool_position", "tool_velocity")
     for source, target, signals in (

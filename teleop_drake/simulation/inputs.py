@@ -1,0 +1,73 @@
+"""The inputs of a system that have to be connected or fixed before a run."""
+
+from collections.abc import Iterator
+
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    InputPort,
+    InputPortIndex,
+    PortDataType,
+    System,
+)
+
+from teleop_drake.compiler.flatten import Flatten
+from teleop_drake.contexts import ContextsIn
+from teleop_drake.signals import NameOf
+from teleop_drake.validation import Refuse
+
+_ALLOWED = "connected to a source, or fixed: port.FixValue(context, value)"
+
+
+def CheckInputs(system: System, context: Context) -> None:
+    """Refuses an input of a system that is neither connected nor fixed, by name.
+
+    Args:
+        context: The Context of the system.
+
+    Raises:
+        ScenarioError: If an input that the system, or a block in it, needs has no
+            value.
+    """
+    for i in range(system.num_input_ports()):
+        port = system.get_input_port(i)
+        if not (port.HasValue(context) or _IsOptional(port)):
+            Refuse(f"input of {NameOf(system)}", port.get_name(), _ALLOWED)
+    if not isinstance(system, Diagram):
+        return
+    contexts = ContextsIn(system, context)
+    for block in Flatten(system):
+        if not _NeedsInputs(block.system):
+            continue
+        for i in range(block.system.num_input_ports()):
+            port = block.system.get_input_port(i)
+            has_value = port.HasValue(contexts[block.system])
+            if not (has_value or port.get_name() in block.inputs or _IsOptional(port)):
+                Refuse(f"input of {block.path}", port.get_name(), _ALLOWED)
+
+
+def _NeedsInputs(block: System) -> bool:
+    """Returns whether it is known which inputs a block can do without."""
+    is_primitive = type(block).__module__ == "pydrake.systems.primitives"
+    return is_primitive or hasattr(block, "Kernel")
+
+
+def _IsOptional(port: InputPort) -> bool:
+    """Returns whether nothing needs the value of an input."""
+    return all(
+        isinstance(leaf.get_system(), MultibodyPlant)
+        or leaf.get_data_type() == PortDataType.kAbstractValued
+        or leaf.get_name() in getattr(leaf.get_system(), "optional_inputs", ())
+        for leaf in _LeafInputs(port)
+    )
+
+
+def _LeafInputs(port: InputPort) -> Iterator[InputPort]:
+    """Yields the inputs of blocks to which an input leads."""
+    system = port.get_system()
+    if not isinstance(system, Diagram):
+        yield port
+        return
+    for part, index in system.GetInputPortLocators(InputPortIndex(port.get_index())):
+        yield from _LeafInputs(part.get_input_port(int(index)))
