@@ -31,3 +31,12 @@ def DiscreteState(context: Context) -> np.ndarray:
     """Returns all discrete states of a Context, one after another."""
     groups = map(context.get_discrete_state, range(context.num_discrete_state_groups()))
     return np.concatenate([np.empty(0), *(x.CopyToVector() for x in groups)])
+
+
+def SetDiscreteState(context: Context, values: np.ndarray) -> None:
+    """Sets all discrete states of a Context, which stand one after another."""
+    first = 0
+    for i in range(context.num_discrete_state_groups()):
+        end = first + context.get_discrete_state(i).size()
+        context.SetDiscreteState(i, values[first:end])
+        first = end

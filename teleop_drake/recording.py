@@ -110,8 +110,8 @@ class Recording:
         has_constant_command: Whether the operator commands scenario.surgeon.velocity
             until contact, as its block told; metrics compare with it.
         final_context: A Context of the Diagram at the end of the run, from which
-            simulate() goes on; None for a recording that was read from a file or
-            copied, and for runs of scenarios.
+            simulate() goes on. None for compiled runs with delays, for runs of
+            scenarios, and for a recording that was read from a file or copied.
     """
 
     scenario: AnyScenario
@@ -279,7 +279,9 @@ class Recording:
         Returns:
             (M, k) values, to 1e-4 of the signal's range in a run of simulate(), in
             Drake's Simulator to 5e-4 for what comes out of a delay; before a jump at
-            the very instant of the jump.
+            the very instant of the jump. A run in Drake's plain Simulator, of a system
+            without a block of this package, is known at the ends of its steps, and has
+            straight lines between them.
         """
         return interpolate(self.time, self[name], self.steps, np.asarray(times))
 

@@ -22,7 +22,7 @@ from pydrake.systems.primitives import Sine
 from teleop_drake.arrays import Array
 from teleop_drake.compiler.engine import CompiledRun, Visited
 from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.contexts import ContextsIn
+from teleop_drake.contexts import ContextsIn, SetDiscreteState
 
 __all__ = ["CheckKernel", "CheckVisited", "Compare", "HoldsOwnCode", "KernelDisagrees"]
 
@@ -108,12 +108,7 @@ def _SetModes(evaluator: Evaluator, context: Context, m: Array) -> None:
     """Sets all discrete states."""
     contexts = ContextsIn(evaluator.system, context)
     for block, part in zip(evaluator.blocks, evaluator.program.modes, strict=True):
-        own = contexts[block.system]
-        first = part.start
-        for i in range(own.num_discrete_state_groups()):
-            size = own.get_discrete_state(i).size()
-            own.SetDiscreteState(i, m[first : first + size])
-            first += size
+        SetDiscreteState(contexts[block.system], m[part])
 
 
 # Packages whose laws and blocks are held by their own tests.

@@ -94,6 +94,10 @@ class DelayLine:
         block.DeclarePerStepUnrestrictedUpdateEvent(Weakly(self._RecordBeforeEvents))
         block.DeclarePerStepDiscreteUpdateEvent(Weakly(self._RecordAfterEvents))
 
+    def IsUnderWay(self, context: Context) -> bool:
+        """Returns whether anything has been sent."""
+        return bool(self._GetHistory(context).times)
+
     def LongestStep(self, context: Context) -> float:
         """Returns the shortest delay in s, which no step of the solver may exceed."""
         time = self._DelayIn(context)

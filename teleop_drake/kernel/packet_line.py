@@ -107,6 +107,10 @@ class PacketLine:
         DeclareTicks(block, Ticks(delay.period), self._Send)
         block.DeclarePerStepUnrestrictedUpdateEvent(Weakly(self._Deliver))
 
+    def IsUnderWay(self, context: Context) -> bool:
+        """Returns whether anything has been sent."""
+        return self._PacketsIn(context).next > 0
+
     def LongestStep(self, context: Context) -> float:
         """Returns infinity: a packet shown in a step was sent before it or ends it."""
         return math.inf
@@ -115,7 +119,10 @@ class PacketLine:
         """Returns when the next packet will be shown (s), infinity if none is known."""
         number, packets = self._PacketsIn(context)
         jump = packets[1].shown if len(packets) > 1 else math.inf
-        # A packet that is sent during the next step may arrive within it.
+        # A run that begins later has sent none of the packets before.
+        time = context.get_time()
+        number = max(number, math.ceil((time - same_within(time)) / self._delay.period))
+        # One that is sent during the next step may arrive within it.
         if number * self._delay.period > self._delay.end:
             return jump
         return min(jump, self._Shown(number))

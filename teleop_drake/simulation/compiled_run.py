@@ -14,11 +14,13 @@ from teleop_drake.compiler.check import CheckVisited, HoldsOwnCode
 from teleop_drake.compiler.engine import CompiledRun, Visited
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf, UnsupportedSystem
+from teleop_drake.contexts import ContextsIn, SetDiscreteState
 from teleop_drake.integrator.problem import EVALUATIONS, STEPS, TRIES
+from teleop_drake.kernel import KernelBlock
 from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.scenario import AnyScenario
-from teleop_drake.signals import SignalsOf
+from teleop_drake.signals import NameOf, SignalsOf
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
 from teleop_drake.simulation.run import Interruption, Job, Outcome, Pace
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
@@ -76,8 +78,22 @@ class CompiledDiagram:
         outcome = _Run(run, job, self.places)
         systems = {system.get_name(): system for system in SystemsIn(self.diagram)}
         outcome.TakeStatistics({**systems, **self.parts}.values())
+        outcome.final_context = self._FinalContext(run)
         self.Check(run.visited)
         return outcome
+
+    def _FinalContext(self, run: CompiledRun) -> Context | None:
+        """Returns the Context at the end of a run; None if there are delays."""
+        program = self.evaluator.program
+        if program.delays or self.parts:
+            return None
+        context: Context = self.context.Clone()
+        context.SetTime(run.time)
+        context.SetContinuousState(run.memory.x)
+        contexts = ContextsIn(self.diagram, context)
+        for block, part in zip(self.evaluator.blocks, program.modes, strict=True):
+            SetDiscreteState(contexts[block.system], run.memory.m[part])
+        return context
 
     def Check(self, visited: Iterable[Visited] = ()) -> None:
         """Compares a user's own code with Drake's callbacks, the first time.
@@ -118,6 +134,7 @@ def CompileDiagram(
         raise CannotCompile(why)
     context = diagram.CreateDefaultContext() if context is None else context.Clone()
     context.SetAccuracy(EVENT_ACCURACY)
+    _CheckDelays(diagram, context)
     if not continues:
         diagram.ExecuteInitializationEvents(context)
     try:
@@ -133,6 +150,18 @@ def CompileDiagram(
         start=Visited(context.get_time(), *evaluator.ReadContext(context)),
         longest_step=LongestStep(diagram, context, of_delays=False),
     )
+
+
+def _CheckDelays(diagram: System, context: Context) -> None:
+    """Refuses a Context with signals under way in delays, which only Drake continues.
+
+    Raises:
+        CannotCompile: If there are some.
+    """
+    for system, own in ContextsIn(diagram, context).items():
+        if isinstance(system, KernelBlock) and system.IsUnderWay(own):
+            name = NameOf(system)
+            raise CannotCompile(f"in the Context a signal is under way in {name}")
 
 
 def StartFed(

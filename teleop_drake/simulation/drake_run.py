@@ -63,9 +63,11 @@ def RunInDrake(job: Job) -> Outcome:
     with run.interruption as interruption:
         try:
             status = _Advance(simulator, run, job)
-            if not run.is_over and status.reason() == _TERMINATED:
+            if not run.is_over and _IsTerminated(simulator, status):
                 termination, reason = "terminated", status.message()
         except KeyboardInterrupt:
+            if not run.has_begun:  # There is nothing to record.
+                raise
             interruption.has_come = True
         except Exception as error:
             is_divergence = IsDivergence(error, simulator.get_context())
@@ -125,9 +127,16 @@ def _Advance(simulator: Simulator, run: "_DrakeRun", job: Job) -> SimulatorStatu
     with NamingBlocks():
         status = simulator.Initialize(parameters)
         run.has_begun = True
-        if status.reason() != _TERMINATED and not run.interruption.has_come:
+        if not (_IsTerminated(simulator, status) or run.interruption.has_come):
             status = simulator.AdvanceTo(job.end)
     return status
+
+
+def _IsTerminated(simulator: Simulator, status: SimulatorStatus) -> bool:
+    """Returns whether an event, or the monitor of a run, has ended a run."""
+    if isinstance(simulator, TeleoperatorSimulator):
+        return simulator.IsEndedByOthers(status)
+    return bool(status.reason() == _TERMINATED)
 
 
 def _Counts(simulator: Simulator) -> tuple[int, int, int]:
@@ -211,6 +220,8 @@ class Recorder:
 
     def _RateIn(self, root_context: Context) -> np.ndarray:
         """Returns the rate of the state in a Context."""
+        if root_context.num_continuous_states() == 0:
+            return np.empty(0)  # Some systems without such a state refuse to tell.
         rate: np.ndarray = self._diagram.EvalTimeDerivatives(
             root_context
         ).CopyToVector()

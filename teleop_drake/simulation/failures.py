@@ -112,6 +112,6 @@ def _BlockOf(error: BaseException) -> str:
             block = traceback.tb_frame.f_locals.get(name)
             block = block() if isinstance(block, weakref.ref) else block
             if isinstance(block, System):
-                path = block.GetSystemPathname().split("::_::")[-1]
+                path = block.GetSystemPathname().removeprefix("::")
         traceback = traceback.tb_next
     return path

@@ -32,6 +32,11 @@ _NO_SURFACES = (
     "metrics of puncture and contact are left out."
 )
 
+_NO_FINAL_CONTEXT = (
+    "The compiled engine does not hand over what is under way in delays: a run that is "
+    'to be continued from its final_context needs engine="drake".'
+)
+
 
 def MakeDiagram(scenario: ScenarioLike) -> Diagram:
     """Makes what a scenario describes: a teleoperator or the tracking of chapter 3.
@@ -221,7 +226,9 @@ def _SimulateSystem(job: Job, engine: str) -> Recording:
     run, notes = _Run(job, engine)
     _EndWhereFinite(run)
     recording = MakeRecording(None, job.diagram, job.config, run, notes)
-    if run.final_context is not None:
+    if run.final_context is None:
+        notes.append(_NO_FINAL_CONTEXT)
+    else:
         _final_contexts.add(run.final_context)
     recording.final_context = run.final_context
     return recording

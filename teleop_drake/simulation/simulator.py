@@ -168,7 +168,7 @@ class TeleoperatorSimulator(Simulator):
         """
         if self._stepping is None:
             status = self.Initialize()
-            if self._IsEndedByOthers(status):
+            if self.IsEndedByOthers(status):
                 return status
         stepping, context = self._stepping, self.get_context()
         assert stepping is not None
@@ -178,7 +178,7 @@ class TeleoperatorSimulator(Simulator):
             if stepping.IsAtJump(context.get_time()):
                 # Both sides of a jump are seen by the monitor.
                 status = self.AdvancePendingEvents()
-                if self._IsEndedByOthers(status):
+                if self.IsEndedByOthers(status):
                     return status
             stop = min(stepping.NextStop(context), boundary_time)
             try:
@@ -194,7 +194,7 @@ class TeleoperatorSimulator(Simulator):
             if self._rejected_to is not None:
                 self._BeginAgain(self._rejected_to)
                 continue
-            if context.get_time() >= boundary_time or self._IsEndedByOthers(status):
+            if context.get_time() >= boundary_time or self.IsEndedByOthers(status):
                 return status
 
     def _Settle(self) -> None:
@@ -257,7 +257,7 @@ class TeleoperatorSimulator(Simulator):
             integrator.request_initial_step_size_target(first_step)
         self._BeginStep()
 
-    def _IsEndedByOthers(self, status: SimulatorStatus) -> bool:
+    def IsEndedByOthers(self, status: SimulatorStatus) -> bool:
         """Returns whether something else than the stepping ended AdvanceTo()."""
         reason = SimulatorStatus.ReturnReason.kReachedBoundaryTime
         return not self._is_stopped and status.reason() != reason

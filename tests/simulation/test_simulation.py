@@ -423,8 +423,8 @@ def test_a_run_leaves_no_samples_behind(monkeypatch):
     recorders = []
 
     class Recorder(drake_run.Recorder):
-        def __init__(self, *args):
-            super().__init__(*args)
+        def __init__(self, *args, **options):
+            super().__init__(*args, **options)
             recorders.append(weakref.ref(self))
 
     monkeypatch.setattr(drake_run, "Recorder", Recorder)

@@ -6,6 +6,8 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 
 from teleop_drake.compiler import engine as compiler_engine
+from teleop_drake.kernel import Kernel
+from teleop_drake.kernel.block import FixedBlock
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import MakeSimulator, simulate
 from teleop_drake.simulation import run as simulation_run
@@ -45,6 +47,9 @@ class Decay(LeafSystem):
 def make_simulator(fail, scheme, **config):
     builder = DiagramBuilder()
     system = builder.AddNamedSystem("decay", Decay(fail))
+    # A block of the package looks at each step.
+    kernel = Kernel(outputs={"time": "time"})
+    builder.AddSystem(FixedBlock("watcher", kernel, inputs={}, outputs={"time": 1}))
     diagram = builder.Build()
     config = {"integration_scheme": scheme, "max_step_size": 0.05} | config
     simulator = MakeSimulator(diagram, SimulatorConfig(accuracy=1e-6, **config))

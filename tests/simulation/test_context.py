@@ -1,0 +1,231 @@
+"""A run begins where its Context is, and another one goes on where it has ended."""
+
+import numpy as np
+import pytest
+from pydrake.examples import PendulumPlant, RimlessWheel
+from pydrake.symbolic import Variable
+from pydrake.systems.analysis import (
+    ApplySimulatorConfig,
+    Simulator,
+)
+from pydrake.systems.framework import (
+    Diagram,
+    DiagramBuilder,
+    EventStatus,
+    LeafSystem,
+)
+from pydrake.systems.primitives import (
+    Adder,
+    ConstantVectorSource,
+    Gain,
+    Integrator,
+    SymbolicVectorSystem,
+)
+
+from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.parameters import SetParameter
+from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.scenario.config import DefaultSimulator
+from teleop_drake.simulation import simulate
+
+ENGINES = ["drake", "compiled"]
+
+
+def decay(delay: float | None = None) -> Diagram:
+    """x' = u - x, or u - x(t - delay); x is 1 at first, and the output."""
+    builder = DiagramBuilder()
+    plant = builder.AddNamedSystem("plant", Integrator([1.0]))
+    minus = builder.AddNamedSystem("minus", Gain(-1.0, 1))
+    force = builder.AddNamedSystem("force", Adder(2, 1))
+    output = plant.get_output_port()
+    if delay is not None:
+        line = TransportDelay(delay=delay, size=1, initial_value=[1.0])
+        builder.AddNamedSystem("delay", line)
+        builder.Connect(output, line.get_input_port())
+        output = line.get_output_port()
+    builder.Connect(output, minus.get_input_port())
+    builder.Connect(minus.get_output_port(), force.get_input_port(0))
+    builder.ExportInput(force.get_input_port(1), "u")
+    builder.Connect(force.get_output_port(), plant.get_input_port())
+    builder.ExportOutput(plant.get_output_port(), "x")
+    diagram = builder.Build()
+    diagram.set_name("decay")
+    return diagram
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_run_begins_at_the_time_state_and_inputs_of_the_context(engine):
+    diagram = decay()
+    context = diagram.CreateDefaultContext()
+    context.SetTime(3.0)
+    context.SetContinuousState([0.25])
+    diagram.GetInputPort("u").FixValue(context, 2.0)
+    recording = simulate(diagram, context=context, duration=1.5, engine=engine)
+    assert recording.solver.engine == engine
+    assert recording.time[[0, -1]].tolist() == [3.0, 4.5]
+    exact = 2.0 - 1.75 * np.exp(3.0 - recording.time)
+    np.testing.assert_allclose(recording["x"][:, 0], exact, atol=1e-7)
+    # The Context of the caller is what it was.
+    assert context.get_time() == 3.0
+    assert context.get_continuous_state_vector().CopyToVector().tolist() == [0.25]
+    assert context.get_accuracy() is None
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_numeric_parameters_are_those_of_the_context(engine):
+    diagram = decay(delay=1.0)
+    context = diagram.CreateDefaultContext()
+    diagram.GetInputPort("u").FixValue(context, 0.0)
+    SetParameter(diagram, context, "delay.delay", 0.5)
+    recording = simulate(diagram, context=context, duration=1.0, engine=engine)
+    assert recording.solver.engine == engine
+    # Method of steps: x' = -1 until 0.5, then x' = -(1 - (t - 0.5)).
+    s = recording.time - 0.5
+    exact = np.where(s < 0, 0.5 - s, 0.5 - s + s**2 / 2)
+    np.testing.assert_allclose(recording["x"][:, 0], exact, atol=1e-9)
+
+
+def test_an_open_input_is_refused_by_name_before_anything_else():
+    with pytest.raises(ScenarioError, match=r"^input of decay = 'u': must be connec"):
+        simulate(decay(), duration=1.0)
+
+
+def test_a_context_is_of_the_system_that_is_simulated():
+    context = PendulumPlant().CreateDefaultContext()
+    with pytest.raises(ScenarioError, match=r"^context = 'a Context': must be one of"):
+        simulate(decay(), context=context, duration=1.0)
+    with pytest.raises(
+        ScenarioError, match=r"^context = 'a Context': must be left out"
+    ):
+        simulate(LoadScenario("one_dof"), context=context)
+
+
+# A plain Simulator's run is recorded at the ends of steps, with straight lines between.
+@pytest.mark.parametrize(
+    ("delay", "engine", "inside"),
+    [(None, "drake", 1e-5), (None, "compiled", 1e-9), (0.3, "drake", 1e-9)],
+)
+def test_two_halves_are_the_whole(delay, engine, inside):
+    diagram = decay(delay)
+    context = diagram.CreateDefaultContext()
+    diagram.GetInputPort("u").FixValue(context, 0.5)
+    whole = simulate(diagram, context=context, duration=2.0, engine=engine)
+    first = simulate(diagram, context=context, duration=0.9, engine=engine)
+    second = simulate(diagram, context=first.final_context, duration=1.1, engine=engine)
+    assert second.solver.engine == engine
+    assert second.time[[0, -1]] == pytest.approx([0.9, 2.0], abs=1e-12)
+    assert second["x"][-1] == pytest.approx(whole["x"][-1], abs=1e-9)
+    times = np.linspace(0.9, 2.0, 111)
+    np.testing.assert_allclose(
+        second.Interpolate("x", times), whole.Interpolate("x", times), atol=inside
+    )
+
+
+def test_a_compiled_run_with_delays_tells_that_it_cannot_be_continued():
+    diagram = decay(0.3)
+    context = diagram.CreateDefaultContext()
+    diagram.GetInputPort("u").FixValue(context, 0.5)
+    first = simulate(diagram, context=context, duration=0.9, engine="compiled")
+    assert first.final_context is None
+    assert any('needs engine="drake"' in note for note in first.notes)
+    late = simulate(diagram, context=context, duration=0.9, engine="drake")
+    second = simulate(diagram, context=late.final_context, duration=0.1)
+    assert second.solver.engine == "drake"
+    assert "a signal is under way in delay" in second.notes[0]
+
+
+def test_no_run_makes_the_diagram_a_part_of_another_one():
+    diagram = decay(0.3)
+    context = diagram.CreateDefaultContext()
+    diagram.GetInputPort("u").FixValue(context, 0.5)
+    recording = simulate(diagram, context=context, duration=0.2, engine="drake")
+    plant = diagram.GetSubsystemByName("plant")
+    final = plant.GetMyContextFromRoot(recording.final_context)
+    x = final.get_continuous_state_vector().CopyToVector()
+    assert x == pytest.approx(recording["x"][-1], abs=1e-15)
+    plant.GetMyContextFromRoot(diagram.CreateDefaultContext())
+
+
+class Ender(LeafSystem):
+    """Ends a run at 0.3 s."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareVectorOutputPort("time", 1, self._CalcTime, {self.time_ticket()})
+        self.DeclarePeriodicPublishEvent(10.0, 0.3, self._End)
+
+    def _CalcTime(self, context, output):
+        output.SetFromVector([context.get_time()])
+
+    def _End(self, context):
+        return EventStatus.ReachedTermination(self, "enough")
+
+
+def test_an_event_that_ends_a_run_is_reported_with_its_reason():
+    recording = simulate(Ender(), duration=1.0)
+    assert (recording.termination, recording.reason) == ("terminated", "enough")
+    assert recording.time[-1] == pytest.approx(0.3)
+
+
+def test_an_event_ends_a_run_with_delays_too():
+    builder = DiagramBuilder()
+    ender = builder.AddSystem(Ender())
+    delay = builder.AddSystem(TransportDelay(delay=0.05, size=1))
+    builder.Connect(ender.get_output_port(), delay.get_input_port())
+    recording = simulate(builder.Build(), duration=1.0)
+    assert (recording.termination, recording.reason) == ("terminated", "enough")
+
+
+def test_a_bare_leaf_system_runs():
+    wheel = RimlessWheel()
+    context = wheel.CreateDefaultContext()
+    context.SetContinuousState([0.0, 5.0])
+    recording = simulate(wheel, context=context, duration=0.05)
+    simulator = Simulator(wheel, context.Clone())
+    ApplySimulatorConfig(DefaultSimulator(), simulator)
+    simulator.get_mutable_context().SetAccuracy(1e-4)
+    simulator.AdvanceTo(0.05)
+    end = simulator.get_context().get_continuous_state_vector().CopyToVector()
+    np.testing.assert_allclose(recording["y0"][-1], end, atol=1e-12)
+
+
+def test_a_discrete_system_without_rates_runs():
+    x = Variable("x")
+    system = SymbolicVectorSystem(
+        state=[x], dynamics=[0.5 * x], output=[x], time_period=0.1
+    )
+    context = system.CreateDefaultContext()
+    context.SetDiscreteState([1.0])
+    recording = simulate(system, context=context, duration=0.35, engine="drake")
+    np.testing.assert_allclose(recording["y0"][-1], 0.5**4)
+
+
+def test_unnamed_systems_are_called_by_their_class_and_numbered():
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource([1.0]))
+    for name in ("Gain2", "", ""):
+        gain = builder.AddSystem(Gain(2.0, 1))
+        if name:
+            gain.set_name(name)
+        builder.Connect(source.get_output_port(), gain.get_input_port())
+    signals = list(simulate(builder.Build(), duration=0.1))
+    assert signals == ["ConstantVectorSource.y0", "Gain2.y0", "Gain1.y0", "Gain3.y0"]
+
+
+def test_no_name_of_a_system_makes_it_a_teleoperator():
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("robot", Speed())
+    builder.AddNamedSystem("surgeon", Speed())
+    recording = simulate(builder.Build(), duration=0.1)
+    assert list(recording) == ["robot.tool_velocity", "surgeon.tool_velocity"]
+
+
+class Speed(LeafSystem):
+    """Has the output of a robot."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareVectorOutputPort("tool_velocity", 1, self._CalcZero)
+
+    def _CalcZero(self, context, output):
+        output.SetFromVector([0.0])
