@@ -14,8 +14,9 @@ import copy
 import dataclasses
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
 
+from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
 from teleop_drake.architectures import Architecture
@@ -44,10 +45,12 @@ from teleop_drake.simulation.compiled_run import (
     CompileDiagram,
     WhyNotSolved,
 )
+from teleop_drake.simulation.compiled_system import CompiledSystem
 from teleop_drake.simulation.run import Job
 from teleop_drake.simulation.simulate import Finish, ModelFacts, ModelFactsOf
 from teleop_drake.stations import MakeArchitecture
 from teleop_drake.tasks import Task, TaskOf
+from teleop_drake.validation import Refuse
 
 # Fields of a scenario from which no system but a channel is made, unless the
 # architecture derives defaults from them.
@@ -62,19 +65,50 @@ class NeedsAnotherProgram(ScenarioError):
     """A change that a compiled scenario cannot take; the message names the key."""
 
 
-def Compile(scenario: ScenarioLike) -> "CompiledScenario":
-    """Compiles a scenario for many runs that differ in their numbers.
+@overload
+def Compile(scenario: ScenarioLike) -> "CompiledScenario": ...
+
+
+@overload
+def Compile(
+    scenario: System,
+    *,
+    context: Context | None = None,
+    duration: float,
+    simulator: SimulatorConfig | None = None,
+) -> CompiledSystem: ...
+
+
+def Compile(
+    scenario: ScenarioLike | System,
+    *,
+    context: Context | None = None,
+    duration: float | None = None,
+    simulator: SimulatorConfig | None = None,
+) -> "CompiledScenario | CompiledSystem":
+    """Compiles a scenario, or a System, for many runs that differ in their numbers.
+
+        pendulum = Compile(diagram, context=context, duration=10.0)
+        recording = pendulum.Run(**{"plant.length": 2.0})
 
     What laws read from outside of their arguments is read now, when they are traced.
 
     Args:
-        scenario: What to compile, or its name or file.
+        scenario: What to compile, or its name or file; or a System.
+        context: Where the runs of a System begin; None: the default Context.
+        duration: How long the runs of a System are, s.
+        simulator: The solver for a System; None: DefaultSimulator().
 
     Raises:
         ScenarioError: If the scenario is not valid.
         CannotCompile: If a block, or the solver, has no machine code; simulate() runs
             such a scenario in Drake.
     """
+    if isinstance(scenario, System):
+        return CompiledSystem(scenario, context, duration, simulator)
+    if not (context is None and duration is None and simulator is None):
+        allowed = "left out where a scenario is compiled"
+        Refuse("context, duration, simulator", "given", allowed)
     return CompiledScenario(AsScenario(scenario))
 
 

@@ -143,17 +143,10 @@ def simulate(
     """
     CheckChoice("engine", engine, ENGINES)
     if isinstance(scenario, System):
-        _CheckArguments(duration, teleoperator or task)
-        assert duration is not None
-        job = Job(
-            diagram=scenario,
-            context=scenario.CreateDefaultContext() if context is None else context,
-            config=simulator or DefaultSimulator(),
-            duration=duration,
-            speed_limit=_Finite(),
-            progress=progress,
-            continues=context is not None and context in _final_contexts,
-        )
+        if teleoperator is not None or task is not None:
+            given = teleoperator or task
+            Refuse("teleoperator, task", given, "left out where a System is simulated")
+        job = MakeJob(scenario, context, duration, simulator, progress)
         return _SimulateSystem(job, engine)
     if context is not None:
         Refuse("context", "a Context", "left out where a scenario is simulated")
@@ -161,7 +154,7 @@ def simulate(
     given = {"duration": duration, "simulator": simulator}
     changes = {key: value for key, value in given.items() if value is not None}
     if changes:
-        scenario = dataclasses.replace(scenario, **changes)  # type: ignore[arg-type]
+        scenario = dataclasses.replace(scenario, **changes)
     task = task or TaskOf(scenario)
     scenario.Validate()
     if teleoperator is not None:
@@ -215,30 +208,60 @@ class _Finite(SpeedLimit):
 _final_contexts: weakref.WeakSet[Context] = weakref.WeakSet()
 
 
+def MakeJob(
+    system: System,
+    context: Context | None,
+    duration: float | None,
+    simulator: SimulatorConfig | None,
+    progress: Callable[[float], None] | None = None,
+) -> Job:
+    """Returns what to run for a System; None for the defaults.
+
+    Raises:
+        ScenarioError: If there is no duration, or the Context is that of another
+            System.
+    """
+    CheckNumber("duration", duration, "s", above=0)
+    assert duration is not None
+    if context is None:
+        context = system.CreateDefaultContext()
+    try:
+        system.ValidateContext(context)
+    except (RuntimeError, SystemExit):
+        Refuse("context", "a Context", f"one of {NameOf(system)}")
+    return Job(
+        diagram=system,
+        context=context,
+        config=simulator or DefaultSimulator(),
+        duration=duration,
+        speed_limit=_Finite(),
+        progress=progress,
+        continues=context in _final_contexts,
+    )
+
+
 def _SimulateSystem(job: Job, engine: str) -> Recording:
     """Runs a System and makes the recording."""
-    try:
-        job.diagram.ValidateContext(job.context)
-    except (RuntimeError, SystemExit):
-        Refuse("context", "a Context", f"one of {NameOf(job.diagram)}")
     CheckInputs(job.diagram, job.context)
     SignalsOf(job.diagram)
     run, notes = _Run(job, engine)
+    return RecordingOf(job, run, notes)
+
+
+def RecordingOf(job: Job, run: Outcome, notes: list[str]) -> Recording:
+    """Makes the recording of a System's run.
+
+    Args:
+        notes: Those that are known already.
+    """
     _EndWhereFinite(run)
-    recording = MakeRecording(None, job.diagram, job.config, run, notes)
     if run.final_context is None:
         notes.append(_NO_FINAL_CONTEXT)
     else:
         _final_contexts.add(run.final_context)
+    recording = MakeRecording(None, job.diagram, job.config, run, notes)
     recording.final_context = run.final_context
     return recording
-
-
-def _CheckArguments(duration: float | None, other: object) -> None:
-    """Refuses arguments that are not for a System."""
-    if other is not None:
-        Refuse("teleoperator, task", other, "left out where a Diagram is simulated")
-    CheckNumber("duration", duration, "s", above=0)
 
 
 def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:

@@ -1,0 +1,77 @@
+"""A System of Drake's as a program that is kept, and runs with other parameters."""
+
+from numpy.typing import ArrayLike
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import Context, System
+
+from teleop_drake.machine_code.compiled import Interpreted
+from teleop_drake.parameters import SetParameter
+from teleop_drake.recording import Recording
+from teleop_drake.simulation.compiled_run import CompiledDiagram, CompileDiagram
+from teleop_drake.simulation.inputs import CheckInputs
+from teleop_drake.simulation.simulate import MakeJob, RecordingOf
+from teleop_drake.validation import Refuse
+
+
+class CompiledSystem:
+    """A System as machine code; see Compile(). Runs may go side by side in threads.
+
+    Args:
+        system: What to compile.
+        context: Where runs begin; it is copied.
+        duration: How long runs are, s.
+        simulator: The solver; None: DefaultSimulator().
+
+    Raises:
+        CannotCompile: If a block, or the solver, has no machine code.
+        ScenarioError: If an input is neither connected nor fixed.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        context: Context | None,
+        duration: float | None,
+        simulator: SimulatorConfig | None,
+    ):
+        self._job = MakeJob(system, context, duration, simulator)
+        self._job = self._job._replace(context=self._job.context.Clone())
+        CheckInputs(system, self._job.context)
+        self._compiled = self._Compiled(self._job.context)
+
+    def Run(self, duration: float | None = None, **numbers: ArrayLike) -> Recording:
+        """Simulates the System with other numbers.
+
+            recording = pendulum.Run(**{"plant.length": 2.0})
+
+        Args:
+            duration: How long, s; None: as it was compiled.
+            numbers: New values of parameters by the names of NamedParameters().
+
+        Raises:
+            ScenarioError: If there is no such parameter, or a value does not fit.
+        """
+        context = self._job.context.Clone()
+        for name, value in numbers.items():
+            SetParameter(self._job.diagram, context, name, value)
+        job = self._job._replace(context=context)
+        if duration is not None:
+            job = MakeJob(job.diagram, context, duration, job.config)
+        compiled = self._Compiled(context) if numbers else self._compiled
+        if not compiled.evaluator.program.HasTextOf(self._compiled.evaluator.program):
+            allowed = "without an influence on the structure of the program"
+            Refuse(", ".join(numbers), list(numbers.values()), allowed)
+        with Interpreted():
+            return RecordingOf(job, compiled.Run(job), [])
+
+    def _Compiled(self, context: Context) -> CompiledDiagram:
+        """Returns the program with the numbers of a Context."""
+        known = getattr(self, "_compiled", None)
+        with Interpreted():
+            return CompileDiagram(
+                self._job.diagram,
+                self._job.config,
+                context,
+                like=None if known is None else known.evaluator,
+                continues=self._job.continues,
+            )

@@ -1,0 +1,119 @@
+"""Numbers that are changed in a Context, against scenarios with the same numbers."""
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Integrator
+
+from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.parameters import SetParameter
+from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.simulation import MakeDiagram, simulate
+from teleop_drake.simulation.compile import Compile
+
+# The tool leaves the tissue and reaches the bone within the run.
+NEAR = {
+    "duration": 1.2,
+    "environment.layers.free.start": 1e-4,
+    "environment.layers.bone.start": 2e-4,
+    "environment.layers.bone.reference": 2e-4,
+}
+
+LAW = "controller/adaptive_backstepping"
+
+# A key of a scenario, its value, and the parameters of blocks that stand for it.
+NUMBERS = [
+    ("surgeon.velocity", [0.0012], ["master/surgeon.velocity"]),
+    ("surgeon.contact_force", [0.007], ["master/surgeon.contact_force"]),
+    ("forward_channel.delay", 0.07, ["forward_channel.delay"]),
+    ("return_channel.delay", 0.13, ["return_channel.delay"]),
+    ("controller.Lambda", 0.8, [f"{LAW}.Lambda"]),
+    ("controller.G1", 3.0, [f"{LAW}.G1"]),
+    ("controller.G2", 15.0, [f"{LAW}.G2"]),
+    ("controller.P", 1.5, [f"{LAW}.P"]),
+    ("controller.beta1", 0.3, [f"{LAW}.beta1"]),
+    ("controller.beta2", 0.4, [f"{LAW}.beta2"]),
+    ("controller.beta3", 0.5, [f"{LAW}.beta3"]),
+    ("controller.leakage", 0.3, [f"{LAW}.nu1", f"{LAW}.nu3"]),
+    ("robot.mass", 0.7, ["robot/plant.carriage.mass"]),
+    ("robot.damping", 0.4, ["robot/plant.rail.damping"]),
+    ("environment.layers.tissue.damping", 0.9, ["environment.damping(tissue)"]),
+    ("environment.layers.bone.stiffness", 90.0, ["environment.stiffness(bone)"]),
+    ("environment.layers.bone.reference", 1.5e-4, ["environment.reference(bone)"]),
+]
+
+
+@pytest.mark.parametrize(
+    "engine", ["compiled", pytest.param("drake", marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize(
+    ("key", "value", "names"), NUMBERS, ids=[key for key, _, _ in NUMBERS]
+)
+def test_a_number_in_a_context_is_that_number_in_a_scenario(key, value, names, engine):
+    scenario = LoadScenario("one_dof", NEAR)
+    diagram = MakeDiagram(scenario)
+    context = diagram.CreateDefaultContext()
+    for name in names:
+        SetParameter(diagram, context, name, value)
+    changed = simulate(
+        diagram,
+        context=context,
+        duration=scenario.duration,
+        simulator=scenario.simulator,
+        engine=engine,
+    )
+    expected = simulate(LoadScenario("one_dof", NEAR | {key: value}), engine=engine)
+    assert changed.solver.engine == expected.solver.engine == engine
+    assert set(changed) == set(expected)
+    for name in expected:
+        np.testing.assert_allclose(
+            changed[name][-1], expected[name][-1], rtol=1e-9, atol=1e-12, err_msg=name
+        )
+    # The number matters.
+    unchanged = simulate(scenario, engine="compiled")
+    assert any(
+        np.abs(changed[name][-1] - unchanged[name][-1]).max(initial=0.0) > 1e-7
+        for name in expected
+    )
+
+
+def late_growth():
+    """x' = x(t - T) with the history 1; T is 0.5 s unless the Context has another."""
+    builder = DiagramBuilder()
+    plant = builder.AddNamedSystem("plant", Integrator(1))
+    delay = TransportDelay(delay=0.5, size=1, initial_value=[1.0])
+    builder.AddNamedSystem("late", delay)
+    builder.Connect(plant.get_output_port(), delay.get_input_port())
+    builder.Connect(delay.get_output_port(), plant.get_input_port())
+    builder.ExportOutput(plant.get_output_port(), "x")
+    return builder.Build()
+
+
+def exact(start, delay, time):
+    """The method of steps, up to two delays after the start."""
+    s = np.maximum(time - delay, 0)
+    return start + np.minimum(time, delay) + start * s + s**2 / 2
+
+
+def test_a_compiled_system_runs_with_the_numbers_of_its_context_and_with_others():
+    diagram = late_growth()
+    context = diagram.CreateDefaultContext()
+    context.SetContinuousState([2.0])
+    program = Compile(diagram, context=context, duration=0.8)
+    for numbers, delay in (({}, 0.5), ({"late.delay": 0.7}, 0.7), ({}, 0.5)):
+        recording = program.Run(**numbers)
+        assert recording.solver.engine == "compiled"
+        expected = exact(2.0, delay, recording.time)
+        np.testing.assert_allclose(recording["x"][:, 0], expected, atol=1e-9)
+    assert program.Run(duration=0.3).time[-1] == 0.3
+    assert context.get_time() == 0.0
+
+
+def test_a_compiled_system_refuses_unknown_names():
+    program = Compile(late_growth(), duration=0.8)
+    with pytest.raises(ScenarioError, match=r"^parameter = 'late.size': must be"):
+        program.Run(**{"late.size": 2})
+    with pytest.raises(ScenarioError, match=r"^duration = null: must be"):
+        Compile(late_growth())
+    with pytest.raises(ScenarioError, match=r"^context, duration, simulator = "):
+        Compile("one_dof", duration=1.0)
