@@ -156,7 +156,9 @@ def main(picture: Path) -> None:
     diagram = MakeOneDofByHand()
     WriteDiagram(diagram, picture, max_depth=1)
 
-    # Drake's Simulator, set up for signals that jump and arrive later.
+    # Drake's Simulator, set up for signals that jump and arrive later. The plain
+    # Simulator(diagram) locates no contact unless its Context has an accuracy; the
+    # blocks warn of that.
     simulator = MakeSimulator(
         diagram,
         SimulatorConfig(

@@ -1,20 +1,24 @@
 """The worked examples in diagrams/: they run, and their pictures are current."""
 
+import ast
 import contextlib
 import functools
 import io
+import json
 import re
 import runpy
 import sys
 import warnings
 from collections import Counter
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from teleop_drake.page import WritePage
 from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
@@ -191,3 +195,53 @@ def test_the_readme_shows_every_script_and_its_picture():
     for script in SCRIPTS:
         assert f"]({script.name})" in text
         assert f"]({script.stem}.svg)" in text
+
+
+def _Functions(path: Path) -> dict[str, Any]:
+    """Returns what a script, or the first cells of a notebook, define."""
+    if path.suffix == ".py":
+        return runpy.run_path(str(path))
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    sources = ["".join(x["source"]) for x in cells if x["cell_type"] == "code"]
+    names: dict[str, Any] = {}
+    for source in sources:
+        tree = ast.parse(source)
+        kinds = (ast.Import, ast.ImportFrom, ast.FunctionDef)
+        tree.body = [node for node in tree.body if isinstance(node, kinds)]
+        exec(compile(tree, str(path), "exec"), names)
+    return names
+
+
+NOTEBOOK = DIRECTORY.parent / "notebooks" / "01_building_the_diagram.ipynb"
+
+
+@pytest.mark.parametrize(
+    ("path", "maker", "arguments"),
+    [
+        (DIRECTORY / "one_dof_by_hand.py", "MakeOneDofByHand", ()),
+        (DIRECTORY / "own_diagram.py", "MakeDiagram", (0.4,)),
+        (
+            DIRECTORY / "two_dof_arm.py",
+            "MakeTwoDofArm",
+            (LoadScenario("two_dof_combined"),),
+        ),
+        (NOTEBOOK, "MakeDelayedSine", (0.3,)),
+        (NOTEBOOK, "MakeSmallestLoop", (0.1,)),
+    ],
+    ids=lambda x: x if isinstance(x, str) else "",
+)
+def test_a_diagram_by_hand_is_simulated_and_becomes_a_page(
+    path, maker, arguments, tmp_path, monkeypatch
+):
+    monkeypatch.syspath_prepend(str(path.parent))
+    make = _Functions(path)[maker]
+    recording = simulate(make(*arguments), duration=0.2)
+    assert recording.solver.engine == "compiled"
+    other = simulate(make(*arguments), duration=0.2, engine="drake")
+    assert set(recording) == set(other)
+    for name in recording:
+        np.testing.assert_allclose(
+            recording[name][-1], other[name][-1], rtol=1e-4, atol=1e-6, err_msg=name
+        )
+    WritePage(make(*arguments), tmp_path / "page.html")
+    assert (tmp_path / "page.html").stat().st_size > 10_000

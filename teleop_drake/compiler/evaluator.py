@@ -53,6 +53,19 @@ def KernelOf(system: System, context: Context) -> Kernel:
     return kernel
 
 
+def _IsSink(system: System) -> bool:
+    """Returns whether a block is Drake's own and no state or vector depends on it.
+
+    So it is with a VectorLogSink, a SceneGraph, a visualizer. A block of a user's own
+    may end the run, and is no sink in this sense.
+    """
+    outputs = map(system.get_output_port, range(system.num_output_ports()))
+    has_vectors = any(x.get_data_type() == PortDataType.kVectorValued for x in outputs)
+    is_of_drake = type(system).__module__.startswith("pydrake.")
+    has_state = system.num_continuous_states() > 0
+    return is_of_drake and not (has_state or has_vectors)
+
+
 def _OwnKernel(system: Any, context: Context) -> Kernel:
     """Returns the kernel that a block offers, with the numbers of its Context.
 
@@ -99,6 +112,7 @@ class Evaluator:
         blocks: Of the diagram.
         program: What they compute.
         function: The function `evaluate` of the program.
+        left_out: The paths of loggers, visualizers and the like, which do nothing here.
 
     Raises:
         UnsupportedSystem: If a block cannot be compiled; it is named.
@@ -117,9 +131,16 @@ class Evaluator:
         self.blocks = Flatten(system)
         self.system = system
         contexts = ContextsIn(system, context)
-        kernels = [KernelOf(x.system, contexts[x.system]) for x in self.blocks]
-        for block, kernel in zip(self.blocks, kernels, strict=True):
+        self.left_out: list[str] = []
+        kernels = []
+        for block in self.blocks:
+            if _IsSink(block.system):
+                self.left_out.append(block.path)
+                kernels.append(Kernel(outputs={}, unused=tuple(block.inputs)))
+                continue
+            kernel = KernelOf(block.system, contexts[block.system])
             CheckEvents(block.system, kernel, contexts[block.system])
+            kernels.append(kernel)
         self.program = Program(self.blocks, kernels)
         if like is not None and self.program.HasCodeOf(like.program):
             self.function = like.function

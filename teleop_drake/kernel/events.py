@@ -1,6 +1,8 @@
 """Drake's events, made from the transitions of a kernel."""
 
 import math
+import warnings
+import weakref
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -52,6 +54,8 @@ class Events:
         self.ticks: list[Ticks] = []
         self.discrete_ticks: list[Ticks] = []
         self._guards: list[tuple[Value, Value]] = []
+        self._block = weakref.ref(block)
+        self._has_warned = False
         self._kept: list[Callable[..., Any]] = []
         self._witnesses: list[WitnessFunction] = []
         for name, transition in kernel.transitions.items():
@@ -127,10 +131,26 @@ class Events:
         )
 
     def _CheckGuards(self, context: Context, values: DiscreteValues) -> EventStatus:
+        if context.get_accuracy() is None and not self._has_warned:
+            self._has_warned = True
+            self._WarnOfAccuracy()
         due = [mode for guard, mode in self._guards if guard(context)[0] >= 0]
         for mode in due:
             _Change(mode, context, values)
         return EventStatus.Succeeded() if due else EventStatus.DidNothing()
+
+    def _WarnOfAccuracy(self) -> None:
+        """Warns that a Simulator steps across the events of the block."""
+        block = self._block()
+        name = "" if block is None else block.GetSystemPathname().removeprefix("::")
+        warnings.warn(
+            f"{name}: no event is located, because the Context has no accuracy, and "
+            "the run is off by some per cent after a contact. Call "
+            "simulator.get_mutable_context().SetAccuracy(1e-4) before the run, or use "
+            "the Simulator of teleop_drake.MakeSimulator(diagram, config), which also "
+            "limits the steps.",
+            stacklevel=2,
+        )
 
 
 def _Change(mode: Value, context: Context, target: State | DiscreteValues) -> None:

@@ -185,8 +185,11 @@ def MakePage(
         config = SimulatorConfig(integration_scheme="runge_kutta5", accuracy=1e-8)
         config.use_error_control = True
         title, view = scenario_or_diagram.get_name(), np.eye(2, 3).tolist()
-        story = _FirstParagraph(scenario_or_diagram)
-        models = {(title,): MakeModel(scenario_or_diagram, config, duration)}
+        model = MakeModel(scenario_or_diagram, config, duration)
+        models = {(title,): model}
+        if model.run.evaluator.left_out:
+            left_out = ", ".join(model.run.evaluator.left_out)
+            notes.append(f"{left_out}: left out, as nothing depends on them")
     else:
         load = _Loader(scenario_or_diagram, overrides)
         scenario = load({})

@@ -9,7 +9,7 @@ from teleop_drake.parameters import SetParameter
 from teleop_drake.recording import Recording
 from teleop_drake.simulation.compiled_run import CompiledDiagram, CompileDiagram
 from teleop_drake.simulation.inputs import CheckInputs
-from teleop_drake.simulation.simulate import MakeJob, RecordingOf
+from teleop_drake.simulation.simulate import MakeJob, NotesOnSinks, RecordingOf
 from teleop_drake.validation import Refuse
 
 
@@ -62,7 +62,8 @@ class CompiledSystem:
             allowed = "without an influence on the structure of the program"
             Refuse(", ".join(numbers), list(numbers.values()), allowed)
         with Interpreted():
-            return RecordingOf(job, compiled.Run(job), [])
+            notes = NotesOnSinks(compiled.evaluator.left_out)
+            return RecordingOf(job, compiled.Run(job), notes)
 
     def _Compiled(self, context: Context) -> CompiledDiagram:
         """Returns the program with the numbers of a Context."""

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -275,10 +275,20 @@ def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:
                 compiled = CompileDiagram(
                     job.diagram, job.config, job.context, continues=job.continues
                 )
-                return compiled.Run(job), notes
+                return compiled.Run(job), NotesOnSinks(compiled.evaluator.left_out)
         except CannotCompile as error:
             notes = [f"Run in Drake's Simulator: {error}."]
     return RunInDrake(job), notes + NotesOnSamples(job.diagram, job.context)
+
+
+def NotesOnSinks(paths: Sequence[str]) -> list[str]:
+    """Returns what to note of the blocks that a compiled run has left out."""
+    if not paths:
+        return []
+    return [
+        f"{', '.join(paths)}: left out of the compiled run: nothing depends on them. "
+        'Logs stay empty and nothing is drawn; engine="drake" executes them.'
+    ]
 
 
 def _EndWhereFinite(run: Outcome) -> None:

@@ -2,13 +2,14 @@
 
 import gc
 import runpy
+import warnings
 import weakref
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import SimulatorConfig, SimulatorStatus
+from pydrake.systems.analysis import Simulator, SimulatorConfig, SimulatorStatus
 from pydrake.systems.framework import EventStatus
 from scipy.interpolate import CubicHermiteSpline
 from surfaces import Border
@@ -168,3 +169,23 @@ def test_nothing_stays_of_a_run(name, kind):
     del diagram
     gc.collect()
     assert reference() is None
+
+
+def test_the_plain_simulator_warns_once_that_no_event_is_located():
+    diagram = MakeDiagram(LoadScenario("one_dof"))
+    simulator = Simulator(diagram)
+    simulator.get_mutable_integrator().set_maximum_step_size(0.05)
+    with pytest.warns(UserWarning, match=r"environment: no event is located") as found:
+        simulator.AdvanceTo(0.1)
+    messages = [str(x.message) for x in found]
+    assert len(messages) == len(set(messages))
+    assert all(".SetAccuracy(1e-4)" in x and "MakeSimulator" in x for x in messages)
+
+
+def test_no_warning_where_events_are_located():
+    diagram = MakeDiagram(LoadScenario("one_dof"))
+    simulator = Simulator(diagram)
+    simulator.get_mutable_context().SetAccuracy(1e-4)
+    simulator.get_mutable_integrator().set_maximum_step_size(0.05)
+    with warnings.catch_warnings(action="error"):
+        simulator.AdvanceTo(0.1)
