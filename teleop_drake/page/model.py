@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Diagram, InputPortIndex, PortDataType, System
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    InputPortIndex,
+    PortDataType,
+    System,
+)
 
 from teleop_drake.arrays import Array
 from teleop_drake.channels import ChannelConfig
@@ -25,9 +31,9 @@ from teleop_drake.robots import PlantRobotConfig, RobotConfig
 from teleop_drake.robots.inverse_kinematics import TOOL
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import SignalsOf, UnitOf
+from teleop_drake.simulation.compiled_run import StartOf
 from teleop_drake.simulation.ending import BoundsOf
 from teleop_drake.simulation.simulate import HasConstantCommand
-from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.metrics import MetricUnits
@@ -64,7 +70,7 @@ class Model:
         run: Its run, in Python, which has not begun.
         numbers: All that may differ between runs of one program, by name: the arrays of
             Problem, of Memory what does not begin as zeros, and what the page itself
-            takes: `run` (duration, accuracy, longest step), `bounds` (for each the
+            takes: `run` (end, accuracy, longest step), `bounds` (for each the
             first of its columns in a row and their number, the least and the largest
             value; see simulation.ending.Bound), `surfaces` (point, normal), `command`
             (the operator's velocity) and `command_delay` of metrics, `arm` (place and
@@ -342,25 +348,31 @@ def _Arm(robot: RobotConfig) -> tuple[list[dict[str, Any]], list[Any]]:
     return joints, np.concatenate(places).tolist()
 
 
-def MakeModel(diagram: Diagram, config: SimulatorConfig, duration: float) -> Model:
+def MakeModel(
+    diagram: Diagram,
+    config: SimulatorConfig,
+    duration: float,
+    context: Context | None = None,
+) -> Model:
     """Returns the run of a diagram, of which nothing is measured.
 
     Args:
         diagram: What to simulate.
         config: How accurately.
         duration: How long, s.
+        context: Where the run begins; it is not changed. None: the default Context.
 
     Raises:
         UnsupportedSystem: If a block of it has no kernel; it is named.
+        CannotCompile: If a signal is under way in a delay of the Context.
     """
-    context = diagram.CreateDefaultContext()
-    context.SetAccuracy(EVENT_ACCURACY)
-    diagram.ExecuteInitializationEvents(context)
+    context = StartOf(diagram, context)
+    end = context.get_time() + duration
     max_step = min(config.max_step_size, LongestStep(diagram, context, of_delays=False))
     run = CompiledRun(
         Evaluator(diagram, context),
         context,
-        end=duration,
+        end=end,
         accuracy=config.accuracy,
         max_step=max_step,
     )
@@ -377,7 +389,7 @@ def MakeModel(diagram: Diagram, config: SimulatorConfig, duration: float) -> Mod
             for name, x in Fields(run.memory).items()
             if name in _START
         },
-        "run": np.array([duration, config.accuracy, max_step]),
+        "run": np.array([end, config.accuracy, max_step]),
         "bounds": np.array([0.0, width, -_LARGEST, _LARGEST]),
         "surfaces": np.array(planes, float),
     }

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import Context, Diagram
 
 from teleop_drake.environments import Surface
 from teleop_drake.files import Replacing
@@ -84,11 +84,13 @@ def Explore(
     *,
     controllers: Sequence[str] | None = None,
     signals: Sequence[str] = (),
+    context: Context | None = None,
     **ranges: Sequence[Any],
 ) -> Page:
     """Returns the living diagram for a notebook, with a slider for each range.
 
     Args:
+        context: Where the runs of a diagram begin.
         **ranges: As `vary`, by whose least and largest values numbers go. All other
             arguments and errors are those of MakePage().
     """
@@ -102,6 +104,7 @@ def Explore(
         signals=signals,
         vary=vary,
         overrides=overrides,
+        context=context,
     )
 
 
@@ -147,6 +150,7 @@ def MakePage(
     vary: Ranges | None = None,
     overrides: Mapping[str, Any] | Sequence[str] = (),
     duration: float = 10.0,
+    context: Context | None = None,
     has_hand: bool = False,
 ) -> Page:
     """Makes a page that shows a block diagram and simulates it.
@@ -167,6 +171,8 @@ def MakePage(
             from: each has a program of its own.
         overrides: For the scenario, as LoadScenario takes them.
         duration: Of a diagram's runs, s.
+        context: Where a diagram's runs begin, with their parameters and fixed inputs;
+            None: the default Context.
         has_hand: Whether whoever opens the page takes the operator's place.
 
     Raises:
@@ -185,12 +191,14 @@ def MakePage(
         config = SimulatorConfig(integration_scheme="runge_kutta5", accuracy=1e-8)
         config.use_error_control = True
         title, view = scenario_or_diagram.get_name(), np.eye(2, 3).tolist()
-        model = MakeModel(scenario_or_diagram, config, duration)
+        model = MakeModel(scenario_or_diagram, config, duration, context)
         models = {(title,): model}
         if model.run.evaluator.left_out:
             left_out = ", ".join(model.run.evaluator.left_out)
             notes.append(f"{left_out}: left out, as nothing depends on them")
     else:
+        if context is not None:
+            Refuse("context", "a Context", "left out where a page is of a scenario")
         load = _Loader(scenario_or_diagram, overrides)
         scenario = load({})
         title, story = scenario.title or scenario.name, scenario.story

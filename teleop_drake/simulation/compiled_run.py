@@ -132,11 +132,7 @@ def CompileDiagram(
     """
     if why := WhyNotSolved(config):
         raise CannotCompile(why)
-    context = diagram.CreateDefaultContext() if context is None else context.Clone()
-    context.SetAccuracy(EVENT_ACCURACY)
-    _CheckDelays(diagram, context)
-    if not continues:
-        diagram.ExecuteInitializationEvents(context)
+    context = StartOf(diagram, context, continues=continues)
     try:
         evaluator = Evaluator(diagram, context, as_machine_code=True, like=like)
         places = SignalPlaces(evaluator, diagram)
@@ -150,6 +146,26 @@ def CompileDiagram(
         start=Visited(context.get_time(), *evaluator.ReadContext(context)),
         longest_step=LongestStep(diagram, context, of_delays=False),
     )
+
+
+def StartOf(
+    diagram: System, context: Context | None, *, continues: bool = False
+) -> Context:
+    """Returns a new Context at which a compiled run begins.
+
+    Args:
+        context: Where it begins; it is not changed. None: the default Context.
+        continues: Whether the initialization events have happened already.
+
+    Raises:
+        CannotCompile: If a signal is under way in a delay.
+    """
+    start = diagram.CreateDefaultContext() if context is None else context.Clone()
+    start.SetAccuracy(EVENT_ACCURACY)
+    _CheckDelays(diagram, start)
+    if not continues:
+        diagram.ExecuteInitializationEvents(start)
+    return start
 
 
 def _CheckDelays(diagram: System, context: Context) -> None:

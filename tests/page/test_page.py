@@ -17,7 +17,7 @@ from teleop_drake.cli import main
 from teleop_drake.compiler.flatten import UnsupportedSystem
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.numerics.step_polynomials import DEGREE
-from teleop_drake.page import WritePage
+from teleop_drake.page import MakePage, WritePage
 from teleop_drake.page.model import MakeModel
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
@@ -186,6 +186,20 @@ def test_a_diagram_by_hand_runs_and_a_block_without_a_kernel_is_named(tmp_path):
     times, rows, _ = RunModule(model)
     begin, _, _ = model.Ports()["x:y0"]
     assert rows[-1, begin] == pytest.approx(math.exp(-times[-1]), rel=1e-3)
+
+
+def test_the_runs_of_a_page_begin_at_a_context():
+    diagram = ByHand()
+    context = diagram.CreateDefaultContext()
+    context.SetContinuousState([3.0])
+    context.SetTime(0.5)
+    model = MakeModel(diagram, SimulatorConfig(accuracy=1e-8), 1.0, context)
+    times, rows, _ = RunModule(model)
+    begin, _, _ = model.Ports()["x:y0"]
+    assert times[[0, -1]].tolist() == [0.5, 1.5]
+    assert rows[-1, begin] == pytest.approx(3 * math.exp(-1.0), rel=1e-6)
+    with pytest.raises(ScenarioError, match=r"^context = 'a Context': must be left"):
+        MakePage("one_dof", context=context)
 
 
 def ByHand():
