@@ -41,6 +41,9 @@ _MOST_FORCED_STEPS = 100_000
 
 _TERMINATED = SimulatorStatus.ReturnReason.kReachedTerminationCondition
 
+# A run in the plain Simulator is looked at after so many steps.
+_STRIDE = 64
+
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
 
@@ -57,7 +60,7 @@ def RunInDrake(job: Job) -> Outcome:
     _CheckSteps(job)
     simulator = _MakeSimulator(job)
     run = _DrakeRun(simulator, job)
-    simulator.set_monitor(run.Monitor)
+    simulator.set_monitor(run.Monitor if _IsDense(job) else run.PlainMonitor)
     termination, reason = "completed", ""
     start = clock.monotonic()
     with run.interruption as interruption:
@@ -129,6 +132,7 @@ def _Advance(simulator: Simulator, run: "_DrakeRun", job: Job) -> SimulatorStatu
         run.has_begun = True
         if not (_IsTerminated(simulator, status) or run.interruption.has_come):
             status = simulator.AdvanceTo(job.end)
+        run.CheckEnd()
     return status
 
 
@@ -201,7 +205,8 @@ class Recorder:
 
     def Sample(self) -> list[np.ndarray]:
         """Takes a sample now, and those in the step that ends; returns its values."""
-        time, root = self._root_context.get_time(), self._root_context
+        root = self._root_context
+        time = root.get_time()
         values = [evaluate(context) for evaluate, context in self._at_end]
         if not self._is_dense:
             self._rows.append((time, values))
@@ -217,6 +222,10 @@ class Recorder:
         self._rows.append((time, values))
         self._state, self._rate, self._mode = state, rate, mode
         return values
+
+    def Last(self) -> tuple[float, list[np.ndarray]]:
+        """Returns the time of the last sample and its values."""
+        return self._rows[-1]
 
     def _RateIn(self, root_context: Context) -> np.ndarray:
         """Returns the rate of the state in a Context."""
@@ -290,11 +299,28 @@ class _DrakeRun:
         self._watched = [i for i, x in enumerate(names) if x == "tool_velocity"]
         self._watched = self._watched or list(range(len(names)))
 
+    def PlainMonitor(self, root_context: Context) -> EventStatus | None:
+        """Records the end of a step; looks at the run after some steps only."""
+        now = self.recorder.Sample()
+        self._num_samples += 1
+        if self._num_samples % _STRIDE:
+            return None
+        return self._Check(now, root_context.get_time())
+
     def Monitor(self, root_context: Context) -> EventStatus:
         """Records the end of a step; ends the run if it cannot go on."""
-        now, time = self.recorder.Sample(), root_context.get_time()
-        limit = self._job.speed_limit
+        now = self.recorder.Sample()
         self._num_samples += 1
+        return self._Check(now, root_context.get_time())
+
+    def CheckEnd(self) -> None:
+        """Looks at the last sample of a run."""
+        time, now = self.recorder.Last()
+        self._Check(now, time)
+
+    def _Check(self, now: list[np.ndarray], time: float) -> EventStatus:
+        """Returns whether a run can go on after a sample."""
+        limit = self._job.speed_limit
         self._pace.Check(self._num_samples + _Counts(self._simulator)[2], time)
         speed = math.hypot(*(x for i in self._watched for x in now[i]))
         if not speed <= limit.speed:
