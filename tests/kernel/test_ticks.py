@@ -126,6 +126,7 @@ def test_a_packet_without_delay_is_there_at_once():
         assert pair == pytest.approx((math.sin(0.4),) * 2, abs=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:.*no event is located")
 def test_a_sample_on_the_surface_is_contact():
     """The first sample of x = t behind 0.375 m is 0.5 m, to the last bit."""
     builder = DiagramBuilder()
