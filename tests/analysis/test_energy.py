@@ -78,6 +78,7 @@ BONE = {"name": "bone", "stiffness": 150.0}
 TISSUE = {"name": "tissue", "start": -math.inf, "stiffness": 0.01, "damping": 0.5}
 
 
+@pytest.mark.filterwarnings("ignore:.*no event is located")
 @pytest.mark.parametrize(
     ("robot", "v0", "surface"),
     [("slider", [0.3], 0.1), ("two_link_arm", [0.4, -0.9], 0.9)],

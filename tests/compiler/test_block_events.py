@@ -292,6 +292,7 @@ def test_a_control_law_with_a_dead_man_switch_lets_go():
     assert (force[time < 0.2] == PUSH).all()
     assert (force[time > 0.25] == 0.0).all()
     simulator = Simulator(MakeDiagram(scenario))
+    simulator.get_mutable_context().SetAccuracy(1e-4)
     simulator.get_mutable_integrator().set_maximum_step_size(1e-3)
     simulator.AdvanceTo(0.4)
     diagram = simulator.get_system()

@@ -117,6 +117,7 @@ def MakeMass(field, *, speed):
     return builder.Build(), dut, position, velocity
 
 
+@pytest.mark.filterwarnings("ignore:.*no event is located")
 @pytest.mark.parametrize("locate", [True, False])
 def test_crossing_a_jump_is_integrated_accurately(locate):
     """Through damping 1 for one metre, then freely: closed form."""

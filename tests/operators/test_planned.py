@@ -82,6 +82,7 @@ class Bench:
         return (log.data()[0, -1] - 0.2 * end) / (1.0 - 0.2)
 
 
+@pytest.mark.filterwarnings("ignore:.*no event is located")
 @pytest.mark.parametrize("accuracy", [1e-6, None])
 def test_velocity_then_force(accuracy):
     bench = Bench(accuracy=accuracy)
@@ -94,6 +95,7 @@ def test_contact_is_located():
     assert Bench(accuracy=1e-6).SwitchTime(1.0) == pytest.approx(0.55, abs=1e-6)
 
 
+@pytest.mark.filterwarnings("ignore:.*no event is located")
 @pytest.mark.parametrize("accuracy", [1e-6, None])
 def test_contact_behind_a_sampled_channel(accuracy):
     """The packet sent at 0.6 is the first beyond 0.55, and arrives at 0.8."""
@@ -102,6 +104,7 @@ def test_contact_behind_a_sampled_channel(accuracy):
     assert bench.SwitchTime(1.5) == pytest.approx(0.8, abs=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore:.*no event is located")
 def test_contact_is_latched():
     """It stays in force mode although the tool is felt in front of the bone again."""
     dut = ConstantVelocityOperator(
