@@ -19,9 +19,12 @@ from pydrake.systems.primitives import (
     ConstantVectorSource,
     Gain,
     Integrator,
+    LogVectorOutput,
+    Sine,
     SymbolicVectorSystem,
 )
 
+from teleop_drake.channels.sampled import SampledDelay
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.parameters import SetParameter
 from teleop_drake.scenario import LoadScenario, ScenarioError
@@ -229,3 +232,39 @@ class Speed(LeafSystem):
 
     def _CalcZero(self, context, output):
         output.SetFromVector([0.0])
+
+
+def test_a_logger_is_left_out_of_a_compiled_run_with_a_note():
+    builder = DiagramBuilder()
+    plant = builder.AddNamedSystem("plant", Integrator([1.0]))
+    gain = builder.AddNamedSystem("gain", Gain(-1.0, 1))
+    builder.Connect(plant.get_output_port(), gain.get_input_port())
+    builder.Connect(gain.get_output_port(), plant.get_input_port())
+    LogVectorOutput(plant.get_output_port(), builder).set_name("log")
+    diagram = builder.Build()
+    recording = simulate(diagram, duration=0.5)
+    assert recording.solver.engine == "compiled"
+    assert [note[:38] for note in recording.notes] == [
+        "log: left out of the compiled run: not"
+    ]
+    other = simulate(diagram, duration=0.5, engine="drake")
+    log = diagram.GetSubsystemByName("log").FindLog(other.final_context)
+    np.testing.assert_allclose(log.data()[0, -1], recording["plant.y0"][-1], rtol=1e-6)
+
+
+@pytest.mark.parametrize("split", [0.9, 1.0])
+def test_packets_under_way_arrive_in_the_second_half(split):
+    """A packet is due to be sent at the end of the first half, 0.9 s."""
+    builder = DiagramBuilder()
+    source = builder.AddSystem(Sine(1.0, 2.0, 0.0, 1))
+    hold = builder.AddSystem(SampledDelay(size=1, delay=0.5, sample_period=0.3))
+    plant = builder.AddSystem(Integrator(1))
+    builder.Connect(source.get_output_port(0), hold.get_input_port())
+    builder.Connect(hold.get_output_port(), plant.get_input_port())
+    builder.ExportOutput(plant.get_output_port(), "x")
+    diagram = builder.Build()
+    first = simulate(diagram, duration=split, engine="drake")
+    second = simulate(diagram, context=first.final_context, duration=2.0 - split)
+    sent = np.arange(0, 1.5, 0.3)
+    held = np.diff(np.append(sent + 0.5, 2.0))
+    assert second["x"][-1, 0] == pytest.approx(np.sin(2 * sent) @ held, abs=1e-9)
