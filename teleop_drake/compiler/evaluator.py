@@ -17,7 +17,7 @@ from teleop_drake.arrays import Array
 from teleop_drake.compiler.block_events import CheckEvents
 from teleop_drake.compiler.flatten import Flatten, UnsupportedSystem
 from teleop_drake.compiler.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
-from teleop_drake.compiler.primitives import PrimitiveKernel
+from teleop_drake.compiler.primitives import IsSink, PrimitiveKernel
 from teleop_drake.compiler.source import Program
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.kernel import Kernel, KernelBlock, KernelIn
@@ -51,19 +51,6 @@ def KernelOf(system: System, context: Context) -> Kernel:
     if kernel is None:
         raise UnsupportedSystem(system, "it offers no kernel")
     return kernel
-
-
-def _IsSink(system: System) -> bool:
-    """Returns whether a block is Drake's own and no state or vector depends on it.
-
-    So it is with a VectorLogSink, a SceneGraph, a visualizer. A block of a user's own
-    may end the run, and is no sink in this sense.
-    """
-    outputs = map(system.get_output_port, range(system.num_output_ports()))
-    has_vectors = any(x.get_data_type() == PortDataType.kVectorValued for x in outputs)
-    is_of_drake = type(system).__module__.startswith("pydrake.")
-    has_state = system.num_continuous_states() > 0
-    return is_of_drake and not (has_state or has_vectors)
 
 
 def _OwnKernel(system: Any, context: Context) -> Kernel:
@@ -134,12 +121,12 @@ class Evaluator:
         self.left_out: list[str] = []
         kernels = []
         for block in self.blocks:
-            if _IsSink(block.system):
+            own = contexts[block.system]
+            kernel = KernelOf(block.system, own)
+            if IsSink(block.system, own):
                 self.left_out.append(block.path)
-                kernels.append(Kernel(outputs={}, unused=tuple(block.inputs)))
-                continue
-            kernel = KernelOf(block.system, contexts[block.system])
-            CheckEvents(block.system, kernel, contexts[block.system])
+            else:
+                CheckEvents(block.system, kernel, own)
             kernels.append(kernel)
         self.program = Program(self.blocks, kernels)
         if like is not None and self.program.HasCodeOf(like.program):

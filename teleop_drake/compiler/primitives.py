@@ -31,13 +31,13 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel | None:
     Raises:
         UnsupportedSystem: If only a part of what it computes can be compiled.
     """
-    if _IsSink(system, context):
+    if IsSink(system, context):
         return Kernel(unused=tuple(map(str, _Inputs(system))))
     make = KERNELS.get(type(system))
     return SymbolicKernel(system, context) if make is None else make(system)
 
 
-def _IsSink(system: System, context: Context) -> bool:
+def IsSink(system: System, context: Context) -> bool:
     """Returns whether no number depends on one of Drake's systems.
 
     Logs, visualizers and a SceneGraph have neither numbers as a state nor an output

@@ -298,9 +298,17 @@ def _ReasonOf(run: CompiledRun) -> str:
 
 
 def SignalPlaces(evaluator: Evaluator, diagram: System) -> dict[str, slice]:
-    """Returns where the outputs of the diagram's systems are in a row, by name."""
-    places, blocks = evaluator.program.signals, evaluator.blocks
-    return {
-        name: places[OutputOf(blocks, port.get_system(), int(port.get_index()))]
-        for name, port in SignalsOf(diagram).items()
-    }
+    """Returns where the outputs of the diagram's systems are in a row, by name.
+
+    Raises:
+        UnsupportedSystem: If the kernel of a block does not have one of them.
+    """
+    places = {}
+    for name, port in SignalsOf(diagram).items():
+        system, index = port.get_system(), int(port.get_index())
+        source = OutputOf(evaluator.blocks, system, index)
+        if source not in evaluator.program.signals:
+            block = evaluator.blocks[source.block].system
+            raise UnsupportedSystem(block, f"its kernel has no output {source.port}")
+        places[name] = evaluator.program.signals[source]
+    return places

@@ -202,6 +202,7 @@ def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
     # This call raises an error if a port has the name of another signal of the loop.
     NamedSignals(systems.values())
     MarkLoop(systems.values())
+    # Each row of the table connects a source to a target by signals of equal names.
     desired = ("desired_position", "desired_velocity", "desired_acceleration")
     motion = ("tool_position", "tool_velocity")
     for source, target, signals in (

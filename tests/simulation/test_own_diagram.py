@@ -145,8 +145,9 @@ def NoOutputs():
     return diagram
 
 
-def test_bad_input():
-    for make, options, message in [
+@pytest.mark.parametrize(
+    ("make", "options", "message"),
+    [
         (Halver, {}, "input of Halver = 'signal': must be connected to a source, or"),
         (Open, {}, "input of open = 'force': must be connected to a source, or fixed"),
         (NoOutputs, {}, "outputs of silent = null: must be one vector or more"),
