@@ -1,10 +1,18 @@
 """A controller of your own in the place of the adaptive one.
 
-DampingInjection below is all that it takes: a LeafSystem with the ports of a control
-law. Run `python diagrams/own_controller.py`: it draws the slave station with the new
-law in it beside this file (or into the file given as an argument), simulates the
-one-axis task with that law and with direct force application, and prints how far the
-tool shoots ahead after the puncture.
+A control law is a plain function, such as damped() below, or a LeafSystem with the
+ports of a control law, such as DampingInjection. The function runs as machine code and
+in a page. The LeafSystem runs in Drake's Simulator, and it may have a state.
+
+Run `python diagrams/own_controller.py`: it draws the slave station with the LeafSystem
+in it beside this file (or into the file given as an argument), simulates the one-axis
+task with both laws and with direct force application, and prints how far the tool
+shoots ahead after the puncture.
+
+Both are kinds of controllers, too, where this folder is on Python's path. The gain is a
+field: `--set controller.parameters.damping=2`. In this folder, run
+
+    teleop-drake compare one_dof --controllers all,own_controller:DampingInjection
 """
 
 import sys
@@ -17,6 +25,14 @@ from teleop_drake.recording import Recording
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.teleoperator import MakeTeleoperator
+
+
+def damped(
+    haptic_force, velocity_command, tool_position, tool_velocity, environment_force,
+    damping=1.0,
+):  # fmt: skip
+    """Returns F_c = F_hd + damping (v_dd - v), the law of DampingInjection."""
+    return haptic_force + damping * (velocity_command - tool_velocity)
 
 
 class DampingInjection(LeafSystem):
@@ -32,7 +48,7 @@ class DampingInjection(LeafSystem):
         damping: N s/m.
     """
 
-    def __init__(self, *, num_axes: int, damping: float):
+    def __init__(self, *, num_axes: int, damping: float = 1.0):
         LeafSystem.__init__(self)
         self.set_name("damping_injection")
         self._damping = damping
@@ -77,10 +93,15 @@ def main(picture: Path) -> None:
         scenario, control_law=DampingInjection(num_axes=1, damping=1.0)
     )
     WriteDiagram(teleoperator.GetSubsystemByName("controller"), picture)
+    with_function = MakeTeleoperator(scenario, control_law=damped)
 
-    braked = Overshoot(simulate(scenario, teleoperator=teleoperator))
-    direct = Overshoot(simulate(scenario, engine="auto"))
-    print(f"overshoot: {1000 * braked:.3f} mm/s (direct force: {1000 * direct:.3f})")
+    runs = {
+        "LeafSystem": simulate(scenario, teleoperator=teleoperator),
+        "function": simulate(scenario, teleoperator=with_function),
+        "direct force": simulate(scenario),
+    }
+    for name, recording in runs.items():
+        print(f"overshoot, {name}: {1000 * Overshoot(recording):.3f} mm/s")
 
 
 if __name__ == "__main__":

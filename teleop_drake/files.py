@@ -1,6 +1,7 @@
 """Files that are read with one clear line if they cannot, or written completely."""
 
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -45,6 +46,11 @@ def WriteText(path: Path, text: str) -> None:
     """Writes a text file, complete or not at all."""
     with Replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def FileStem(text: str) -> str:
+    """Returns a text as part of a file's name: `my_module:MyLaw` has a colon."""
+    return re.sub(r"[^\w.=-]+", "_", text)
 
 
 def IsDevice(path: Path) -> bool:

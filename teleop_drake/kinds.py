@@ -11,7 +11,7 @@ look such a kind up imports its module: a scenario that names one is a program.
 
 import dataclasses
 import importlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
 from teleop_drake.validation import Choices, FixedFields, Refuse, ScenarioError, Show
@@ -58,6 +58,7 @@ class KindTable(Generic[_T]):
         noun: What to call one of them in a message.
         key: Which of KIND_KEYS names the kind.
         is_named: Whether a scenario has to name the kind; there is no default then.
+        adapt: Returns a kind for an object of a user's own that is no config, or None.
     """
 
     def __init__(
@@ -68,11 +69,13 @@ class KindTable(Generic[_T]):
         noun: str,
         key: str = "kind",
         is_named: bool = False,
+        adapt: Callable[[Any], type[Any] | None] | None = None,
     ):
         self.base = base
         self.noun = noun
         self.key = key
         self.is_named = is_named
+        self._adapt = adapt
         self._kinds = {kind.kind: kind for kind in kinds}
         _tables[base] = self
 
@@ -98,16 +101,20 @@ class KindTable(Generic[_T]):
                 return self._kinds[name]
             places = [name] if ":" in name else _EntryPoints(name)
             if places:
-                kind = ImportOwn(places[0], path)
-                if not (
-                    isinstance(kind, type)
-                    and issubclass(kind, self.base)
-                    and dataclasses.is_dataclass(kind)
-                ):
-                    base = f"{self.base.__module__}.{self.base.__qualname__}"
-                    Refuse(path, name, f"a dataclass that derives from {base}")
-                return cast(type[_T], kind)
+                return self._FromObject(ImportOwn(places[0], path), name, path)
         Refuse(path, name, f"{Choices(name, self._kinds)}, or module:Class of your own")
+
+    def _FromObject(self, found: Any, name: str, path: str) -> type[_T]:
+        """Returns the kind that an imported object is or stands for."""
+        is_kind = isinstance(found, type) and issubclass(found, self.base)
+        if is_kind and dataclasses.is_dataclass(found):
+            return cast(type[_T], found)
+        adapted = None if self._adapt is None else self._adapt(found)
+        if adapted is None:
+            base = f"{self.base.__module__}.{self.base.__qualname__}"
+            also = ", a System, or a function" if self._adapt else ""
+            Refuse(path, name, f"a dataclass that derives from {base}{also}")
+        return adapted
 
 
 def ImportOwn(place: str, path: str) -> Any:

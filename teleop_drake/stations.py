@@ -22,6 +22,7 @@ from teleop_drake.architectures import (
 )
 from teleop_drake.architectures.base import MakeLawArchitecture
 from teleop_drake.architectures.base import MakeSlaveStation as MakeSlaveStation
+from teleop_drake.architectures.own_law import AsControlLaw, Law
 from teleop_drake.environments import CONTACT, FindSurface, Surface
 from teleop_drake.scenario import Scenario
 from teleop_drake.systems.actuator import Actuator
@@ -154,14 +155,15 @@ def MakeControlLaw(scenario: Scenario) -> System:
 def MakeArchitecture(
     scenario: Scenario,
     *,
-    control_law: System | None = None,
+    control_law: System | Law | None = None,
     facts: Facts | None = None,
 ) -> Architecture:
     """Makes the architecture that the scenario names.
 
     Args:
         control_law: A control law of your own, which takes the place of the
-            scenario's; it gets the thesis's packets. See MakeSlaveStation.
+            scenario's; it gets the thesis's packets. A system, see MakeSlaveStation,
+            or a function, see FunctionLaw.
         facts: What the defaults derive from; None: the scenario's.
 
     Raises:
@@ -170,7 +172,8 @@ def MakeArchitecture(
     """
     facts = facts or scenario.Facts()
     if control_law is not None:
-        return MakeLawArchitecture(control_law, facts.start.tolist())
+        law = AsControlLaw(control_law, facts.start)
+        return MakeLawArchitecture(law, facts.start.tolist())
     chosen = scenario.controller.Chosen()
     return chosen.MakeArchitecture(facts, scenario.controller.path)
 

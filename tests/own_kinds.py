@@ -163,3 +163,46 @@ class Reach(Insertion):
 
     def Panels(self, recordings):
         return super().Panels(recordings)[:1]
+
+
+def Damped(F_h, v_d, p, v, F_e, damping=1, offset=(0.0,)):
+    """A plain function as a law: F_c = F_h + damping (v_d - v) + offset."""
+    return F_h + damping * (v_d - v) + offset
+
+
+def Demanding(F_h, v_d, p, v, F_e, gain):
+    """A law whose gain has no default."""
+    return gain * F_h
+
+
+class Unconverted(BrakedForceLaw):
+    """A LeafSystem that is named in a scenario as it is."""
+
+    def __init__(self, num_axes, damping: float = 0.2, label="x", is_loud=False):
+        if damping < 0:
+            raise ValueError("no motor")
+        BrakedForceLaw.__init__(self, num_axes=num_axes, damping=damping)
+
+
+def TwoForces(F_h, v_d, p, v, F_e):
+    return np.zeros(2)
+
+
+def TooFew(F_h, v_d):
+    return F_h
+
+
+def KeywordOnly(F_h, v_d, p, v, F_e, *, damping=1.0):
+    return F_h
+
+
+def Clashing(F_h, v_d, p, v, F_e, time=1.0):
+    return F_h * time
+
+
+def Odd(F_h, v_d, p, v, F_e, table=dict):
+    return F_h
+
+
+def Worded(F_h, v_d, p, v, F_e, mode_name="x"):
+    return F_h

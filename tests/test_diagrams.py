@@ -128,9 +128,10 @@ def test_the_puma_by_hand_is_the_puma_of_its_kind(run):
 @pytest.mark.slow
 def test_the_own_controller_takes_the_place_of_the_other(run):
     _, lines = run(DIRECTORY / "own_controller.py")
-    own, direct = map(float, re.findall(r"\d+\.\d+", *lines))
+    own, function, direct = (float(line.split()[-2]) for line in lines)
     # The thesis's value for direct force application, section 4.2.
     assert direct == pytest.approx(0.472, rel=0.02)
+    assert function == pytest.approx(own, abs=0.002)
     assert own < 0.75 * direct
 
 

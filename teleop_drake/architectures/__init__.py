@@ -10,6 +10,7 @@ from teleop_drake.architectures.damped_force import DampedForceConfig
 from teleop_drake.architectures.direct_force import DirectForceConfig
 from teleop_drake.architectures.facts import Facts
 from teleop_drake.architectures.four_channel import FourChannelConfig
+from teleop_drake.architectures.own_law import LawConfig
 from teleop_drake.architectures.proportional_damping import ProportionalDampingConfig
 from teleop_drake.architectures.robust_backstepping import RobustBacksteppingConfig
 from teleop_drake.architectures.smith_predictor import SmithPredictorConfig
@@ -31,6 +32,7 @@ ARCHITECTURE_KINDS = KindTable(
         RobustBacksteppingConfig,
     ),
     noun="controller",
+    adapt=LawConfig,
 )
 """Every kind of control architecture, the thesis's two first."""
 

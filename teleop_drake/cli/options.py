@@ -204,9 +204,10 @@ def ControllersOf(args: argparse.Namespace) -> list[str]:
         return [] if one is None else [one]
     if one is not None:
         raise BadInput(f"--controller = {one!r}: must be left out with --controllers")
-    if several == "all":
-        return list(ARCHITECTURES)
-    names = [name.strip() for name in several.split(",")]
+    names: list[str] = []
+    for part in several.split(","):
+        name = part.strip()
+        names += ARCHITECTURES if name == "all" else [name]
     if len(set(names)) < len(names):
         raise BadInput(f"--controllers = {several!r}: must be different controllers")
     return names
@@ -220,8 +221,8 @@ def AddGridOptions(
         parser.add_argument(
             "--controllers",
             metavar="A,B,...",
-            help="controller.kind, the baseline first; `all`: every architecture "
-            "(default: the thesis's two)",
+            help="controller.kind, the baseline first, or module:Law of your own; "
+            "`all`: every architecture (default: the thesis's two)",
         )
     parser.add_argument(
         "--vary",

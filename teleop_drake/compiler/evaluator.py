@@ -26,6 +26,11 @@ from teleop_drake.machine_code.native import Evaluate, Library
 from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
 from teleop_drake.machine_code.symbols import Untraceable
 
+_NO_KERNEL = (
+    "it offers no kernel; write it as a plain function of its inputs, or give it a "
+    'method Kernel() (guide.md, "Machine code of your own block")'
+)
+
 
 def KernelOf(system: System, context: Context) -> Kernel:
     """Returns what a block computes. Its events are not compared; see CheckEvents().
@@ -49,7 +54,7 @@ def KernelOf(system: System, context: Context) -> Kernel:
         return KERNELS_OF_PLANTS[kind](system)
     kernel = PrimitiveKernel(system, context)
     if kernel is None:
-        raise UnsupportedSystem(system, "it offers no kernel")
+        raise UnsupportedSystem(system, _NO_KERNEL)
     return kernel
 
 

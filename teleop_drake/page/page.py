@@ -294,7 +294,7 @@ def _Choices(
             continue
         if has_hand and key == "surgeon.kind":
             Refuse("vary", key, "left out: one's own hand is the operator")
-        own = GetPath(ToTree(scenario), key)
+        own = scenario.Value(key)
         if not isinstance(own, str):
             Refuse(f"vary.{key}", ",".join(map(str, values)), "LO:HI of a number")
         choices[key] = list(dict.fromkeys([own, *map(str, values)]))

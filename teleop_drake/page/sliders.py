@@ -8,8 +8,6 @@ from teleop_drake.figures.style import AxisLabel
 from teleop_drake.page.inputs import Change, CheckSums, FindChange, NotSums, Stops
 from teleop_drake.page.model import Model
 from teleop_drake.scenario import AnyScenario, ScenarioError
-from teleop_drake.scenario.overrides import GetPath
-from teleop_drake.scenario.tree import ToTree
 from teleop_drake.sweep import ALIASES
 from teleop_drake.validation import Refuse
 
@@ -106,7 +104,7 @@ def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges) -> Input | None:
     is_delay = key in ("delay", *_DELAYS)
     wanted = vary.get(key, vary.get("delay") if is_delay else None)
     try:
-        value = GetPath(ToTree(scenario), ALIASES.get(key, (key,))[0])
+        value = scenario.Value(ALIASES.get(key, (key,))[0])
     except ScenarioError:
         if is_delay:
             return None  # The tracking of chapter 3 has no channels.

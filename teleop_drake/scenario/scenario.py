@@ -50,6 +50,7 @@ from teleop_drake.scenario.config import (
     TrackingControllerConfig,
     TrajectoryConfig,
 )
+from teleop_drake.scenario.overrides import GetPath
 from teleop_drake.scenario.tree import FromTree, ToTree
 from teleop_drake.scenario.yaml_text import DumpYaml
 from teleop_drake.systems.actuator import ActuatorConfig
@@ -115,6 +116,17 @@ class _ScenarioBase(FixedFields):
         """Number of task axes n, the robot's."""
         return self.robot.num_axes
 
+    def Value(self, dotted: str) -> Any:
+        """Returns the value of a field as plain data.
+
+        Args:
+            dotted: The path of the field, such as `environment.layers.bone.stiffness`.
+
+        Raises:
+            ScenarioError: If there is no such field.
+        """
+        return GetPath(ToTree(self), dotted)
+
     def Validate(self) -> None:
         """Checks every field.
 
@@ -172,6 +184,16 @@ class Scenario(_ScenarioBase):
     # Drake's own. Steps are shorter than max_step_size where the smallest delay is;
     # start_time is 0.
     simulator: SimulatorConfig = field(default_factory=DefaultSimulator)
+
+    def Value(self, dotted: str) -> Any:
+        """Returns the value of a field; see _ScenarioBase.
+
+        The parameters of a controller of a user's own have their defaults.
+        """
+        if not dotted.startswith("controller.parameters."):
+            return super().Value(dotted)
+        parameters = ToTree(self.controller.Chosen())
+        return GetPath({"controller": {"parameters": parameters}}, dotted)
 
     def Surfaces(self) -> tuple[Surface, ...]:
         """Returns the surfaces of the environment, none if it tells none."""

@@ -1,7 +1,6 @@
 """The command `teleop-drake compare`: a sweep that draws trajectories."""
 
 import argparse
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,6 +8,7 @@ from teleop_drake.cli import options, output
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
 from teleop_drake.cli.progress import Simulate, SweepProgress
 from teleop_drake.cli.tables import Headline, SeedsTable, Table
+from teleop_drake.files import FileStem
 
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
@@ -132,12 +132,12 @@ def _Names(plan: "SweepPlan") -> dict[str, str]:
         labels = []
         for key, value in point.items():
             if key == "controller":
-                stems.append(value)
+                stems.append(FileStem(value))
                 labels += [value] if has_controllers else []
             else:
                 shown = PointOverrides({key: value})[0].partition("=")[2]
                 text = f"{key.split('.')[-1]}={shown}"
-                stems.append(re.sub(r"[^\w.=-]+", "_", text))
+                stems.append(FileStem(text))
                 labels.append(LabelOfValue(key, value))
         names["_".join(stems)] = ", ".join(labels)
     return names

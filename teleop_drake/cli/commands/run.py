@@ -9,6 +9,7 @@ from teleop_drake.cli import options, output
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
 from teleop_drake.cli.progress import Simulate
 from teleop_drake.cli.tables import Headline, Table
+from teleop_drake.files import FileStem
 
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
@@ -31,7 +32,7 @@ def Execute(args: argparse.Namespace) -> int:
     """Simulates the scenario, writes and prints what comes out."""
     scenario = options.Load(args, is_run=True)
     options.CheckSignals(args, scenario)
-    stem = f"{scenario.name}_{scenario.controller.kind}"
+    stem = f"{scenario.name}_{FileStem(scenario.controller.kind)}"
     output.CheckJson(args.json)
     output.CheckHtml(args.html)
     formats = options.FormatsOf(args)

@@ -8,8 +8,6 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.scenario import AsTeleoperation, Scenario
-from teleop_drake.scenario.overrides import GetPath
-from teleop_drake.scenario.tree import ToTree
 from teleop_drake.stations import ResolveController
 from teleop_drake.sweep.plan import SweepPlan
 from teleop_drake.sweep.study import Study
@@ -162,7 +160,7 @@ def _Range(scenario: Scenario, text: str) -> tuple[str, tuple[float, float]]:
     path = name
     if not hasattr(scenario, name.partition(".")[0]):
         path = f"{scenario.controller.path}.{name}"
-    value = GetPath(ToTree(scenario), path)  # Refuses a path that does not exist.
+    value = scenario.Value(path)  # Refuses a path that does not exist.
     if equals:
         return path, _ParseRange(name, given)
     if value is None and path.startswith(f"{scenario.controller.path}."):
