@@ -1,11 +1,11 @@
 """The whole loop as one Diagram: Fig. 2.1 of the thesis."""
 
 from collections.abc import Mapping
-from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from teleop_drake.architectures import Architecture
+from teleop_drake.architectures.own_law import Law
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.environments import SurfacesOf
 from teleop_drake.scenario import AsTeleoperation, CheckStart, Scenario, ScenarioLike
@@ -18,7 +18,19 @@ from teleop_drake.stations import (
 from teleop_drake.validation import Refuse
 
 
-def MakeTeleoperator(scenario: ScenarioLike, **own: Any) -> Diagram:
+def MakeTeleoperator(
+    scenario: ScenarioLike,
+    *,
+    side: str | None = None,
+    control_law: System | Law | None = None,
+    architecture: Architecture | None = None,
+    robot: System | None = None,
+    environment: System | None = None,
+    forward_channel: System | None = None,
+    return_channel: System | None = None,
+    operator: System | None = None,
+    haptic_device: System | None = None,
+) -> Diagram:
     """Makes the teleoperator, six systems with the names of Fig. 2.1.
 
         master -> forward_channel -> controller -> robot <-> environment
@@ -31,8 +43,10 @@ def MakeTeleoperator(scenario: ScenarioLike, **own: Any) -> Diagram:
 
     Args:
         scenario: What to build, or its name or file.
-        control_law: A control law of your own in the place of the scenario's; see
-            stations.MakeSlaveStation for its ports.
+        side: One of SIDES, of which only the systems are made; None: both sides.
+        control_law: A control law of your own in the place of the scenario's: a system
+            with the ports of stations.MakeSlaveStation, or a plain function as
+            FunctionLaw takes it.
         architecture: Both sides of your own in the place of the scenario's; not
             together with control_law.
         robot: A robot of your own; see robots.MakeRobotDiagram for its ports, of which
@@ -62,7 +76,19 @@ def MakeTeleoperator(scenario: ScenarioLike, **own: Any) -> Diagram:
         RuntimeError: If a system of yours lacks a port.
     """
     builder = DiagramBuilder()
-    AddTeleoperator(builder, scenario, **own)
+    AddTeleoperator(
+        builder,
+        scenario,
+        side=side,
+        control_law=control_law,
+        architecture=architecture,
+        robot=robot,
+        environment=environment,
+        forward_channel=forward_channel,
+        return_channel=return_channel,
+        operator=operator,
+        haptic_device=haptic_device,
+    )
     teleoperator = builder.Build()
     teleoperator.set_name("teleoperator")
     return teleoperator
@@ -80,7 +106,7 @@ def AddTeleoperator(
     scenario: ScenarioLike,
     *,
     side: str | None = None,
-    control_law: System | None = None,
+    control_law: System | Law | None = None,
     architecture: Architecture | None = None,
     robot: System | None = None,
     environment: System | None = None,
@@ -109,7 +135,7 @@ def AddTeleoperator(
             scenario, control_law=control_law, facts=scenario.Facts(robot, environment)
         )
     elif control_law is not None:
-        Refuse("control_law", control_law.get_name(), "null with an architecture")
+        Refuse("control_law", control_law, "left out with an architecture")
     master = MakeMasterStation(
         scenario,
         architecture.master_side,

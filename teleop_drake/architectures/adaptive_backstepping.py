@@ -20,6 +20,7 @@ from teleop_drake.laws.backstepping import (
     pack_state,
 )
 from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.laws.robust_backstepping import RobustBounds
 from teleop_drake.machine_code.compiled import Law
 from teleop_drake.validation import (
     REQUIRED,
@@ -88,11 +89,12 @@ class AdaptiveBackstepping(FixedBlock):
         gains: The constants of the law.
         network: The basis functions of both networks, with n inputs in m, or 2n in m
             and m/s.
+        bounds: Those of the terms that RobustBackstepping adds; None: it adds none.
     """
 
     is_compiled = True
-    # Its name, and the laws of dx/dt and of [s; z]. They take further constants first,
-    # then the gains and the network.
+    # Its name, and the laws of dx/dt and of [s; z]. They take the bounds first if the
+    # law has some, then the gains and the network.
     law: ClassVar[tuple[str, Law, Law]] = (
         "adaptive_backstepping",
         adaptive_rate,
@@ -115,7 +117,11 @@ class AdaptiveBackstepping(FixedBlock):
     }
 
     def __init__(
-        self, *, gains: BacksteppingGains, network: GaussianNetwork, **constants: Any
+        self,
+        gains: BacksteppingGains,
+        network: GaussianNetwork,
+        *,
+        bounds: RobustBounds | None = None,
     ):
         name, rate, errors = self.law
         n, N = gains.num_axes, network.num_functions
@@ -123,6 +129,7 @@ class AdaptiveBackstepping(FixedBlock):
             allowed = f"{n} or {2 * n}, one or two for each task axis"
             Refuse("network.num_inputs", network.num_inputs, allowed)
         self._n, self._psi_min = n, gains.Psi_min
+        constants: dict[str, Any] = {} if bounds is None else {"bounds": bounds}
         constants |= {"gains": gains.as_numbers(), "network": network.as_numbers()}
         taken = (
             *constants, "state", "tool_position", "tool_velocity", "velocity_command",

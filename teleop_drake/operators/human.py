@@ -56,7 +56,9 @@ class HumanHand(ModalOperator):
     Args:
         human: Its numbers.
         goal: One of GOALS.
-        **modes: As ModalOperator takes them.
+        contact_force: Force after contact in N (n); None: never switches.
+        contact_surface: Where contact is perceived; None: never.
+        stop_time: When the stop is commanded in s; None: never.
     """
 
     numeric_parameters: ClassVar = {
@@ -68,11 +70,25 @@ class HumanHand(ModalOperator):
         "stiffness": "N/m",
     }
 
-    def __init__(self, *, human: HumanOperator, goal: str, **modes: Any):
+    def __init__(
+        self,
+        human: HumanOperator,
+        goal: str,
+        *,
+        contact_force: ArrayLike | None = None,
+        contact_surface: Surface | None = None,
+        stop_time: float | None = None,
+    ):
         CheckChoice("goal", goal, GOALS)
         self._human = human
         self._follows_position = goal == "position"
-        ModalOperator.__init__(self, num_axes=human.velocity.size, **modes)
+        ModalOperator.__init__(
+            self,
+            human.velocity.size,
+            contact_force=contact_force,
+            contact_surface=contact_surface,
+            stop_time=stop_time,
+        )
 
     def DeclareMore(self) -> None:
         """Declares what is perceived, and the state."""

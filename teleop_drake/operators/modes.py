@@ -64,8 +64,8 @@ class ModalOperator(KernelBlock):
 
     def __init__(
         self,
-        *,
         num_axes: int,
+        *,
         contact_force: ArrayLike | None = None,
         contact_surface: Surface | None = None,
         stop_time: float | None = None,

@@ -51,7 +51,11 @@ class Plan:
 
 
 def PlanOfPieces(
-    breaks: Array, coefficients: Array, bends: Sequence[float] = (), **timing: Any
+    breaks: Array,
+    coefficients: Array,
+    bends: Sequence[float] = (),
+    ends: Sequence[tuple[float, float]] | None = None,
+    longest_step: float = math.inf,
 ) -> Plan:
     """Returns the plan of a velocity that is a polynomial of time, piece after piece.
 
@@ -62,19 +66,23 @@ def PlanOfPieces(
     Args:
         breaks: (K + 1,) in s, ascending; the last one may be infinite.
         coefficients: (K, d + 1, n) in m/s, m/s^2 and so on.
-        bends: When v_d is not smooth, s; steps end there, and short ones follow.
-        **timing: Of Plan, in the place of what follows from the bends.
+        bends: When v_d is not smooth, s; short steps follow.
+        ends: Where steps end; see Plan. None: at the bends.
+        longest_step: No step may be longer, s.
 
     Raises:
         ScenarioError: If a value is not allowed.
     """
     if not ((breaks[1:] > breaks[:-1]).all() and np.isfinite(coefficients).all()):
         Refuse("breaks", breaks, "ascending, with finite coefficients")
-    once_each = [(time, math.inf) for time in bends]
+    if ends is None:
+        ends = [(time, math.inf) for time in bends]
     return Plan(
         velocity=(evaluate_pieces, "time", "breaks", "coefficients"),
         parameters={"breaks": breaks, "coefficients": coefficients},
-        **{"jump_times": bends, "ends": once_each, **timing},
+        jump_times=bends,
+        ends=ends,
+        longest_step=longest_step,
     )
 
 
@@ -88,12 +96,28 @@ class PlannedOperator(ModalOperator):
     Args:
         plan: The velocity.
         num_axes: n.
-        **modes: As ModalOperator takes them.
+        contact_force: Force after contact in N (n); None: never switches.
+        contact_surface: Where contact is perceived; None: never.
+        stop_time: When the stop is commanded in s; None: never.
     """
 
-    def __init__(self, *, plan: Plan, num_axes: int, **modes: Any):
+    def __init__(
+        self,
+        plan: Plan,
+        num_axes: int,
+        *,
+        contact_force: ArrayLike | None = None,
+        contact_surface: Surface | None = None,
+        stop_time: float | None = None,
+    ):
         self._plan = plan
-        ModalOperator.__init__(self, num_axes=num_axes, **modes)
+        ModalOperator.__init__(
+            self,
+            num_axes,
+            contact_force=contact_force,
+            contact_surface=contact_surface,
+            stop_time=stop_time,
+        )
         self.jump_times = [*plan.jump_times, *self.jump_times]
         self.longest_step = plan.longest_step
 
@@ -125,7 +149,9 @@ class ConstantVelocityOperator(PlannedOperator):
 
     Args:
         velocity: v_d in m/s (n).
-        **modes: contact_force, contact_surface and stop_time of ModalOperator.
+        contact_force: Force after contact in N (n); None: never switches.
+        contact_surface: Where contact is perceived; None: never.
+        stop_time: When the stop is commanded in s; None: never.
 
     Raises:
         ValueError: If a size or value is not allowed.
@@ -138,11 +164,25 @@ class ConstantVelocityOperator(PlannedOperator):
         "contact_force": "N",
     }
 
-    def __init__(self, *, velocity: ArrayLike, **modes: Any):
+    def __init__(
+        self,
+        velocity: ArrayLike,
+        *,
+        contact_force: ArrayLike | None = None,
+        contact_surface: Surface | None = None,
+        stop_time: float | None = None,
+    ):
         v_d = np.array(velocity, dtype=float)
         CheckVector("velocity", v_d, v_d.size, "m/s")
         plan = Plan(velocity="velocity", parameters={"velocity": v_d})
-        PlannedOperator.__init__(self, plan=plan, num_axes=v_d.size, **modes)
+        PlannedOperator.__init__(
+            self,
+            plan,
+            v_d.size,
+            contact_force=contact_force,
+            contact_surface=contact_surface,
+            stop_time=stop_time,
+        )
 
 
 @dataclass(kw_only=True, eq=False)

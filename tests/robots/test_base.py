@@ -1,5 +1,8 @@
 """What a robot of one's own gets from the bases; kinds by name, model files."""
 
+import dataclasses
+import inspect
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -90,6 +93,20 @@ def test_unknown_model(model, hint):
 def test_a_bad_field_has_its_path():
     with pytest.raises(ScenarioError, match=r"^robot\.mass = -1: must be"):
         MakeRobot(model="slider", start=[0.0], mass=-1)
+
+
+@pytest.mark.parametrize("kind", ROBOT_KINDS.kinds)
+def test_the_parameters_are_the_fields_of_every_kind(kind):
+    taken = inspect.signature(MakeRobot).parameters
+    assert {item.name for item in dataclasses.fields(kind)} < {*taken}
+
+
+def test_a_field_of_another_kind_is_refused():
+    message = (
+        "robot.elbow = 'up': must be left out: a slider has one of start, mass, damping"
+    )
+    with pytest.raises(ScenarioError, match=re.escape(message)):
+        MakeRobot("slider", [0.0], elbow="up")
 
 
 # Model files.
