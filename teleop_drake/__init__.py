@@ -3,19 +3,21 @@
 The model of P. P. Sarda, "Control of a Teleoperating Robotic Arm Subject to Time
 Delays", MS thesis, The University of Texas at Arlington, 2012.
 
-What most people need can be had from here, `from teleop_drake import LoadScenario,
-simulate`, say. Each name is imported on first use, so that to import the package
-itself is cheap.
+The most used names are exported here, and so are all names of teleop_drake.blocks:
+`from teleop_drake import TransportDelay, simulate`. Each is imported on first use, so
+that importing the package itself is cheap.
 """
 
 from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from teleop_drake import blocks
 from teleop_drake.upper import ProvideUpperFunction
 
 if TYPE_CHECKING:
     from teleop_drake.analysis.stability import AnalyzeStability
+    from teleop_drake.blocks import *  # noqa: F403
     from teleop_drake.figures.block_diagram import WriteDiagram
     from teleop_drake.figures.runs import PlotComparison, PlotRun, SaveFigure
     from teleop_drake.figures.scene import MakeReplay
@@ -69,9 +71,10 @@ __all__ = [
     "WriteDiagram",
     "WritePage",
     "simulate",
+    *blocks.__all__,
 ]
 
-# Where the names above are from.
+# The module that defines each name; for those of the blocks see teleop_drake.blocks.
 _PLACES = {
     "link.remote": ["OperateRemotely", "ServeRobot"],
     "linear_model.ports": ["LinearizePorts"],
@@ -112,6 +115,8 @@ ProvideUpperFunction("DiagramPage", _LoadDiagramPage)
 
 def __getattr__(name: str) -> Any:
     """Imports one of the names of the package when it is first asked for."""
+    if name in blocks.__all__:
+        return getattr(blocks, name)
     for place, names in _PLACES.items():
         if name in names:
             value = getattr(import_module(f"{__name__}.{place}"), name)

@@ -25,7 +25,10 @@ def test_import_is_light():
     run = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
-    assert run.stdout == "['teleop_drake', 'teleop_drake.upper'] False\n"
+    assert (
+        run.stdout
+        == "['teleop_drake', 'teleop_drake.blocks', 'teleop_drake.upper'] False\n"
+    )
 
 
 @pytest.mark.parametrize("name", dut.__all__)
@@ -37,7 +40,8 @@ def test_names_are_those_of_their_files(name):
 
 
 def test_every_name_has_one_place():
-    places = [name for names in dut._PLACES.values() for name in names]
+    tables = (dut._PLACES, dut.blocks._PLACES)
+    places = [name for table in tables for names in table.values() for name in names]
     assert sorted(places) == sorted(dut.__all__)
 
 

@@ -74,6 +74,21 @@ class AdaptiveBackstepping(FixedBlock):
     | out  | auxiliary_error     | n     | m/s   | s                        |
     | out  | control_force_error | n     | N     | z                        |
 
+    | parameter | name      | unit    |
+    |-----------|-----------|---------|
+    | 0         | Lambda    | m/(N s) |
+    | 1         | G1        | 1/s     |
+    | 2         | G2        | 1/s     |
+    | 3         | P         | -       |
+    | 4         | beta1     | -       |
+    | 5         | beta2     | -       |
+    | 6         | beta3     | -       |
+    | 7         | nu1       | -       |
+    | 8         | nu3       | -       |
+    | 9         | Upsilon   | -       |
+    | 10        | Psi0      | 1/kg    |
+    | 11        | Psi_min   | 1/kg    |
+
     State (continuous): [F_c (n), W1 (n N), Psi (n n), W3 (n N)], matrices row by row;
     `teleop_drake.laws.backstepping.unpack_state` takes it apart.
 

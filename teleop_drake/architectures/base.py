@@ -14,12 +14,11 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.kinds import KindConfig
 from teleop_drake.validation import Refuse

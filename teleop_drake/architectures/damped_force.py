@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from teleop_drake.architectures.base import LAW_INPUTS, ControlLawConfig
 from teleop_drake.architectures.facts import Facts
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.kernel import FixedBlock, Kernel, Term
 from teleop_drake.laws.proportional import braked_force, damper_force, velocity_error
 from teleop_drake.validation import CheckChoice, CheckGain, GainField, GainMatrix
@@ -46,6 +46,10 @@ class DampedForce(FixedBlock):
     | out  | control_force     | n    | N    | F_c                               |
     | out  | damping_force     | n    | N    | F_h(t - T_f) - F_c                |
 
+    | parameter | name      | unit  |
+    |-----------|-----------|-------|
+    | 0         | damping   | N s/m |
+
     State: none.
 
     Direct feedthrough: haptic_force and tool_velocity to control_force; tool_velocity
@@ -64,7 +68,7 @@ class DampedForce(FixedBlock):
 
     numeric_parameters: ClassVar = {"damping": "N s/m"}
 
-    def __init__(self, *, num_axes: int, damping: ArrayLike, against: str = "ground"):
+    def __init__(self, num_axes: int, damping: ArrayLike, *, against: str = "ground"):
         B = CheckGain("damping", damping, num_axes, may_be_zero=True)
         CheckChoice("against", against, AGAINST)
         ignored = ["tool_position", "environment_force"]

@@ -32,7 +32,7 @@ class DirectForce(FixedBlock):
     It has no telemetry, and does not limit or filter the force.
     """
 
-    def __init__(self, *, num_axes: int):
+    def __init__(self, num_axes: int):
         CheckNumber("num_axes", num_axes, minimum=1)
         FixedBlock.__init__(
             self,

@@ -4,7 +4,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from teleop_drake.architectures.base import (
     Architecture,
@@ -14,6 +13,7 @@ from teleop_drake.architectures.base import (
     SlaveSide,
 )
 from teleop_drake.architectures.facts import Facts
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.kernel import Kernel
 from teleop_drake.laws.four_channel import Station, master_rate, slave_force
 from teleop_drake.validation import (
@@ -50,6 +50,16 @@ class FourChannelMaster(MasterSide):
     | out  | felt_position    | n     | m                  | p_WT as received         |
     | out  | felt_velocity    | n     | m/s                | v_m                      |
     | out  | forward_packet   | 3n    | [m; m/s; N]        | [x_m; v_m; F_h]          |
+
+    | parameter | name            | unit  |
+    |-----------|-----------------|-------|
+    | 0         | mass            | kg    |
+    | 1         | local_stiffness | N/m   |
+    | 2         | local_damping   | N s/m |
+    | 3         | damping         | N s/m |
+    | 4         | motion          | -     |
+    | 5         | force           | -     |
+    | 6         | local_force     | -     |
 
     State (continuous): [x_m (n), v_m (n)].
 
@@ -119,6 +129,15 @@ class FourChannelSlave(SlaveSide):
     | in   | environment_force | n     | N                  | F_e                     |
     | out  | control_force     | n     | N                  | F_c                     |
     | out  | return_packet     | 3n    | [m; m/s; N]        | [p_WT; v; F_e]          |
+
+    | parameter | name            | unit  |
+    |-----------|-----------------|-------|
+    | 0         | local_stiffness | N/m   |
+    | 1         | local_damping   | N s/m |
+    | 2         | damping         | N s/m |
+    | 3         | motion          | -     |
+    | 4         | force           | -     |
+    | 5         | local_force     | -     |
 
     State: none.
 

@@ -12,12 +12,11 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.systems.framework import System
 
 from teleop_drake.architectures.base import LAW_INPUTS, ControlLawConfig
 from teleop_drake.architectures.facts import Facts
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.kernel.terms import WORDS
 from teleop_drake.validation import REQUIRED, CheckChoice, Refuse, ScenarioError

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from teleop_drake.architectures.base import (
     Architecture,
@@ -15,6 +14,7 @@ from teleop_drake.architectures.base import (
     SlaveSide,
 )
 from teleop_drake.architectures.facts import Facts
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.kernel import Kernel
 from teleop_drake.laws.proportional import coupling_force, master_rate, slave_force
 from teleop_drake.validation import GainField, GainMatrix, Number, Refuse
@@ -42,6 +42,12 @@ class ProportionalMaster(MasterSide):
     | out  | felt_velocity    | n    | m/s  | v_m                   |
     | out  | forward_packet   | n    | m    | x_m                   |
     | out  | coupling_force   | n    | N    | K (x_m - x_s)         |
+
+    | parameter | name      | unit  |
+    |-----------|-----------|-------|
+    | 0         | mass      | kg    |
+    | 1         | stiffness | N/m   |
+    | 2         | damping   | N s/m |
 
     State (continuous): [x_m (n), v_m (n)].
 
@@ -111,6 +117,11 @@ class ProportionalSlave(SlaveSide):
     | in   | environment_force | n    | N    | ignored |
     | out  | control_force     | n    | N    | F_c     |
     | out  | return_packet     | n    | m    | p_WT    |
+
+    | parameter | name      | unit  |
+    |-----------|-----------|-------|
+    | 0         | stiffness | N/m   |
+    | 1         | damping   | N s/m |
 
     State: none.
 

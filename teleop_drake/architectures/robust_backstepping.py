@@ -31,6 +31,25 @@ class RobustBackstepping(AdaptiveBackstepping):
     `teleop_drake.laws.robust_backstepping`. Ports, state, initial value and direct
     feedthrough are those of AdaptiveBackstepping. With rho1 = rho3 = 0 so is the law.
 
+    | parameter | name      | unit    |
+    |-----------|-----------|---------|
+    | 0         | Lambda    | m/(N s) |
+    | 1         | G1        | 1/s     |
+    | 2         | G2        | 1/s     |
+    | 3         | P         | -       |
+    | 4         | beta1     | -       |
+    | 5         | beta2     | -       |
+    | 6         | beta3     | -       |
+    | 7         | nu1       | -       |
+    | 8         | nu3       | -       |
+    | 9         | Upsilon   | -       |
+    | 10        | Psi0      | 1/kg    |
+    | 11        | Psi_min   | 1/kg    |
+    | 12        | rho1      | m/s^2   |
+    | 13        | eps1      | -       |
+    | 14        | rho3      | N/s     |
+    | 15        | eps3      | -       |
+
     Args:
         gains: The constants of the law of chapters 4 and 5.
         bounds: Those of the robust terms.
@@ -60,7 +79,6 @@ class RobustBackstepping(AdaptiveBackstepping):
 
     def __init__(
         self,
-        *,
         gains: BacksteppingGains,
         bounds: RobustBounds,
         network: GaussianNetwork,

@@ -69,6 +69,10 @@ class PassivityMaster(_Idle, MasterSide):
     | out  | master_power     | n    | W           | F_h v_m, into the channel       |
     | out  | injected_mobility | n   | m/(N s)     | beta                            |
 
+    | parameter | name             | unit    |
+    |-----------|------------------|---------|
+    | 0         | maximum_mobility | m/(N s) |
+
     State (continuous): [E_in (n), E_out (n)] in units of `initial_energy`, because the
     solver's tolerance is absolute.
 
@@ -171,6 +175,11 @@ class PassivitySlave(_Idle, SlaveSide):
     | out  | slave_budget      | n    | J           | W_s                            |
     | out  | slave_power       | n    | W           | F v, out of the channel        |
     | out  | injected_damping  | n    | N s/m       | alpha                          |
+
+    | parameter | name            | unit  |
+    |-----------|-----------------|-------|
+    | 0         | maximum_damping | N s/m |
+    | 1         | local_damping   | N s/m |
 
     State (continuous): [E_in (n), E_out (n)] in units of E_0, because the solver's
     tolerance is absolute.

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from teleop_drake.architectures.base import (
     Architecture,
@@ -14,6 +13,7 @@ from teleop_drake.architectures.base import (
     SlaveSide,
 )
 from teleop_drake.architectures.facts import Facts
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.channels import ChannelConfig
 from teleop_drake.kernel import Kernel, times
 from teleop_drake.laws.wave_variables import (
@@ -53,6 +53,12 @@ class WaveMaster(MasterSide):
     | out  | forward_packet   | 2n   | [W^(1/2); m]  | [u; x_m]                   |
     | out  | master_position  | n    | m             | x_m, integral of v_m       |
     | out  | master_power     | n    | W             | (F_h - D v_m) v_m per axis |
+
+    | parameter | name      | unit  |
+    |-----------|-----------|-------|
+    | 0         | impedance | N s/m |
+    | 1         | damping   | N s/m |
+    | 2         | scaling   | -     |
 
     State (continuous): x_m (n); with six axes its rotation is no pose, but the integral
     of an angular velocity, which nothing uses.
@@ -144,6 +150,11 @@ class WaveSlave(SlaveSide):
     | out  | control_force     | n    | N            | F_c                       |
     | out  | return_packet     | 2n   | [W^(1/2); m] | [w; p_WT]                 |
     | out  | slave_power       | n    | W            | F_c v per axis            |
+
+    | parameter | name      | unit  |
+    |-----------|-----------|-------|
+    | 0         | impedance | N s/m |
+    | 1         | scaling   | -     |
 
     State: none.
 

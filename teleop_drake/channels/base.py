@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.systems.framework import System
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.kernel import Delay, Kernel, KernelBlock
 from teleop_drake.kinds import KindConfig
 from teleop_drake.validation import CheckNumber, Refuse
@@ -168,9 +167,7 @@ class ChannelBlock(KernelBlock):
         ScenarioError: If one of them is refused.
     """
 
-    def __init__(
-        self, *, delay: float, size: int, initial_value: Sequence[float] | None
-    ):
+    def __init__(self, delay: float, size: int, initial_value: Sequence[float] | None):
         KernelBlock.__init__(self)
         CheckNumber("delay", delay, "s", minimum=0)
         CheckNumber("size", size, minimum=1)

@@ -6,10 +6,9 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.channels.base import ChannelBlock, ConstantDelay
 from teleop_drake.channels.packet_network import (
     ComputePacketStatistics,
@@ -60,9 +59,9 @@ class NetworkDelay(ChannelBlock):
 
     Args:
         network: What happens to the packets.
-        receiver: What the receiver does with them; holds the newest one if None.
         size: Width of the signal, >= 1.
         initial_value: What is delivered at first (size); zeros if None.
+        receiver: What the receiver does with them; holds the newest one if None.
 
     Raises:
         ValueError: If a parameter is outside its range.
@@ -70,11 +69,11 @@ class NetworkDelay(ChannelBlock):
 
     def __init__(
         self,
-        *,
         network: PacketNetwork,
-        receiver: Receiver | None = None,
         size: int,
         initial_value: Sequence[float] | None = None,
+        *,
+        receiver: Receiver | None = None,
     ):
         receiver = receiver or Receiver()
         ChannelBlock.__init__(

@@ -52,7 +52,6 @@ class SampledDelay(ChannelBlock):
 
     def __init__(
         self,
-        *,
         delay: float,
         sample_period: float,
         size: int,

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.files import ReadRows, Replacing
 from teleop_drake.validation import Refuse, ScenarioError, Show
 

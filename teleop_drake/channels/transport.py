@@ -24,6 +24,10 @@ class TransportDelay(ChannelBlock):
     | in   | signal         | size | any       |
     | out  | delayed_signal | size | of signal |
 
+    | parameter | name      | unit |
+    |-----------|-----------|------|
+    | 0         | delay     | s    |
+
     State, jumps: those of DelayLine.
 
     Initial value: `initial_value` is delivered until the first sample arrives.
@@ -55,10 +59,10 @@ class TransportDelay(ChannelBlock):
 
     def __init__(
         self,
-        *,
         delay: float,
         size: int,
         initial_value: Sequence[float] | None = None,
+        *,
         max_sample_interval: float | None = None,
     ):
         ChannelBlock.__init__(self, delay=delay, size=size, initial_value=initial_value)

@@ -9,9 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.channels.base import (
     SHORTEST_TIME,
     ChannelBlock,
@@ -274,10 +273,10 @@ class VariableDelay(ChannelBlock):
 
     def __init__(
         self,
-        *,
         profile: DelayProfile,
         size: int,
         initial_value: Sequence[float] | None = None,
+        *,
         max_sample_interval: float | None = None,
     ):
         profile.CheckContinuous(SHORTEST_TIME)

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.environments.base import EnvironmentConfig
 from teleop_drake.environments.surface import (
     CONTACT,
@@ -121,6 +120,13 @@ class LayeredForceField(KernelBlock):
     | out  | environment_force | n    | N, exerted BY the robot             |
     | out  | layer             | 1    | index of the layer at x, -1: before |
 
+    | parameter | name              | unit  |
+    |-----------|-------------------|-------|
+    | 0         | stiffness         | N/m   |
+    | 1         | damping           | N s/m |
+    | 2         | reference         | m     |
+    | 3         | lateral_stiffness | N/m   |
+
     State (discrete, 1): the layer the tool is in, counted from 1; 0: before the first.
     Between two layers the force jumps or bends. If the Context has an accuracy
     (context.SetAccuracy), the instant at which the tool leaves its layer is located and
@@ -162,9 +168,9 @@ class LayeredForceField(KernelBlock):
 
     def __init__(
         self,
-        *,
         layers: Sequence[LayerConfig],
         num_axes: int,
+        *,
         starts_inside: bool = False,
         direction: ArrayLike | None = None,
         axis_point: ArrayLike | None = None,

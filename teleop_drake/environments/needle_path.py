@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.environments.base import EnvironmentConfig
 from teleop_drake.environments.layered_force_field import layer_at, outside
 from teleop_drake.environments.surface import PlaneSurface, Surface, UnitNormal
@@ -87,6 +86,11 @@ class NeedleInTissue(KernelBlock):
     | in   | tool_position     | 6    | [m; rad]                          |
     | in   | tool_velocity     | 6    | [m/s; rad/s]                      |
     | out  | environment_force | 6    | [N; N m about T], BY the robot    |
+
+    | parameter | name      | unit  |
+    |-----------|-----------|-------|
+    | 0         | stiffness | N/m   |
+    | 1         | drag      | N s/m |
 
     State (discrete, 1): whether the tip is in the tissue. The force jumps there unless
     the tip enters on the path; the instant is located, as in LayeredForceField.

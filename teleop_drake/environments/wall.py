@@ -5,8 +5,8 @@ from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.environments.base import EnvironmentConfig
 from teleop_drake.environments.surface import (
     CONTACT,
@@ -122,6 +122,11 @@ class ContactWall(Wall):
 
     The wall does not move or stay dented. Its friction has no stiction: whatever pulls
     at a tool along it makes it creep.
+
+    | parameter | name         | unit |
+    |-----------|--------------|------|
+    | 0         | normal_law   | -    |
+    | 1         | friction_law | -    |
     """
 
     is_compiled = True
@@ -194,6 +199,10 @@ class RelaxingTissue(Wall):
     tool_position. The force is continuous; touching the tissue needs no event.
 
     It does not act along the surface, is not pierced, and does not stick to the tool.
+
+    | parameter | name      | unit |
+    |-----------|-----------|------|
+    | 0         | solid     | -    |
     """
 
     numeric_parameters: ClassVar = {

@@ -1,6 +1,5 @@
 """Blocks whose computation is described once, by a kernel."""
 
-import functools
 import itertools
 import math
 import re
@@ -167,11 +166,13 @@ def _Noting(name: str) -> Callable[..., Any]:
     """Returns the method of LeafSystem with a name, extended to record its calls."""
     declare = getattr(LeafSystem, name)
 
-    @functools.wraps(declare)
     def Declare(block: "KernelBlock", *arguments: Any, **options: Any) -> Any:
         if not block._is_declaring and EndStep not in arguments:
             block.other_events = (*block.other_events, name)
         return declare(block, *arguments, **options)
+
+    Declare.__name__ = Declare.__qualname__ = name
+    Declare.__doc__ = f"Declares what LeafSystem.{name}() does, and notes the call."
 
     return Declare
 

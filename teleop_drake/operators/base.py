@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.systems.framework import System
 
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.environments import Surface
 from teleop_drake.kinds import KindConfig
 from teleop_drake.validation import REQUIRED, CheckVector, Number, Refuse

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, LinearSystem, Multiplexer
 
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.channels.base import SHORTEST_TIME
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.environments import Surface
@@ -43,6 +43,15 @@ class HumanHand(ModalOperator):
     | out  | velocity_command | n    | m/s                                      |
     | out  | force_command    | n    | N                                        |
     | out  | mode             | 1    | 0, 1 or 2; see ModalOperator             |
+
+    | parameter | name          | unit  |
+    |-----------|---------------|-------|
+    | 0         | velocity      | m/s   |
+    | 1         | contact_force | N     |
+    | 2         | crossover     | rad/s |
+    | 3         | mass          | kg    |
+    | 4         | damping       | N s/m |
+    | 5         | stiffness     | N/m   |
 
     State (continuous): [v_i, y, w] (3n), and e (n) if the goal is a velocity. The
     discrete state is that of ModalOperator.

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.channels.base import SHORTEST_TIME
 from teleop_drake.environments import Surface
 from teleop_drake.kernel import Kernel, Term, Transition
@@ -146,6 +145,11 @@ class ConstantVelocityOperator(PlannedOperator):
     Ports, state, initial value and feedthrough are those of ModalOperator.
 
     It does not react to forces, get tired, or let go when the tool bounces off.
+
+    | parameter | name          | unit |
+    |-----------|---------------|------|
+    | 0         | velocity      | m/s  |
+    | 1         | contact_force | N    |
 
     Args:
         velocity: v_d in m/s (n).

@@ -3,9 +3,9 @@
 import dataclasses
 from typing import Any
 
-from numpy.typing import ArrayLike
 from pydrake.systems.framework import System
 
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.kinds import KindTable
 from teleop_drake.robots.arm import ArmConfig
 from teleop_drake.robots.base import PlantRobotConfig, RobotConfig

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia
 
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.files import ReadText
 from teleop_drake.robots.driven_arm import AddPayload, DrivenArmConfig
 from teleop_drake.robots.inverse_kinematics import TOOL

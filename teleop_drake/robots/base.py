@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.kinds import KindConfig
 from teleop_drake.laws.task_space import MAX_ROTATION
 from teleop_drake.robots.inverse_kinematics import SolveInverseKinematics, ToolRotation

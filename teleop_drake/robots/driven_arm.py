@@ -5,12 +5,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.laws.task_space import PostureGains
 from teleop_drake.robots.base import PlantRobotConfig
 from teleop_drake.robots.inverse_kinematics import (

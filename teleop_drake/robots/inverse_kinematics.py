@@ -1,13 +1,12 @@
 """Inverse kinematics: joint positions that put the tool at a point."""
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.solvers import Solve
 from pydrake.systems.framework import Context
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.systems.tool_interface import SpatialJacobian
 from teleop_drake.validation import Refuse
 

@@ -7,10 +7,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.geometry import SceneGraph
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
+
+from teleop_drake.arrays import ArrayLike
 
 # What the plants made just now tell their shapes to; None: to nobody.
 _SCENE_GRAPH: ContextVar[SceneGraph | None] = ContextVar("scene_graph", default=None)

@@ -6,10 +6,10 @@ from importlib import resources
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.robots.driven_arm import AddPayload, DrivenArmConfig
 from teleop_drake.robots.model_file import NewPlant
 from teleop_drake.robots.robot_diagram import JointDrive

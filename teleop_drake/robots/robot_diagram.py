@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder, Demultiplexer, MatrixGain, Saturation
 
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.robots.inverse_kinematics import TOOL, ToolRotation
 from teleop_drake.systems.tool_interface import ToolInterface
 

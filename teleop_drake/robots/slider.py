@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass
 
-from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.robots.base import PlantRobotConfig, PointOf
 from teleop_drake.robots.model_file import LoadModel, ReadModel
 from teleop_drake.validation import Number

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.robots.base import PlantRobotConfig, PointOf
 from teleop_drake.robots.inverse_kinematics import TOOL
 from teleop_drake.robots.model_file import LoadModel, ReadModel

@@ -3,8 +3,8 @@
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.kernel import FixedBlock, Kernel, Term
 from teleop_drake.laws.tracking import coupled_disturbance, linear_disturbance
 from teleop_drake.validation import CheckChoice, Refuse
@@ -27,6 +27,10 @@ class DisturbanceForce(FixedBlock):
     | in   | tool_velocity     | n    | m/s                                        |
     | out  | environment_force | n    | N, force of the robot ON the environment   |
 
+    | parameter | name      | unit |
+    |-----------|-----------|------|
+    | 0         | gain      | N/m  |
+
     State: none. Direct feedthrough: of both inputs; of the position only, if linear.
 
     It knows nothing of contact: it acts everywhere, and it may feed energy in.
@@ -40,7 +44,7 @@ class DisturbanceForce(FixedBlock):
         "gain": "N/m",
     }
 
-    def __init__(self, *, kind: str, gain: ArrayLike):
+    def __init__(self, kind: str, gain: ArrayLike):
         K = np.array(gain, dtype=float)
         CheckChoice("kind", kind, _LAWS)
         if K.ndim != 2 or K.shape[0] != K.shape[1] or not np.isfinite(K).all():

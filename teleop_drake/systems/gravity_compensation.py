@@ -55,6 +55,6 @@ class GravityCompensation(_Compensation, Convertible):
 
     dual = DualOf(_Compensation)
 
-    def __init__(self, *, model: MultibodyPlant):
+    def __init__(self, model: MultibodyPlant):
         Convertible.__init__(self)
         self._Declare(model)

@@ -3,10 +3,10 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, Gain, LinearSystem
 
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.numerics.transfer_function import realize_transfer_function
 from teleop_drake.validation import FixedFields, Number, Refuse, Within
 
@@ -76,10 +76,10 @@ class HapticDevice(Diagram):
 
     def __init__(
         self,
-        *,
         numerator: ArrayLike,
         denominator: ArrayLike,
         num_axes: int,
+        *,
         lever: float = 1.0,
     ):
         Diagram.__init__(self)

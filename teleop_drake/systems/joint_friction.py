@@ -1,8 +1,8 @@
 """Coulomb friction of an arm's joints."""
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.kernel import FixedBlock, Kernel, Term
 from teleop_drake.laws.actuators import friction_torque
 from teleop_drake.validation import CheckNumber, Refuse

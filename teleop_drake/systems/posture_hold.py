@@ -3,10 +3,9 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.kernel.convertible import Convertible, DualOf
 from teleop_drake.laws.task_space import (
     PostureGains,

@@ -50,9 +50,9 @@ class SampledSensor(KernelBlock):
 
     def __init__(
         self,
-        *,
         sample_period: float,
         initial_value: Sequence[float],
+        *,
         resolution: float = 0.0,
         noise: float = 0.0,
         seed: int = 0,

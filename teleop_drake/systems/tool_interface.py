@@ -4,13 +4,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialAcceleration_
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
 
+from teleop_drake.arrays import ArrayLike
 from teleop_drake.kernel.convertible import Convertible, DualOf
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
 from teleop_drake.machine_code.compiled import CompiledLaw
