@@ -20,9 +20,10 @@ from teleop_drake.architectures import (
     ControlLawConfig,
     Facts,
 )
-from teleop_drake.architectures.base import MakeLawArchitecture
+from teleop_drake.architectures.base import LAW_INPUTS, MakeLawArchitecture
 from teleop_drake.architectures.base import MakeSlaveStation as MakeSlaveStation
 from teleop_drake.architectures.own_law import AsControlLaw, Law
+from teleop_drake.architectures.ports import CheckPorts
 from teleop_drake.environments import CONTACT, FindSurface, Surface
 from teleop_drake.scenario import Scenario
 from teleop_drake.systems.actuator import Actuator
@@ -168,11 +169,15 @@ def MakeArchitecture(
 
     Raises:
         ScenarioError: If a parameter is not allowed, or a default cannot be derived.
-        RuntimeError: If the control law lacks a port.
+        ScenarioError: If the control law lacks a port, or a port has another width.
     """
     facts = facts or scenario.Facts()
     if control_law is not None:
         law = AsControlLaw(control_law, facts.start)
+        n = facts.num_axes
+        inputs = dict.fromkeys(LAW_INPUTS, n)
+        outputs = {"control_force": n}
+        CheckPorts("control_law", law, inputs=inputs, outputs=outputs, num_axes=n)
         return MakeLawArchitecture(law, facts.start.tolist())
     chosen = scenario.controller.Chosen()
     return chosen.MakeArchitecture(facts, scenario.controller.path)

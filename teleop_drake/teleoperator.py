@@ -6,6 +6,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from teleop_drake.architectures import Architecture
 from teleop_drake.architectures.own_law import Law
+from teleop_drake.architectures.ports import AsChannel, CheckPorts
 from teleop_drake.channels.transport import TransportDelay
 from teleop_drake.environments import SurfacesOf
 from teleop_drake.scenario import AsTeleoperation, CheckStart, Scenario, ScenarioLike
@@ -55,10 +56,9 @@ def MakeTeleoperator(
         environment: An environment of your own; inputs tool_position and
             tool_velocity, output environment_force (n each); see
             EnvironmentConfig.MakeEnvironment for what it may tell.
-        forward_channel: A channel of your own; input `signal`, output
-            `delayed_signal`, both as wide as the forward packet.
-        return_channel: A channel of your own with the same ports, as wide as the
-            return packet.
+        forward_channel: A channel of your own: any system with one input and one
+            output, both as wide as the forward packet.
+        return_channel: A channel of your own, as wide as the return packet.
         operator: An operator of your own; see OperatorConfig.MakeOperator for its ports
             and what it may tell. Limits of a run, operating points of an analysis and
             defaults of the controller still go by the scenario's surgeon.velocity.
@@ -73,7 +73,7 @@ def MakeTeleoperator(
         ValueError: If both a control law and an architecture are given, or a packet
             does not have the width of its initial value, or an output of a system of
             yours has the name of another signal of the loop.
-        RuntimeError: If a system of yours lacks a port.
+        ScenarioError: If a system of yours lacks a port, or a port has another width.
     """
     builder = DiagramBuilder()
     AddTeleoperator(
@@ -126,8 +126,11 @@ def AddTeleoperator(
     scenario = AsTeleoperation(scenario)
     scenario.Validate()
     start = scenario.robot.start
-    robot = robot or scenario.robot.MakeRobot()
-    environment = environment or scenario.environment.MakeEnvironment(start)
+    if robot is None:
+        robot = scenario.robot.MakeRobot()
+    if environment is None:
+        environment = scenario.environment.MakeEnvironment(start)
+    _CheckOwn(robot, environment, operator, haptic_device, scenario.num_axes)
     surfaces = SurfacesOf(environment) or ()
     CheckStart(start, surfaces)
     if architecture is None:
@@ -161,6 +164,35 @@ def AddTeleoperator(
     return architecture
 
 
+def _CheckOwn(
+    robot: System,
+    environment: System,
+    operator: System | None,
+    haptic_device: System | None,
+    num_axes: int,
+) -> None:
+    """Refuses a system that lacks ports of Fig. 2.1, or has some of another width."""
+    motion = dict.fromkeys(("tool_position", "tool_velocity"), num_axes)
+    force = {"environment_force": num_axes}
+    CheckPorts(
+        "robot",
+        robot,
+        inputs={"control_force": num_axes, **force},
+        outputs=motion,
+        num_axes=num_axes,
+    )
+    CheckPorts(
+        "environment", environment, inputs=motion, outputs=force, num_axes=num_axes
+    )
+    if operator is not None:
+        commands = dict.fromkeys(("velocity_command", "force_command"), num_axes)
+        outputs = {**commands, "mode": 1}
+        CheckPorts("operator", operator, outputs=outputs, num_axes=num_axes)
+    if haptic_device is not None:
+        outputs = {"haptic_force": num_axes}
+        CheckPorts("haptic_device", haptic_device, outputs=outputs, num_axes=num_axes)
+
+
 def _MakeChannels(
     scenario: Scenario,
     architecture: Architecture,
@@ -191,12 +223,15 @@ def _MakeChannels(
                 delay=0.0, size=size, initial_value=initial_value
             )
             continue
-        channels[name] = own[name] or getattr(scenario, name).MakeChannel(
-            size=size,
-            initial_value=initial_value,
-            duration=scenario.duration,
-            stream=name,
-        )
+        channel = own[name]
+        if channel is None:
+            channel = getattr(scenario, name).MakeChannel(
+                size=size,
+                initial_value=initial_value,
+                duration=scenario.duration,
+                stream=name,
+            )
+        channels[name] = AsChannel(name, channel, size)
     return channels
 
 

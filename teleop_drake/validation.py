@@ -154,6 +154,12 @@ def CheckChoice(path: str, value: Any, choices: Iterable[str]) -> None:
         Refuse(path, value, Choices(value, choices))
 
 
+def CheckNames(path: str, value: Any) -> None:
+    """Refuses one text in the place of a list of names."""
+    if isinstance(value, str):
+        Refuse(path, value, f"a list of names: [{value!r}]")
+
+
 def CheckNumber(
     path: str,
     value: Any,

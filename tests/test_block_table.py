@@ -68,6 +68,7 @@ SCENES: list[tuple[str, dict]] = [
     ("puma560_six_axes", {"controller.kind": "direct_force"}),
     *((name, {}) for name in ("needle_insertion", "network_tracking_coupled")),
     ("leader_follower", {}),
+    ("one_dof", {"controller.kind": "own_kinds:Damped"}),
 ]
 
 

@@ -32,7 +32,7 @@ SCRIPTS = sorted(DIRECTORY.glob("*.py"))
 
 # Of those that build a loop by hand and of those with a part of one's own, one each is
 # enough for the short run; the others take longer.
-SLOW = ("two_dof_arm", "own_controller", "own_device")
+SLOW = ("two_dof_arm", "two_dof_discrete_delay", "own_controller", "own_device")
 
 # How many more ports a MultibodyPlant has depends on the version of Drake.
 NUM_IDLE_PORTS = re.compile(r"\d+ more")
@@ -133,6 +133,15 @@ def test_the_own_controller_takes_the_place_of_the_other(run):
     assert direct == pytest.approx(0.472, rel=0.02)
     assert function == pytest.approx(own, abs=0.002)
     assert own < 0.75 * direct
+
+
+@pytest.mark.slow
+def test_a_discrete_delay_is_its_mean_delay_and_not_its_samples(run):
+    _, lines = run(DIRECTORY / "two_dof_discrete_delay.py")
+    numbers = [re.findall(r"(\d+\.\d+) mm/s", line) for line in lines[1:]]
+    discrete, exact, mean = np.array(numbers, dtype=float)
+    np.testing.assert_allclose(discrete, mean, rtol=0.03)
+    assert (np.abs(discrete - exact) > 0.2 * exact).all()
 
 
 def test_the_own_diagram_overshoots_by_what_the_method_of_steps_says(run):

@@ -1,6 +1,7 @@
 """The communication between the stations: a file for each kind of channel."""
 
 from teleop_drake.channels.base import ChannelConfig, ConstantDelay
+from teleop_drake.channels.discrete import DiscreteChannelConfig
 from teleop_drake.channels.named_networks import (
     GeoSatelliteChannelConfig,
     LeoSatelliteChannelConfig,
@@ -19,6 +20,7 @@ CHANNEL_KINDS = KindTable(
         TransportChannelConfig,
         VariableChannelConfig,
         SampledChannelConfig,
+        DiscreteChannelConfig,
         NetworkChannelConfig,
         WifiChannelConfig,
         LteChannelConfig,
@@ -33,6 +35,7 @@ __all__ = [
     "CHANNEL_KINDS",
     "ChannelConfig",
     "ConstantDelay",
+    "DiscreteChannelConfig",
     "GeoSatelliteChannelConfig",
     "LeoSatelliteChannelConfig",
     "LteChannelConfig",

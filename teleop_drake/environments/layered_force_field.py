@@ -304,6 +304,8 @@ def CheckLayers(path: str, layers: Sequence[LayerConfig]) -> None:
     names: set[str] = set()
     previous = -math.inf
     for i, layer in enumerate(layers):
+        if not isinstance(layer, LayerConfig):
+            Refuse(f"{path}.{i}", layer, "a LayerConfig(name=..., start=...)")
         is_named = layer.name is not None and layer.name.isidentifier()
         if not is_named or layer.name in names:
             allowed = "unique, of letters, digits and _, not beginning with a digit"

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from teleop_drake.recording import Recording
 from teleop_drake.signals import AxesOf, AxisUnit, PartUnit, UnitOf
 from teleop_drake.tasks.panels import AxisPanels, SignalRow
-from teleop_drake.validation import Choices, Refuse, Show
+from teleop_drake.validation import CheckNames, Choices, Refuse, Show
 
 # Up to this many components of a signal get a row each where runs are compared.
 _MAX_ROWS = 4
@@ -40,6 +40,7 @@ def SelectRows(
         UnknownSignal: If a run does not have one of them.
         ValueError: If none is asked for.
     """
+    CheckNames("signals", signals)
     if signals is None:
         return list(rows)
     if not signals:

@@ -45,7 +45,7 @@ from teleop_drake.scenario.yaml_text import DumpYaml
 from teleop_drake.sweep import ALIASES
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.insertion_metrics import FirstNormal
-from teleop_drake.validation import CheckChoice, Refuse
+from teleop_drake.validation import CheckChoice, CheckNames, Refuse
 
 # The longest drive, s.
 _LONGEST_DRIVE = 600.0
@@ -94,6 +94,9 @@ def Explore(
         **ranges: As `vary`, by whose least and largest values numbers go. All other
             arguments and errors are those of MakePage().
     """
+    for key, values in ranges.items():
+        if not isinstance(values, Sequence | np.ndarray) or not len(values):
+            Refuse(key, values, "values to vary it: (LEAST, LARGEST), or several kinds")
     vary = {
         key: values if isinstance(values[0], str) else (min(values), max(values))
         for key, values in ranges.items()
@@ -217,6 +220,7 @@ def MakePage(
         if not next(iter(models.values())).metrics:
             notes.append("the metrics of this task are its own: `run` prints them")
     known = set().union(*(model.Signals() for model in models.values()))
+    CheckNames("signals", signals)
     for signal in signals:
         CheckChoice("signals", signal, sorted(known))
     data = {**_Data(title, models, inputs, choices, notes), "hand": hand}

@@ -1,6 +1,6 @@
 """Overrides: dotted paths of fields in a tree, and their new values."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,9 @@ from teleop_drake.scenario.yaml_text import (
     ReadText,
 )
 from teleop_drake.validation import Choices, ScenarioError, Show
+
+# Most paths that a message suggests.
+_MOST_PATHS = 3
 
 DELAYS = ("forward_channel.delay", "return_channel.delay")
 """What the key `delay` stands for, in files and overrides."""
@@ -76,6 +79,7 @@ def SetPath(tree: Any, dotted: str, value: Any) -> str:
         names of a value.
     """
     shown = f"{dotted if dotted.isprintable() else Show(dotted)} = {Show(value)}"
+    _CheckBegin(tree, dotted, shown)
     keys: list[str | int] = []
     is_open = False
     for part in dotted.split("."):
@@ -95,12 +99,38 @@ def SetPath(tree: Any, dotted: str, value: Any) -> str:
     return ".".join(map(str, keys))
 
 
+def _CheckBegin(tree: Any, dotted: str, shown: str) -> None:
+    """Refuses a path that is the end of others, and names these in full."""
+    if not isinstance(tree, dict) or dotted.partition(".")[0] in tree:
+        return
+    full = [path for path in _Paths(tree) if path.endswith(f".{dotted}")]
+    if full:
+        more = ", ..." if len(full) > _MOST_PATHS else ""
+        paths = " or ".join(full[:_MOST_PATHS])
+        raise ScenarioError(f"{shown}: must be the full path, {paths}{more}")
+
+
+def _Paths(tree: Any, prefix: str = "") -> Iterator[str]:
+    """Yields the dotted paths of a tree, elements of lists by their names."""
+    items: Iterable[tuple[Any, Any]] = ()
+    if isinstance(tree, dict):
+        items = tree.items()
+    elif isinstance(tree, list):
+        named = [x for x in tree if isinstance(x, dict) and "name" in x]
+        items = [(x["name"], x) for x in named]
+    for key, value in items:
+        path = f"{prefix}{key}"
+        yield path
+        yield from _Paths(value, f"{path}.")
+
+
 def _FindKey(tree: Any, part: str, shown: str) -> str | int:
     """Returns the key or index that `part` of a path means in `tree`."""
     if isinstance(tree, dict):
         if part in tree:
             return part
-        known = list(tree)
+        # `delay` is that of both channels.
+        known = [*tree, *(["delay"] if "forward_channel" in tree else [])]
     elif isinstance(tree, list):
         names = [item.get("name") if isinstance(item, dict) else None for item in tree]
         if part in names:
