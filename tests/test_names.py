@@ -13,6 +13,7 @@ from test_block_table import FOLDERS, SCENES
 
 import teleop_drake
 from teleop_drake import blocks
+from teleop_drake.blocks import FunctionLaw
 from teleop_drake.kernel import KernelBlock
 from teleop_drake.page.model import Systems
 from teleop_drake.scenario import LoadScenario
@@ -93,7 +94,8 @@ def KernelBlocks():
     for name, changes in SCENES:
         diagram = MakeDiagram(LoadScenario(name, {**changes, "duration": 2.0}))
         for system, _ in Systems(diagram):
-            if isinstance(system, KernelBlock):
+            # The parameters of a FunctionLaw are those of its function.
+            if isinstance(system, KernelBlock) and type(system) is not FunctionLaw:
                 found.setdefault(type(system), system)
     return found
 

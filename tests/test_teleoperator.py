@@ -116,7 +116,7 @@ def test_defaults_derive_from_the_robot_in_the_diagram(kind):
 
 def test_control_law_without_the_ports_is_refused():
     law = MatrixGain([[1.0]])
-    with pytest.raises(RuntimeError, match="control_force"):
+    with pytest.raises(ScenarioError, match=r"lacks the ports .*control_force"):
         MakeTeleoperator(LoadScenario("one_dof"), control_law=law)
 
 
