@@ -16,6 +16,7 @@ Initialization events need no comparison: they are executed before a compiled ru
 handlers see a Context of their own, and are executed as in any run of Drake's.
 """
 
+import gc
 import math
 import sys
 from types import FrameType
@@ -173,6 +174,9 @@ def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> Non
 
     simulator.set_monitor(EndAfterSomeSteps)
     profiler = sys.getprofile()
+    # Callbacks of the garbage collector would look like handlers of events.
+    has_collector = gc.isenabled()
+    gc.disable()
     sys.setprofile(NoteCall)
     try:
         simulator.Initialize(parameters)
@@ -180,5 +184,7 @@ def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> Non
         simulator.AdvancePendingEvents()
     finally:
         sys.setprofile(profiler)
+        if has_collector:
+            gc.enable()
         simulator.clear_monitor()
         caller = None  # This frame refers to itself, and so keeps the block.

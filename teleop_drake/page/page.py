@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Context, Diagram
+from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.environments import Surface
 from teleop_drake.files import Replacing
@@ -193,7 +193,9 @@ def MakePage(
             Refuse("vary", [*(controllers or ()), *(vary or ())], "none of a diagram")
         config = SimulatorConfig(integration_scheme="runge_kutta5", accuracy=1e-8)
         config.use_error_control = True
-        title, view = scenario_or_diagram.get_name(), np.eye(2, 3).tolist()
+        title = scenario_or_diagram.get_name()
+        story = _FirstParagraph(scenario_or_diagram)
+        view = np.eye(2, 3).tolist()
         model = MakeModel(scenario_or_diagram, config, duration, context)
         models = {(title,): model}
         if model.run.evaluator.left_out:
@@ -237,11 +239,11 @@ def DiagramPage(diagram: Diagram) -> Page:
     return Page(_Html(title, _FirstParagraph(diagram), data), [])
 
 
-def _FirstParagraph(diagram: Diagram) -> str:
-    """Returns the first paragraph of the docstring of a diagram's own class."""
-    if type(diagram) is Diagram:
+def _FirstParagraph(system: System) -> str:
+    """Returns the first paragraph of the docstring of a system's own class."""
+    if type(system).__module__.startswith("pydrake."):
         return ""
-    return " ".join((inspect.getdoc(type(diagram)) or "").partition("\n\n")[0].split())
+    return " ".join((inspect.getdoc(type(system)) or "").partition("\n\n")[0].split())
 
 
 def _Hand(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Any]:

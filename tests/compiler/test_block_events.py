@@ -1,5 +1,6 @@
 """No event of a block is dropped: a block with more than its kernel runs in Drake."""
 
+import gc
 from dataclasses import dataclass
 
 import numpy as np
@@ -300,3 +301,21 @@ def test_a_control_law_with_a_dead_man_switch_lets_go():
     own = robot.GetMyContextFromRoot(simulator.get_context())
     velocity = robot.GetOutputPort("tool_velocity").Eval(own)
     np.testing.assert_allclose(recording["tool_velocity"][-1], velocity, rtol=0.02)
+
+
+def test_the_garbage_collector_is_no_event():
+    """Drake's callbacks make garbage, and collecting it calls functions of Python."""
+    calls = []
+
+    def Called(phase, info):
+        calls.append(phase)
+
+    gc.callbacks.append(Called)
+    threshold = gc.get_threshold()
+    gc.set_threshold(1)
+    try:
+        Check(FilledLeaf(no_event))
+    finally:
+        gc.set_threshold(*threshold)
+        gc.callbacks.remove(Called)
+    assert calls
