@@ -86,14 +86,13 @@ def MakeRobotDiagram(
     Raises:
         ValueError: If the plant's actuators are not one for each joint.
     """
-    n, nq, nv = num_axes, plant.num_positions(), plant.num_velocities()
+    n = num_axes
+    nq = plant.num_positions()
+    nv = plant.num_velocities()
     plant.SetDefaultPositions(joint_positions)
     builder = DiagramBuilder()
     builder.AddNamedSystem("plant", plant)
-    B = plant.MakeActuationMatrix()
-    # As a permutation, u = B^T tau is what tau = B u asks of the motors.
-    is_ordered = B.shape != (nv, nv) or not np.array_equal(B @ B.T, np.eye(nv))
-    is_ordered |= np.array_equal(B, np.eye(nv))
+    is_ordered = _AreMotorsInOrder(plant)
     tool = builder.AddNamedSystem(
         "tool_interface",
         ToolInterface(
@@ -123,6 +122,7 @@ def MakeRobotDiagram(
     if is_ordered:
         builder.Connect(applied, plant.get_actuation_input_port())
     else:
+        B = plant.MakeActuationMatrix()
         order = builder.AddNamedSystem("motor_order", MatrixGain(B.T))
         builder.Connect(applied, order.get_input_port())
         builder.Connect(order.get_output_port(), plant.get_actuation_input_port())
@@ -187,3 +187,15 @@ def _AddSum(builder: DiagramBuilder, name: str, terms: list[OutputPort]) -> Outp
     for i, term in enumerate(terms):
         builder.Connect(term, adder.get_input_port(i))
     return adder.get_output_port()
+
+
+def _AreMotorsInOrder(plant: MultibodyPlant) -> bool:
+    """Returns whether joint torques may go to the motors as they are.
+
+    If the actuation matrix B is a permutation, u = B^T tau is what tau = B u asks of
+    the motors, and they are in order only if B is the identity.
+    """
+    B = plant.MakeActuationMatrix()
+    identity = np.eye(plant.num_velocities())
+    is_permutation = B.shape == identity.shape and np.array_equal(B @ B.T, identity)
+    return not is_permutation or np.array_equal(B, identity)
