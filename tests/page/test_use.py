@@ -17,7 +17,7 @@ from teleop_drake.page import MakePage, WritePage
 from teleop_drake.page.colors import DARK_PAPER, LIGHT_PAPER, PageColor
 from teleop_drake.scenario import LoadScenario, ScenarioError, ScenarioNames
 
-pytestmark = pytest.mark.xdist_group("machine_code")
+pytestmark = pytest.mark.xdist_group("browser")
 
 STIFFNESS = "environment.layers.bone.stiffness"
 PHONE = 390, 844
