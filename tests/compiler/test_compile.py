@@ -112,7 +112,8 @@ def test_several_processes_may_compile_at_once(cache):
     )
     runs = [subprocess.Popen([sys.executable, "-c", program]) for _ in range(3)]
     assert [run.wait() for run in runs] == [0, 0, 0]
-    assert check_machine_code(decay(1.0)).is_from_cache
+    # A gain of 1 would be another program: Drake leaves it out of its expressions.
+    assert check_machine_code(decay(2.0)).is_from_cache
 
 
 class Halving(LeafSystem):
