@@ -13,18 +13,18 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
-from teleop_drake.architectures.adaptive_backstepping import AdaptiveBackstepping
-from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.environments import Surface
-from teleop_drake.environments.layered_force_field import LayeredForceField
+from teleop_drake.blocks.architectures.adaptive_backstepping import AdaptiveBackstepping
+from teleop_drake.blocks.channels.transport import TransportDelay
+from teleop_drake.blocks.environments import Surface
+from teleop_drake.blocks.environments.layered_force_field import LayeredForceField
+from teleop_drake.blocks.operators import ConstantVelocityOperator
+from teleop_drake.blocks.robots import MakeRobot
+from teleop_drake.blocks.systems.haptic_device import HapticDevice
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.laws.backstepping import BacksteppingGains
 from teleop_drake.laws.gaussian_network import GaussianNetwork
-from teleop_drake.operators import ConstantVelocityOperator
-from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import LayerConfig
 from teleop_drake.simulation import MakeSimulator
-from teleop_drake.systems.haptic_device import HapticDevice
 
 
 def MakeOneDofByHand() -> Diagram:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from teleop_drake.architectures import Architecture
+from teleop_drake.blocks.architectures import Architecture
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate

@@ -12,8 +12,8 @@ The command line takes the scenario as well: `teleop-drake run diagrams/own_arm.
 import sys
 from pathlib import Path
 
+from teleop_drake.blocks.robots import FactsOfRobot
 from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.robots import FactsOfRobot
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics

@@ -22,8 +22,8 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LinearSystem
 
-from teleop_drake.channels import ChannelConfig, ConstantDelay
-from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.blocks.channels import ChannelConfig, ConstantDelay
+from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate

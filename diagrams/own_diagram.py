@@ -15,7 +15,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, Integrator
 
-from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.simulation import simulate
 

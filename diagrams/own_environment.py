@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from teleop_drake.environments import EnvironmentConfig, Surface
+from teleop_drake.blocks.environments import EnvironmentConfig, Surface
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.scenario import LoadScenario

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from teleop_drake.environments.layered_force_field import LayeredForceField
+from teleop_drake.blocks.environments.layered_force_field import LayeredForceField
+from teleop_drake.blocks.robots import MakeRobot
 from teleop_drake.figures.block_diagram import WriteDiagram
-from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import LoadScenario, Scenario
 from teleop_drake.simulation import MakeSimulator
 from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from teleop_drake.channels.packet_network import PacketStatistics
-from teleop_drake.environments import FindSurface, Surface
+from teleop_drake.blocks.channels.packet_network import PacketStatistics
+from teleop_drake.blocks.environments import FindSurface, Surface
 from teleop_drake.files import Replacing
 from teleop_drake.numerics.step_polynomials import (
     interpolate,

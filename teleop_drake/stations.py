@@ -14,20 +14,20 @@ from typing import Any
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer, PassThrough
 
-from teleop_drake.architectures import (
+from teleop_drake.blocks.architectures import (
     CONTROLLERS,
     Architecture,
     ControlLawConfig,
     Facts,
 )
-from teleop_drake.architectures.base import LAW_INPUTS, MakeLawArchitecture
-from teleop_drake.architectures.base import MakeSlaveStation as MakeSlaveStation
-from teleop_drake.architectures.own_law import AsControlLaw, Law
-from teleop_drake.architectures.ports import CheckPorts
-from teleop_drake.environments import CONTACT, FindSurface, Surface
+from teleop_drake.blocks.architectures.base import LAW_INPUTS, MakeLawArchitecture
+from teleop_drake.blocks.architectures.base import MakeSlaveStation as MakeSlaveStation
+from teleop_drake.blocks.architectures.own_law import AsControlLaw, Law
+from teleop_drake.blocks.architectures.ports import CheckPorts
+from teleop_drake.blocks.environments import CONTACT, FindSurface, Surface
+from teleop_drake.blocks.systems.actuator import Actuator
+from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
 from teleop_drake.scenario import Scenario
-from teleop_drake.systems.actuator import Actuator
-from teleop_drake.systems.sampled_sensor import SampledSensor
 from teleop_drake.validation import Refuse
 
 

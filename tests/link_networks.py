@@ -3,8 +3,8 @@
 import heapq
 from types import SimpleNamespace
 
-from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork
-from teleop_drake.channels.variable import DelayProfile
+from teleop_drake.blocks.channels.packet_network import Jitter, Loss, PacketNetwork
+from teleop_drake.blocks.channels.variable import DelayProfile
 from teleop_drake.link.side import Side
 
 KEY = bytes(range(32))

@@ -22,11 +22,16 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake.channels.network import NetworkDelay
-from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork, Receiver
-from teleop_drake.channels.sampled import SampledDelay
-from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.channels.variable import DelayProfile, Sinusoid, VariableDelay
+from teleop_drake.blocks.channels.network import NetworkDelay
+from teleop_drake.blocks.channels.packet_network import (
+    Jitter,
+    Loss,
+    PacketNetwork,
+    Receiver,
+)
+from teleop_drake.blocks.channels.sampled import SampledDelay
+from teleop_drake.blocks.channels.transport import TransportDelay
+from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid, VariableDelay
 from teleop_drake.kernel import FixedBlock, Kernel, Transition, times
 
 N, END = 3, 1.0

@@ -28,6 +28,12 @@ def Floor(module: str) -> str:
     return module.split(".")[1] if "." in module else module
 
 
+def Seam(module: str) -> str:
+    """Returns the folder of blocks/ that a module belongs to, or the module itself."""
+    parts = module.split(".")
+    return parts[2] if parts[1:2] == ["blocks"] and len(parts) > 2 else module
+
+
 # Several tests look at the same files.
 @functools.cache
 def Nodes(source: str) -> list[ast.AST]:
@@ -125,6 +131,19 @@ def test_floors_stand_on_each_other():
         below |= {Floor(name) for name in imports & MODULES if "." in name}
         below.discard(Floor(module))
     AssertNoCircle(floors)
+
+
+def test_seams_stand_on_each_other():
+    """The folders of blocks/ do not import each other in circles."""
+    seams: dict[str, set[str]] = {}
+    for module, imports in AllImports().items():
+        if Seam(module) == module:
+            continue
+        below = seams.setdefault(Seam(module), set())
+        below |= {Seam(name) for name in imports & MODULES if Seam(name) != name}
+        below.discard(Seam(module))
+    assert seams
+    AssertNoCircle(seams)
 
 
 def test_files_do_not_import_in_circles():
@@ -241,7 +260,7 @@ def test_every_block_has_a_test():
     tests = {path: Source(path) for path in Path(__file__).parent.rglob("*.py")}
     for path in FILES:
         name = path.relative_to(PACKAGE)
-        if name.parts[0] in MIRRORED and path.stem != "__init__":
+        if path.parent.name in MIRRORED and path.stem != "__init__":
             module = ".".join(["teleop_drake", *name.with_suffix("").parts])
             has_own = any(test.name == f"test_{path.name}" for test in tests)
             assert has_own or any(module in text for text in tests.values()), module

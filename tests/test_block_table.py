@@ -22,6 +22,7 @@ from slopes import YES, Ports, Slopes
 from wasm_runs import AssertSame
 
 import teleop_drake
+from teleop_drake.blocks.operators.hand import HandOperator
 from teleop_drake.compiler.check import Compare
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import UnsupportedSystem
@@ -30,7 +31,6 @@ from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.machine_code.scalar_code import MakeCode, TraceLaw
 from teleop_drake.machine_code.symbols import FUNCTIONS, UFUNCS, Untraceable
 from teleop_drake.machine_code.traced_numpy import REPLACED
-from teleop_drake.operators.hand import HandOperator
 from teleop_drake.page.model import Systems
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import MakeDiagram
@@ -150,7 +150,7 @@ def Blocks() -> Rows:
             if name == "ToolInterface":  # By itself nothing tells it accelerations.
                 system = inside[path.rpartition("/")[0]]
             if path == "robot" and name == "Diagram":
-                module, name = "teleop_drake.robots", robot
+                module, name = "teleop_drake.blocks.robots", robot
             if name not in seen:
                 seen.add(name)
                 folder = module.removeprefix("teleop_drake.").partition(".")[0]

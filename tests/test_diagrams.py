@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from teleop_drake.blocks.robots import MakeRobot
 from teleop_drake.page import WritePage
-from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics

@@ -10,14 +10,14 @@ import pytest
 import yaml
 from grids import Slow
 
-from teleop_drake.channels import CHANNEL_KINDS, ChannelConfig
+from teleop_drake.blocks.channels import CHANNEL_KINDS, ChannelConfig
+from teleop_drake.blocks.operators import ConstantVelocityOperator
+from teleop_drake.blocks.systems.haptic_device import HapticDevice
 from teleop_drake.cli import main
 from teleop_drake.kinds import KindConfig, KindTable
-from teleop_drake.operators import ConstantVelocityOperator
 from teleop_drake.scenario import LoadScenario, ScenarioError, ScenarioToYaml
 from teleop_drake.scenario.loading import ScenarioFromYaml
 from teleop_drake.simulation import simulate
-from teleop_drake.systems.haptic_device import HapticDevice
 from teleop_drake.teleoperator import MakeTeleoperator
 
 DIAGRAMS = Path(__file__).parent.parent / "diagrams"
@@ -189,7 +189,7 @@ def test_systems_in_place_of_the_channels():
         (
             "return_channel.kind=own_kinds:BrakedForce",
             "return_channel.kind = 'own_kinds:BrakedForce': must be a dataclass that "
-            "derives from teleop_drake.channels.base.ChannelConfig",
+            "derives from teleop_drake.blocks.channels.base.ChannelConfig",
         ),
         (
             "return_channel={kind: own_channel:BandLimitedChannel, bandwidht: 50}",

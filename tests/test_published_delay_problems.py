@@ -16,7 +16,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator
 from scipy.integrate import solve_ivp
 
-from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.kernel import Delay, FixedBlock, Kernel, Transition
 from teleop_drake.simulation import simulate
 

@@ -1,9 +1,9 @@
 """Six axes: the loop against one by hand, the kinematics, and what is refused.
 
 The loop by hand shares no code with the package: the arm is the model file in a
-MultibodyPlant, which tests/robots checks against textbook recursions, the rest numpy
-and scipy. The operator commands a constant twist, and delays go by the method of steps.
-The rate of the basis functions and the slopes of the tissue's energy are differences.
+MultibodyPlant, which tests/blocks/robots checks against textbook recursions, the rest
+numpy and scipy. The operator commands a constant twist, and delays go by the method of
+steps. The rate of the basis functions and the slopes of the tissue's energy are differences.
 """
 
 import functools
@@ -24,8 +24,8 @@ from scipy.spatial.transform import Rotation
 
 import teleop_drake
 from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.environments.base import ForceAt
-from teleop_drake.environments.needle_path import NeedleInTissue
+from teleop_drake.blocks.environments.base import ForceAt
+from teleop_drake.blocks.environments.needle_path import NeedleInTissue
 from teleop_drake.laws.needle import path_error
 from teleop_drake.laws.task_space import (
     displacement,

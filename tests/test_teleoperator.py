@@ -7,10 +7,10 @@ import pytest
 from pydrake.systems.primitives import MatrixGain
 
 from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.architectures.direct_force import DirectForce
+from teleop_drake.blocks.architectures.direct_force import DirectForce
+from teleop_drake.blocks.robots import MakeRobot
 from teleop_drake.compiler.check import CheckKernel
 from teleop_drake.figures.block_diagram import DiagramDot
-from teleop_drake.robots import MakeRobot
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation

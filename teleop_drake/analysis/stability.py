@@ -19,7 +19,7 @@ from teleop_drake.analysis.point_stability import (
     AnalyzeModel,
     PointStability,
 )
-from teleop_drake.environments import CONTACT, FindSurface, SurfacesOf
+from teleop_drake.blocks.environments import CONTACT, FindSurface, SurfacesOf
 from teleop_drake.linear_model.loop import FindHeldForce, Linearizer
 from teleop_drake.linear_model.loop_model import LoopModel
 from teleop_drake.linear_model.operating_point import (

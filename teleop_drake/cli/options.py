@@ -314,7 +314,7 @@ def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[
     given = getattr(args, "channel", None)
     if given is None:
         return []
-    from teleop_drake.channels import CHANNEL_KINDS
+    from teleop_drake.blocks.channels import CHANNEL_KINDS
     from teleop_drake.kinds import IsOwn
     from teleop_drake.scenario.yaml_text import DumpOnOneLine, ParseFile, ReadText
 

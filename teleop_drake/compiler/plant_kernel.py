@@ -11,6 +11,12 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Context, System
 
 from teleop_drake.arrays import Array, Indices
+from teleop_drake.blocks.systems.gravity_compensation import GravityCompensation
+from teleop_drake.blocks.systems.network_tracking_controller import (
+    NetworkTrackingController,
+)
+from teleop_drake.blocks.systems.posture_hold import PostureHold
+from teleop_drake.blocks.systems.tool_interface import ToolInterface
 from teleop_drake.compiler.plant_tree import PlantTree, ReadPlantTree
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.laws import task_space, tracking
@@ -18,10 +24,6 @@ from teleop_drake.laws.gaussian_network import basis_functions
 from teleop_drake.laws.task_space import PostureGains
 from teleop_drake.numerics import rigid_body
 from teleop_drake.numerics.rigid_body import RigidBodyTree
-from teleop_drake.systems.gravity_compensation import GravityCompensation
-from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
-from teleop_drake.systems.posture_hold import PostureHold
-from teleop_drake.systems.tool_interface import ToolInterface
 
 
 class Tool(NamedTuple):

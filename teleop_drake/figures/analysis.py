@@ -21,7 +21,7 @@ from teleop_drake.analysis.stability import StabilityAnalysis
 from teleop_drake.analysis.stability_chart import StabilityChart
 from teleop_drake.analysis.transparency import FeltStiffness, Transparency
 from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.environments import ShownNormal
+from teleop_drake.blocks.environments import ShownNormal
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakePanels, NameAxes, NameColumns, NameX
 from teleop_drake.figures.style import GREY, WIDTH, AddLegend, Figure, Key

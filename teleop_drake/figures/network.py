@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from teleop_drake.channels import NetworkChannelConfig
-from teleop_drake.channels.packet_network import PacketNetwork, Receiver
+from teleop_drake.blocks.channels import NetworkChannelConfig
+from teleop_drake.blocks.channels.packet_network import PacketNetwork, Receiver
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakePanels, NameColumns, NameX, NameY
 from teleop_drake.figures.style import COLORS, Figure

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from teleop_drake.environments import CONTACT, PUNCTURE
+from teleop_drake.blocks.environments import CONTACT, PUNCTURE
 from teleop_drake.figures import style
 from teleop_drake.figures.curves import Curve, CurveAt, RangeOf, SampleCurve, TimeLimits
 from teleop_drake.figures.layout import MakePanels, NameX

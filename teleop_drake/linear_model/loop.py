@@ -58,9 +58,10 @@ import numpy as np
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.arrays import Array, Indices
+from teleop_drake.blocks.environments import CONTACT, SurfacesOf
+from teleop_drake.blocks.operators import ConstantVelocityOperator
 from teleop_drake.compiler.flatten import Flatten
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.environments import CONTACT, SurfacesOf
 from teleop_drake.kernel.linear_part import (
     FROZEN_WEIGHTS,
     IDLE_PASSIVITY,
@@ -81,7 +82,6 @@ from teleop_drake.linear_model.tool_motion import ToolMotion
 from teleop_drake.machine_code.compiled import Interpreted
 from teleop_drake.numerics.delay_margin import closed_loop_matrix
 from teleop_drake.numerics.state_space import StateSpace
-from teleop_drake.operators import ConstantVelocityOperator
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.validation import Refuse, ScenarioError, Within

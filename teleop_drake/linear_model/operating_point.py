@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import System
 
 from teleop_drake.arrays import Array
-from teleop_drake.environments.base import ForceAt, StiffnessAndDamping
-from teleop_drake.environments.surface import (
+from teleop_drake.blocks.environments.base import ForceAt, StiffnessAndDamping
+from teleop_drake.blocks.environments.surface import (
     CONTACT,
     EMPTY,
     FindSurface,
@@ -20,8 +20,8 @@ from teleop_drake.environments.surface import (
     Surface,
     SurfacesOf,
 )
+from teleop_drake.blocks.robots import FactsOfRobot
 from teleop_drake.recording import Recording
-from teleop_drake.robots import FactsOfRobot
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.validation import CheckNumber, Refuse, ScenarioError
 

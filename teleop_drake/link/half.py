@@ -10,9 +10,9 @@ from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import Adder
 
 from teleop_drake.arrays import Array
+from teleop_drake.blocks.robots.facts import FactsOfRobot
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.laws.task_space import displacement
-from teleop_drake.robots.facts import FactsOfRobot
 from teleop_drake.scenario import Scenario
 from teleop_drake.simulation.compiled_run import StartFed
 from teleop_drake.teleoperator import AddTeleoperator

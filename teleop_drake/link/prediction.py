@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.channels.network import NetworkChannelConfig
-from teleop_drake.channels.trace import WriteTrace
+from teleop_drake.blocks.channels.network import NetworkChannelConfig
+from teleop_drake.blocks.channels.trace import WriteTrace
 from teleop_drake.figures.runs import PlotRows, SaveFigure
 from teleop_drake.figures.selection import SelectRows
 from teleop_drake.files import WriteText

@@ -19,16 +19,16 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.arrays import Array
-from teleop_drake.channels import ChannelConfig
+from teleop_drake.blocks.channels import ChannelConfig
+from teleop_drake.blocks.environments.surface import Surface, SurfacesOf
+from teleop_drake.blocks.operators.hand import HandOperator
+from teleop_drake.blocks.robots import PlantRobotConfig, RobotConfig
+from teleop_drake.blocks.robots.inverse_kinematics import TOOL
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import OutputOf, Source
-from teleop_drake.environments.surface import Surface, SurfacesOf
 from teleop_drake.numerics.instants import SAME
-from teleop_drake.operators.hand import HandOperator
 from teleop_drake.page.wasm import MakeModule
-from teleop_drake.robots import PlantRobotConfig, RobotConfig
-from teleop_drake.robots.inverse_kinematics import TOOL
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import SignalsOf, UnitOf
 from teleop_drake.simulation.compiled_run import StartOf

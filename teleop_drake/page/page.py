@@ -17,7 +17,7 @@ import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, System
 
-from teleop_drake.environments import Surface
+from teleop_drake.blocks.environments import Surface
 from teleop_drake.files import Replacing
 from teleop_drake.page.colors import PageColor
 from teleop_drake.page.levels import Levels

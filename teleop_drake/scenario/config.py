@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.analysis import GetIntegrationSchemes, SimulatorConfig
 
-from teleop_drake.architectures import (
+from teleop_drake.blocks.architectures import (
     ARCHITECTURE_KINDS,
     ARCHITECTURES,
     AdaptiveBacksteppingConfig,
@@ -23,16 +23,16 @@ from teleop_drake.architectures import (
     TimeDomainPassivityConfig,
     WaveVariablesConfig,
 )
-from teleop_drake.architectures.adaptive_backstepping import (
+from teleop_drake.blocks.architectures.adaptive_backstepping import (
     BacksteppingParameters,
     NetworkConfig,
 )
-from teleop_drake.architectures.robust_backstepping import (
+from teleop_drake.blocks.architectures.robust_backstepping import (
     RobustBacksteppingConfig,
     RobustTermsConfig,
 )
-from teleop_drake.channels.base import SHORTEST_TIME
-from teleop_drake.robots import RobotConfig
+from teleop_drake.blocks.channels.base import SHORTEST_TIME
+from teleop_drake.blocks.robots import RobotConfig
 from teleop_drake.scenario.tree import FromTree
 from teleop_drake.validation import (
     REQUIRED,

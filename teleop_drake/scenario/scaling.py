@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.robots import RobotConfig
+from teleop_drake.blocks.robots import RobotConfig
 from teleop_drake.scenario.scenario import Scenario
 from teleop_drake.scenario.tree import FromTree, ToTree
 from teleop_drake.validation import CheckNumber, Refuse

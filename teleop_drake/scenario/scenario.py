@@ -21,27 +21,34 @@ from numpy.typing import ArrayLike
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import System
 
-from teleop_drake.architectures import Facts
 from teleop_drake.arrays import Array
-from teleop_drake.channels import ChannelConfig, ConstantDelay, TransportChannelConfig
-from teleop_drake.channels.base import SHORTEST_TIME
-from teleop_drake.environments import (
+from teleop_drake.blocks.architectures import Facts
+from teleop_drake.blocks.channels import (
+    ChannelConfig,
+    ConstantDelay,
+    TransportChannelConfig,
+)
+from teleop_drake.blocks.channels.base import SHORTEST_TIME
+from teleop_drake.blocks.environments import (
     CONTACT,
     EnvironmentConfig,
     FindSurface,
     LayersEnvironmentConfig,
     Surface,
 )
-from teleop_drake.environments.base import StiffnessAndDamping
-from teleop_drake.kinds import KindConfig
-from teleop_drake.operators import ConstantVelocityConfig, OperatorConfig
-from teleop_drake.robots import (
+from teleop_drake.blocks.environments.base import StiffnessAndDamping
+from teleop_drake.blocks.operators import ConstantVelocityConfig, OperatorConfig
+from teleop_drake.blocks.robots import (
     ROBOT_KINDS,
     FactsOfConfig,
     FactsOfRobot,
     PlantRobotConfig,
     RobotConfig,
 )
+from teleop_drake.blocks.systems.actuator import ActuatorConfig
+from teleop_drake.blocks.systems.haptic_device import HapticDeviceConfig
+from teleop_drake.blocks.systems.sampled_sensor import SensorConfig
+from teleop_drake.kinds import KindConfig
 from teleop_drake.scenario.config import (
     CheckSimulatorConfig,
     ControllerConfig,
@@ -53,9 +60,6 @@ from teleop_drake.scenario.config import (
 from teleop_drake.scenario.overrides import GetPath
 from teleop_drake.scenario.tree import FromTree, ToTree
 from teleop_drake.scenario.yaml_text import DumpYaml
-from teleop_drake.systems.actuator import ActuatorConfig
-from teleop_drake.systems.haptic_device import HapticDeviceConfig
-from teleop_drake.systems.sampled_sensor import SensorConfig
 from teleop_drake.validation import (
     REQUIRED,
     CheckNumber,

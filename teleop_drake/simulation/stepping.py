@@ -20,8 +20,8 @@ import numpy as np
 from pydrake.systems.analysis import IntegratorBase
 from pydrake.systems.framework import Context, Diagram, System
 
+from teleop_drake.blocks.environments.surface import Surface, SurfacesOf
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.environments.surface import Surface, SurfacesOf
 from teleop_drake.kernel import KernelBlock
 from teleop_drake.kernel.delay_line import DelayLine
 from teleop_drake.kernel.ticks import Ticks

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.channels import ChannelConfig
+from teleop_drake.blocks.channels import ChannelConfig
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.tasks.panels import AxisPanels, SignalRow

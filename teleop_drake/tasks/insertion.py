@@ -6,7 +6,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.environments import CONTACT, PUNCTURE, FindSurface
+from teleop_drake.blocks.environments import CONTACT, PUNCTURE, FindSurface
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import CONTROLLERS, Scenario
 from teleop_drake.signals import AxisUnit

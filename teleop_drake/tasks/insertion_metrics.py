@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.environments import CONTACT, PUNCTURE, FindSurface, Surface
+from teleop_drake.blocks.environments import CONTACT, PUNCTURE, FindSurface, Surface
 from teleop_drake.numerics.pieces import (
     SAME_INSTANT,
     Band,

@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from teleop_drake.channels.packet_network import PacketStatistics
+from teleop_drake.blocks.channels.packet_network import PacketStatistics
 from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import AnyScenario

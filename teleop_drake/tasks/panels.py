@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from teleop_drake.environments import ShownNormal
+from teleop_drake.blocks.environments import ShownNormal
 from teleop_drake.recording import Recording
 from teleop_drake.signals import AxesOf
 

@@ -8,14 +8,16 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Sine
 
 from teleop_drake.arrays import Array
+from teleop_drake.blocks.robots import PlantRobotConfig
+from teleop_drake.blocks.systems.disturbance_force import DisturbanceForce
+from teleop_drake.blocks.systems.network_tracking_controller import (
+    NetworkTrackingController,
+)
 from teleop_drake.laws.tracking import TrackingGains
 from teleop_drake.numerics.pieces import Pieces, maximum, minimum, rms
 from teleop_drake.recording import Event, Recording
-from teleop_drake.robots import PlantRobotConfig
 from teleop_drake.scenario import TrackingScenario, TrajectoryConfig
 from teleop_drake.signals import MarkLoop, NamedSignals
-from teleop_drake.systems.disturbance_force import DisturbanceForce
-from teleop_drake.systems.network_tracking_controller import NetworkTrackingController
 from teleop_drake.tasks.base import SpeedLimit, Task
 from teleop_drake.tasks.panels import AxisPanels, AxisRow
 from teleop_drake.validation import GainMatrix

@@ -11,7 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.environments.surface import CONTACT, FindSurface, MaterialAt, Surface
+from teleop_drake.blocks.environments.surface import (
+    CONTACT,
+    FindSurface,
+    MaterialAt,
+    Surface,
+)
 from teleop_drake.figures.layout import MakePanels, NameX
 from teleop_drake.figures.runs import PlotRows
 from teleop_drake.figures.style import (

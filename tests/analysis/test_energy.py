@@ -12,8 +12,8 @@ from pydrake.systems.analysis import (
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from teleop_drake.environments.layered_force_field import LayeredForceField
-from teleop_drake.robots import MakeRobot
+from teleop_drake.blocks.environments.layered_force_field import LayeredForceField
+from teleop_drake.blocks.robots import MakeRobot
 from teleop_drake.scenario import LayerConfig
 
 ROBOTS = {

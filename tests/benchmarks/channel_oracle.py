@@ -8,8 +8,8 @@ from benchmarks.accuracy import Solve
 from independent_solver import Packets, Result
 from scipy.optimize import brentq
 
-from teleop_drake.channels import ChannelConfig
-from teleop_drake.channels.packet_network import PacketNetwork
+from teleop_drake.blocks.channels import ChannelConfig
+from teleop_drake.blocks.channels.packet_network import PacketNetwork
 from teleop_drake.scenario import Scenario
 
 

@@ -23,7 +23,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake.architectures import ControlLawConfig
+from teleop_drake.blocks.architectures import ControlLawConfig
 from teleop_drake.compiler.block_events import CheckEvents
 from teleop_drake.compiler.evaluator import KernelOf
 from teleop_drake.compiler.flatten import UnsupportedSystem

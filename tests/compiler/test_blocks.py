@@ -8,22 +8,33 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Sine, ZeroOrderHold
 
-from teleop_drake.architectures.four_channel import (
+from teleop_drake.blocks.architectures.four_channel import (
     FourChannelConfig,
     FourChannelMaster,
     FourChannelSlave,
     LocalController,
 )
-from teleop_drake.architectures.wave_variables import (
+from teleop_drake.blocks.architectures.wave_variables import (
     WaveMaster,
     WaveSlave,
     WaveVariablesConfig,
 )
-from teleop_drake.channels.network import NetworkDelay
-from teleop_drake.channels.packet_network import Jitter, Loss, PacketNetwork, Receiver
-from teleop_drake.channels.sampled import SampledDelay
-from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.channels.variable import DelayProfile, Sinusoid, VariableDelay
+from teleop_drake.blocks.channels.network import NetworkDelay
+from teleop_drake.blocks.channels.packet_network import (
+    Jitter,
+    Loss,
+    PacketNetwork,
+    Receiver,
+)
+from teleop_drake.blocks.channels.sampled import SampledDelay
+from teleop_drake.blocks.channels.transport import TransportDelay
+from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid, VariableDelay
+from teleop_drake.blocks.environments import LayerConfig, Surface
+from teleop_drake.blocks.environments.layered_force_field import LayeredForceField
+from teleop_drake.blocks.operators import ConstantVelocityOperator
+from teleop_drake.blocks.operators.modes import past_surface, with_stop
+from teleop_drake.blocks.operators.planned import TrapezoidConfig
+from teleop_drake.blocks.systems.disturbance_force import DisturbanceForce
 from teleop_drake.compiler.check import (
     CheckKernel,
     CheckVisited,
@@ -31,13 +42,7 @@ from teleop_drake.compiler.check import (
 )
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.environments import LayerConfig, Surface
-from teleop_drake.environments.layered_force_field import LayeredForceField
 from teleop_drake.kernel import Kernel
-from teleop_drake.operators import ConstantVelocityOperator
-from teleop_drake.operators.modes import past_surface, with_stop
-from teleop_drake.operators.planned import TrapezoidConfig
-from teleop_drake.systems.disturbance_force import DisturbanceForce
 
 I = np.eye(2)
 LOCAL = LocalController(damping=I, stiffness=9 * I)

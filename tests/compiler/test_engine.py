@@ -15,8 +15,8 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake.channels.sampled import SampledDelay
-from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.blocks.channels.sampled import SampledDelay
+from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.kernel import Delay, Kernel, KernelBlock, Transition

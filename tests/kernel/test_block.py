@@ -5,7 +5,7 @@ import traceback
 
 import numpy as np
 import pytest
-from blocks import Feedthrough
+from block_checks import Feedthrough
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.systems.framework import BasicVector, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, FirstOrderTaylorApproximation

@@ -14,17 +14,17 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake.channels.network import NetworkDelay
-from teleop_drake.channels.packet_network import PacketNetwork
-from teleop_drake.channels.sampled import SampledDelay
-from teleop_drake.channels.variable import DelayProfile
+from teleop_drake.blocks.channels.network import NetworkDelay
+from teleop_drake.blocks.channels.packet_network import PacketNetwork
+from teleop_drake.blocks.channels.sampled import SampledDelay
+from teleop_drake.blocks.channels.variable import DelayProfile
+from teleop_drake.blocks.environments import Surface
+from teleop_drake.blocks.operators import ConstantVelocityOperator
+from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
 from teleop_drake.compiler.engine import CompiledRun
 from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.environments import Surface
 from teleop_drake.kernel.ticks import Ticks
-from teleop_drake.operators import ConstantVelocityOperator
 from teleop_drake.simulation import MakeSimulator
-from teleop_drake.systems.sampled_sensor import SampledSensor
 
 
 def sensor(h):

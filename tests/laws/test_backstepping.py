@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from blocks import Gains
+from block_checks import Gains
 from grids import Slow
 from hypothesis import example, given, settings
 from hypothesis import strategies as st

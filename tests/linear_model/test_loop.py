@@ -11,9 +11,11 @@ from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
 from teleop_drake.analysis.point_stability import AnalyzeModel
 from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.architectures.direct_force import DirectForce
-from teleop_drake.channels.sampled import SampledDelay
-from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.blocks.architectures.direct_force import DirectForce
+from teleop_drake.blocks.channels.sampled import SampledDelay
+from teleop_drake.blocks.channels.transport import TransportDelay
+from teleop_drake.blocks.robots import TwoLinkArmConfig
+from teleop_drake.blocks.robots.inverse_kinematics import ToolJacobian
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.linear_model.loop import (
     Linearizer,
@@ -24,8 +26,6 @@ from teleop_drake.linear_model.operating_point import (
     OperatingPointOfRun,
     OperatingPoints,
 )
-from teleop_drake.robots import TwoLinkArmConfig
-from teleop_drake.robots.inverse_kinematics import ToolJacobian
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.teleoperator import MakeTeleoperator

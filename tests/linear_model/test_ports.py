@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, Gain, LinearSystem
 
-from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.linear_model.loop import Linearizer
 from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.linear_model.ports import LinearizePorts

@@ -6,7 +6,7 @@ import types
 
 import numpy as np
 import pytest
-from blocks import Gains
+from block_checks import Gains
 from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 

@@ -7,7 +7,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
 
-from teleop_drake.robots import MakeRobot
+from teleop_drake.blocks.robots import MakeRobot
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.scenario.config import INTEGRATION_SCHEMES
 

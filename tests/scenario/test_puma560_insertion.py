@@ -5,7 +5,7 @@ import pytest
 import standard_dh
 from pydrake.math import RotationMatrix
 
-from teleop_drake.robots.inverse_kinematics import ToolRotation
+from teleop_drake.blocks.robots.inverse_kinematics import ToolRotation
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics

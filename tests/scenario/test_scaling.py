@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from teleop_drake.robots.slider import SliderConfig
+from teleop_drake.blocks.robots.slider import SliderConfig
 from teleop_drake.scenario import (
     ARCHITECTURES,
     LoadScenario,

@@ -12,8 +12,8 @@ from pydrake.systems.analysis import SimulatorConfig
 from surfaces import Border
 
 from teleop_drake import scenario as dut
-from teleop_drake.operators import ConstantVelocityConfig
-from teleop_drake.robots import SliderConfig
+from teleop_drake.blocks.operators import ConstantVelocityConfig
+from teleop_drake.blocks.robots import SliderConfig
 from teleop_drake.scenario import (
     DELAYS,
     CheckSteps,

@@ -24,8 +24,8 @@ from pydrake.systems.primitives import (
     SymbolicVectorSystem,
 )
 
-from teleop_drake.channels.sampled import SampledDelay
-from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.blocks.channels.sampled import SampledDelay
+from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.parameters import SetParameter
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.scenario.config import DefaultSimulator

@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator
 
-from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.parameters import SetParameter
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import MakeDiagram, simulate

@@ -11,13 +11,13 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake.channels.network import NetworkDelay
-from teleop_drake.channels.packet_network import PacketNetwork
-from teleop_drake.channels.transport import TransportDelay
-from teleop_drake.channels.variable import DelayProfile
+from teleop_drake.blocks.channels.network import NetworkDelay
+from teleop_drake.blocks.channels.packet_network import PacketNetwork
+from teleop_drake.blocks.channels.transport import TransportDelay
+from teleop_drake.blocks.channels.variable import DelayProfile
+from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
 from teleop_drake.kernel import FixedBlock, Kernel, Transition
 from teleop_drake.simulation import simulate
-from teleop_drake.systems.sampled_sensor import SampledSensor
 
 ENGINES = ("drake", "compiled")
 

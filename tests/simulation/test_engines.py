@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
 
-from teleop_drake.architectures.direct_force import DirectForce
+from teleop_drake.blocks.architectures.direct_force import DirectForce
 from teleop_drake.compiler import engine
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.kernel import Kernel

@@ -14,8 +14,8 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.primitives import Gain, Integrator, Sine
 
-from teleop_drake.channels.sampled import SampledDelay
-from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.blocks.channels.sampled import SampledDelay
+from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.figures.runs import PlotRun
 from teleop_drake.figures.scene import MakeReplay
 from teleop_drake.recording import UnknownSignal

@@ -13,8 +13,8 @@ from grids import Slow
 from runs import TASKS, Run
 from surfaces import Border
 
-from teleop_drake.architectures.adaptive_backstepping import AdaptiveBackstepping
-from teleop_drake.architectures.direct_force import DirectForce
+from teleop_drake.blocks.architectures.adaptive_backstepping import AdaptiveBackstepping
+from teleop_drake.blocks.architectures.direct_force import DirectForce
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
 from teleop_drake.simulation import MakeDiagram, drake_run, simulate

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from own_kinds import Reach
 
+from teleop_drake.blocks.environments import CONTACT
 from teleop_drake.cli import main
-from teleop_drake.environments import CONTACT
 from teleop_drake.figures.runs import PlotComparison, PlotRun
 from teleop_drake.scenario import LoadScenario, Scenario
 from teleop_drake.simulation import MakeDiagram, simulate

@@ -14,7 +14,9 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def KindsOf(seam: str) -> list[str]:
     """Returns the kinds of a seam from its sources: to import them takes a second."""
-    sources = [x.read_text("utf-8") for x in sorted((_PACKAGE / seam).glob("*.py"))]
+    sources = [
+        x.read_text("utf-8") for x in sorted((_PACKAGE / "blocks" / seam).glob("*.py"))
+    ]
     return re.findall(r'^    kind = "(\w+)"$', "\n".join(sources), re.MULTILINE)
 
 

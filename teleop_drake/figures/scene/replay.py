@@ -13,7 +13,7 @@ from pathlib import Path
 
 from pydrake.geometry import Meshcat, MeshcatParams
 
-from teleop_drake.environments import CONTACT, PUNCTURE
+from teleop_drake.blocks.environments import CONTACT, PUNCTURE
 from teleop_drake.figures.scene.scene import (
     FORCE_COLOR,
     GHOST_OPACITY,

@@ -18,7 +18,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform, RotationMatrix
 
 from teleop_drake.arrays import Array
-from teleop_drake.environments import CONTACT, FindSurface, ShownNormal, Surface
+from teleop_drake.blocks.environments import CONTACT, FindSurface, ShownNormal, Surface
 from teleop_drake.figures.scene.visuals import AlongZ, InSpace, RobotVisuals
 from teleop_drake.figures.selection import CheckRecordings
 from teleop_drake.figures.style import GREY, RunColor

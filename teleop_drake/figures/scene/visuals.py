@@ -10,9 +10,9 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 
 from teleop_drake.arrays import Array
-from teleop_drake.robots import PlantRobotConfig, RobotConfig
-from teleop_drake.robots.inverse_kinematics import TOOL, ToolJacobian
-from teleop_drake.robots.model_file import TellingShapes
+from teleop_drake.blocks.robots import PlantRobotConfig, RobotConfig
+from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolJacobian
+from teleop_drake.blocks.robots.model_file import TellingShapes
 
 # Radius of the sticks that stand for links without shapes, as a share of their lengths.
 _STICK = 0.015

@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 
-from teleop_drake.channels import CHANNEL_KINDS, NetworkChannelConfig
+from teleop_drake.blocks.channels import CHANNEL_KINDS, NetworkChannelConfig
 from teleop_drake.thesis.claims.claim import (
     Claim,
     Found,

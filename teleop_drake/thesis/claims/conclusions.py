@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.architectures.adaptive_backstepping import AdaptiveBacksteppingConfig
+from teleop_drake.blocks.architectures.adaptive_backstepping import (
+    AdaptiveBacksteppingConfig,
+)
 from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import AsTeleoperation, LoadScenario
 from teleop_drake.scenario.tree import ToTree

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.multibody.tree import JacobianWrtVariable
 
+from teleop_drake.blocks.robots.base import PlantRobotConfig
+from teleop_drake.blocks.robots.inverse_kinematics import TOOL, SolveInverseKinematics
 from teleop_drake.recording import Recording
-from teleop_drake.robots.base import PlantRobotConfig
-from teleop_drake.robots.inverse_kinematics import TOOL, SolveInverseKinematics
 from teleop_drake.scenario import Scenario
 from teleop_drake.thesis.claims.measures import BasisFunctions, ForceRate
 from teleop_drake.validation import GainMatrix

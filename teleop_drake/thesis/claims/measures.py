@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from teleop_drake.environments import CONTACT
+from teleop_drake.blocks.environments import CONTACT
 from teleop_drake.recording import Recording
 from teleop_drake.thesis.runs import Run
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.architectures.adaptive_backstepping import (
+from teleop_drake.arrays import Array
+from teleop_drake.blocks.architectures.adaptive_backstepping import (
     AdaptiveBackstepping,
     AdaptiveBacksteppingConfig,
 )
-from teleop_drake.arrays import Array
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     adaptive_errors,

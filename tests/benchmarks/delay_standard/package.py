@@ -13,7 +13,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator
 
-from teleop_drake.channels.transport import TransportDelay
+from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.kernel import Delay, FixedBlock, Kernel, Transition
 from teleop_drake.simulation import simulate
 

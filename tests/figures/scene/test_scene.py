@@ -9,11 +9,11 @@ import pytest
 from own_kinds import PuckConfig
 from scene_recordings import RETURN_DELAY, SPEED, MakeRecording
 
-from teleop_drake.environments import Surface
+from teleop_drake.blocks.environments import Surface
+from teleop_drake.blocks.robots import ArmConfig
 from teleop_drake.figures.scene import scene
 from teleop_drake.figures.scene.scene import FRAMES_PER_SECOND, AnimateRuns
 from teleop_drake.figures.scene.visuals import RobotVisuals
-from teleop_drake.robots import ArmConfig
 from teleop_drake.scenario import LoadScenario
 
 

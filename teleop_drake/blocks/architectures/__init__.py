@@ -1,0 +1,70 @@
+"""The control architectures: a file for each kind."""
+
+from teleop_drake.blocks.architectures.adaptive_backstepping import (
+    AdaptiveBacksteppingConfig,
+)
+from teleop_drake.blocks.architectures.base import (
+    Architecture,
+    ArchitectureConfig,
+    ControlLawConfig,
+)
+from teleop_drake.blocks.architectures.damped_force import DampedForceConfig
+from teleop_drake.blocks.architectures.direct_force import DirectForceConfig
+from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.blocks.architectures.four_channel import FourChannelConfig
+from teleop_drake.blocks.architectures.own_law import LawConfig
+from teleop_drake.blocks.architectures.proportional_damping import (
+    ProportionalDampingConfig,
+)
+from teleop_drake.blocks.architectures.robust_backstepping import (
+    RobustBacksteppingConfig,
+)
+from teleop_drake.blocks.architectures.smith_predictor import SmithPredictorConfig
+from teleop_drake.blocks.architectures.time_domain_passivity import (
+    TimeDomainPassivityConfig,
+)
+from teleop_drake.blocks.architectures.wave_variables import WaveVariablesConfig
+from teleop_drake.kinds import KindTable
+
+ARCHITECTURE_KINDS = KindTable(
+    ArchitectureConfig,
+    (
+        DirectForceConfig,
+        AdaptiveBacksteppingConfig,
+        DampedForceConfig,
+        WaveVariablesConfig,
+        TimeDomainPassivityConfig,
+        ProportionalDampingConfig,
+        FourChannelConfig,
+        SmithPredictorConfig,
+        RobustBacksteppingConfig,
+    ),
+    noun="controller",
+    adapt=LawConfig,
+)
+"""Every kind of control architecture, the thesis's two first."""
+
+CONTROLLERS = ("direct_force", "adaptive_backstepping")
+"""The thesis's two controllers, the baseline first."""
+
+ARCHITECTURES = ARCHITECTURE_KINDS.names
+"""The names of all kinds, the thesis's two first."""
+
+__all__ = [
+    "ARCHITECTURES",
+    "ARCHITECTURE_KINDS",
+    "CONTROLLERS",
+    "AdaptiveBacksteppingConfig",
+    "Architecture",
+    "ArchitectureConfig",
+    "ControlLawConfig",
+    "DampedForceConfig",
+    "DirectForceConfig",
+    "Facts",
+    "FourChannelConfig",
+    "ProportionalDampingConfig",
+    "RobustBacksteppingConfig",
+    "SmithPredictorConfig",
+    "TimeDomainPassivityConfig",
+    "WaveVariablesConfig",
+]

@@ -1,0 +1,418 @@
+"""The thesis's controller: adaptive backstepping with neural networks."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar
+
+import numpy as np
+
+from teleop_drake.arrays import Array
+from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig
+from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.kernel import FixedBlock, Kernel
+from teleop_drake.kernel.linear_part import FROZEN_WEIGHTS, LinearPart
+from teleop_drake.laws.backstepping import (
+    BacksteppingGains,
+    adaptive_errors,
+    adaptive_rate,
+    initial_state,
+    pack_state,
+)
+from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.laws.robust_backstepping import RobustBounds
+from teleop_drake.machine_code.compiled import Law
+from teleop_drake.validation import (
+    REQUIRED,
+    CheckChoice,
+    CheckGain,
+    CheckVector,
+    FixedFields,
+    GainMatrix,
+    Number,
+    Refuse,
+    ScenarioError,
+    Show,
+)
+
+# The solver stays away from the limit of Psi by its own error; that is far less.
+_AT_LIMIT = 1e-5
+
+
+class AdaptiveBackstepping(FixedBlock):
+    """Tracks the operator's delayed velocity and force with two adaptive networks.
+
+        s       = (v - v_dd) + Lambda (F_e - F_hd)                          (4.2, 5.2)
+        alpha   = F_e - Psi^-1 (W1 Phi + G1 s)                            (4.23, 5.22)
+        z       = F_c - alpha                                             (4.18, 5.17)
+        dF_c/dt = alpha' - Psi^T P s - G2 z                               (4.32, 5.31)
+        alpha'  = W3 Phi + Psi^-1 dPsi/dt Psi^-1 (W1 Phi + G1 s)
+                  - Psi^-1 (d(W1 Phi)/dt + G1 s')                         (4.31, 5.30)
+        s'      = Psi (F_c - F_e) + W1 Phi                                (4.36, 5.35)
+        g       = P s + G1^T Psi^-T z
+        dW1/dt  = beta1 (g Phi^T - nu1 W1)                                (4.52, 5.51)
+        dPsi/dt = beta2 proj[g (F_c - F_e)^T + Upsilon (Psi0 - Psi)]      (4.52, 5.51)
+        dW3/dt  = -beta3 (z Phi^T + nu3 W3)                               (4.52, 5.51)
+
+    with proj[] of (4.53, 5.53), which keeps Psi invertible. The proof, and why the sign
+    of dW3/dt is not the printed one, are in `teleop_drake.laws.backstepping`. F_hd =
+    F_h(t - T_f) and v_dd = v_d(t - T_f) are what arrives over the forward channel. Both
+    networks have the tool's position as their input, or [r; v]; see
+    `laws.backstepping.known` for what the law then takes for dPhi/dt.
+
+    | port | name                | size  | unit  | is                       |
+    |------|---------------------|-------|-------|--------------------------|
+    | in   | haptic_force        | n     | N     | F_hd                     |
+    | in   | velocity_command    | n     | m/s   | v_dd                     |
+    | in   | tool_position       | n     | m     | r, input of the networks |
+    | in   | tool_velocity       | n     | m/s   | v                        |
+    | in   | environment_force   | n     | N     | F_e                      |
+    | out  | control_force       | n     | N     | F_c                      |
+    | out  | psi                 | n n   | 1/kg  | Psi, row by row          |
+    | out  | weights_1           | n N   | m/s^2 | W1, row by row           |
+    | out  | weights_3           | n N   | N/s   | W3, row by row           |
+    | out  | auxiliary_error     | n     | m/s   | s                        |
+    | out  | control_force_error | n     | N     | z                        |
+
+    | parameter | name      | unit    |
+    |-----------|-----------|---------|
+    | 0         | Lambda    | m/(N s) |
+    | 1         | G1        | 1/s     |
+    | 2         | G2        | 1/s     |
+    | 3         | P         | -       |
+    | 4         | beta1     | -       |
+    | 5         | beta2     | -       |
+    | 6         | beta3     | -       |
+    | 7         | nu1       | -       |
+    | 8         | nu3       | -       |
+    | 9         | Upsilon   | -       |
+    | 10        | Psi0      | 1/kg    |
+    | 11        | Psi_min   | 1/kg    |
+
+    State (continuous): [F_c (n), W1 (n N), Psi (n n), W3 (n N)], matrices row by row;
+    `teleop_drake.laws.backstepping.unpack_state` takes it apart.
+
+    Initial value: F_c = 0, W1 = W3 = 0, Psi = Psi0.
+
+    Direct feedthrough: none to control_force, psi, weights_1 and weights_3; from all
+    inputs to auxiliary_error and control_force_error.
+
+    It neither limits the control force nor knows the robot: n comes from the gains.
+    A jump of an input (a puncture, a command) makes s and z jump, not F_c.
+
+    Args:
+        gains: The constants of the law.
+        network: The basis functions of both networks, with n inputs in m, or 2n in m
+            and m/s.
+        bounds: Those of the terms that RobustBackstepping adds; None: it adds none.
+    """
+
+    is_compiled = True
+    # Its name, and the laws of dx/dt and of [s; z]. They take the bounds first if the
+    # law has some, then the gains and the network.
+    law: ClassVar[tuple[str, Law, Law]] = (
+        "adaptive_backstepping",
+        adaptive_rate,
+        adaptive_errors,
+    )
+
+    numeric_parameters: ClassVar = {
+        "Lambda": "m/(N s)",
+        "G1": "1/s",
+        "G2": "1/s",
+        "P": "",
+        "beta1": "",
+        "beta2": "",
+        "beta3": "",
+        "nu1": "",
+        "nu3": "",
+        "Upsilon": "",
+        "Psi0": "1/kg",
+        "Psi_min": "1/kg",
+    }
+
+    def __init__(
+        self,
+        gains: BacksteppingGains,
+        network: GaussianNetwork,
+        *,
+        bounds: RobustBounds | None = None,
+    ):
+        name, rate, errors = self.law
+        n, N = gains.num_axes, network.num_functions
+        if network.num_inputs not in (n, 2 * n):
+            allowed = f"{n} or {2 * n}, one or two for each task axis"
+            Refuse("network.num_inputs", network.num_inputs, allowed)
+        self._n, self._psi_min = n, gains.Psi_min
+        constants: dict[str, Any] = {} if bounds is None else {"bounds": bounds}
+        constants |= {"gains": gains.as_numbers(), "network": network.as_numbers()}
+        taken = (
+            *constants, "state", "tool_position", "tool_velocity", "velocity_command",
+            "environment_force", "haptic_force",
+        )  # fmt: skip
+        W1, Psi, W3 = n, n + n * N, n + n * N + n * n
+        FixedBlock.__init__(
+            self,
+            name,
+            Kernel(
+                parameters=constants,
+                rate=(rate, *taken),
+                outputs={
+                    "control_force": ("state", 0, n),
+                    "weights_1": ("state", W1, Psi),
+                    "psi": ("state", Psi, W3),
+                    "weights_3": ("state", W3, W3 + n * N),
+                    "errors": (errors, *taken),
+                    "auxiliary_error": ("errors", 0, n),
+                    "control_force_error": ("errors", n, 2 * n),
+                },
+                sizes={"errors": 2 * n},
+            ),
+            inputs=dict.fromkeys(LAW_INPUTS, n),
+            outputs={"control_force": n, "psi": n * n}
+            | dict.fromkeys(("weights_1", "weights_3"), n * N)
+            | dict.fromkeys(("auxiliary_error", "control_force_error"), n),
+            state=pack_state(initial_state(gains, N)),
+        )
+
+    def RunNotes(self, time: Array, signals: Mapping[str, Array]) -> list[str]:
+        """Returns whether Psi came to its limit in a run; a recording notes that."""
+        if "psi" not in signals:
+            return []
+        n, limit = self._n, (1 + _AT_LIMIT) * self._psi_min
+        psi = signals["psi"].reshape(-1, n, n)
+        # A bound of Psi's smallest singular value, of which most are found without.
+        size = np.sqrt((psi**2).sum(axis=(1, 2)) / max(n - 1, 1))
+        is_at_limit = ~(np.abs(np.linalg.det(psi)) > limit * size ** (n - 1))
+        smallest = np.linalg.norm(psi[is_at_limit], -2, axis=(1, 2))
+        is_at_limit[is_at_limit] = smallest <= limit
+        if not is_at_limit.any():
+            return []
+        return [
+            f"Psi comes to its limit, minimum_psi = {self._psi_min:g} 1/kg, at "
+            f"{time[is_at_limit.argmax()]:.4g} s, where the adaptive law is not "
+            "smooth: the run may end differently at another accuracy."
+        ]
+
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns that only F_c, the first part of the state, is one of the model."""
+        return LinearPart(
+            num_states=self._n, state=estimates, assumption=FROZEN_WEIGHTS
+        )
+
+
+NETWORK_INPUTS = ("position", "position_velocity")
+"""What the input of the networks may be."""
+
+MAX_BASIS_FUNCTIONS = 10_000
+"""Largest lattice that a network may have, so that a typing error cannot exhaust the
+memory."""
+
+
+@dataclass(kw_only=True, eq=False)
+class NetworkConfig(FixedFields):
+    """Lattice of the Gaussian networks (thesis eq. 3.1)."""
+
+    # Input of the networks: position, p_WT; or position_velocity, [p_WT; v_WT].
+    # Assumed: the thesis does not say.
+    inputs: str = "position"
+
+    # Corners of the lattice of means, m, n entries each, lower < upper.
+    lower: np.ndarray = REQUIRED
+    upper: np.ndarray = REQUIRED
+    # Means along each axis, n entries, >= 1.
+    count: list[int] = REQUIRED
+    # Largest speed of the lattice of position_velocity, m/s, > 0; along each axis it
+    # reaches from minus this to this. Assumed: twice the commanded speed is a good
+    # choice. Position alone has no use for it.
+    velocity_range: float | None = Number(None, "m/s", above=0)
+    # Means along each axis of velocity, >= 1.
+    velocity_count: int = 3
+    # Width of the Gaussians in units of the lattice spacing, > 0.
+    width: float = Number(1.0, "lattice spacings", above=0)
+
+    @property
+    def is_given(self) -> bool:
+        """Whether any of the fields that have no default is there."""
+        return any(item is not None for item in (self.lower, self.upper, self.count))
+
+    def Check(self, path: str, num_axes: int) -> None:
+        """Checks every field."""
+        n = num_axes
+        CheckVector(f"{path}.lower", self.lower, n, "m")
+        CheckVector(f"{path}.upper", self.upper, n, "m")
+        if not np.all(self.lower < self.upper):
+            allowed = f"> {path}.lower = {Show(self.lower)} m on every axis"
+            Refuse(f"{path}.upper", self.upper, allowed)
+        count = self.count
+        if count is None or len(count) != n or min(count) < 1:
+            Refuse(f"{path}.count", count, f"a list of {n} whole numbers >= 1")
+        self.CheckNumbers(path)
+        CheckChoice(f"{path}.inputs", self.inputs, NETWORK_INPUTS)
+        if self.velocity_count < 1:
+            Refuse(f"{path}.velocity_count", self.velocity_count, ">= 1")
+        if self.has_velocity and self.velocity_range is None:
+            Refuse(f"{path}.velocity_range", None, "a speed in m/s > 0")
+        speeds = self.velocity_count**n if self.has_velocity else 1
+        if math.prod(count) * speeds > MAX_BASIS_FUNCTIONS:
+            Refuse(f"{path}.count", count, f"at most {MAX_BASIS_FUNCTIONS} in all")
+
+    @property
+    def has_velocity(self) -> bool:
+        """Whether the velocity is an input."""
+        return self.inputs == NETWORK_INPUTS[1]
+
+    def MakeNetwork(self) -> GaussianNetwork:
+        """Makes the basis functions."""
+        lower, upper, count = self.lower, self.upper, self.count
+        if self.has_velocity:
+            assert self.velocity_range is not None
+            speeds = np.full(len(count), self.velocity_range)
+            lower, upper = np.append(lower, -speeds), np.append(upper, speeds)
+            count = [*count, *[self.velocity_count] * len(count)]
+        return GaussianNetwork(lower=lower, upper=upper, count=count, width=self.width)
+
+
+_GAINS = ("Lambda", "G1", "G2", "P")
+
+
+@dataclass(kw_only=True, eq=False)
+class BacksteppingParameters(FixedFields):
+    """The parameters of chapters 4 and 5.
+
+    In a scenario they stand in `controller` itself. A gain is a number (times the
+    identity) or an n x n matrix.
+    """
+
+    # Weight of the force error in s, m/(N s); symmetric positive definite (eq. 4.2,
+    # 5.2).
+    Lambda: np.ndarray | float = 1.0
+    # Gain on s, 1/s; symmetric positive definite, and so is the symmetric part of
+    # P G1 (eq. 4.23, 5.22).
+    G1: np.ndarray | float = REQUIRED
+    # Gain on z, 1/s; symmetric positive definite (eq. 4.32, 5.31).
+    G2: np.ndarray | float = REQUIRED
+    # Weight of s in the Lyapunov function; symmetric positive definite (eq. 5.10).
+    P: np.ndarray | float = 1.0
+    # beta of every update law that has none of its own below, >= 0 (eq. 4.52, 5.51).
+    adaptation_rate: float = Number(0.1, minimum=0)
+    # beta of W1, Psi and W3, >= 0; null: adaptation_rate. Their units differ: where
+    # forces are f times as large, what they multiply is f^2, f^4 and 1 times as large.
+    beta1: float | None = Number(None, minimum=0)
+    beta2: float | None = Number(None, minimum=0)
+    beta3: float | None = Number(None, minimum=0)
+    # nu of every update law, >= 0 (eq. 4.52, 5.51).
+    leakage: float = Number(0.1, minimum=0)
+    # Upsilon, pull of Psi to its initial value, 0 to 1 (eq. 4.52, 5.51).
+    supervision: float = Number(1.0, minimum=0, maximum=1)
+    # Psi at time 0, 1/kg: number, n x n matrix, or auto = (I + Lambda D_e) M_r^-1 at
+    # the start pose (eq. 5.52); smallest singular value > minimum_psi.
+    initial_psi: np.ndarray | float | str = "auto"
+    # Bound of the projection that keeps Psi invertible, 1/kg, > 0 (eq. 4.53, 5.53).
+    minimum_psi: float = Number(0.1, "1/kg", above=0)
+    # Lattice of both networks.
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+
+    def CheckParameters(self, path: str, num_axes: int, *, is_needed: bool) -> None:
+        """Checks every field for itself.
+
+        Args:
+            path: Their place in a scenario, for messages.
+            is_needed: Whether fields without a default must be there. What another
+                kind of controller does not use may be missing, but not wrong, so
+                that `kind` alone changes one into the other.
+        """
+        gains = {}
+        for key in _GAINS:
+            value = getattr(self, key)
+            if value is not None or is_needed:
+                gains[key] = CheckGain(f"{path}.{key}", value, num_axes)
+        if "G1" in gains:
+            # With an overflow the product is not finite and is refused as well.
+            with np.errstate(all="ignore"):
+                product = gains["P"] @ gains["G1"]
+                product = product + product.T
+            if not (
+                np.all(np.isfinite(product)) and np.all(np.linalg.eigvalsh(product) > 0)
+            ):
+                allowed = "such that the symmetric part of P G1 is positive definite"
+                Refuse(f"{path}.P", self.P, allowed)
+        self.CheckNumbers(path)
+        if is_needed or self.network.is_given:
+            self.network.Check(f"{path}.network", num_axes)
+
+    def InitialPsi(self, facts: Facts, path: str = "controller") -> Array:
+        """Returns Psi at time 0 in 1/kg (n, n).
+
+        For `auto` that is (I + Lambda D_e) M_r^-1 at the start pose. The thesis
+        estimates M_r^-1 for zero joint angles (eq. 5.52), where the planar arm is
+        singular.
+        """
+        n = facts.num_axes
+        if not isinstance(self.initial_psi, str):
+            return GainMatrix(self.initial_psi, n)
+        field = f"{path}.initial_psi"
+        D_e = facts.Told("environment_damping", field)
+        weight = np.eye(n) + GainMatrix(self.Lambda, n) @ D_e
+        return np.asarray(weight @ np.linalg.inv(facts.Told("inertia", field)))
+
+    def CheckInitialPsi(self, facts: Facts, path: str = "controller") -> None:
+        """Refuses a Psi that cannot be inverted at time 0, or would not stay so."""
+        psi, n = self.InitialPsi(facts, path), facts.num_axes
+        if (
+            (isinstance(self.initial_psi, float) and self.initial_psi <= 0)
+            or psi.shape != (n, n)
+            or not np.all(np.isfinite(psi))
+            or not np.min(np.linalg.svd(psi, compute_uv=False)) > self.minimum_psi
+            or not np.linalg.slogdet(psi)[0] > 0
+        ):
+            value = Show(self.initial_psi)
+            if value == "'auto'":
+                value += f", here {Show(psi)}"
+            raise ScenarioError(
+                f"{path}.initial_psi = {value}: must be auto, a positive number or a "
+                f"{n} x {n} matrix with positive determinant, its singular values > "
+                f"minimum_psi = {self.minimum_psi:g}, which may be lowered"
+            )
+
+
+@dataclass(kw_only=True, eq=False)
+class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
+    """Chapters 4 and 5 as one n-dimensional law; see laws.backstepping."""
+
+    kind = "adaptive_backstepping"
+    derives_from_channels = False
+    block: ClassVar[type[AdaptiveBackstepping]] = AdaptiveBackstepping
+
+    @classmethod
+    def Of(cls, parameters: BacksteppingParameters) -> "AdaptiveBacksteppingConfig":
+        """Returns the config with these parameters."""
+        return cls(
+            **{item.name: getattr(parameters, item.name) for item in fields(cls)}
+        )
+
+    def Check(self, path: str, num_axes: int) -> None:
+        """Checks every field for itself."""
+        self.CheckParameters(path, num_axes, is_needed=True)
+
+    def Resolve(self, facts: Facts, path: str) -> BacksteppingGains:
+        """Returns the gains with Psi at time 0, which can be inverted."""
+        self.CheckInitialPsi(facts, path)
+        n, beta = facts.num_axes, self.adaptation_rate
+        return BacksteppingGains(
+            **{name: GainMatrix(getattr(self, name), n) for name in _GAINS},
+            beta1=beta if self.beta1 is None else self.beta1,
+            beta2=beta if self.beta2 is None else self.beta2,
+            beta3=beta if self.beta3 is None else self.beta3,
+            nu1=self.leakage,
+            nu3=self.leakage,
+            Upsilon=self.supervision,
+            Psi0=self.InitialPsi(facts, path),
+            Psi_min=self.minimum_psi,
+        )
+
+    def MakeControlLaw(self, facts: Facts, path: str) -> AdaptiveBackstepping:
+        """Makes the law."""
+        return self.block(
+            gains=self.Resolve(facts, path), network=self.network.MakeNetwork()
+        )

@@ -1,0 +1,245 @@
+"""Base of the configs of control architectures.
+
+An architecture is a pair: a master side, which stands between the operator and the
+channels, and a slave side, which is the station at the robot. They speak in packets,
+which is all that the channels carry. What a packet holds is the architecture's own
+affair; those of the thesis are
+
+    forward packet [F_h; v_d] (2n)      return packet [p_WT; v_WT] (2n)
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.primitives import Demultiplexer, Multiplexer
+
+from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.kernel import FixedBlock, Kernel
+from teleop_drake.kinds import KindConfig
+from teleop_drake.validation import Refuse
+
+LAW_INPUTS = (
+    "haptic_force",
+    "velocity_command",
+    "tool_position",
+    "tool_velocity",
+    "environment_force",
+)
+"""The inputs of every control law, n wide each."""
+
+
+class _Side(FixedBlock):
+    """A side of an architecture that is a kernel; see Architecture.
+
+    Args:
+        n: Number of task axes, and width of all that is no packet.
+        forward_packet: Width of that packet.
+        return_packet: Width of that packet.
+        state: The continuous state at first.
+    """
+
+    inputs: tuple[str, ...] = ()
+
+    def __init__(
+        self,
+        name: str,
+        kernel: Kernel,
+        n: int,
+        *,
+        forward_packet: int,
+        return_packet: int,
+        state: ArrayLike = (),
+    ):
+        packets = {"forward_packet": forward_packet, "return_packet": return_packet}
+        outputs = [name for name in kernel.outputs if name not in kernel.sizes]
+        FixedBlock.__init__(
+            self,
+            name,
+            kernel,
+            inputs={name: packets.get(name, n) for name in self.inputs},
+            outputs={name: packets.get(name, n) for name in outputs},
+            state=state,
+        )
+
+
+class MasterSide(_Side):
+    """A master side that is a kernel; see Architecture."""
+
+    inputs = ("haptic_force", "velocity_command", "return_packet")
+
+
+class SlaveSide(_Side):
+    """A slave side that is a kernel; see Architecture."""
+
+    inputs = ("forward_packet", *LAW_INPUTS[2:])
+
+
+def CheckStart(start: ArrayLike) -> Array:
+    """Returns a position as a vector, or refuses it."""
+    vector = np.array(start, dtype=float)
+    if vector.ndim != 1 or not np.all(np.isfinite(vector)):
+        Refuse("start", start, "finite numbers (m)")
+    return vector
+
+
+@dataclass(kw_only=True)
+class Architecture:
+    """A master side and a slave side which understand each other's packets.
+
+    The widths of the packets, m_f forward and m_r back, are those of the ports.
+
+    Attributes:
+        master_side: In haptic_force (n, N), velocity_command (n, m/s) and
+            return_packet (m_r); out felt_position (n, m), felt_velocity (n, m/s) and
+            forward_packet (m_f). The operator perceives contact when felt_position
+            reaches the surface. None: the thesis's; see stations.MakeMasterStation.
+        slave_side: In forward_packet (m_f), tool_position (n, m), tool_velocity
+            (n, m/s) and environment_force (n, N); out control_force (n, N) and
+            return_packet (m_r). Outputs beyond these, of either side, are recorded
+            under their names.
+        initial_forward_packet: What the slave side receives at first (m_f).
+        initial_return_packet: What the master side receives at first (m_r).
+    """
+
+    master_side: System | None = None
+    slave_side: System
+    initial_forward_packet: Sequence[float]
+    initial_return_packet: Sequence[float]
+
+
+@dataclass(kw_only=True, eq=False)
+class ArchitectureConfig(KindConfig, ABC):
+    """A control architecture as plain data.
+
+    A null stands for a default that derives from the rest of the loop by the rule in
+    the field's comment; Resolve() applies it. An architecture of your own derives from
+    this class and can be named in a scenario: `kind: my_module:MyArchitecture`, its
+    fields in the mapping `parameters`.
+
+    Attributes:
+        forward_parts: Names of the vectors (n each) in a forward packet, for tables;
+            empty: they are numbered.
+        return_parts: The same of a return packet.
+        derives_from_channels: Whether MakeArchitecture() reads the channels, or the
+            duration, of its facts.
+    """
+
+    forward_parts: ClassVar[tuple[str, ...]] = ()
+    return_parts: ClassVar[tuple[str, ...]] = ()
+    derives_from_channels: ClassVar[bool] = True
+
+    @property
+    def has_gains_of_delay(self) -> bool:
+        """Whether a default gain derives from the nominal delays."""
+        return False
+
+    def Check(self, path: str, num_axes: int) -> None:
+        """Checks every field for itself; here those of GainField() and of Number().
+
+        Args:
+            path: The config's place in a scenario, for messages.
+        """
+        self.CheckGains(path, num_axes)
+        self.CheckNumbers(path)
+
+    def Resolve(self, facts: Facts, path: str) -> Any:
+        """Returns the config with every default derived; here nothing derives.
+
+        Gains are matrices then, and no null is left that stands for a default. What
+        cannot be derived is refused.
+        """
+        return self
+
+    @abstractmethod
+    def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
+        """Makes both sides, or refuses a parameter that this loop does not allow."""
+
+
+@dataclass(kw_only=True, eq=False)
+class ControlLawConfig(ArchitectureConfig):
+    """An architecture with the thesis's packets: all of it is the law at the slave.
+
+    A control law of your own derives from this class.
+    """
+
+    forward_parts = ("F_h", "v_d")
+    return_parts = ("p_WT", "v_WT")
+
+    @abstractmethod
+    def MakeControlLaw(self, facts: Facts, path: str) -> System:
+        """Makes the law; see MakeSlaveStation for its ports."""
+
+    def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
+        """Makes the slave side out of the law; the master side is the thesis's."""
+        return MakeLawArchitecture(
+            self.MakeControlLaw(facts, path), facts.start.tolist()
+        )
+
+
+def MakeLawArchitecture(control_law: System, start: Sequence[float]) -> Architecture:
+    """Makes an architecture with the thesis's packets out of a control law.
+
+    Neither a force nor a command arrives at first, and the tool is felt at rest.
+
+    Args:
+        start: p_WT at time 0 in m (n).
+
+    Raises:
+        RuntimeError: If the control law lacks a port.
+    """
+    at_rest = [0.0] * len(start)
+    return Architecture(
+        slave_side=MakeSlaveStation(control_law),
+        initial_forward_packet=[*at_rest, *at_rest],
+        initial_return_packet=[*start, *at_rest],
+    )
+
+
+def MakeSlaveStation(control_law: System) -> Diagram:
+    """Makes the slave side of the thesis out of a control law, named `controller`.
+
+    | port | name              | size | unit     |
+    |------|-------------------|------|----------|
+    | in   | forward_packet    | 2n   | [N; m/s] |
+    | in   | tool_position     | n    | m        |
+    | in   | tool_velocity     | n    | m/s      |
+    | in   | environment_force | n    | N        |
+    | out  | control_force     | n    | N        |
+    | out  | return_packet     | 2n   | [m; m/s] |
+
+    and every further output of the control law (its telemetry), by its own name.
+
+    Args:
+        control_law: A system with the inputs haptic_force, velocity_command,
+            tool_position, tool_velocity and environment_force and the output
+            control_force (n each), such as DirectForce.
+
+    Raises:
+        RuntimeError: If the control law lacks one of these ports.
+    """
+    n = control_law.GetOutputPort("control_force").size()
+    builder = DiagramBuilder()
+    unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n]))
+    law = builder.AddNamedSystem(control_law.get_name() or "control_law", control_law)
+    pack = builder.AddNamedSystem("pack", Multiplexer([n, n]))
+    builder.ExportInput(unpack.get_input_port(), "forward_packet")
+    builder.Connect(unpack.get_output_port(0), law.GetInputPort("haptic_force"))
+    builder.Connect(unpack.get_output_port(1), law.GetInputPort("velocity_command"))
+    for i, name in enumerate(("tool_position", "tool_velocity")):
+        port = builder.ExportInput(law.GetInputPort(name), name)
+        builder.ConnectInput(port, pack.get_input_port(i))
+    builder.ExportInput(law.GetInputPort("environment_force"), "environment_force")
+    builder.ExportOutput(law.GetOutputPort("control_force"), "control_force")
+    builder.ExportOutput(pack.get_output_port(), "return_packet")
+    for i in range(law.num_output_ports()):
+        port = law.get_output_port(i)
+        if port.get_name() != "control_force":
+            builder.ExportOutput(port, port.get_name())
+    controller = builder.Build()
+    controller.set_name("controller")
+    return controller

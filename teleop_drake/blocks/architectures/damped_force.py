@@ -1,0 +1,135 @@
+"""Direct force with local damping injection, against the ground or the command."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from teleop_drake.arrays import ArrayLike
+from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig
+from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.kernel import FixedBlock, Kernel, Term
+from teleop_drake.laws.proportional import braked_force, damper_force, velocity_error
+from teleop_drake.validation import CheckChoice, CheckGain, GainField, GainMatrix
+
+AGAINST = ("ground", "command")
+"""What the damper acts against: the ground, or the commanded velocity."""
+
+
+class DampedForce(FixedBlock):
+    """Applies the haptic force as it arrives, and damps the tool without delay.
+
+        F_c = F_h(t - T_f) - B v                           against the ground    (1)
+        F_c = F_h(t - T_f) - B (v - v_d(t - T_f))          against the command   (2)
+
+    Both are DirectForce with a local damper at the tool. The damper of (1) connects the
+    tool to the ground, that of (2) to a point that moves with the commanded velocity.
+    Neither needs a force sensor, a model or a network. v_d is part of the thesis's
+    forward packet, so (2) needs no other packet.
+
+    (2) is a special case of the thesis's law, (4.23) and (5.22): with z = 0 and without
+    networks that law is
+
+        F_c = F_e - Psi^-1 G1 (v - v_dd) - Psi^-1 G1 Lambda (F_e - F_hd),
+
+    and with Psi^-1 G1 Lambda = 1 the sensed force cancels. What is left is (2) with
+    B = Psi^-1 G1 = Lambda^-1.
+
+    | port | name              | size | unit | is                                |
+    |------|-------------------|------|------|-----------------------------------|
+    | in   | haptic_force      | n    | N    | F_h(t - T_f)                      |
+    | in   | velocity_command  | n    | m/s  | v_d(t - T_f), ignored by (1)      |
+    | in   | tool_position     | n    | m    | ignored                           |
+    | in   | tool_velocity     | n    | m/s  | v                                 |
+    | in   | environment_force | n    | N    | ignored                           |
+    | out  | control_force     | n    | N    | F_c                               |
+    | out  | damping_force     | n    | N    | F_h(t - T_f) - F_c                |
+
+    | parameter | name      | unit  |
+    |-----------|-----------|-------|
+    | 0         | damping   | N s/m |
+
+    State: none.
+
+    Direct feedthrough: haptic_force and tool_velocity to control_force; tool_velocity
+    to damping_force. With (2) also velocity_command to both.
+
+    (1) does not compensate the damper: the haptic device's integral action has to
+    overcome B v_d as well, and the tool reaches v_d later.
+
+    Args:
+        damping: B in N s/m, a number or (n, n), symmetric, not negative.
+        against: "ground" for (1), "command" for (2).
+
+    Raises:
+        ScenarioError: If an argument is not allowed.
+    """
+
+    numeric_parameters: ClassVar = {"damping": "N s/m"}
+
+    def __init__(self, num_axes: int, damping: ArrayLike, *, against: str = "ground"):
+        B = CheckGain("damping", damping, num_axes, may_be_zero=True)
+        CheckChoice("against", against, AGAINST)
+        ignored = ["tool_position", "environment_force"]
+        braked_velocity: Term = "tool_velocity"
+        if against == "command":
+            braked_velocity = (velocity_error, "tool_velocity", "velocity_command")
+        else:
+            ignored.append("velocity_command")
+        FixedBlock.__init__(
+            self,
+            "damped_force",
+            Kernel(
+                parameters={"damping": B},
+                outputs={
+                    "braked_velocity": braked_velocity,
+                    "control_force": (
+                        braked_force, "haptic_force", "braked_velocity", "damping"
+                    ),
+                    "damping_force": (damper_force, "braked_velocity", "damping"),
+                },
+                sizes={"braked_velocity": num_axes},
+                unused=tuple(ignored),
+            ),
+            inputs=dict.fromkeys(LAW_INPUTS, num_axes),
+            outputs={"control_force": num_axes, "damping_force": num_axes},
+        )  # fmt: skip
+
+
+@dataclass(kw_only=True, eq=False)
+class DampedForceConfig(ControlLawConfig):
+    """Direct force and a damper at the tool; see architectures.damped_force."""
+
+    kind = "damped_force"
+    derives_from_channels = False
+
+    # B, N s/m, >= 0. Null: 2 sqrt(K m), with the stiffness K of the haptic device at
+    # low frequency, H(s) = K/s + ..., and the largest apparent mass m at the start
+    # pose. Without delay the damper then brings the tool, on the spring K in free
+    # space, to rest without an oscillation in any direction. That is 2 N s/m for the
+    # thesis's slider and 2.4 N s/m for its arm. Assumed.
+    damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    # What the damper acts against: `ground` damps v, `command` damps v - v_d(t - T_f).
+    against: str = "ground"
+
+    def Check(self, path: str, num_axes: int) -> None:
+        """Checks the damping and what it acts against."""
+        super().Check(path, num_axes)
+        CheckChoice(f"{path}.against", self.against, AGAINST)
+
+    def Resolve(self, facts: Facts, path: str) -> Any:
+        """Returns the config with its default derived."""
+        damping = self.damping
+        if damping is None:
+            field = f"{path}.damping"
+            mass = np.linalg.eigvalsh(facts.Told("inertia", field))[-1]
+            damping = 2 * math.sqrt(facts.OperatorStiffness(field) * mass)
+        return replace(self, damping=GainMatrix(damping, facts.num_axes))
+
+    def MakeControlLaw(self, facts: Facts, path: str) -> DampedForce:
+        """Makes the law."""
+        damping = self.Resolve(facts, path).damping
+        return DampedForce(
+            num_axes=facts.num_axes, damping=damping, against=self.against
+        )

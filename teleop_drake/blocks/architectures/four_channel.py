@@ -1,0 +1,319 @@
+"""Lawrence's architecture: position and force travel both ways."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from teleop_drake.arrays import ArrayLike
+from teleop_drake.blocks.architectures.base import (
+    Architecture,
+    ArchitectureConfig,
+    CheckStart,
+    MasterSide,
+    SlaveSide,
+)
+from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.kernel import Kernel
+from teleop_drake.laws.four_channel import Station, master_rate, slave_force
+from teleop_drake.validation import (
+    CheckChoice,
+    CheckNumber,
+    FixedFields,
+    GainField,
+    GainMatrix,
+    Number,
+)
+
+
+class FourChannelMaster(MasterSide):
+    """A handle with mass that sends and gets motion and force.
+
+        (M s + B) V_m = F_h (1 + C6) - C_m V_m - C2 F_e - C4 V_s
+        C_m = B_c + K_c / s,   C4 = -c4 (B + C_m)
+
+    F_e and V_s are the slave's, as they arrive. Positions count from `start`. At low
+    frequency, where the masses count for nothing, the operator feels the environment
+    itself, Z_to = Z_e, if there is no delay, c4 = 1, C2 = 1 + C6 and the slave has
+    c1 = 1 and C3 = 1 + C5.
+
+    Sources: D. A. Lawrence, "Stability and transparency in bilateral teleoperation",
+    IEEE Trans. Robotics and Automation 9 (1993); with C5 and C6, K. Hashtrudi-Zaad and
+    S. E. Salcudean, "Transparency in time-delayed systems and the effect of local force
+    feedback for transparent teleoperation", ibid. 18 (2002).
+
+    | port | name             | size  | unit               | is                       |
+    |------|------------------|-------|--------------------|--------------------------|
+    | in   | haptic_force     | n     | N                  | F_h                      |
+    | in   | velocity_command | n     | m/s                | ignored                  |
+    | in   | return_packet    | 3n    | [m; m/s; N]        | [p_WT; v; F_e] of slave  |
+    | out  | felt_position    | n     | m                  | p_WT as received         |
+    | out  | felt_velocity    | n     | m/s                | v_m                      |
+    | out  | forward_packet   | 3n    | [m; m/s; N]        | [x_m; v_m; F_h]          |
+
+    | parameter | name            | unit  |
+    |-----------|-----------------|-------|
+    | 0         | mass            | kg    |
+    | 1         | local_stiffness | N/m   |
+    | 2         | local_damping   | N s/m |
+    | 3         | damping         | N s/m |
+    | 4         | motion          | -     |
+    | 5         | force           | -     |
+    | 6         | local_force     | -     |
+
+    State (continuous): [x_m (n), v_m (n)].
+
+    Initial value: x_m = start, v_m = 0.
+
+    Direct feedthrough: haptic_force to forward_packet, return_packet to felt_position.
+
+    Nothing in it accounts for the delay, under which its ideal gains are not passive.
+
+    Args:
+        config: Without nulls, as Resolve() makes it.
+        start: x_m at time 0 in m (n).
+    """
+
+    numeric_parameters: ClassVar = {
+        "mass": "kg",
+        "local_stiffness": "N/m",
+        "local_damping": "N s/m",
+        "damping": "N s/m",
+        "motion": "",
+        "force": "",
+        "local_force": "",
+    }
+
+    def __init__(self, config: "FourChannelConfig", *, start: ArrayLike):
+        station = config.MakeStation("master", start)
+        n = station.start.size
+        MasterSide.__init__(
+            self,
+            "four_channel_master",
+            Kernel(
+                parameters={"station": station, "mass": config.Gain("master_mass", n)},
+                rate=(
+                    master_rate, "station", "mass",
+                    "state", "haptic_force", "return_packet",
+                ),
+                outputs={
+                    "felt_position": ("return_packet", 0, n),
+                    "felt_velocity": ("state", n, 2 * n),
+                    "forward_packet": ["state", "haptic_force"],
+                },
+                unused=("velocity_command",),
+            ),
+            n,
+            forward_packet=3 * n,
+            return_packet=3 * n,
+            state=[*station.start, *[0.0] * n],
+        )  # fmt: skip
+
+
+class FourChannelSlave(SlaveSide):
+    """Follows the motion and the force of the master.
+
+        F_c = C1 V_m + C3 F_h - C_s V_s - C5 F_e
+        C_s = B_c + K_c / s,   C1 = c1 (B + C_s)
+
+    V_m and F_h are the master's, as they arrive, and B is that of the robot. Positions
+    count from `start`. At low frequency and without delay, V_s = V_m and F_e = F_h if
+    c1 = 1, C3 = 1 + C5 and the master has c4 = 1 and C2 = 1 + C6. FourChannelMaster
+    names the sources.
+
+    | port | name              | size  | unit               | is                      |
+    |------|-------------------|-------|--------------------|-------------------------|
+    | in   | forward_packet    | 3n    | [m; m/s; N]        | [x_m; v_m; F_h]         |
+    | in   | tool_position     | n     | m                  | p_WT                    |
+    | in   | tool_velocity     | n     | m/s                | v                       |
+    | in   | environment_force | n     | N                  | F_e                     |
+    | out  | control_force     | n     | N                  | F_c                     |
+    | out  | return_packet     | 3n    | [m; m/s; N]        | [p_WT; v; F_e]          |
+
+    | parameter | name            | unit  |
+    |-----------|-----------------|-------|
+    | 0         | local_stiffness | N/m   |
+    | 1         | local_damping   | N s/m |
+    | 2         | damping         | N s/m |
+    | 3         | motion          | -     |
+    | 4         | force           | -     |
+    | 5         | local_force     | -     |
+
+    State: none.
+
+    Direct feedthrough: all inputs to control_force; all but forward_packet to
+    return_packet.
+
+    It does not know the robot beyond B, and nothing in it accounts for the delay.
+
+    Args:
+        config: Without nulls, as Resolve() makes it.
+        start: p_WT at time 0 in m (n).
+    """
+
+    numeric_parameters: ClassVar = {
+        "local_stiffness": "N/m",
+        "local_damping": "N s/m",
+        "damping": "N s/m",
+        "motion": "",
+        "force": "",
+        "local_force": "",
+    }
+
+    def __init__(self, config: "FourChannelConfig", *, start: ArrayLike):
+        station = config.MakeStation("slave", start)
+        n = station.start.size
+        tool = ("tool_position", "tool_velocity", "environment_force")
+        SlaveSide.__init__(
+            self,
+            "four_channel_slave",
+            Kernel(
+                parameters={"station": station},
+                outputs={
+                    "control_force": (slave_force, "station", "forward_packet", *tool),
+                    "return_packet": [*tool],
+                },
+            ),
+            n,
+            forward_packet=3 * n,
+            return_packet=3 * n,
+        )
+
+
+FOUR_CHANNEL_VARIANTS = {
+    # C1, C2, C3, C4.
+    "four_channel": (1.0, 1.0, 1.0, 1.0),
+    "position_position": (1.0, 0.0, 0.0, 1.0),
+    "position_force": (1.0, 1.0, 0.0, 0.0),
+    "force_force": (0.0, 1.0, 1.0, 0.0),
+}
+"""Variants of the four-channel architecture, by what goes forward and comes back."""
+
+
+# Local controller, and shares of the other end's motion, of its force, of the own one.
+_ENDS = {"master": ("C_m", "C4", "C2", "C6"), "slave": ("C_s", "C1", "C3", "C5")}
+
+
+@dataclass(kw_only=True, eq=False)
+class LocalController(FixedFields):
+    """C = damping + stiffness / s of a four-channel station."""
+
+    # N s/m, >= 0. Null: 2 M w with the mass M of the handle and the bandwidth w, which
+    # is critical; 0 at a station to which no motion comes. Equal at both stations, so
+    # that a lasting force arrives as it was sent.
+    damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    # N/m, >= 0. Null: M w^2; 0 at a station to which no motion comes.
+    stiffness: np.ndarray | float | None = GainField(None, may_be_zero=True)
+
+
+@dataclass(kw_only=True, eq=False)
+class FourChannelConfig(ArchitectureConfig):
+    """Lawrence's architecture; see architectures.four_channel."""
+
+    kind = "four_channel"
+    forward_parts = ("x_m", "v_m", "F_h")
+    return_parts = ("p_WT", "v_WT", "F_e")
+    # One of FOUR_CHANNEL_VARIANTS. It decides what null means in C1 to C4.
+    variant: str = "four_channel"
+    # Mass of the handle, kg, > 0. Assumed: that of the slider (thesis eq. 2.12).
+    master_mass: np.ndarray | float = GainField(0.5)
+    # Damping of the handle, N s/m, >= 0. Assumed: that of the slider.
+    master_damping: np.ndarray | float = GainField(0.1, may_be_zero=True)
+    # Damping in the model of the robot, N s/m, >= 0, which C1 compensates. Null: the
+    # robot's own in four_channel, none in the other variants.
+    slave_damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    # w of the local controllers, rad/s, > 0. Null: 1 / (T_f + T_r), at which the round
+    # trip turns the phase by 1 rad, but at most the fastest pole of the haptic device.
+    bandwidth: float | None = Number(None, "rad/s", above=0)
+    # C_m and C_s.
+    C_m: LocalController = field(default_factory=LocalController)
+    C_s: LocalController = field(default_factory=LocalController)
+    # Motion forward and back, in units of B_s + C_s and -(B_m + C_m).
+    C1: float | None = Number(None)
+    C4: float | None = Number(None)
+    # Force back and forward.
+    C2: float | None = Number(None)
+    C3: float | None = Number(None)
+    # Local force at the slave and at the master. Null: C3 - 1 and C2 - 1 where that
+    # force is exchanged, which transparency needs, else 0.
+    C5: float | None = Number(None)
+    C6: float | None = Number(None)
+
+    @property
+    def has_gains_of_delay(self) -> bool:
+        """Whether the bandwidth derives from the nominal delays."""
+        return self.bandwidth is None
+
+    def Check(self, path: str, num_axes: int) -> None:
+        """Checks every field for itself, those of the local controllers too."""
+        CheckChoice(f"{path}.variant", self.variant, FOUR_CHANNEL_VARIANTS)
+        super().Check(path, num_axes)
+        self.C_m.CheckGains(f"{path}.C_m", num_axes)
+        self.C_s.CheckGains(f"{path}.C_s", num_axes)
+
+    def Resolve(self, facts: Facts, path: str) -> Any:
+        """Returns the config with every default derived."""
+        n, factors = facts.num_axes, FOUR_CHANNEL_VARIANTS[self.variant]
+        variant = dict(zip(("C1", "C2", "C3", "C4"), factors, strict=True))
+        derived: dict[str, Any] = {
+            name: value
+            for name, value in variant.items()
+            if getattr(self, name) is None
+        }
+        config = replace(self, **derived)
+        for local, exchanged in (("C5", config.C3), ("C6", config.C2)):
+            if getattr(self, local) is None:
+                setattr(config, local, exchanged - 1 if exchanged else 0.0)
+        w = self.bandwidth
+        if w is None:
+            w, T = facts.DevicePole(), facts.round_trip
+            w = min(w, 1 / T) if T > 0 else w
+        M_m = GainMatrix(self.master_mass, n)
+        B_s = self.slave_damping
+        if B_s is None:
+            B_s = 0.0
+            if self.variant == "four_channel":
+                B_s = facts.Told("robot_damping", f"{path}.slave_damping")
+
+        def Local(given: LocalController, is_tied: float) -> LocalController:
+            K = M_m * w**2 if is_tied else 0.0
+            B = 2 * M_m * w if is_tied else 0.0
+            return LocalController(
+                damping=GainMatrix(B if given.damping is None else given.damping, n),
+                stiffness=GainMatrix(
+                    K if given.stiffness is None else given.stiffness, n
+                ),
+            )
+
+        return replace(
+            config,
+            master_mass=M_m,
+            master_damping=GainMatrix(self.master_damping, n),
+            slave_damping=GainMatrix(B_s, n),
+            bandwidth=w,
+            C_m=Local(self.C_m, variant["C4"]),
+            C_s=Local(self.C_s, variant["C1"]),
+        )
+
+    def MakeStation(self, end: str, start: ArrayLike) -> Station:
+        """Returns what one end is, master or slave; refuses what it cannot be."""
+        start = CheckStart(start)
+        n = start.size
+        local, *factors = (getattr(self, name) for name in _ENDS[end])
+        for name, factor in zip(_ENDS[end][1:], factors, strict=True):
+            CheckNumber(name, factor)
+        of_local = (local.Gain(name, n) for name in ("damping", "stiffness"))
+        damping = self.Gain(f"{end}_damping", n)
+        return Station._make((damping, *of_local, start, *factors))
+
+    def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
+        """Makes both sides."""
+        config = self.Resolve(facts, path)
+        start: list[float] = facts.start.tolist()
+        packet = [*start, *[0.0] * (2 * facts.num_axes)]  # At rest, without force.
+        return Architecture(
+            master_side=FourChannelMaster(config, start=start),
+            slave_side=FourChannelSlave(config, start=start),
+            initial_forward_packet=packet,
+            initial_return_packet=packet,
+        )

@@ -1,0 +1,230 @@
+"""P+d: position-position control with a spring and damping injection."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from teleop_drake.arrays import ArrayLike
+from teleop_drake.blocks.architectures.base import (
+    Architecture,
+    ArchitectureConfig,
+    CheckStart,
+    MasterSide,
+    SlaveSide,
+)
+from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.kernel import Kernel
+from teleop_drake.laws.proportional import coupling_force, master_rate, slave_force
+from teleop_drake.validation import GainField, GainMatrix, Number, Refuse
+
+
+class ProportionalMaster(MasterSide):
+    """A handle with mass, tied to where the tool was by a spring and braked.
+
+        M dv_m/dt = F_h - K (x_m - x_s) - B v_m,   dx_m/dt = v_m
+
+    with x_s = p_WT(t - T_r). With the slave F_c = K (x_m(t - T_f) - p_WT) - B_s v
+    (ProportionalSlave) the pair is stable for 4 B B_s > (T_f + T_r)^2 K^2.
+
+    Sources: D. Lee and M. W. Spong, "Passive bilateral teleoperation with constant time
+    delay", IEEE Trans. Robotics 22 (2006); E. Nuno, L. Basanez and R. Ortega,
+    "Passivity-based control for bilateral teleoperation: a tutorial", Automatica 47
+    (2011), where this is P+d.
+
+    | port | name             | size | unit | is                    |
+    |------|------------------|------|------|-----------------------|
+    | in   | haptic_force     | n    | N    | F_h                   |
+    | in   | velocity_command | n    | m/s  | ignored               |
+    | in   | return_packet    | n    | m    | x_s                   |
+    | out  | felt_position    | n    | m    | x_s                   |
+    | out  | felt_velocity    | n    | m/s  | v_m                   |
+    | out  | forward_packet   | n    | m    | x_m                   |
+    | out  | coupling_force   | n    | N    | K (x_m - x_s)         |
+
+    | parameter | name      | unit  |
+    |-----------|-----------|-------|
+    | 0         | mass      | kg    |
+    | 1         | stiffness | N/m   |
+    | 2         | damping   | N s/m |
+
+    State (continuous): [x_m (n), v_m (n)].
+
+    Initial value: x_m = start, v_m = 0.
+
+    Direct feedthrough: return_packet to felt_position and coupling_force.
+
+    It compensates neither the mass nor the damping: the operator feels both.
+
+    Args:
+        config: Without nulls, as Resolve() makes it.
+        start: x_m at time 0 in m (n).
+    """
+
+    numeric_parameters: ClassVar = {
+        "mass": "kg",
+        "stiffness": "N/m",
+        "damping": "N s/m",
+    }
+
+    def __init__(self, config: "ProportionalDampingConfig", *, start: ArrayLike):
+        start = CheckStart(start)
+        n = start.size
+        MasterSide.__init__(
+            self,
+            "proportional_master",
+            Kernel(
+                parameters={
+                    "mass": config.Gain("master_mass", n),
+                    "stiffness": config.Gain("stiffness", n),
+                    "damping": config.Gain("master_damping", n),
+                },
+                rate=(
+                    master_rate, "state", "haptic_force", "return_packet", "mass",
+                    "stiffness", "damping",
+                ),
+                outputs={
+                    "felt_position": "return_packet",
+                    "felt_velocity": ("state", n, 2 * n),
+                    "forward_packet": ("state", 0, n),
+                    "coupling_force": (
+                        coupling_force, ("state", 0, n), "return_packet", "stiffness"
+                    ),
+                },
+                unused=("velocity_command",),
+            ),
+            n,
+            forward_packet=n,
+            return_packet=n,
+            state=[*start, *[0.0] * n],
+        )  # fmt: skip
+
+
+class ProportionalSlave(SlaveSide):
+    """Ties the tool to where the master was by a spring, and brakes it.
+
+        F_c = K (x_m - p_WT) - B v
+
+    with x_m(t - T_f) as it arrives. See ProportionalMaster for the other end, for the
+    sources and for when the two are stable.
+
+    | port | name              | size | unit | is      |
+    |------|-------------------|------|------|---------|
+    | in   | forward_packet    | n    | m    | x_m     |
+    | in   | tool_position     | n    | m    | p_WT    |
+    | in   | tool_velocity     | n    | m/s  | v       |
+    | in   | environment_force | n    | N    | ignored |
+    | out  | control_force     | n    | N    | F_c     |
+    | out  | return_packet     | n    | m    | p_WT    |
+
+    | parameter | name      | unit  |
+    |-----------|-----------|-------|
+    | 0         | stiffness | N/m   |
+    | 1         | damping   | N s/m |
+
+    State: none.
+
+    Direct feedthrough: all inputs but environment_force to control_force; tool_position
+    to return_packet.
+
+    It has no integral action: a force that lasts leaves a position error.
+
+    Args:
+        config: Without nulls, as Resolve() makes it.
+    """
+
+    numeric_parameters: ClassVar = {
+        "stiffness": "N/m",
+        "damping": "N s/m",
+    }
+
+    def __init__(self, config: "ProportionalDampingConfig", *, num_axes: int):
+        n = num_axes
+        SlaveSide.__init__(
+            self,
+            "proportional_slave",
+            Kernel(
+                parameters={
+                    "stiffness": config.Gain("stiffness", n),
+                    "damping": config.Gain("slave_damping", n),
+                },
+                outputs={
+                    "control_force": (
+                        slave_force, "forward_packet", "tool_position",
+                        "tool_velocity", "stiffness", "damping",
+                    ),
+                    "return_packet": "tool_position",
+                },
+                unused=("environment_force",),
+            ),
+            n,
+            forward_packet=n,
+            return_packet=n,
+        )  # fmt: skip
+
+
+@dataclass(kw_only=True, eq=False)
+class ProportionalDampingConfig(ArchitectureConfig):
+    """P+d; see architectures.proportional_damping.ProportionalMaster."""
+
+    kind = "proportional_damping"
+    forward_parts = ("x_m",)
+    return_parts = ("p_WT",)
+
+    # Mass of the handle, kg, > 0. Assumed: that of the slider (thesis eq. 2.12).
+    master_mass: np.ndarray | float = GainField(0.5)
+    # B_m, damping of the handle, N s/m, >= 0. Null: the resistance of the haptic device
+    # at low frequency, so that the operator feels no more of it than of his own.
+    master_damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    # B_s, damping of the tool, N s/m, >= 0. Null: as B_m.
+    slave_damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    # By how much the dampings exceed what stability needs, > 1, for the null below:
+    # 4 B_m B_s = margin (T_f + T_r)^2 K^2. Assumed.
+    margin: float = Number(2.0, above=1)
+    # K, N/m, >= 0. Null: from the margin and the nominal delays, with the smallest
+    # dampings, but at most what makes the handle as fast as the fastest pole p of the
+    # haptic device, K = M |p|^2.
+    stiffness: np.ndarray | float | None = GainField(None, may_be_zero=True)
+
+    @property
+    def has_gains_of_delay(self) -> bool:
+        """Whether the stiffness derives from the nominal delays."""
+        return self.stiffness is None
+
+    def Resolve(self, facts: Facts, path: str) -> Any:
+        """Returns the config with every default derived."""
+        n, B_m = facts.num_axes, self.master_damping
+        if B_m is None:
+            B_m = facts.OperatorResistance(f"{path}.master_damping")
+        B_m = GainMatrix(B_m, n)
+        B_s = B_m if self.slave_damping is None else GainMatrix(self.slave_damping, n)
+        mass = GainMatrix(self.master_mass, n)
+        stiffness = self.stiffness
+        if stiffness is None:
+            least = np.linalg.eigvalsh(B_m)[0] * np.linalg.eigvalsh(B_s)[0]
+            stiffness = float(np.linalg.eigvalsh(mass)[0]) * facts.DevicePole() ** 2
+            T = facts.round_trip
+            if T > 0:
+                stiffness = min(stiffness, math.sqrt(4 * least / self.margin) / T)
+            if not stiffness > 0:
+                allowed = "a number, because the dampings or the poles of haptic_device"
+                Refuse(f"{path}.stiffness", None, f"{allowed} are 0")
+        return replace(
+            self,
+            master_mass=mass,
+            master_damping=B_m,
+            slave_damping=B_s,
+            stiffness=GainMatrix(stiffness, n),
+        )
+
+    def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
+        """Makes both sides."""
+        config = self.Resolve(facts, path)
+        start: list[float] = facts.start.tolist()
+        return Architecture(
+            master_side=ProportionalMaster(config, start=start),
+            slave_side=ProportionalSlave(config, num_axes=len(start)),
+            initial_forward_packet=start,
+            initial_return_packet=start,
+        )

@@ -1,0 +1,157 @@
+"""Adaptive backstepping with robust terms beside the networks."""
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from teleop_drake.blocks.architectures.adaptive_backstepping import (
+    AdaptiveBackstepping,
+    AdaptiveBacksteppingConfig,
+)
+from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.laws.backstepping import BacksteppingGains
+from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.laws.robust_backstepping import (
+    RobustBounds,
+    robust_errors,
+    robust_rate,
+)
+from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
+
+
+class RobustBackstepping(AdaptiveBackstepping):
+    """AdaptiveBackstepping with terms that dominate what its networks do not learn.
+
+        damping of s    G1 s + rho1 P s/sqrt(|P s|^2 + eps1^2)
+        off dF_c/dt     rho1 Psi^-1 H w/sqrt(|w|^2 + eps1^2)
+                        + rho3 z/sqrt(|z|^2 + eps3^2)
+
+    The law, with w and H and the proof of its ultimate bound, is
+    `teleop_drake.laws.robust_backstepping`. Ports, state, initial value and direct
+    feedthrough are those of AdaptiveBackstepping. With rho1 = rho3 = 0 so is the law.
+
+    | parameter | name      | unit    |
+    |-----------|-----------|---------|
+    | 0         | Lambda    | m/(N s) |
+    | 1         | G1        | 1/s     |
+    | 2         | G2        | 1/s     |
+    | 3         | P         | -       |
+    | 4         | beta1     | -       |
+    | 5         | beta2     | -       |
+    | 6         | beta3     | -       |
+    | 7         | nu1       | -       |
+    | 8         | nu3       | -       |
+    | 9         | Upsilon   | -       |
+    | 10        | Psi0      | 1/kg    |
+    | 11        | Psi_min   | 1/kg    |
+    | 12        | rho1      | m/s^2   |
+    | 13        | eps1      | -       |
+    | 14        | rho3      | N/s     |
+    | 15        | eps3      | -       |
+
+    Args:
+        gains: The constants of the law of chapters 4 and 5.
+        bounds: Those of the robust terms.
+        network: The basis functions of both networks, with n inputs in m.
+    """
+
+    law = ("robust_backstepping", robust_rate, robust_errors)
+
+    numeric_parameters: ClassVar = {
+        "Lambda": "m/(N s)",
+        "G1": "1/s",
+        "G2": "1/s",
+        "P": "",
+        "beta1": "",
+        "beta2": "",
+        "beta3": "",
+        "nu1": "",
+        "nu3": "",
+        "Upsilon": "",
+        "Psi0": "1/kg",
+        "Psi_min": "1/kg",
+        "rho1": "m/s^2",
+        "eps1": "",
+        "rho3": "N/s",
+        "eps3": "",
+    }
+
+    def __init__(
+        self,
+        gains: BacksteppingGains,
+        bounds: RobustBounds,
+        network: GaussianNetwork,
+    ):
+        for name in ("rho1", "rho3"):
+            CheckNumber(name, getattr(bounds, name), minimum=0)
+        for name in ("eps1", "eps3"):
+            CheckNumber(name, getattr(bounds, name), above=0)
+        AdaptiveBackstepping.__init__(self, gains=gains, network=network, bounds=bounds)
+
+
+@dataclass(kw_only=True, eq=False)
+class RobustTermsConfig(FixedFields):
+    """The bounds of the robust terms; all of their defaults are assumed.
+
+    The scale of s is the commanded speed |v_d|, that of z the force |v_d|/Lambda which
+    weighs as much in s. A null width of smoothing is that size.
+    """
+
+    # rho1, bound of what the networks miss in ds/dt, m/s^2, >= 0. 0 leaves its terms
+    # out, which over a delay do harm, as a larger G1 does. Assumed.
+    acceleration_bound: float = Number(0.0, "m/s^2", minimum=0)
+    # eps1, of P s (with P = 1 in m/s), > 0. Null: |v_d| times the largest eigenvalue
+    # of P. Assumed.
+    velocity_width: float | None = Number(None, "m/s", above=0)
+    # rho3, bound of what the networks miss in dF_e/dt, N/s, >= 0. Null: what G2 answers
+    # to a z of that size, its least eigenvalue times |v_d|/Lambda. Assumed.
+    force_rate_bound: float | None = Number(None, "N/s", minimum=0)
+    # eps3, of z, N, > 0. Null: |v_d|/Lambda. Assumed.
+    force_width: float | None = Number(None, "N", above=0)
+
+    def Bounds(self, gains: BacksteppingGains, facts: Facts, path: str) -> RobustBounds:
+        """Returns the bounds with every default derived; a width may not be 0."""
+        speed = float(np.linalg.norm(facts.velocity))
+        G2, Lambda = (
+            np.linalg.eigvalsh((x + x.T) / 2) for x in (gains.G2, gains.Lambda)
+        )
+        force = speed / float(Lambda[-1])
+        weight = float(np.linalg.eigvalsh(gains.P)[-1])
+        rho3, eps1, eps3 = (
+            derived if given is None else given
+            for given, derived in (
+                (self.force_rate_bound, float(G2[0]) * force),
+                (self.velocity_width, weight * speed),
+                (self.force_width, force),
+            )
+        )
+        for name, width in (("velocity_width", eps1), ("force_width", eps3)):
+            if not width > 0:
+                Refuse(f"{path}.{name}", None, "given where no velocity is commanded")
+        return RobustBounds(
+            rho1=self.acceleration_bound, eps1=eps1, rho3=rho3, eps3=eps3
+        )
+
+
+@dataclass(kw_only=True, eq=False)
+class RobustBacksteppingConfig(AdaptiveBacksteppingConfig):
+    """Adaptive backstepping with robust terms; see laws.robust_backstepping."""
+
+    kind = "robust_backstepping"
+
+    robust: RobustTermsConfig = field(default_factory=RobustTermsConfig)
+
+    def Check(self, path: str, num_axes: int) -> None:
+        """Checks every field for itself."""
+        super().Check(path, num_axes)
+        self.robust.CheckNumbers(f"{path}.robust")
+
+    def MakeControlLaw(self, facts: Facts, path: str) -> RobustBackstepping:
+        """Makes the law."""
+        gains = self.Resolve(facts, path)
+        return RobustBackstepping(
+            gains=gains,
+            bounds=self.robust.Bounds(gains, facts, f"{path}.robust"),
+            network=self.network.MakeNetwork(),
+        )

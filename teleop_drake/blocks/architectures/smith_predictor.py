@@ -1,0 +1,166 @@
+"""Direct force with a model of the robot at the master: Smith's predictor."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import (
+    Adder,
+    Demultiplexer,
+    Gain,
+    LinearSystem,
+    Multiplexer,
+)
+
+from teleop_drake.blocks.architectures.base import (
+    Architecture,
+    ArchitectureConfig,
+    MakeLawArchitecture,
+)
+from teleop_drake.blocks.architectures.damped_force import DampedForce
+from teleop_drake.blocks.architectures.direct_force import DirectForce
+from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.blocks.channels.transport import TransportDelay
+from teleop_drake.validation import CheckNumber, GainField, GainMatrix, Number, Refuse
+
+
+class SmithPredictorMaster(Diagram):
+    """Lets the operator feel a model of the tool now and the tool's error later.
+
+        v_felt = v_ret + v_model(t) - v_model(t - T)
+        M dv_model/dt = F_h - B v_model - K y,   dy/dt = v_model
+
+    for a slave that applies F_h(t - T_f) and returns its velocity, T = T_f + T_r. If
+    model and delay are exact, v_ret = v_model(t - T): the operator feels the model
+    alone, F_h is that of the loop without delay, and the tool does what it would do
+    there, T_f later. What the model does not know, such as a puncture or the bone,
+    comes back through the whole delay as without a predictor.
+
+    Source: O. J. M. Smith, "Closer control of loops with dead time", Chemical
+    Engineering Progress 53 (1957).
+
+    | port | name             | size | unit     | is                         |
+    |------|------------------|------|----------|----------------------------|
+    | in   | haptic_force     | n    | N        | F_h                        |
+    | in   | velocity_command | n    | m/s      | v_d                        |
+    | in   | return_packet    | 2n   | [m; m/s] | [p_WT; v_ret]              |
+    | out  | felt_position    | n    | m        | p_WT as received           |
+    | out  | felt_velocity    | n    | m/s      | v_felt                     |
+    | out  | forward_packet   | 2n   | [N; m/s] | [F_h; v_d]                 |
+    | out  | model_velocity   | n    | m/s      | v_model                    |
+
+    State: [y (n), v_model (n)] and the history of a TransportDelay.
+
+    Initial value: zero; y counts from the start of the tool, at which the model's
+    spring is relaxed.
+
+    Direct feedthrough: haptic_force and velocity_command to forward_packet,
+    return_packet to felt_position and felt_velocity.
+
+    The model is linear and has no layers. Its delay does not follow one that varies.
+
+    Args:
+        config: Without nulls, as Resolve() makes it.
+    """
+
+    def __init__(self, config: "SmithPredictorConfig", *, num_axes: int):
+        Diagram.__init__(self)
+        n = num_axes
+        M_inverse = np.linalg.inv(config.Gain("mass", n))
+        B, K = config.Gain("damping", n), config.Gain("stiffness", n)
+        delay: Any = config.delay
+        CheckNumber("delay", delay, "s", minimum=0)
+        nothing, one = np.zeros((n, n)), np.eye(n)
+        builder = DiagramBuilder()
+        unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n]))
+        model = builder.AddNamedSystem(
+            "model",
+            LinearSystem(
+                np.block([[nothing, one], [-M_inverse @ K, -M_inverse @ B]]),
+                np.vstack([nothing, M_inverse]),
+                np.hstack([nothing, one]),
+                nothing,
+            ),
+        )
+        model_delay = builder.AddNamedSystem(
+            "model_delay",
+            # The steps of the solver are what limits the error.
+            TransportDelay(delay=delay, size=n, max_sample_interval=math.inf),
+        )
+        negation = builder.AddNamedSystem("negation", Gain(-1.0, n))
+        felt = builder.AddNamedSystem("felt", Adder(3, n))
+        pack = builder.AddNamedSystem("pack", Multiplexer([n, n]))
+        force = builder.ExportInput(model.get_input_port(), "haptic_force")
+        builder.ConnectInput(force, pack.get_input_port(0))
+        builder.ExportInput(pack.get_input_port(1), "velocity_command")
+        builder.ExportInput(unpack.get_input_port(), "return_packet")
+        builder.Connect(model.get_output_port(), model_delay.get_input_port())
+        builder.Connect(model_delay.get_output_port(), negation.get_input_port())
+        builder.Connect(unpack.get_output_port(1), felt.get_input_port(0))
+        builder.Connect(model.get_output_port(), felt.get_input_port(1))
+        builder.Connect(negation.get_output_port(), felt.get_input_port(2))
+        builder.ExportOutput(unpack.get_output_port(0), "felt_position")
+        builder.ExportOutput(felt.get_output_port(), "felt_velocity")
+        builder.ExportOutput(pack.get_output_port(), "forward_packet")
+        builder.ExportOutput(model.get_output_port(), "model_velocity")
+        builder.BuildInto(self)
+        self.set_name("smith_predictor_master")
+
+
+@dataclass(kw_only=True, eq=False)
+class SmithPredictorConfig(ArchitectureConfig):
+    """Direct force with a model at the master; see SmithPredictorMaster."""
+
+    kind = "smith_predictor"
+    forward_parts = ("F_h", "v_d")
+    return_parts = ("p_WT", "v_ret")
+
+    # M of the model, kg, > 0. Null: the apparent mass of the robot at its start.
+    mass: np.ndarray | float | None = GainField(None)
+    # B, N s/m, >= 0. Null: that of the robot, of the local damper and, along x, of the
+    # layer at the start.
+    damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    # K, N/m, >= 0. Null: that of the layer at the start, along x.
+    stiffness: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    # T, s, >= 0. Null: T_f + T_r, the nominal round trip.
+    delay: float | None = Number(None, "s", minimum=0)
+    # Local damper at the tool, N s/m, >= 0; see DampedForce. Smith's has none.
+    local_damping: np.ndarray | float = GainField(0.0, may_be_zero=True)
+
+    def Resolve(self, facts: Facts, path: str) -> Any:
+        """Returns the config with every default derived."""
+        n = facts.num_axes
+        mass, damping, stiffness = self.mass, self.damping, self.stiffness
+        local = GainMatrix(self.local_damping, n)
+        if mass is None:
+            mass = facts.Told("inertia", f"{path}.mass")
+        if damping is None:
+            damping = facts.StartDamping(f"{path}.damping") + local
+        if stiffness is None:
+            stiffness = facts.Told("environment_stiffness", f"{path}.stiffness")
+        if np.any(GainMatrix(stiffness, n)[3:]):
+            # y is no rotation: it is the integral of an angular velocity.
+            Refuse(f"{path}.stiffness", stiffness, "0 about axes: a model has no pose")
+        return replace(
+            self,
+            mass=GainMatrix(mass, n),
+            damping=GainMatrix(damping, n),
+            stiffness=GainMatrix(stiffness, n),
+            delay=facts.round_trip if self.delay is None else self.delay,
+            local_damping=local,
+        )
+
+    def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
+        """Makes both sides."""
+        config = self.Resolve(facts, path)
+        n, local = facts.num_axes, config.local_damping
+        law = (
+            DampedForce(num_axes=n, damping=local)
+            if np.any(local)
+            else DirectForce(num_axes=n)
+        )
+        architecture = MakeLawArchitecture(law, facts.start.tolist())
+        architecture.master_side = SmithPredictorMaster(config, num_axes=n)
+        return architecture

@@ -1,0 +1,320 @@
+"""Direct force under passivity control in the time domain."""
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from teleop_drake.blocks.architectures.base import (
+    Architecture,
+    ArchitectureConfig,
+    MasterSide,
+    SlaveSide,
+)
+from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.kernel import Kernel, Name, times
+from teleop_drake.kernel.linear_part import IDLE_PASSIVITY, LinearPart
+from teleop_drake.laws.passivity import (
+    damped_force,
+    energy_budget,
+    injected_velocity,
+    master_mobility,
+    scaled_energy_rates,
+    slave_damping,
+)
+from teleop_drake.laws.proportional import braked_force
+from teleop_drake.validation import (
+    CheckNumber,
+    GainField,
+    GainMatrix,
+    Number,
+    Refuse,
+)
+
+# Energy that leaves a budget ample, in units of the scale or of E_0.
+_AMPLE = 1e9
+
+
+class _Idle:
+    """What a passivity controller tells that is not to act: no energy has left."""
+
+    def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
+        """Returns that the budget is ample and stays so."""
+        num_states = self.num_continuous_states()  # type: ignore[attr-defined]
+        energies = np.repeat([0.0, -_AMPLE], num_states // 2)
+        return LinearPart(num_states=0, state=energies, assumption=IDLE_PASSIVITY)
+
+
+class PassivityMaster(_Idle, MasterSide):
+    """Lets the operator feel the tool's velocity as long as that is passive.
+
+        v_m = v_ret + beta F_h,   0 <= beta <= maximum_mobility
+        dE_in/dt = max(F_h v_m, 0),   dE_out/dt = max(-F_h v_m, 0)
+        W_m = E_in of the slave as received - E_out
+
+    on each axis. beta is 0 as long as -F_h v_ret, the power that would leave for the
+    operator's hand, can be paid for out of W_m for the next `horizon`; else it is what
+    brings that power down to W_m / horizon. F_h goes out unchanged. The law is
+    `teleop_drake.laws.passivity`.
+
+    | port | name             | size | unit        | is                              |
+    |------|------------------|------|-------------|---------------------------------|
+    | in   | haptic_force     | n    | N           | F_h                             |
+    | in   | velocity_command | n    | m/s         | ignored                         |
+    | in   | return_packet    | 3n   | [m; m/s; J] | [p_WT; v; E_in] of PassivitySlave |
+    | out  | felt_position    | n    | m           | p_WT as received                |
+    | out  | felt_velocity    | n    | m/s         | v_m                             |
+    | out  | forward_packet   | 2n   | [N; J]      | [F_h; E_in]                     |
+    | out  | master_budget    | n    | J           | W_m                             |
+    | out  | master_power     | n    | W           | F_h v_m, into the channel       |
+    | out  | injected_mobility | n   | m/(N s)     | beta                            |
+
+    | parameter | name             | unit    |
+    |-----------|------------------|---------|
+    | 0         | maximum_mobility | m/(N s) |
+
+    State (continuous): [E_in (n), E_out (n)] in units of `initial_energy`, because the
+    solver's tolerance is absolute.
+
+    Initial value: 0.
+
+    Direct feedthrough: haptic_force to felt_velocity, forward_packet and master_power;
+    return_packet to all but forward_packet.
+
+    The maximum keeps the loop through the operator from becoming infinitely fast. What
+    leaves beyond the budget because of it is seen in master_budget < 0 and paid back.
+
+    It needs no delay and no model, and a channel that loses, holds or reorders packets
+    errs on the safe side, because E_in only grows; one that extrapolates does not.
+
+    Args:
+        config: Without nulls, as Resolve() makes it. Its initial_energy is the scale.
+    """
+
+    numeric_parameters: ClassVar = {
+        "maximum_mobility": "m/(N s)",
+    }
+
+    def __init__(self, config: "TimeDomainPassivityConfig", *, num_axes: int):
+        names = ("horizon", "maximum_mobility", "initial_energy")
+        n = num_axes
+        v: Name = ("return_packet", n, 2 * n)
+        MasterSide.__init__(
+            self,
+            "passivity_master",
+            Kernel(
+                parameters={**_Positive(config, *names), "no_energy": 0.0},
+                rate=(scaled_energy_rates, "master_power", "initial_energy"),
+                outputs={
+                    "felt_position": ("return_packet", 0, n),
+                    "felt_velocity": (
+                        injected_velocity, v, "injected_mobility", "haptic_force"
+                    ),
+                    "stored": (times, ("state", 0, n), "initial_energy"),
+                    "forward_packet": ["haptic_force", "stored"],
+                    "master_budget": (
+                        energy_budget, "no_energy", ("return_packet", 2 * n, 3 * n),
+                        ("state", n, 2 * n), "initial_energy",
+                    ),
+                    "master_power": (times, "haptic_force", "felt_velocity"),
+                    "injected_mobility": (
+                        master_mobility, "haptic_force", v, "master_budget",
+                        "horizon", "maximum_mobility",
+                    ),
+                },
+                sizes={"stored": n},
+                unused=("velocity_command",),
+            ),
+            n,
+            forward_packet=2 * n,
+            return_packet=3 * n,
+            state=[0.0] * (2 * n),
+        )  # fmt: skip
+
+
+def _Positive(config: "TimeDomainPassivityConfig", *names: str) -> dict[str, float]:
+    """Returns fields by their names; refuses those that are not > 0, or null."""
+    numbers = {name: getattr(config, name) for name in names}
+    for name, value in numbers.items():
+        for x in value if isinstance(value, np.ndarray) else [value]:
+            CheckNumber(name, x, above=0)
+    return numbers
+
+
+def _Extreme(matrix: np.ndarray, which: int) -> Any:
+    """Returns an eigenvalue, ascending; of six axes those of both halves (n)."""
+    if len(matrix) < 6:
+        return float(np.linalg.eigvalsh(matrix)[which])
+    halves = matrix[:3, :3], matrix[3:, 3:]
+    return np.repeat([np.linalg.eigvalsh(half)[which] for half in halves], 3)
+
+
+class PassivitySlave(_Idle, SlaveSide):
+    """Applies the haptic force that arrives as long as that is passive.
+
+        F = F_hd - alpha v,   0 <= alpha <= maximum_damping
+        dE_out/dt = max(F v, 0),   dE_in/dt = max(-F v, 0)
+        F_c = F - B v
+        W_s = E_0 + E_in of the master as received - E_out
+
+    on each axis. alpha is 0 as long as F_hd v, the power that would leave for the
+    tool, can be paid for out of W_s for the next `horizon`; else it is the damping that
+    brings that power down to W_s / horizon. E_0 lets the tool begin to
+    move: the operator's first power comes a round trip later, because he feels the
+    tool at rest. The law is `teleop_drake.laws.passivity`. B is a local damper behind
+    the port, which no budget pays for but that of F.
+
+    | port | name              | size | unit        | is                             |
+    |------|-------------------|------|-------------|--------------------------------|
+    | in   | forward_packet    | 2n   | [N; J]      | [F_hd; E_in] of PassivityMaster |
+    | in   | tool_position     | n    | m           | p_WT                           |
+    | in   | tool_velocity     | n    | m/s         | v                              |
+    | in   | environment_force | n    | N           | ignored                        |
+    | out  | control_force     | n    | N           | F_c                            |
+    | out  | return_packet     | 3n   | [m; m/s; J] | [p_WT; v; E_in]                |
+    | out  | slave_budget      | n    | J           | W_s                            |
+    | out  | slave_power       | n    | W           | F v, out of the channel        |
+    | out  | injected_damping  | n    | N s/m       | alpha                          |
+
+    | parameter | name            | unit  |
+    |-----------|-----------------|-------|
+    | 0         | maximum_damping | N s/m |
+    | 1         | local_damping   | N s/m |
+
+    State (continuous): [E_in (n), E_out (n)] in units of E_0, because the solver's
+    tolerance is absolute.
+
+    Initial value: 0, so that W_s = E_0.
+
+    Direct feedthrough: forward_packet and tool_velocity to all but return_packet;
+    tool_position and tool_velocity to return_packet.
+
+    The maximum keeps the tool from stopping infinitely fast. What leaves beyond the
+    budget because of it is seen in slave_budget < 0 and paid back.
+
+    What flows back from the tool is never limited here but at the master. A tool whose
+    budget is spent gets no power until the operator has moved against a force.
+
+    Args:
+        config: Without nulls, as Resolve() makes it.
+    """
+
+    numeric_parameters: ClassVar = {
+        "maximum_damping": "N s/m",
+        "local_damping": "N s/m",
+    }
+
+    def __init__(self, config: "TimeDomainPassivityConfig", *, num_axes: int):
+        n, names = num_axes, ("horizon", "maximum_damping", "initial_energy")
+        F: Name = ("forward_packet", 0, n)
+        SlaveSide.__init__(
+            self,
+            "passivity_slave",
+            Kernel(
+                parameters={
+                    **_Positive(config, *names),
+                    "minus": -1.0,
+                    "local_damping": config.Gain("local_damping", n),
+                },
+                rate=(scaled_energy_rates, "incoming_power", "initial_energy"),
+                outputs={
+                    "passive_force": (
+                        damped_force, F, "injected_damping", "tool_velocity"
+                    ),
+                    "control_force": (
+                        braked_force, "passive_force", "tool_velocity", "local_damping"
+                    ),
+                    "stored": (times, ("state", 0, n), "initial_energy"),
+                    "return_packet": ["tool_position", "tool_velocity", "stored"],
+                    "slave_budget": (
+                        energy_budget, "initial_energy", ("forward_packet", n, 2 * n),
+                        ("state", n, 2 * n), "initial_energy",
+                    ),
+                    "slave_power": (times, "passive_force", "tool_velocity"),
+                    "incoming_power": (times, "slave_power", "minus"),
+                    "injected_damping": (
+                        slave_damping, F, "tool_velocity", "slave_budget", "horizon",
+                        "maximum_damping",
+                    ),
+                },
+                sizes={"passive_force": n, "stored": n, "incoming_power": n},
+                unused=("environment_force",),
+            ),
+            n,
+            forward_packet=2 * n,
+            return_packet=3 * n,
+            state=[0.0] * (2 * n),
+        )  # fmt: skip
+
+
+@dataclass(kw_only=True, eq=False)
+class TimeDomainPassivityConfig(ArchitectureConfig):
+    """Direct force under passivity control; see architectures.time_domain_passivity."""
+
+    kind = "time_domain_passivity"
+    forward_parts = ("F_h", "E_in")
+    return_parts = ("p_WT", "v_WT", "E_in")
+
+    # With six axes each null below is derived for translation and for rotation.
+    #
+    # Time for which the energy must last at the present power, s, > 0. It plays the
+    # part of the sample period of the customary controllers, 1 ms; the shorter, the
+    # more exactly passive and the slower to simulate. Assumed.
+    horizon: float = Number(0.01, "s", above=0)
+    # Largest damping at the tool, N s/m, > 0. Null: m / horizon, with the smallest
+    # apparent mass m at the start pose: the tool stops within a horizon at the fastest.
+    maximum_damping: float | None = Number(None, "N s/m", above=0)
+    # Largest mobility at the hand, m/(N s), > 0. Null: 1 / (h horizon), with h = s H(s)
+    # for s to infinity: the haptic force falls within a horizon at the fastest.
+    maximum_mobility: float | None = Number(None, "m/(N s)", above=0)
+    # E_0, energy that the tool may take on each axis before the operator has given any,
+    # J, > 0. Null: what brings it to the commanded speed v_d and keeps it there for a
+    # round trip T, m |v_d|^2 / 2 + d |v_d|^2 T, with the largest apparent mass m at
+    # the start pose and the damping d of rail, first layer and local damper.
+    initial_energy: float | None = Number(None, "J", above=0)
+    # Local damper at the tool, N s/m, >= 0; see DampedForce. The customary scheme has
+    # none.
+    local_damping: np.ndarray | float = GainField(0.0, may_be_zero=True)
+
+    def Resolve(self, facts: Facts, path: str) -> Any:
+        """Returns the config with every default derived."""
+        damping: Any = self.maximum_damping
+        mobility: Any = self.maximum_mobility
+        energy: Any = self.initial_energy
+        local = GainMatrix(self.local_damping, facts.num_axes)
+        if damping is None:
+            inertia = facts.Told("inertia", f"{path}.maximum_damping")
+            damping = _Extreme(inertia, 0) / self.horizon
+        if mobility is None:
+            h: Any = facts.DeviceGain()
+            if not h > 0:
+                allowed = "a number, because none derives from haptic_device with"
+                Refuse(f"{path}.maximum_mobility", None, f"{allowed} s H(s) -> {h:g}")
+            # About an axis the device is lever^2 H(s).
+            if facts.num_axes == 6:
+                h = h * np.repeat([1.0, facts.haptic_device.lever**2], 3)
+            mobility = 1 / (h * self.horizon)
+        if energy is None:
+            field = f"{path}.initial_energy"
+            mass = _Extreme(facts.Told("inertia", field), -1)
+            drag = _Extreme(facts.StartDamping(field) + local, -1)
+            speed_squared = facts.velocity @ facts.velocity
+            energy = (mass / 2 + drag * facts.round_trip) * speed_squared
+        return replace(
+            self,
+            maximum_damping=damping,
+            maximum_mobility=mobility,
+            initial_energy=energy,
+            local_damping=local,
+        )
+
+    def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
+        """Makes both sides."""
+        config, n = self.Resolve(facts, path), facts.num_axes
+        facts.CheckStrictlyProper(self.kind)
+        return Architecture(
+            master_side=PassivityMaster(config, num_axes=n),
+            slave_side=PassivitySlave(config, num_axes=n),
+            initial_forward_packet=[0.0] * (2 * n),
+            initial_return_packet=[*facts.start.tolist(), *[0.0] * (2 * n)],
+        )

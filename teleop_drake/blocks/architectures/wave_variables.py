@@ -1,0 +1,257 @@
+"""Wave variables: the channels carry waves, which delay cannot make active."""
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from teleop_drake.arrays import ArrayLike
+from teleop_drake.blocks.architectures.base import (
+    Architecture,
+    ArchitectureConfig,
+    CheckStart,
+    MasterSide,
+    SlaveSide,
+)
+from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.blocks.channels import ChannelConfig
+from teleop_drake.kernel import Kernel, times
+from teleop_drake.laws.wave_variables import (
+    line_power,
+    master_velocity,
+    passive_scaling,
+    reflected_wave,
+    slave_force,
+    wave_root,
+)
+from teleop_drake.validation import (
+    CheckNumber,
+    GainField,
+    GainMatrix,
+    Number,
+    Refuse,
+)
+
+
+class WaveMaster(MasterSide):
+    """Turns the operator's force and the returning wave into velocity and a wave.
+
+        v_m = (b + D)^-1 (F_h + (2 b)^(1/2) w)
+        u   = (2 b)^(1/2) v_m - w
+
+    with the wave impedance b, a damper D beside the line, and w = f w_received. The
+    line gets F_h - D v_m. With D = b, u does not depend on w: nothing is reflected at
+    this end. The law is `teleop_drake.laws.wave_variables`.
+
+    | port | name             | size | unit          | is                         |
+    |------|------------------|------|---------------|----------------------------|
+    | in   | haptic_force     | n    | N             | F_h                        |
+    | in   | velocity_command | n    | m/s           | ignored                    |
+    | in   | return_packet    | 2n   | [W^(1/2); m]  | [w; p_WT] of WaveSlave     |
+    | out  | felt_position    | n    | m             | p_WT as received           |
+    | out  | felt_velocity    | n    | m/s           | v_m                        |
+    | out  | forward_packet   | 2n   | [W^(1/2); m]  | [u; x_m]                   |
+    | out  | master_position  | n    | m             | x_m, integral of v_m       |
+    | out  | master_power     | n    | W             | (F_h - D v_m) v_m per axis |
+
+    | parameter | name      | unit  |
+    |-----------|-----------|-------|
+    | 0         | impedance | N s/m |
+    | 1         | damping   | N s/m |
+    | 2         | scaling   | -     |
+
+    State (continuous): x_m (n); with six axes its rotation is no pose, but the integral
+    of an angular velocity, which nothing uses.
+
+    Initial value: start.
+
+    Direct feedthrough: haptic_force to felt_velocity, forward_packet and master_power;
+    return_packet to felt_position, felt_velocity, master_power and, unless D = b,
+    forward_packet.
+
+    It knows no delay and no energy: what is passive is the line as a whole. The
+    position that the operator feels is where the tool was, not x_m.
+
+    Args:
+        config: Without a null that stands for a default, as Resolve() makes it.
+        start: x_m at time 0 in m (n).
+    """
+
+    numeric_parameters: ClassVar = {
+        "impedance": "N s/m",
+        "damping": "N s/m",
+        "scaling": "",
+    }
+
+    def __init__(self, config: "WaveVariablesConfig", *, start: ArrayLike):
+        start = CheckStart(start)
+        n = start.size
+        b, D = config.Gain("impedance", n), config.Gain("master_damping", n)
+        CheckNumber("return_scaling", config.return_scaling, above=0, maximum=1)
+        is_matched = np.allclose(D, b, rtol=1e-12, atol=0)
+        # Where nothing is reflected the arriving wave must not be looked at: without a
+        # delay it depends on this very output.
+        seen = "nothing" if is_matched else "received"
+        MasterSide.__init__(
+            self,
+            "wave_master",
+            Kernel(
+                parameters={
+                    "scaling": config.return_scaling,
+                    "impedance": b,
+                    "damping": D,
+                    "nothing": np.zeros(n),
+                },
+                derived={"root": (wave_root, "impedance")},
+                rate="velocity",
+                outputs={
+                    "received": (times, ("return_packet", 0, n), "scaling"),
+                    "velocity": (
+                        master_velocity, "haptic_force", "received", "root", "damping"
+                    ),
+                    "felt_position": ("return_packet", n, 2 * n),
+                    "felt_velocity": "velocity",
+                    "own_velocity": (
+                        master_velocity, "haptic_force", seen, "root", "damping"
+                    ),
+                    "reflected": (reflected_wave, "own_velocity", seen, "root"),
+                    "forward_packet": ["reflected", "state"],
+                    "master_position": "state",
+                    "master_power": (line_power, "haptic_force", "velocity", "damping"),
+                },
+                sizes=dict.fromkeys(
+                    ("received", "velocity", "own_velocity", "reflected"), n
+                ),
+                unused=("velocity_command",),
+            ),
+            n,
+            forward_packet=2 * n,
+            return_packet=2 * n,
+            state=start.tolist(),
+        )  # fmt: skip
+
+
+class WaveSlave(SlaveSide):
+    """Turns the arriving wave and the tool's velocity into a force and a wave.
+
+        F_c = (2 b)^(1/2) u - b v
+        w   = (2 b)^(1/2) v - u
+
+    with the wave impedance b and u = f u_received. The tool's position is the integral
+    of what arrives: where waves are lost it drifts from x_m. The law is
+    `teleop_drake.laws.wave_variables`.
+
+    | port | name              | size | unit         | is                        |
+    |------|-------------------|------|--------------|---------------------------|
+    | in   | forward_packet    | 2n   | [W^(1/2); m] | [u; x_m] of WaveMaster    |
+    | in   | tool_position     | n    | m            | p_WT                      |
+    | in   | tool_velocity     | n    | m/s          | v                         |
+    | in   | environment_force | n    | N            | ignored                   |
+    | out  | control_force     | n    | N            | F_c                       |
+    | out  | return_packet     | 2n   | [W^(1/2); m] | [w; p_WT]                 |
+    | out  | slave_power       | n    | W            | F_c v per axis            |
+
+    | parameter | name      | unit  |
+    |-----------|-----------|-------|
+    | 0         | impedance | N s/m |
+    | 1         | scaling   | -     |
+
+    State: none.
+
+    Direct feedthrough: tool_velocity and forward_packet to all outputs; tool_position
+    to return_packet.
+
+    Args:
+        config: Without a null that stands for a default, as Resolve() makes it.
+    """
+
+    numeric_parameters: ClassVar = {
+        "impedance": "N s/m",
+        "scaling": "",
+    }
+
+    def __init__(self, config: "WaveVariablesConfig", *, num_axes: int):
+        n = num_axes
+        CheckNumber("forward_scaling", config.forward_scaling, above=0, maximum=1)
+        SlaveSide.__init__(
+            self,
+            "wave_slave",
+            Kernel(
+                parameters={
+                    "scaling": config.forward_scaling,
+                    "impedance": config.Gain("impedance", n),
+                },
+                derived={"root": (wave_root, "impedance")},
+                outputs={
+                    "received": (times, ("forward_packet", 0, n), "scaling"),
+                    "control_force": (slave_force, "tool_velocity", "received", "root"),
+                    "reflected": (reflected_wave, "tool_velocity", "received", "root"),
+                    "return_packet": ["reflected", "tool_position"],
+                    "slave_power": (times, "control_force", "tool_velocity"),
+                },
+                sizes=dict.fromkeys(("received", "reflected"), n),
+                unused=("environment_force",),
+            ),
+            n,
+            forward_packet=2 * n,
+            return_packet=2 * n,
+        )
+
+
+@dataclass(kw_only=True, eq=False)
+class WaveVariablesConfig(ArchitectureConfig):
+    """The wave line; see architectures.wave_variables.WaveMaster."""
+
+    kind = "wave_variables"
+    forward_parts = ("u", "x_m")
+    return_parts = ("w", "p_WT")
+
+    # b, wave impedance, N s/m, > 0. Null: matched to the operator, whose force is
+    # H = K/s + b + O(s) at low frequency: b is the resistance of the haptic device.
+    impedance: np.ndarray | float | None = GainField(None)
+    # Damper at the master's end of the line, N s/m, >= 0. Null: b, which absorbs the
+    # returning wave whatever the operator does; 0 is the bare line.
+    master_damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    # Factor on the arriving forward wave, 0 to 1. Null: sqrt(1 - largest dT/dt) of a
+    # variable channel that grows, which keeps it passive; 1 for all others.
+    forward_scaling: float | None = Number(None, above=0, maximum=1)
+    # The same for the returning wave.
+    return_scaling: float | None = Number(None, above=0, maximum=1)
+
+    def Resolve(self, facts: Facts, path: str) -> Any:
+        """Returns the config with every default derived."""
+        n, impedance = facts.num_axes, self.impedance
+        if impedance is None:
+            impedance = facts.OperatorResistance(f"{path}.impedance")
+        damping = impedance if self.master_damping is None else self.master_damping
+
+        def Scaling(given: float | None, channel: ChannelConfig) -> float:
+            if given is not None:
+                return given
+            return passive_scaling(channel.LargestSlope(facts.duration))
+
+        return replace(
+            self,
+            impedance=GainMatrix(impedance, n),
+            master_damping=GainMatrix(damping, n),
+            forward_scaling=Scaling(self.forward_scaling, facts.forward_channel),
+            return_scaling=Scaling(self.return_scaling, facts.return_channel),
+        )
+
+    def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
+        """Makes both sides; refuses a wave that would go round in no time."""
+        line = self.Resolve(facts, path)
+        facts.CheckStrictlyProper(self.kind)
+        is_open = np.allclose(line.master_damping, line.impedance, rtol=1e-12, atol=0)
+        if facts.has_no_delay and not is_open:
+            allowed = "null without delay: the wave would go round in no time"
+            Refuse(f"{path}.master_damping", line.master_damping, allowed)
+        start: list[float] = facts.start.tolist()
+        # No waves under way, and both at the start.
+        packet = [*[0.0] * len(start), *start]
+        return Architecture(
+            master_side=WaveMaster(line, start=start),
+            slave_side=WaveSlave(line, num_axes=len(start)),
+            initial_forward_packet=packet,
+            initial_return_packet=packet,
+        )

@@ -1,0 +1,95 @@
+"""Drake's own delay: whole periods of a sampled signal, held in between."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.primitives import Adder, ConstantVectorSource, DiscreteTimeDelay
+
+from teleop_drake.blocks.channels.base import ChannelConfig, ConstantDelay
+from teleop_drake.blocks.channels.sampled import CheckSamplePeriod
+from teleop_drake.validation import Refuse
+
+# How far from a whole number the number of periods may be, for rounding.
+_NEARLY_WHOLE = 1e-6
+
+
+@dataclass(kw_only=True, eq=False)
+class DiscreteChannelConfig(ChannelConfig):
+    """Drake's DiscreteTimeDelay(h, n), with h = sample_period and n h = delay.
+
+    It samples the signal every h, also at t = 0. A sample comes out n h later and is
+    held for h. The mean delay is (n + 1/2) h. With n = 0 it only samples and holds.
+    """
+
+    kind = "discrete"
+
+    # h, s, > 0. The delay is a whole number of these. Assumed.
+    sample_period: float = 0.01
+
+    def Check(self, path: str, duration: float) -> None:
+        """Checks every field."""
+        super().Check(path, duration)
+        CheckSamplePeriod(path, self.sample_period, self.delay)
+        num_periods = self.delay / self.sample_period
+        if abs(num_periods - round(num_periods)) > _NEARLY_WHOLE:
+            allowed = f"a whole number of sample periods, {self.sample_period:g} s each"
+            Refuse(f"{path}.delay", self.delay, allowed)
+
+    def MakeChannel(
+        self,
+        *,
+        size: int,
+        initial_value: Sequence[float],
+        duration: float = math.inf,
+        stream: str = "",
+    ) -> System:
+        """Makes the block; see ChannelConfig.MakeChannel.
+
+        Drake's block delivers zeros at first. Where the initial value is another one,
+        the block delays the difference to it.
+        """
+        self.Check("channel", duration)
+        num_periods = round(self.delay / self.sample_period)
+        delay = DiscreteTimeDelay(self.sample_period, num_periods, size)
+        if not np.any(initial_value):
+            return delay
+        return _DelayOfDifference(delay, np.array(initial_value, dtype=float))
+
+    def PacketPeriod(self) -> float:
+        """Returns the sample period in s."""
+        return self.sample_period
+
+    def AsConstantDelay(self, path: str, duration: float) -> ConstantDelay:
+        """Returns the mean delay (n + 1/2) h; see SampledChannelConfig."""
+        delay = self.delay + self.sample_period / 2
+        return ConstantDelay(
+            delay=delay,
+            note=f"{path}: DiscreteTimeDelay holds each sample for "
+            f"{self.sample_period:g} s; its mean delay (n + 1/2) h is {delay:g} s, and "
+            "the margins hold for a constant delay of that size.",
+        )
+
+
+def _DelayOfDifference(delay: DiscreteTimeDelay, initial_value: np.ndarray) -> Diagram:
+    """Returns a diagram: initial_value + delayed (signal - initial_value)."""
+    builder = DiagramBuilder()
+    size = initial_value.size
+    minus = builder.AddNamedSystem(
+        "minus_initial", ConstantVectorSource(-initial_value)
+    )
+    plus = builder.AddNamedSystem("plus_initial", ConstantVectorSource(initial_value))
+    difference = builder.AddNamedSystem("difference", Adder(2, size))
+    total = builder.AddNamedSystem("total", Adder(2, size))
+    builder.AddNamedSystem("delay", delay)
+    builder.Connect(minus.get_output_port(), difference.get_input_port(1))
+    builder.Connect(difference.get_output_port(), delay.get_input_port())
+    builder.Connect(delay.get_output_port(), total.get_input_port(0))
+    builder.Connect(plus.get_output_port(), total.get_input_port(1))
+    builder.ExportInput(difference.get_input_port(0), "signal")
+    builder.ExportOutput(total.get_output_port(), "delayed_signal")
+    channel = builder.Build()
+    channel.set_name("discrete_channel")
+    return channel

@@ -1,0 +1,199 @@
+"""Packets with fates of their own: jitter, loss, reordering, and a receiver."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from pydrake.systems.framework import Context
+
+from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.blocks.channels.base import ChannelBlock, ConstantDelay
+from teleop_drake.blocks.channels.packet_network import (
+    ComputePacketStatistics,
+    Jitter,
+    Loss,
+    PacketNetwork,
+    PacketStatistics,
+    Receiver,
+)
+from teleop_drake.blocks.channels.sampled import CheckSamplePeriod
+from teleop_drake.blocks.channels.variable import VaryingDelayConfig
+from teleop_drake.kernel import Delay
+from teleop_drake.validation import (
+    REQUIRED,
+    CheckNumber,
+    Refuse,
+    ScenarioError,
+    Within,
+)
+
+
+class NetworkDelay(ChannelBlock):
+    """Delays a vector signal in packets which a network delays, loses and reorders.
+
+    Packet k carries signal(k h), h = sample period of the network, and arrives at
+    network.Arrival(k), if ever. With the newest packet k that has arrived before t
+
+        delayed_signal(t) = signal(k h)                          newest, playout
+                          = signal(k h) + slope (t - arrival)    extrapolate
+
+    See Receiver for the policies. With a constant delay and no loss, `newest` is
+    SampledDelay.
+
+    | port | name           | size | unit      |
+    |------|----------------|------|-----------|
+    | in   | signal         | size | any       |
+    | out  | delayed_signal | size | of signal |
+
+    State, jumps: those of PacketLine. The random numbers are no state: they are
+    functions of the packet's number.
+
+    Initial value: `initial_value` is delivered until the first packet is shown.
+
+    Direct feedthrough: none, not even without delay: then the signal is sampled.
+
+    It neither limits the rate nor queues packets, and extrapolates however long the
+    next one takes.
+
+    Args:
+        network: What happens to the packets.
+        size: Width of the signal, >= 1.
+        initial_value: What is delivered at first (size); zeros if None.
+        receiver: What the receiver does with them; holds the newest one if None.
+
+    Raises:
+        ValueError: If a parameter is outside its range.
+    """
+
+    def __init__(
+        self,
+        network: PacketNetwork,
+        size: int,
+        initial_value: Sequence[float] | None = None,
+        *,
+        receiver: Receiver | None = None,
+    ):
+        receiver = receiver or Receiver()
+        ChannelBlock.__init__(
+            self, delay=network.profile.delay, size=size, initial_value=initial_value
+        )
+        receiver.Check()
+        self._network = network
+        self._receiver = receiver
+        delay_line = Delay(
+            signal="signal",
+            output="delayed_signal",
+            initial_value=self.initial_value,
+            period=network.sample_period,
+            shown=lambda k: network.Shown(k, receiver),
+            extrapolates=receiver.policy == "extrapolate",
+            end=network.profile.duration,
+        )
+        self.DeclareDelay(delay_line)
+
+    def Statistics(self, context: Context) -> PacketStatistics:
+        """Returns what has become of the packets sent before now."""
+        return ComputePacketStatistics(
+            self._network, self._receiver, context.get_time()
+        )
+
+
+@dataclass(kw_only=True, eq=False)
+class NetworkChannelConfig(VaryingDelayConfig):
+    """Sends a packet each sample period through a network that has its ways with it."""
+
+    kind = "network"
+    draws_random_numbers: ClassVar[bool] = True
+    has_packet_statistics: ClassVar[bool] = True
+
+    # Time between packets, s, > 0.
+    sample_period: float = REQUIRED
+    jitter: Jitter = field(default_factory=Jitter)
+    loss: Loss = field(default_factory=Loss)
+    receiver: Receiver = field(default_factory=Receiver)
+
+    def Check(self, path: str, duration: float) -> None:
+        """Checks every field; reads the trace."""
+        super().Check(path, duration)
+        CheckSamplePeriod(path, self.sample_period, self.delay)
+        self.Network(duration, path=path)
+        with Within(path):
+            self.receiver.Check()
+
+    def Network(
+        self, duration: float, *, stream: str = "", path: str = "channel"
+    ) -> PacketNetwork:
+        """Returns what happens to the packets.
+
+        Args:
+            duration: How long packets are sent, s.
+            path: The channel's field in a scenario, for messages.
+        """
+        CheckNumber(f"{path}.sample_period", self.sample_period, "s", above=0)
+        trace = self.MeasuredDelays(duration, path)
+        profile = self.ProfileOf(trace, duration, path)
+        with Within(path):
+            return PacketNetwork(
+                profile=profile,
+                is_lost=None if trace is None else trace.IsLost,
+                sample_period=self.sample_period,
+                jitter=self.jitter,
+                loss=self.loss,
+                seed=self.seed,
+                stream=stream,
+            )
+
+    def MakeChannel(
+        self,
+        *,
+        size: int,
+        initial_value: Sequence[float],
+        duration: float = math.inf,
+        stream: str = "",
+    ) -> NetworkDelay:
+        """Makes the block; see ChannelConfig.MakeChannel."""
+        network = self.Network(duration, stream=stream)
+        return NetworkDelay(
+            network=network,
+            receiver=self.receiver,
+            size=size,
+            initial_value=initial_value,
+        )
+
+    def PacketPeriod(self) -> float:
+        """Returns the sample period in s."""
+        return self.sample_period
+
+    def Arrivals(self, sent: ArrayLike, duration: float, stream: str = "") -> Array:
+        """Returns when the packets sent nearest to given times arrive."""
+        network = self.Network(duration, stream=stream)
+        last = math.floor(duration / self.sample_period)
+        numbers = np.round(np.asarray(sent, dtype=float) / self.sample_period)
+        return np.array([network.Arrival(int(k)) for k in np.minimum(numbers, last)])
+
+    def AsConstantDelay(self, path: str, duration: float) -> ConstantDelay:
+        """Returns the mean age of information behind the receiver.
+
+        It is that of this network's own packets: their delays, losses, order and seed.
+
+        Raises:
+            ScenarioError: If the receiver extrapolates, which is no delay, or no
+                packet arrives.
+        """
+        if self.receiver.policy == "extrapolate":
+            allowed = "newest or playout, because what extrapolates is not a delay"
+            Refuse(f"{path}.receiver.policy", self.receiver.policy, allowed)
+        network = self.Network(duration, stream=path, path=path)
+        age = ComputePacketStatistics(network, self.receiver, duration).age_mean
+        if age is None:
+            raise ScenarioError(
+                f"{path}: must deliver a packet within the duration, {duration:g} s, "
+                "and does not"
+            )
+        return ConstantDelay(
+            delay=age,
+            note=f"{path}: packets have delays of their own; the margins hold for a "
+            f"constant delay, here the mean age of what is received, {age:.4g} s.",
+        )

@@ -1,0 +1,502 @@
+"""Networks that delay, lose and reorder packets.
+
+    d_k  = T(k h) + jitter_k          delay of packet k, sent at k h; infinite if lost
+
+Jitter is independent from packet to packet, or correlated: then a first-order
+autoregressive sequence g is put through the distribution function F of the jitter,
+
+    g_k  = a g_(k-1) + sqrt(1 - a^2) n_k,  n_k ~ N(0, 1),  a = exp(-h/correlation_time)
+    jitter_k = F^-1(Phi(g_k))         Phi that of N(0, 1)
+
+so that every packet has the same distribution as without correlation. Rank correlation
+is 6/pi asin(a^m/2) between packets m apart. D. A. Vivanco and A. P. Jayasumana (A
+measurement-based modeling approach for network-induced packet delay, LCN 2007) find
+autoregressive models in measured delays. Where packets keep their order, one that is
+faster than its predecessor waits for it:
+
+    arrival_k = max(k h + d_k, arrival_(k-1))       the latest that is not lost
+
+Every random number is a pure function of (seed, stream, impairment, k), from numpy's
+counter-based Philox generator: nothing depends on who asks first or how often, and the
+parameters of one impairment leave the numbers of the others alone.
+
+A ValueError names the parameter by its place in a channel ("jitter.std"), its value
+and what is allowed.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar
+
+import numpy as np
+
+from teleop_drake.blocks.channels.variable import DelayProfile
+from teleop_drake.numerics.instants import TIE, same_within
+from teleop_drake.validation import (
+    CheckChoice,
+    CheckNumber,
+    FixedFields,
+    Number,
+    Refuse,
+)
+
+Array = np.ndarray
+
+_BLOCK = 1024
+
+
+@dataclass(kw_only=True)
+class PacketConfig(FixedFields):
+    """Base of what happens to packets: one of its fields says which others count.
+
+    Attributes:
+        choice: Name of that field.
+        used: By each of its values, the fields that have an effect.
+    """
+
+    choice: ClassVar[str] = "kind"
+    used: ClassVar[dict[str, tuple[str, ...]]] = {}
+
+    def Check(self) -> None:
+        """Checks every field; those without effect have to keep their defaults.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        path = type(self).__name__.lower()
+        choice = getattr(self, self.choice)
+        CheckChoice(f"{path}.{self.choice}", choice, self.used)
+        self.CheckNumbers(path)
+        for item in fields(self):
+            value = getattr(self, item.name)
+            is_used = item.name in (self.choice, *self.used[choice])
+            if not is_used and value != item.default:
+                default = f"{item.default:g} where {path}.{self.choice} is {choice}"
+                Refuse(f"{path}.{item.name}", value, default)
+
+
+@dataclass(kw_only=True)
+class Jitter(PacketConfig):
+    """How the delays of the packets scatter.
+
+    uniform: within sqrt(3) std on either side of the mean.
+    normal:  the density of N(mean, std^2) above `minimum`, zero below and normalized
+             again. Mean and std are those before this truncation.
+    gamma:   minimum + Gamma(shape, scale) with shape = ((mean - minimum) / std)^2 and
+             scale = std^2 / (mean - minimum).
+
+    The mean is the channel's `delay`.
+    """
+
+    used: ClassVar = {
+        "none": ("keeps_order",),
+        "uniform": ("std", "correlation_time", "keeps_order"),
+        "normal": ("std", "minimum", "correlation_time", "keeps_order"),
+        "gamma": ("std", "minimum", "correlation_time", "keeps_order"),
+    }
+
+    # One of those of `used`.
+    kind: str = "none"
+    # Standard deviation, s, >= 0.
+    std: float = Number(0.0, "s", minimum=0)
+    # Least delay, s, 0 to `delay`; normal and gamma only, else 0. What varies with
+    # time comes on top.
+    minimum: float = 0.0
+    # After which time the delay has forgotten what it was, s, >= 0. 0: each packet is
+    # independent of the others.
+    correlation_time: float = Number(0.0, "s", minimum=0)
+    # Whether no packet overtakes another one. What waits arrives later than the mean
+    # and std say, the more so the shorter the sample period and the correlation time.
+    keeps_order: bool = False
+
+
+@dataclass(kw_only=True)
+class Loss(PacketConfig):
+    """Which packets never arrive.
+
+    independent: each with `probability`.
+    burst:       the Gilbert-Elliott model. A Markov chain is in a good or a bad state
+                 at each packet; a packet is lost with good_loss or bad_loss. The
+                 chain leaves the bad state with 1 / burst_length, starts in its
+                 stationary distribution, and has a share of bad packets such that
+                 `probability` are lost in the long run.
+
+    Source: E. N. Gilbert, Bell Syst. Tech. J. 39 (1960); E. O. Elliott, ibid. 42
+    (1963).
+    """
+
+    used: ClassVar = {
+        "none": (),
+        "independent": ("probability",),
+        "burst": ("probability", "burst_length", "good_loss", "bad_loss"),
+    }
+
+    # One of those of `used`.
+    kind: str = "none"
+    # Share of packets lost in the long run, 0 to 1; below 1 for burst.
+    probability: float = Number(0.0, "1", minimum=0, maximum=1)
+    # Mean length of the bad state, packets, >= 1; burst only.
+    burst_length: float = Number(1.0, "packets", minimum=1)
+    # Share lost in the good state, 0 to `probability`; burst only.
+    good_loss: float = Number(0.0, "1", minimum=0, maximum=1)
+    # Share lost in the bad state, more than good_loss, `probability` to 1; burst only.
+    bad_loss: float = Number(1.0, "1", minimum=0, maximum=1)
+
+
+@dataclass(kw_only=True)
+class Receiver(PacketConfig):
+    """What the receiver makes of the packets; older ones than it has are discarded.
+
+    newest:      holds the packet with the newest time stamp.
+    playout:     the same, but shows a packet no earlier than delay + depth after it
+                 was sent; one that is late is shown at once. The clocks agree.
+    extrapolate: goes on from the newest packet, from its arrival, along the line
+                 through the time stamps and values of this packet and the one it
+                 replaced.
+    """
+
+    choice = "policy"
+    used: ClassVar = {"newest": (), "playout": ("depth",), "extrapolate": ()}
+
+    # One of those of `used`.
+    policy: str = "newest"
+    # How much longer than `delay` a packet waits, s, >= 0; playout only, else 0.
+    depth: float = Number(0.0, "s", minimum=0)
+
+
+@dataclass
+class _Block:
+    """The fates of _BLOCK packets, and what the next block goes on from.
+
+    A packet is lost if it arrives at infinity; NaN is beyond the network's duration.
+    """
+
+    arrivals: Array
+    # Of the loss.
+    is_bad: bool
+    # The last g of the jitter.
+    deviate: float
+    # When the latest packet so far arrives.
+    latest: float
+
+
+class PacketNetwork:
+    """A network to which a packet is given every sample period.
+
+    Args:
+        profile: The part of the delay that is not random.
+        sample_period: h in s, > 0 and at most the duration of the profile.
+        jitter: The random part of the delay.
+        loss: Which packets never arrive.
+        is_lost: Which packets, beside these, never arrive, by the times when they are
+            sent in s (N); None: no such packet.
+        seed: >= 0. The same seed and stream give the same packets.
+        stream: Name of the channel. Other names make independent networks.
+
+    Raises:
+        ValueError: If a parameter is outside its range or a delay might be negative.
+    """
+
+    def __init__(
+        self,
+        *,
+        profile: DelayProfile,
+        sample_period: float,
+        jitter: Jitter | None = None,
+        loss: Loss | None = None,
+        is_lost: Callable[[Array], Array] | None = None,
+        seed: int = 0,
+        stream: str = "",
+    ):
+        self.profile = profile
+        self.sample_period = float(sample_period)
+        self._jitter = jitter or Jitter()
+        self._loss = loss or Loss()
+        self._is_lost = is_lost
+        self._seed = seed
+        self._stream = stream
+        if not 0 < sample_period <= profile.duration or math.isinf(sample_period):
+            allowed = f"a finite number > 0 and <= {profile.duration:g} (s)"
+            Refuse("sample_period", sample_period, allowed)
+        if seed < 0:
+            Refuse("seed", seed, "a whole number >= 0")
+        self._CheckJitter()
+        self._CheckLoss()
+        # Pure values: what a block holds does not depend on who asks.
+        self._blocks: list[_Block] = []
+
+    def _CheckJitter(self) -> None:
+        """Checks the jitter, and that no delay is negative."""
+        jitter = self._jitter
+        mean = self.profile.delay
+        jitter.Check()
+        least = 0.0
+        if jitter.kind == "uniform":
+            least = -math.sqrt(3) * jitter.std
+        elif jitter.kind != "none":
+            CheckNumber("jitter.minimum", jitter.minimum, "s", minimum=0, maximum=mean)
+            if jitter.kind == "gamma" and jitter.std > 0 and jitter.minimum == mean:
+                allowed = f"less than the mean delay, {mean:g} s"
+                Refuse("jitter.minimum", jitter.minimum, allowed)
+            least = jitter.minimum - mean if jitter.std > 0 else 0.0
+        least += self.profile.minimum
+        # A margin for the rounding of the sum of the bounds.
+        if least < -1e-12 and jitter.kind == "uniform":
+            allowed = f"such that the delay, down to {least:g} s, is never negative"
+            Refuse("jitter.std", jitter.std, allowed)
+        if least < -1e-12:
+            allowed = (
+                f">= {jitter.minimum - least:g} (s), so that with what varies with "
+                "time no delay is negative"
+            )
+            Refuse("jitter.minimum", jitter.minimum, allowed)
+
+    def _CheckLoss(self) -> None:
+        """Checks the loss, and that the chain of bursts exists."""
+        loss = self._loss
+        loss.Check()
+        if loss.kind != "burst":
+            return
+        if not loss.good_loss < loss.bad_loss:
+            Refuse("loss.bad_loss", loss.bad_loss, f"> good_loss, {loss.good_loss:g}")
+        # The chain enters the bad state with share / (1 - share) / burst_length.
+        most = loss.good_loss + (loss.bad_loss - loss.good_loss) * (
+            loss.burst_length / (1 + loss.burst_length)
+        )
+        # A chain that is always in the bad state cannot leave it and come back.
+        bad_share = loss.probability - loss.good_loss
+        is_always_bad = bad_share >= loss.bad_loss - loss.good_loss
+        if is_always_bad or not loss.good_loss <= loss.probability <= most:
+            allowed = (
+                f">= {loss.good_loss:g} and <= {most:g}, and less than bad_loss, with "
+                "this burst_length, good_loss and bad_loss"
+            )
+            Refuse("loss.probability", loss.probability, allowed)
+
+    def Arrival(self, k: int) -> float:
+        """Returns when packet k, sent at k h, arrives (s); infinity if it is lost.
+
+        Raises:
+            ValueError: If it is sent beyond the duration of the profile.
+        """
+        block, place = divmod(k, _BLOCK)
+        while block >= len(self._blocks):
+            self._blocks.append(self._MakeBlock(len(self._blocks)))
+        arrival = float(self._blocks[block].arrivals[place])
+        if math.isnan(arrival):
+            self.profile(k * self.sample_period)
+        return arrival
+
+    def Arrivals(self, count: int) -> Array:
+        """Returns when packets 0 to count - 1 arrive (s); infinity if lost."""
+        return np.array([self.Arrival(k) for k in range(count)])
+
+    def Shown(self, k: int, receiver: Receiver) -> float:
+        """Returns when a receiver shows packet k if it has no newer one (s).
+
+        Raises:
+            ValueError: If it is sent beyond the duration of the profile.
+        """
+        arrival = self.Arrival(k)
+        if receiver.policy != "playout":
+            return arrival
+        due = k * self.sample_period + self.profile.delay + receiver.depth
+        return max(arrival, float(self._Snap(np.array(due))))
+
+    def ShownUntil(self, receiver: Receiver, end: float) -> tuple[Array, Array]:
+        """Returns what a receiver shows of the packets sent before a time.
+
+        Returns:
+            When it shows something (N), ascending, and the time stamp of it (N), in s.
+        """
+        sent = range(self.CountUntil(end))
+        shown = np.array([self.Shown(k, receiver) for k in sent])
+        stamps = np.arange(len(sent)) * self.sample_period
+        order = np.lexsort((stamps, shown))
+        order = order[shown[order] < end]
+        return shown[order], np.maximum.accumulate(stamps[order])
+
+    def CountUntil(self, end: float) -> int:
+        """Returns how many packets are sent before a time in s."""
+        return math.ceil(end / self.sample_period - TIE)
+
+    def _Random(self, impairment: str, block: int) -> "np.random.Generator":
+        name = f"{self._stream}/{impairment}".encode()
+        sequence = np.random.SeedSequence(self._seed, spawn_key=tuple(name))
+        key = sequence.generate_state(2, np.uint64)
+        # Of the 256 bits of the counter, the upper half tells the blocks apart.
+        return np.random.Generator(np.random.Philox(key=key, counter=block << 128))
+
+    def _MakeBlock(self, block: int) -> _Block:
+        """Returns the fates of a block's packets; the block before it is made."""
+        jitter, deviate = self._JitterOf(block)
+        is_lost, is_bad = self._LossOf(block)
+        sent = np.arange(block * _BLOCK, (block + 1) * _BLOCK) * self.sample_period
+        # As the profile has it.
+        sent = sent[sent <= self.profile.duration * (1 + 1e-9)]
+        arrivals = sent + np.maximum(self.profile(sent) + jitter[: len(sent)], 0.0)
+        arrived = ~is_lost[: len(sent)]
+        if self._is_lost is not None:
+            arrived &= ~self._is_lost(sent)
+        latest = self._blocks[block - 1].latest if block else 0.0
+        if self._jitter.keeps_order and arrived.any():
+            in_order = np.maximum.accumulate(arrivals[arrived])
+            arrivals[arrived] = np.maximum(in_order, latest)
+            latest = arrivals[arrived][-1]
+        fates = np.full(_BLOCK, math.nan)
+        fates[: len(sent)] = np.where(arrived, self._Snap(arrivals), math.inf)
+        return _Block(fates, is_bad, deviate, latest)
+
+    def _Snap(self, times: Array) -> Array:
+        # 0.1 + 3 * 0.1 is not 4 * 0.1.
+        ticks = np.round(times / self.sample_period) * self.sample_period
+        within = same_within(float(times.max(initial=0.0)))
+        return np.where(np.abs(times - ticks) <= within, ticks, times)
+
+    def _JitterOf(self, block: int) -> tuple[Array, float]:
+        """Returns the jitter, and the last deviate g if it is correlated."""
+        jitter = self._jitter
+        std = jitter.std
+        if jitter.kind == "none" or std == 0:
+            return np.zeros(_BLOCK), 0.0
+        random = self._Random("jitter", block)
+        excess = self.profile.delay - jitter.minimum
+        if jitter.kind == "gamma" and not jitter.correlation_time:
+            scale = std**2 / excess
+            return random.gamma((excess / std) ** 2, scale, _BLOCK) - excess, 0.0
+
+        from scipy.special import gammaincinv, ndtr, ndtri  # It takes a tenth of a s.
+
+        # Where each packet is in the distribution of the jitter, 0 to 1.
+        deviate = 0.0
+        if jitter.correlation_time:
+            deviates = self._Deviates(block, random.standard_normal(_BLOCK).tolist())
+            deviate = deviates[-1]
+            u = ndtr(deviates)
+        else:
+            u = random.random(_BLOCK)
+        u = np.clip(u, 2.0**-53, 1 - 2.0**-53)
+        if jitter.kind == "gamma":
+            values = gammaincinv((excess / std) ** 2, u) * std**2 / excess - excess
+        elif jitter.kind == "uniform":
+            values = math.sqrt(3) * std * (2 * u - 1)
+        else:
+            # The inverse of the cumulative distribution above the minimum.
+            values = np.maximum(-std * ndtri(u * ndtr(excess / std)), -excess)
+        return values, deviate
+
+    def _Deviates(self, block: int, noise: list[float]) -> list[float]:
+        """Returns g of a block, which goes on from the block before."""
+        a = math.exp(-self.sample_period / self._jitter.correlation_time)
+        g = self._blocks[block - 1].deviate if block else noise[0]
+        deviates = [] if block else [g]
+        for n in noise if block else noise[1:]:
+            g = a * g + math.sqrt(1 - a * a) * n
+            deviates.append(g)
+        return deviates
+
+    def _LossOf(self, block: int) -> tuple[Array, bool]:
+        """Returns what is lost, and whether the chain ends in its bad state."""
+        loss = self._loss
+        if loss.kind == "none":
+            return np.zeros(_BLOCK, bool), False
+        u = self._Random("loss", block).random(_BLOCK)
+        if loss.kind == "independent":
+            return u < loss.probability, False
+        share = (loss.probability - loss.good_loss) / (loss.bad_loss - loss.good_loss)
+        leave = 1 / loss.burst_length
+        enter = leave * share / (1 - share)
+        is_bad = self._blocks[block - 1].is_bad if block else False
+        states: list[bool] = []
+        for step in self._Random("burst", block).random(_BLOCK).tolist():
+            if block == 0 and not states:
+                is_bad = step < share
+            else:
+                is_bad = step >= leave if is_bad else step < enter
+            states.append(is_bad)
+        return u < np.where(states, loss.bad_loss, loss.good_loss), is_bad
+
+
+@dataclass(kw_only=True)
+class PacketStatistics:
+    """What one channel did to its packets until the end of a run.
+
+    Attributes:
+        sent: Number of packets sent.
+        received: Number of those that arrived before the end.
+        lost: Number of those that never arrive. The rest were still under way.
+        loss_rate: lost / sent.
+        reordered: Number of packets that arrived after a newer one.
+        late: Number of packets that arrived after they should have been shown
+            (playout only).
+        delay_mean: Of the packets received, s; None if there are none, as for the
+            following.
+        delay_minimum: Smallest delay, s.
+        delay_median: Half of the delays are smaller, s.
+        delay_p95: 95 % of the delays are smaller, s.
+        delay_p99: 99 % of the delays are smaller, s.
+        delay_maximum: Largest delay, s.
+        age_mean: Age of information: the time since what is shown was sent; mean
+            over time from the first packet shown, s.
+        age_maximum: Largest age of information, s.
+    """
+
+    sent: int
+    received: int
+    lost: int
+    loss_rate: float
+    reordered: int
+    late: int
+    delay_mean: float | None = None
+    delay_minimum: float | None = None
+    delay_median: float | None = None
+    delay_p95: float | None = None
+    delay_p99: float | None = None
+    delay_maximum: float | None = None
+    age_mean: float | None = None
+    age_maximum: float | None = None
+
+
+def ComputePacketStatistics(
+    network: PacketNetwork, receiver: Receiver, end_time: float
+) -> PacketStatistics:
+    """Returns what a network and a receiver make of the packets sent before a time.
+
+    Args:
+        end_time: In s; what arrives later has not been received.
+    """
+    sent = network.CountUntil(end_time)
+    arrivals = network.Arrivals(sent)
+    stamps = np.arange(sent) * network.sample_period
+    received = np.flatnonzero(arrivals <= end_time)
+    # Two that arrive together are in order.
+    received = received[np.argsort(arrivals[received], kind="stable")]
+    is_newest = received == np.maximum.accumulate(received)
+    delays = (arrivals - stamps)[received]
+    due = network.profile.delay + receiver.depth + TIE * network.sample_period
+    is_late = (delays > due) & (receiver.policy == "playout")
+    measured: dict[str, Any] = {}
+    if delays.size:
+        names = ("minimum", "median", "p95", "p99", "maximum")
+        percentiles = np.percentile(delays, [0, 50, 95, 99, 100]).tolist()
+        for name, value in zip(names, percentiles, strict=True):
+            measured[f"delay_{name}"] = value
+        measured["delay_mean"] = float(delays.mean())
+    shown, stamps = network.ShownUntil(receiver, end_time)
+    if shown.size:
+        # Between two packets the age grows with slope 1.
+        ends = np.append(shown[1:], end_time)
+        integral = np.sum((ends - stamps) ** 2 - (shown - stamps) ** 2) / 2
+        measured["age_mean"] = float(integral / (end_time - shown[0]))
+        measured["age_maximum"] = float(np.max(ends - stamps))
+    lost = int(np.sum(np.isinf(arrivals)))
+    return PacketStatistics(
+        sent=sent,
+        received=len(received),
+        lost=lost,
+        loss_rate=lost / sent if sent else 0.0,
+        reordered=int(np.sum(~is_newest)),
+        late=int(np.sum(is_late)),
+        **measured,
+    )

@@ -1,0 +1,159 @@
+"""Packets at a fixed rate, each held until the next one."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from teleop_drake.blocks.channels.base import (
+    SHORTEST_TIME,
+    ChannelBlock,
+    ChannelConfig,
+    ConstantDelay,
+)
+from teleop_drake.kernel import Delay
+from teleop_drake.kernel.ticks import DeclareTicks, Ticks
+from teleop_drake.numerics.instants import TIE
+from teleop_drake.validation import REQUIRED, CheckNumber, Refuse
+
+
+class SampledDelay(ChannelBlock):
+    """Delays a vector signal that is sent in packets and held between them.
+
+        delayed_signal(t) = signal(k h)    for k h + delay < t <= (k + 1) h + delay
+
+    with the sample period h. The delay seen by the signal therefore sweeps from
+    `delay` to `delay + h`; its mean is (n + 1/2) h for delay = n h. The delay need
+    not be a multiple of the sample period.
+
+    | port | name           | size | unit      |
+    |------|----------------|------|-----------|
+    | in   | signal         | size | any       |
+    | out  | delayed_signal | size | of signal |
+
+    State, jumps: those of PacketLine. A step ends where a packet is delivered, too.
+
+    Initial value: `initial_value` is delivered until the first packet, sent at
+    t = 0, arrives.
+
+    Direct feedthrough: none, unless delay is 0. Then the block is a pass-through
+    with neither state nor events: no channel, and nothing is sampled.
+
+    It does not interpolate, lose, reorder or jitter packets.
+
+    Args:
+        delay: Delay of a packet in s, >= 0.
+        sample_period: h in s, > 0, at most the delay (unless the delay is 0).
+        size: Width of the signal, >= 1.
+        initial_value: What is delivered at first (size); zeros if None.
+
+    Raises:
+        ValueError: If a parameter is outside its range.
+    """
+
+    def __init__(
+        self,
+        delay: float,
+        sample_period: float,
+        size: int,
+        initial_value: Sequence[float] | None = None,
+    ):
+        ChannelBlock.__init__(self, delay=delay, size=size, initial_value=initial_value)
+        CheckNumber("sample_period", sample_period, "s", above=0)
+        if 0 < delay < sample_period:
+            Refuse("sample_period", sample_period, f"at most the delay, {delay} s")
+        if delay == 0:
+            self.DeclarePassThrough()
+            return
+        # The margin keeps 0.1 / 0.01 at ten whole periods.
+        num_periods = math.floor(delay / sample_period + TIE)
+        offset = delay - num_periods * sample_period
+        offset = offset if offset > TIE * sample_period else 0.0
+        DeclareTicks(self, Ticks(sample_period, offset), None)
+        delay_line = Delay(
+            signal="signal",
+            output="delayed_signal",
+            initial_value=self.initial_value,
+            period=sample_period,
+            # As Drake counts ticks.
+            shown=lambda k: offset + (k + num_periods) * sample_period,
+        )
+        self.DeclareDelay(delay_line)
+
+
+MAX_PACKETS = 100_000
+"""Most packets that may be under way in a channel."""
+
+
+def CheckSamplePeriod(path: str, sample_period: float, delay: float) -> None:
+    """Checks the sample period of a channel.
+
+    Args:
+        path: The channel's field in a scenario, for messages.
+        sample_period: In s.
+        delay: In s.
+
+    Raises:
+        ScenarioError: If it is not allowed.
+    """
+    minimum = max(SHORTEST_TIME, delay / MAX_PACKETS)
+    CheckNumber(f"{path}.sample_period", sample_period, "s", minimum=minimum)
+
+
+@dataclass(kw_only=True, eq=False)
+class SampledChannelConfig(ChannelConfig):
+    """Sends a packet each sample period, which arrives after `delay` and is held.
+
+    A delay of 0 passes the signal through, unsampled.
+    """
+
+    kind = "sampled"
+
+    # Time between packets, s, > 0 and at most a non-zero delay.
+    sample_period: float = REQUIRED
+
+    def Check(self, path: str, duration: float) -> None:
+        """Checks every field."""
+        super().Check(path, duration)
+        CheckSamplePeriod(path, self.sample_period, self.delay)
+        if 0 < self.delay < self.sample_period:
+            allowed = f"at most the delay, {self.delay:g} (s)"
+            Refuse(f"{path}.sample_period", self.sample_period, allowed)
+
+    def MakeChannel(
+        self,
+        *,
+        size: int,
+        initial_value: Sequence[float],
+        duration: float = math.inf,
+        stream: str = "",
+    ) -> SampledDelay:
+        """Makes the block; see ChannelConfig.MakeChannel."""
+        return SampledDelay(
+            delay=self.delay,
+            sample_period=self.sample_period,
+            size=size,
+            initial_value=initial_value,
+        )
+
+    def IsPassThrough(self) -> bool:
+        """Returns whether there is no delay."""
+        return self.delay == 0
+
+    def PacketPeriod(self) -> float:
+        """Returns the sample period in s."""
+        return self.sample_period
+
+    def AsConstantDelay(self, path: str, duration: float) -> ConstantDelay:
+        """Returns the delay of a packet and half a period, for which it is held.
+
+        To first order in the period h, a hold is that delay:
+        (1 - e^(-s h))/(s h) = e^(-s h/2) (1 + (s h)^2/24 + ...).
+        """
+        if self.delay == 0:
+            return ConstantDelay(delay=0.0)
+        delay = self.delay + self.sample_period / 2
+        return ConstantDelay(
+            delay=delay,
+            note=f"{path}: packets are held for {self.sample_period:g} s, on average "
+            f"half of that; the margins hold for a constant delay, here {delay:g} s.",
+        )

@@ -1,0 +1,116 @@
+"""An exact, constant delay."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from teleop_drake.arrays import Array
+from teleop_drake.blocks.channels.base import ChannelBlock, ChannelConfig
+from teleop_drake.kernel import Delay
+from teleop_drake.kernel.linear_part import LinearPart
+
+
+class TransportDelay(ChannelBlock):
+    """Delays a vector signal by an exact, constant time.
+
+        delayed_signal(t) = signal(t - delay)    for t > t0 + delay
+                          = initial_value        before
+
+    where t0 is the time at which the simulation starts. The delay need not be a
+    multiple of anything. This is the block T of Fig. 2.1.
+
+    | port | name           | size | unit      |
+    |------|----------------|------|-----------|
+    | in   | signal         | size | any       |
+    | out  | delayed_signal | size | of signal |
+
+    | parameter | name      | unit |
+    |-----------|-----------|------|
+    | 0         | delay     | s    |
+
+    State, jumps: those of DelayLine.
+
+    Initial value: `initial_value` is delivered until the first sample arrives.
+
+    Direct feedthrough: none, unless delay is 0. Then the block is a pass-through
+    with neither state nor events.
+
+    Steps: a periodic event that does nothing ends a step at least once per
+    `max_sample_interval`, also in a diagram that has nothing to integrate. It costs
+    steps where the integrator's own are short enough; infinity does without.
+
+    It does not extrapolate, so no step can be longer than the delay. It does not
+    report derivatives and cannot vary its delay.
+
+    Attributes:
+        delay: In s.
+
+    Args:
+        delay: Delay in s, >= 0.
+        size: Width of the signal, >= 1.
+        initial_value: What is delivered at first (size); zeros if None.
+        max_sample_interval: Longest time between two samples in s, in (0, delay];
+            infinity: the steps are as they come. None takes 0.01 s, or the delay if
+            that is less.
+
+    Raises:
+        ValueError: If a parameter is outside its range.
+    """
+
+    def __init__(
+        self,
+        delay: float,
+        size: int,
+        initial_value: Sequence[float] | None = None,
+        *,
+        max_sample_interval: float | None = None,
+    ):
+        ChannelBlock.__init__(self, delay=delay, size=size, initial_value=initial_value)
+        self.delay = float(delay)
+        if delay == 0:
+            self.DeclarePassThrough()
+            return
+        delay_line = Delay(
+            signal="signal",
+            output="delayed_signal",
+            initial_value=self.initial_value,
+            time=self.delay,
+            max_sample_interval=max_sample_interval,
+        )
+        self.DeclareDelay(delay_line)
+
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns the delay."""
+        return LinearPart(delay=self.delay)
+
+
+@dataclass(kw_only=True, eq=False)
+class TransportChannelConfig(ChannelConfig):
+    """Delays the signal exactly by `delay`; 0 passes it through."""
+
+    kind = "transport"
+
+    def MakeChannel(
+        self,
+        *,
+        size: int,
+        initial_value: Sequence[float],
+        duration: float = math.inf,
+        stream: str = "",
+    ) -> TransportDelay:
+        """Makes the block; see ChannelConfig.MakeChannel."""
+        return TransportDelay(
+            delay=self.delay,
+            size=size,
+            initial_value=initial_value,
+            # LongestStep says how the solver has to step.
+            max_sample_interval=math.inf,
+        )
+
+    def LongestStep(self, duration: float) -> float:
+        """Returns the delay in s: what arrives in a step was sent before it."""
+        return self.delay or math.inf
+
+    def IsPassThrough(self) -> bool:
+        """Returns whether there is no delay."""
+        return self.delay == 0

@@ -1,0 +1,356 @@
+"""Exact delays that vary with time but not at random.
+
+T(t) = delay + drift t + amplitude sin(frequency t + phase) + trace(t)
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, NoReturn
+
+import numpy as np
+
+from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.blocks.channels.base import (
+    SHORTEST_TIME,
+    ChannelBlock,
+    ChannelConfig,
+    ConstantDelay,
+)
+from teleop_drake.blocks.channels.trace import ENDS, ReadTrace, Trace
+from teleop_drake.kernel import Delay
+from teleop_drake.validation import (
+    CheckChoice,
+    CheckNumber,
+    FixedFields,
+    Number,
+    Refuse,
+    Within,
+)
+
+# Times between which the delay is taken to vary linearly where arrivals are asked for.
+_NUM_TIMES = 2000
+
+# Instants at which a delay that varies is looked at for its mean.
+_NUM_MEAN_TIMES = 20001
+
+
+@dataclass(kw_only=True)
+class Sinusoid(FixedFields):
+    """A periodic part of the delay, amplitude sin(frequency t + phase)."""
+
+    # s, >= 0.
+    amplitude: float = Number(0.0, "s", minimum=0)
+    # rad/s, >= 0.
+    frequency: float = Number(1.0, "rad/s", minimum=0)
+    # rad, -1000 to 1000: of a larger one, too few digits are left.
+    phase: float = Number(0.0, "rad", minimum=-1000, maximum=1000)
+
+
+class DelayProfile:
+    """A delay that varies with time but not at random.
+
+        T(t) = delay + drift t + amplitude sin(frequency t + phase) + trace(t)
+
+    Calling it returns T(t) in s. The trace is interpolated linearly; its own time
+    counts from its first entry.
+
+    Attributes:
+        delay: The constant part in s.
+        duration: Until when T is defined, in s.
+        minimum: A lower bound of T in s, the sum of the minima of its parts.
+        max_slope: An upper bound of dT/dt, the sum of the maxima of its parts.
+        nonsmooth_times: Where the slope of T may jump: the times of the trace, in s.
+
+    Args:
+        delay: Constant part in s, >= 0.
+        drift: Change per time, s/s.
+        sinusoid: Periodic part.
+        trace: (times, delays) in s, measured, as long as the duration, at least two of
+            each; the times ascend and the delays are not negative. None: no such part.
+        duration: Until when T is needed, in s, > 0; None: the whole trace, or forever
+            without one.
+
+    Raises:
+        ValueError: If a parameter is outside its range, or T might be negative.
+    """
+
+    def __init__(
+        self,
+        *,
+        delay: float,
+        drift: float = 0.0,
+        sinusoid: Sinusoid | None = None,
+        trace: tuple[ArrayLike, ArrayLike] | None = None,
+        duration: float | None = None,
+    ):
+        self._sinusoid = sinusoid = sinusoid or Sinusoid()
+        CheckNumber("delay", delay, "s", minimum=0)
+        CheckNumber("drift", drift, "s/s")
+        sinusoid.CheckNumbers("sinusoid")
+        self.delay = float(delay)
+        self._drift = float(drift)
+        self._times = self._delays = np.zeros(0)
+        if trace is not None:
+            self._times, self._delays = (np.array(part, dtype=float) for part in trace)
+            self._times -= self._times[0]
+            duration = self._times[-1] if duration is None else duration
+        self.duration = math.inf if duration is None else float(duration)
+        if not self.duration > 0:
+            Refuse("duration", duration, "a number > 0 (s)")
+        self.nonsmooth_times: list[float] = self._times[1:-1].tolist()
+        self.minimum = self.delay - sinusoid.amplitude
+        self.minimum += float(self._delays.min()) if len(self._delays) else 0.0
+        if self._drift < 0:
+            self.minimum += self._drift * self.duration
+        slopes = np.diff(self._delays) / np.diff(self._times)
+        self._slopes = {
+            "drift": self._drift,
+            "sinusoid.amplitude": sinusoid.amplitude * sinusoid.frequency,
+            "trace": float(slopes.max()) if len(slopes) else 0.0,
+        }
+        self.max_slope = sum(self._slopes.values())
+        if self.minimum < 0:
+            self._RefuseMinimum("negative")
+
+    def _RefuseMinimum(self, what: str) -> NoReturn:
+        allowed = f"such that the delay, down to {self.minimum:.6g} s, is never {what}"
+        Refuse("delay", self.delay, allowed)
+
+    def CheckContinuous(self, least: float, trace_name: str = "trace") -> None:
+        """Checks that a signal can be delayed by T continuously and in order.
+
+        Args:
+            least: Least delay in s that is allowed.
+            trace_name: What to call the trace in a message.
+
+        Raises:
+            ValueError: If T might be less, or rise as fast as time goes by.
+        """
+        if self.minimum < least:
+            self._RefuseMinimum(f"less than {least:g} s")
+        if self.max_slope >= 1:
+            name = max(self._slopes, key=lambda key: self._slopes[key])
+            value = {
+                "drift": self._drift,
+                "sinusoid.amplitude": self._sinusoid.amplitude,
+                "trace": trace_name,
+            }
+            allowed = (
+                f"such that dT/dt, up to {self.max_slope:.6g}, is less than 1; where "
+                "packets overtake each other, kind must be network"
+            )
+            Refuse(name, value[name], allowed)
+
+    def __call__(self, t: Any) -> Any:
+        """Returns T(t) in s.
+
+        Args:
+            t: A time in s, or some (N,), 0 to `duration`.
+
+        Raises:
+            ValueError: If one lies beyond the duration.
+        """
+        if np.any(t > self.duration * (1 + 1e-9)):
+            allowed = f"at most {self.duration:g} s, the duration of the delay"
+            Refuse("t", t, allowed)
+        result = self.delay + self._drift * t
+        if self._sinusoid.amplitude:
+            phase = self._sinusoid.frequency * t + self._sinusoid.phase
+            result = result + self._sinusoid.amplitude * np.sin(phase)
+        if len(self._times):
+            result = result + np.interp(t, self._times, self._delays)
+        return result
+
+
+@dataclass(kw_only=True, eq=False)
+class VaryingDelayConfig(ChannelConfig):
+    """A channel whose delay varies; `delay` is the mean, on which the rest adds."""
+
+    file_fields: ClassVar[tuple[str, ...]] = ("trace",)
+
+    # Growth of the delay, s/s.
+    drift: float = 0.0
+    sinusoid: Sinusoid = field(default_factory=Sinusoid)
+    # A file with measured delays, which are added: CSV with the header time_s,delay_s,
+    # or what ping printed; see channels.trace. It is interpolated linearly; null: none.
+    # In a scenario file the path is relative to that file.
+    trace: str | None = None
+    # One of ENDS, where the simulation outlasts it: refuse, hold, repeat.
+    trace_end: str = "refuse"
+
+    def MeasuredDelays(self, duration: float, path: str) -> Trace | None:
+        """Reads the trace, if there is one."""
+        CheckChoice(f"{path}.trace_end", self.trace_end, ENDS)
+        if self.trace is None:
+            return None
+        read = ReadTrace(f"{path}.trace", self.trace)
+        with Within(path):
+            trace = read.Until(duration, self.trace_end)
+        if trace.times[-1] < duration:
+            allowed = (
+                f"at least as long as the duration, {duration:g} s, not "
+                f"{trace.times[-1]:g} s; trace_end says what to do else, hold or "
+                "repeat"
+            )
+            Refuse(f"{path}.trace", self.trace, allowed)
+        return trace
+
+    def Profile(self, duration: float, path: str = "channel") -> DelayProfile:
+        """Returns how the delay varies with time, jitter apart; reads the trace."""
+        return self.ProfileOf(self.MeasuredDelays(duration, path), duration, path)
+
+    def ProfileOf(
+        self, trace: Trace | None, duration: float, path: str
+    ) -> DelayProfile:
+        """Returns the same with a trace that has been read.
+
+        Args:
+            trace: What MeasuredDelays() returned.
+            duration: Until when, in s.
+            path: The channel's field in a scenario, for messages.
+        """
+        with Within(path):
+            return DelayProfile(
+                delay=self.delay,
+                drift=self.drift,
+                sinusoid=self.sinusoid,
+                trace=None if trace is None else (trace.times, trace.delays),
+                duration=duration,
+            )
+
+    def LargestSlope(self, duration: float) -> float:
+        """Returns an upper bound of dT/dt, jitter apart."""
+        return self.Profile(duration).max_slope
+
+    def Arrivals(self, sent: ArrayLike, duration: float, stream: str = "") -> Array:
+        """Returns when what is sent at given times arrives in s, jitter apart.
+
+        What arrives at t was sent at t - T(t). What arrives after the end is taken to
+        be delayed as at the end.
+        """
+        profile = self.Profile(duration)
+        sent = np.asarray(sent, dtype=float)
+        times = np.linspace(0.0, duration, _NUM_TIMES)
+        left = times - profile(times)
+        arrivals = np.interp(sent, left, times)
+        return np.where(sent <= left[-1], arrivals, sent + float(profile(duration)))
+
+
+class VariableDelay(ChannelBlock):
+    """Delays a vector signal by a time that varies, continuously and without packets.
+
+        delayed_signal(t) = signal(t - T(t))    for t - T(t) > t0
+                          = initial_value       before
+
+    where t0 is the time at which the simulation starts. T changes by less than the
+    time itself, dT/dt < 1, so nothing is delivered twice or in the wrong order.
+
+    | port | name           | size | unit      |
+    |------|----------------|------|-----------|
+    | in   | signal         | size | any       |
+    | out  | delayed_signal | size | of signal |
+
+    State, jumps: those of DelayLine.
+
+    Initial value: `initial_value` is delivered until the first sample arrives.
+
+    Direct feedthrough: none.
+
+    It does not extrapolate, so no step can be longer than the smallest delay.
+
+    Args:
+        profile: T(t) in s, at least SHORTEST_TIME and of slope < 1.
+        size: Width of the signal, >= 1.
+        initial_value: What is delivered at first (size); zeros if None.
+        max_sample_interval: Longest time between two samples in s, at most the
+            smallest delay; infinity: the steps are as they come. None takes 0.01 s,
+            or the smallest delay if that is less.
+
+    Raises:
+        ValueError: If a parameter is outside its range.
+    """
+
+    def __init__(
+        self,
+        profile: DelayProfile,
+        size: int,
+        initial_value: Sequence[float] | None = None,
+        *,
+        max_sample_interval: float | None = None,
+    ):
+        profile.CheckContinuous(SHORTEST_TIME)
+        ChannelBlock.__init__(
+            self, delay=profile.minimum, size=size, initial_value=initial_value
+        )
+        delay_line = Delay(
+            signal="signal",
+            output="delayed_signal",
+            initial_value=self.initial_value,
+            time=profile,
+            shortest=profile.minimum,
+            nonsmooth_times=profile.nonsmooth_times,
+            end=profile.duration,
+            max_sample_interval=max_sample_interval,
+        )
+        self.DeclareDelay(delay_line)
+
+
+@dataclass(kw_only=True, eq=False)
+class VariableChannelConfig(VaryingDelayConfig):
+    """Delays the signal exactly by T(t), which is continuous and keeps the order."""
+
+    kind = "variable"
+
+    def Check(self, path: str, duration: float) -> None:
+        """Checks every field; reads the trace."""
+        super().Check(path, duration)
+        trace = self.MeasuredDelays(duration, path)
+        if trace is not None and trace.is_lost.any():
+            allowed = (
+                f"without losses, and has {int(trace.is_lost.sum())}; where packets "
+                "are lost, kind must be network"
+            )
+            Refuse(f"{path}.trace", self.trace, allowed)
+        profile = self.ProfileOf(trace, duration, path)
+        with Within(path):
+            profile.CheckContinuous(SHORTEST_TIME, self.trace or "")
+
+    def MakeChannel(
+        self,
+        *,
+        size: int,
+        initial_value: Sequence[float],
+        duration: float = math.inf,
+        stream: str = "",
+    ) -> VariableDelay:
+        """Makes the block; see ChannelConfig.MakeChannel."""
+        return VariableDelay(
+            profile=self.Profile(duration),
+            size=size,
+            initial_value=initial_value,
+            # LongestStep says how the solver has to step.
+            max_sample_interval=math.inf,
+        )
+
+    def LongestStep(self, duration: float) -> float:
+        """Returns a lower bound of the delay in s."""
+        return self.Profile(duration).minimum
+
+    def AsConstantDelay(self, path: str, duration: float) -> ConstantDelay:
+        """Returns the mean of T over the duration.
+
+        A constant delay says what holds while T changes slowly against the loop. A T
+        that changes fast may destabilise although each of its values, held, would not,
+        and the reverse.
+        """
+        profile = self.Profile(duration, path)
+        times = np.linspace(0.0, duration, _NUM_MEAN_TIMES)
+        delays = profile(times)
+        delay = float(np.trapezoid(delays, times) / duration)
+        return ConstantDelay(
+            delay=delay,
+            note=f"{path}: the delay varies from {delays.min():.4g} to "
+            f"{delays.max():.4g} s; the margins hold for a constant delay, here the "
+            f"mean, {delay:.4g} s.",
+        )

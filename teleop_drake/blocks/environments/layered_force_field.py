@@ -1,0 +1,322 @@
+"""Layers of material along an axis."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.blocks.environments.base import EnvironmentConfig
+from teleop_drake.blocks.environments.surface import (
+    CONTACT,
+    EMPTY,
+    PUNCTURE,
+    Material,
+    PlaneSurface,
+    Surface,
+    UnitNormal,
+)
+from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
+from teleop_drake.kernel.linear_part import LinearPart
+from teleop_drake.laws.layered_force import (
+    LAYER_COLUMNS,
+    contact_position,
+    layer_columns,
+    layer_table,
+    layered_force,
+    puncture_position,
+)
+from teleop_drake.validation import (
+    REQUIRED,
+    CheckNumber,
+    FixedFields,
+    Number,
+    Refuse,
+)
+
+
+@dataclass(kw_only=True, eq=False)
+class LayerConfig(FixedFields):
+    """One layer of the environment, from its start to the next one's (eq. 2.14).
+
+    force = stiffness (x - reference) + damping v_x along the direction of the layers,
+    and lateral_stiffness times the distance of the tool from its axis across it.
+    """
+
+    # Unique, letters, digits and _ only: overrides address a layer by it.
+    name: str = REQUIRED
+    # Where the layer begins, m, ascending; the first may be -.inf.
+    start: float = REQUIRED
+    # N/m, >= 0.
+    stiffness: float = Number(0.0, "N/m", minimum=0)
+    # N s/m, >= 0.
+    damping: float = Number(0.0, "N s/m", minimum=0)
+    # Where the spring is relaxed, m.
+    reference: float = Number(0.0, "m")
+    # N/m, >= 0, across the direction of the layers; assumed: the thesis has none. It
+    # pulls to the line through the tool's start along that direction.
+    lateral_stiffness: float = Number(0.0, "N/m", minimum=0)
+
+
+@dataclass(kw_only=True, eq=False)
+class LayersEnvironmentConfig(EnvironmentConfig):
+    """Layers along an axis (eq. 2.14 to 2.16); no force in front of the first."""
+
+    kind = "layers"
+
+    layers: list[LayerConfig] = field(default_factory=list)
+    # Into the layers, n entries, of any length but 0. What a layer calls x, its start
+    # and its reference, are measured along it from the origin. Null: along x.
+    direction: np.ndarray | None = None
+
+    def Check(self) -> None:
+        """Checks every layer and the direction."""
+        CheckLayers("layers", self.layers)
+        if self.direction is not None:
+            UnitNormal(self.direction, np.size(self.direction), "direction")
+
+    def MakeEnvironment(self, start: ArrayLike) -> "LayeredForceField":
+        """Makes the block; see EnvironmentConfig.MakeEnvironment.
+
+        Raises:
+            ValueError: If the starts do not ascend or a value is not allowed.
+        """
+        return LayeredForceField(
+            layers=self.layers,
+            num_axes=np.size(start),
+            starts_inside=self._StartsInside(start),
+            direction=self.direction,
+            axis_point=start,
+        )
+
+    def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
+        """Returns the surfaces that the block tells."""
+        is_inside = self._StartsInside(start)
+        return LayerSurfaces(self.layers, np.size(start), is_inside, self.direction)
+
+    def _StartsInside(self, start: ArrayLike) -> bool:
+        """Returns whether the tool starts in a layer."""
+        x = np.asarray(start, dtype=float) @ UnitNormal(self.direction, np.size(start))
+        return bool(self.layers) and bool(x >= self.layers[0].start)
+
+
+class LayeredForceField(KernelBlock):
+    """Force of the tool on layered material, as the sensor reads it.
+
+        F_e = (k_e (x - reference) + d_e v_x) a + k_l (p - p_axis)   (2.14) to (2.16)
+
+    with x = a . p along the unit vector a, the first axis if no direction is given, and
+    the stiffness k_e, damping d_e and reference of the layer at x. The last term is not
+    the thesis's: p_axis is the point of an axis along a that is nearest to the tool,
+    and k_l the layer's lateral stiffness, 0 unless given. It stands for the tissue that
+    holds a needle on its way. Before the first layer there is no force.
+
+    | port | name              | size | unit                                |
+    |------|-------------------|------|-------------------------------------|
+    | in   | tool_position     | n    | m                                   |
+    | in   | tool_velocity     | n    | m/s                                 |
+    | out  | environment_force | n    | N, exerted BY the robot             |
+    | out  | layer             | 1    | index of the layer at x, -1: before |
+
+    | parameter | name              | unit  |
+    |-----------|-------------------|-------|
+    | 0         | stiffness         | N/m   |
+    | 1         | damping           | N s/m |
+    | 2         | reference         | m     |
+    | 3         | lateral_stiffness | N/m   |
+
+    State (discrete, 1): the layer the tool is in, counted from 1; 0: before the first.
+    Between two layers the force jumps or bends. If the Context has an accuracy
+    (context.SetAccuracy), the instant at which the tool leaves its layer is located and
+    the force of a step is that of one layer throughout. A tool on a border is in the
+    layer that begins there. Without an accuracy the position alone decides, also in the
+    middle of a step: the layer is the kernel's initial mode.
+
+    Initial value: the layer at the initial position.
+
+    Direct feedthrough: from both inputs to environment_force; from tool_position to
+    layer.
+
+    It knows no friction, its lateral spring does not stiffen with the depth of the
+    needle, and tissue that was punctured is whole again if the tool comes back.
+
+    Args:
+        layers: The layers, by ascending start: LayerConfig(name="bone", start=1.1,
+            stiffness=150.0, reference=1.1), for instance.
+        num_axes: n, number of task axes.
+        starts_inside: Whether the tool starts in a layer. The first layer is then
+            nothing that it can collide with.
+        direction: Along which the layers follow each other, of any length but 0 (n);
+            None: along x.
+        axis_point: A point in m (n) on the axis that the lateral springs pull to; None:
+            the origin.
+
+    Raises:
+        ValueError: If the starts do not ascend or a value is not allowed.
+    """
+
+    is_compiled = True
+
+    numeric_parameters: ClassVar = {
+        "stiffness": "N/m",
+        "damping": "N s/m",
+        "reference": "m",
+        "lateral_stiffness": "N/m",
+    }
+
+    def __init__(
+        self,
+        layers: Sequence[LayerConfig],
+        num_axes: int,
+        *,
+        starts_inside: bool = False,
+        direction: ArrayLike | None = None,
+        axis_point: ArrayLike | None = None,
+    ):
+        KernelBlock.__init__(self)
+        CheckLayers("layers", layers)
+        self._surfaces = LayerSurfaces(layers, num_axes, starts_inside, direction)
+        point = np.zeros(num_axes) if axis_point is None else axis_point
+        columns = layer_columns(layers)
+        starts = columns["start"]
+        names = ("empty", *(str(layer.name) for layer in layers))
+        self.element_names = dict.fromkeys(self.numeric_parameters, names)
+        self._parameters = {
+            **columns,
+            "axis": np.array([UnitNormal(direction, num_axes), point], dtype=float),
+            # The last number before each layer, and where the next one begins.
+            "before": np.nextafter(starts, -math.inf),
+            "ends": np.array([*starts[1:], math.inf]),
+        }
+        self.DeclareVectorInputPort("tool_position", num_axes)
+        self.DeclareVectorInputPort("tool_velocity", num_axes)
+        self.DeclareDiscreteState(1)
+        self.DeclareOutputs(environment_force=num_axes, layer=1)
+
+    def Surfaces(self) -> tuple[Surface, ...]:
+        """Returns where the layers begin, in their order; see LayerSurfaces."""
+        return self._surfaces
+
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns that the tool stays in its layer."""
+        return LinearPart(has_modes=True)
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        here: Term = (layer_at, "layers", "axis", "tool_position")
+        guard = (outside, "before", "ends", "axis", "mode", "tool_position")
+        has_borders = np.isfinite(self._parameters["ends"]).any()
+        leaves = {"leaves_layer": Transition(guard=guard, mode=here)}
+        law = ("layers", "axis", "mode", "tool_position", "tool_velocity")
+        return Kernel(
+            parameters=self._parameters,
+            derived={"layers": (layer_table, *LAYER_COLUMNS)},
+            outputs={
+                "environment_force": (force_in_layer, *law),
+                "layer": (index_of_layer, "mode"),
+            },
+            initial_mode=here,
+            transitions=leaves if has_borders else {},
+        )
+
+
+def force_in_layer(
+    layers: Array, axis: Array, mode: Array, p_WT: Array, v_WT: Array
+) -> Array:
+    """Returns layered_force() in the layer that is the mode, 0 for the empty space."""
+    return layered_force(layers[int(mode[0])], axis, p_WT, v_WT)
+
+
+def index_of_layer(mode: Array) -> Array:
+    """Returns the index of the layer, -1 before the first one."""
+    return mode - 1.0
+
+
+def layer_at(layers: Array, axis: Array, p_WT: Array) -> Array:
+    """Returns the mode where the tool is; a start belongs to the layer behind it."""
+    x = np.sum(p_WT * axis[0])
+    return np.array([np.searchsorted(layers[:, 0], x, side="right") - 1.0])
+
+
+def outside(before: Array, ends: Array, axis: Array, mode: Array, p_WT: Array) -> Array:
+    """Returns how far the tool is outside of the layer that is the mode, m.
+
+    Not negative from the end on, and from the last number before the begin back: at
+    the begin, the tool is inside.
+    """
+    x, layer = np.sum(p_WT * axis[0]), int(mode[0])
+    return np.array([max(x - ends[layer], before[layer] - x)])
+
+
+def LayerSurfaces(
+    layers: Sequence[LayerConfig],
+    num_axes: int,
+    starts_inside: bool,
+    direction: ArrayLike | None = None,
+) -> tuple[Surface, ...]:
+    """Returns the surfaces at which layers begin, in their order.
+
+    Where the stiffest layer begins behind a softer one or behind empty space is
+    CONTACT; where the first layer ends that a softer one follows is PUNCTURE. The other
+    surfaces have the name of the layer that begins there. A layer with lateral
+    stiffness is more than the one spring and damper that a Material is.
+
+    Args:
+        layers: By ascending start.
+        starts_inside: Whether the tool starts in a layer, so that there is no empty
+            space in front of the first one.
+        direction: Along which they follow each other (n); None: along x.
+    """
+    starts_inside |= bool(layers) and layers[0].start == -math.inf
+    behind = [] if starts_inside else [LayerConfig(name=EMPTY, start=-math.inf)]
+    names = {
+        puncture_position(layers): PUNCTURE,
+        contact_position([*behind, *layers]): CONTACT,
+    }
+    normal_W = UnitNormal(direction, num_axes)
+    surfaces = []
+    for layer in layers:
+        own = f"layer {layer.name}" if layer.name in (CONTACT, PUNCTURE) else layer.name
+        material = Material(
+            name=layer.name,
+            stiffness=layer.stiffness,
+            damping=layer.damping,
+            relaxed=layer.reference,
+        )
+        told = None if layer.lateral_stiffness else material
+        name = names.get(layer.start, own)
+        surfaces.append(PlaneSurface(name, layer.start, normal_W, told))
+    return tuple(surfaces)
+
+
+def CheckLayers(path: str, layers: Sequence[LayerConfig]) -> None:
+    """Checks layers, as a scenario has them.
+
+    Args:
+        path: Their field in a scenario, for messages.
+        layers: By ascending start.
+
+    Raises:
+        ScenarioError: Naming the first bad field, its value and what is allowed.
+    """
+    names: set[str] = set()
+    previous = -math.inf
+    for i, layer in enumerate(layers):
+        if not isinstance(layer, LayerConfig):
+            Refuse(f"{path}.{i}", layer, "a LayerConfig(name=..., start=...)")
+        is_named = layer.name is not None and layer.name.isidentifier()
+        if not is_named or layer.name in names:
+            allowed = "unique, of letters, digits and _, not beginning with a digit"
+            Refuse(f"{path}.{i}.name", layer.name, allowed)
+        place = f"{path}.{layer.name}"
+        names.add(layer.name)
+        if not (i == 0 and layer.start == -math.inf):
+            CheckNumber(f"{place}.start", layer.start, "m")
+        if i > 0 and layer.start <= previous:
+            Refuse(
+                f"{place}.start", layer.start, f"> {previous:g} m, the previous start"
+            )
+        previous = layer.start
+        layer.CheckNumbers(place)

@@ -1,0 +1,147 @@
+"""Tissue that holds a needle on a path that bends: where the tool's rotation counts."""
+
+import math
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.blocks.environments.base import EnvironmentConfig
+from teleop_drake.blocks.environments.layered_force_field import layer_at, outside
+from teleop_drake.blocks.environments.surface import PlaneSurface, Surface, UnitNormal
+from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
+from teleop_drake.kernel.linear_part import LinearPart
+from teleop_drake.laws.needle import NeedlePath, needle_wrench
+from teleop_drake.validation import REQUIRED, CheckVector, Number, Refuse
+
+
+@dataclass(kw_only=True, eq=False)
+class NeedlePathConfig(EnvironmentConfig):
+    """Tissue behind a plane, with a path that a straight needle has to follow.
+
+    The path enters where the line through the start along `direction` does. It needs
+    six axes; laws.needle has the equations. This is not the thesis's.
+    """
+
+    kind = "needle_path"
+
+    # Where the surface is along `direction` from the origin, m; in front of it there is
+    # no force.
+    start: float = Number(REQUIRED, "m")
+    # Into the tissue, 3 entries, of any length but 0. Null: along x.
+    direction: np.ndarray | None = None
+    # Along the needle, forward, where the tool is turned as at the posture, 3 entries,
+    # less than a right angle from `direction`. Null: along `direction`.
+    needle: np.ndarray | None = None
+    # How the path bends, 1/m, 3 entries across `direction`.
+    bend: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    # Of the tissue beside the needle, for each metre of depth, N/m^2, >= 0.
+    stiffness: float = Number(REQUIRED, "N/m^2", minimum=0)
+    # Against the needle's motion, for each metre of depth, N s/m^2, >= 0.
+    drag: float = Number(0.0, "N s/m^2", minimum=0)
+
+    def Check(self) -> None:
+        """Checks every field."""
+        super().Check()
+        inwards = UnitNormal(self.direction, 3, "direction")
+        needle = inwards if self.needle is None else self.needle
+        if not UnitNormal(needle, 3, "needle") @ inwards > 1e-3:
+            Refuse("needle", self.needle, "less than a right angle from direction")
+        CheckVector("bend", self.bend, 3, "1/m")
+        if abs(inwards @ self.bend) > 1e-9 * np.linalg.norm(self.bend):
+            Refuse("bend", self.bend, "across direction")
+
+    def MakeEnvironment(self, start: ArrayLike) -> "NeedleInTissue":
+        """Makes the block; see EnvironmentConfig.MakeEnvironment."""
+        return NeedleInTissue(self, start)
+
+    def Path(self, start: ArrayLike) -> NeedlePath:
+        """Returns the path of a needle that starts at `start`, in m (3 or more)."""
+        inwards = UnitNormal(self.direction, 3)
+        p = np.array(start, dtype=float)[:3]
+        needle = self.direction if self.needle is None else self.needle
+        return NeedlePath(
+            entry=p + (self.start - inwards @ p) * inwards,
+            inwards=inwards,
+            bend=np.array(self.bend, dtype=float),
+            needle=UnitNormal(needle, 3),
+            stiffness=float(self.stiffness),
+            drag=float(self.drag),
+        )
+
+    def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
+        """Returns the surface of the tissue, `entry`."""
+        if np.size(start) != 6:
+            allowed = f"another one for {np.size(start)} task axes"
+            Refuse("environment.kind", self.kind, allowed)
+        return (PlaneSurface("entry", self.start, UnitNormal(self.direction, 6)),)
+
+
+class NeedleInTissue(KernelBlock):
+    """Wrench of a needle on tissue, as a sensor at its tip reads it; see laws.needle.
+
+    | port | name              | size | unit                              |
+    |------|-------------------|------|-----------------------------------|
+    | in   | tool_position     | 6    | [m; rad]                          |
+    | in   | tool_velocity     | 6    | [m/s; rad/s]                      |
+    | out  | environment_force | 6    | [N; N m about T], BY the robot    |
+
+    | parameter | name      | unit  |
+    |-----------|-----------|-------|
+    | 0         | stiffness | N/m   |
+    | 1         | drag      | N s/m |
+
+    State (discrete, 1): whether the tip is in the tissue. The force jumps there unless
+    the tip enters on the path; the instant is located, as in LayeredForceField.
+
+    Initial value: by the initial position. Direct feedthrough: from both inputs. It is
+    for needles within a right angle of the direction into the tissue.
+
+    It is not cut, heals at once behind the needle, and does not rub: the drag is
+    viscous. Its path is given; the needle does not bend, and makes none of its own.
+    """
+
+    is_compiled = True
+
+    numeric_parameters: ClassVar = {
+        "stiffness": "N/m",
+        "drag": "N s/m",
+    }
+
+    def __init__(self, config: NeedlePathConfig, start: ArrayLike):
+        KernelBlock.__init__(self)
+        config.Check()
+        self._surfaces = config.Surfaces(start)
+        self._path = config.Path(start)
+        starts = np.array([-math.inf, config.start])
+        self._border = {
+            "layers": starts[:, np.newaxis],
+            "axis": UnitNormal(config.direction, 6)[np.newaxis],
+            "before": np.nextafter(starts, -math.inf),
+            "ends": np.array([config.start, math.inf]),
+        }
+        self.DeclareVectorInputPort("tool_position", 6)
+        self.DeclareVectorInputPort("tool_velocity", 6)
+        self.DeclareDiscreteState(1)
+        self.DeclareOutputs(environment_force=6)
+
+    def Surfaces(self) -> tuple[Surface, ...]:
+        """Returns the surface of the tissue."""
+        return self._surfaces
+
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns that the tip stays in the tissue, or in front of it."""
+        return LinearPart(has_modes=True)
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        law = (needle_wrench, "path", "mode", "tool_position", "tool_velocity")
+        here: Term = (layer_at, "layers", "axis", "tool_position")
+        guard = (outside, "before", "ends", "axis", "mode", "tool_position")
+        return Kernel(
+            parameters={"path": self._path, **self._border},
+            outputs={"environment_force": law},
+            initial_mode=here,
+            transitions={"crosses_surface": Transition(guard=guard, mode=here)},
+        )

@@ -1,0 +1,232 @@
+"""Environments behind one plane: walls that push back, rub, or relax."""
+
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import ClassVar
+
+import numpy as np
+
+from teleop_drake.arrays import ArrayLike
+from teleop_drake.blocks.environments.base import EnvironmentConfig
+from teleop_drake.blocks.environments.surface import (
+    CONTACT,
+    PlaneSurface,
+    Surface,
+    UnitNormal,
+)
+from teleop_drake.kernel import Kernel, KernelBlock
+from teleop_drake.laws.contact import creep_rate, solid_force, wall_force
+from teleop_drake.validation import REQUIRED, Number
+
+
+@dataclass(kw_only=True, eq=False)
+class WallConfig(EnvironmentConfig):
+    """Base of the environments behind one plane, which is the surface `contact`."""
+
+    # Where the plane is along its normal from the origin, m.
+    start: float = Number(REQUIRED, "m")
+    # Its normal, into the material, n entries, of any length but 0. Null: along x.
+    direction: np.ndarray | None = None
+
+    def Check(self) -> None:
+        """Checks every field."""
+        super().Check()
+        if self.direction is not None:
+            UnitNormal(self.direction, np.size(self.direction), "direction")
+
+    def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
+        """Returns the surface that the block tells."""
+        normal_W = UnitNormal(self.direction, np.size(start))
+        return (PlaneSurface(CONTACT, self.start, normal_W),)
+
+
+class Wall(KernelBlock):
+    """Base of the blocks behind one plane.
+
+    | port | name              | size | unit                    |
+    |------|-------------------|------|-------------------------|
+    | in   | tool_position     | n    | m                       |
+    | in   | tool_velocity     | n    | m/s                     |
+    | out  | environment_force | n    | N, exerted BY the robot |
+
+    Args:
+        config: Where it is, and what it is made of.
+        start: p_WT at time 0 in m (n).
+
+    Raises:
+        ScenarioError: If a value is not allowed.
+    """
+
+    def __init__(self, config: WallConfig, start: ArrayLike):
+        KernelBlock.__init__(self)
+        config.Check()
+        self._surfaces = config.Surfaces(start)
+        (surface,) = self._surfaces
+        self._plane = np.array([surface.point_W, surface.normal_W])
+        self.DeclareVectorInputPort("tool_position", np.size(start))
+        self.DeclareVectorInputPort("tool_velocity", np.size(start))
+
+    def Surfaces(self) -> tuple[Surface, ...]:
+        """Returns the surface of what is behind the plane, at rest."""
+        return self._surfaces
+
+
+@dataclass(kw_only=True, eq=False)
+class HuntCrossleyConfig(WallConfig):
+    """A wall with F = stiffness d^exponent (1 + 1.5 damping d') at the depth d > 0."""
+
+    kind = "hunt_crossley"
+
+    # N/m^exponent, > 0.
+    stiffness: float = Number(REQUIRED, "N/m^exponent", above=0)
+    # >= 1; assumed: 1.5, that of a sphere by Hertz.
+    exponent: float = Number(1.5, minimum=1)
+    # s/m, >= 0; a body that meets the wall slowly, with v, leaves it with
+    # (1 - damping v) v.
+    damping: float = Number(0.0, "s/m", minimum=0)
+
+    def MakeEnvironment(self, start: ArrayLike) -> "ContactWall":
+        """Makes the block; see EnvironmentConfig.MakeEnvironment."""
+        return ContactWall(self, start)
+
+
+@dataclass(kw_only=True, eq=False)
+class FrictionWallConfig(HuntCrossleyConfig):
+    """A wall with Coulomb friction, F_t = friction F_n v_t/sqrt(v_t^2 + creep_speed^2).
+
+    Its normal force F_n is that of hunt_crossley, with a linear spring by default.
+    """
+
+    kind = "friction_wall"
+
+    # As in hunt_crossley; 1 is a linear spring.
+    exponent: float = 1.0
+    # mu, >= 0; assumed: 0.3.
+    friction: float = Number(0.3, minimum=0)
+    # v_s in m/s, > 0, below which friction grows with the speed; assumed: a hundredth
+    # of the speeds of the tasks.
+    creep_speed: float = Number(1e-3, "m/s", above=0)
+
+
+class ContactWall(Wall):
+    """Force of the tool on a wall, as the sensor reads it.
+
+        F_e = F_n (n + mu v_t / sqrt(v_t . v_t + v_s^2))
+        F_n = max(k d^p (1 + 3/2 alpha d'), 0)   at the depth d > 0, else 0
+
+    with the unit normal n into the wall, the depth d behind it, and the velocity v_t
+    along it; see laws.contact. Without friction mu is 0. This is not the thesis's.
+
+    Ports: those of Wall. State: none. Direct feedthrough: from both inputs. The force
+    is continuous; touching the wall needs no event.
+
+    The wall does not move or stay dented. Its friction has no stiction: whatever pulls
+    at a tool along it makes it creep.
+
+    | parameter | name         | unit |
+    |-----------|--------------|------|
+    | 0         | normal_law   | -    |
+    | 1         | friction_law | -    |
+    """
+
+    is_compiled = True
+
+    numeric_parameters: ClassVar = {
+        "normal_law": "",
+        "friction_law": "",
+    }
+    element_names = MappingProxyType(
+        {
+            "normal_law": ("stiffness", "exponent", "damping"),
+            "friction_law": ("friction", "creep_speed"),
+        }
+    )
+
+    def __init__(self, config: HuntCrossleyConfig, start: ArrayLike):
+        Wall.__init__(self, config, start)
+        normal_law = [config.stiffness, config.exponent, config.damping]
+        friction_law = [0.0, 1e-3]
+        if isinstance(config, FrictionWallConfig):
+            friction_law = [config.friction, config.creep_speed]
+        self._parameters = {
+            "normal_law": np.array(normal_law, dtype=float),
+            "friction_law": np.array(friction_law, dtype=float),
+            "plane": self._plane,
+        }
+        self.DeclareOutputs(environment_force=np.size(start))
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        inputs = (*self._parameters, "tool_position", "tool_velocity")
+        return Kernel(
+            parameters=self._parameters,
+            outputs={"environment_force": (wall_force, *inputs)},
+        )
+
+
+@dataclass(kw_only=True, eq=False)
+class StandardLinearSolidConfig(WallConfig):
+    """A spring beside a Maxwell branch, a spring in line with a dashpot.
+
+    A step to the depth d gives the force
+    (stiffness + branch_stiffness exp(-t/relaxation_time)) d.
+    """
+
+    kind = "standard_linear_solid"
+
+    # What is left for good, N/m, >= 0; 0 is a Maxwell body.
+    stiffness: float = Number(REQUIRED, "N/m", minimum=0)
+    # What relaxes, N/m, > 0.
+    branch_stiffness: float = Number(REQUIRED, "N/m", above=0)
+    # s, > 0; assumed: that of soft tissue is between a second and minutes.
+    relaxation_time: float = Number(1.0, "s", above=0)
+
+    def MakeEnvironment(self, start: ArrayLike) -> "RelaxingTissue":
+        """Makes the block; see EnvironmentConfig.MakeEnvironment."""
+        return RelaxingTissue(self, start)
+
+
+class RelaxingTissue(Wall):
+    """Force of the tool on a standard linear solid, as the sensor reads it.
+
+        F_e = (k d + k_1 (d - z)) n,    dz/dt = (d - z)/tau
+
+    with the unit normal n into the tissue and the indentation d; see laws.contact.
+    The force of the Maxwell branch is k_1 (d - z). This is not the thesis's.
+
+    Ports: those of Wall; the velocity has no effect. State (continuous, 1): z, the way
+    of the dashpot, m. Initial value: 0, the tissue has rested. Direct feedthrough: from
+    tool_position. The force is continuous; touching the tissue needs no event.
+
+    It does not act along the surface, is not pierced, and does not stick to the tool.
+
+    | parameter | name      | unit |
+    |-----------|-----------|------|
+    | 0         | solid     | -    |
+    """
+
+    numeric_parameters: ClassVar = {
+        "solid": "",
+    }
+    element_names = MappingProxyType(
+        {
+            "solid": ("stiffness", "branch_stiffness", "relaxation_time"),
+        }
+    )
+
+    def __init__(self, config: StandardLinearSolidConfig, start: ArrayLike):
+        Wall.__init__(self, config, start)
+        solid = [config.stiffness, config.branch_stiffness, config.relaxation_time]
+        self._solid = np.array(solid, dtype=float)
+        self.DeclareContinuousState(1)
+        self.DeclareOutputs(environment_force=np.size(start))
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        inputs = ("solid", "state", "plane", "tool_position")
+        return Kernel(
+            parameters={"solid": self._solid, "plane": self._plane},
+            outputs={"environment_force": (solid_force, *inputs)},
+            rate=(creep_rate, *inputs),
+            unused=("tool_velocity",),
+        )

@@ -1,0 +1,35 @@
+"""Operators of the haptic device."""
+
+from teleop_drake.blocks.operators.base import OperatorConfig
+from teleop_drake.blocks.operators.human import HumanConfig
+from teleop_drake.blocks.operators.planned import (
+    ConstantVelocityConfig,
+    ConstantVelocityOperator,
+    MinimumJerkConfig,
+    SineConfig,
+    TrapezoidConfig,
+)
+from teleop_drake.blocks.operators.recorded import RecordedConfig
+from teleop_drake.kinds import KindTable
+
+OPERATOR_KINDS = KindTable(
+    OperatorConfig,
+    (
+        ConstantVelocityConfig,
+        TrapezoidConfig,
+        SineConfig,
+        MinimumJerkConfig,
+        RecordedConfig,
+        HumanConfig,
+    ),
+    noun="operator",
+)
+"""Every kind of operator, the default first."""
+
+__all__ = [
+    "OPERATOR_KINDS",
+    "ConstantVelocityConfig",
+    "ConstantVelocityOperator",
+    "OperatorConfig",
+    "RecordedConfig",
+]

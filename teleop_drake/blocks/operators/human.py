@@ -1,0 +1,244 @@
+"""An operator who looks, feels and reacts: a human in the loop."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.primitives import Demultiplexer, LinearSystem, Multiplexer
+
+from teleop_drake.arrays import ArrayLike
+from teleop_drake.blocks.channels.base import SHORTEST_TIME
+from teleop_drake.blocks.channels.transport import TransportDelay
+from teleop_drake.blocks.environments import Surface
+from teleop_drake.blocks.operators.base import OperatorConfig
+from teleop_drake.blocks.operators.modes import ModalOperator
+from teleop_drake.kernel import Kernel, Term
+from teleop_drake.laws.operator import (
+    HumanOperator,
+    intended_velocity,
+    rate_to_position,
+    rate_to_velocity,
+)
+from teleop_drake.numerics.transfer_function import all_pass_of_delay
+from teleop_drake.validation import CheckChoice, Number, Refuse
+
+GOALS = ("position", "velocity")
+"""What a human may keep to."""
+
+# Of the reaction in a linear model: exp(-s tau) to 0.11 % up to |s| tau = 6.
+_PADE_ORDER = 6
+
+
+class HumanHand(ModalOperator):
+    """The law of a human, behind the reaction delay; see laws.operator.
+
+    | port | name             | size | unit                                     |
+    |------|------------------|------|------------------------------------------|
+    | in   | haptic_force     | n    | N                                        |
+    | in   | felt_position    | n    | m, as it is perceived: a reaction delay ago |
+    | in   | perceived_motion | 2n   | [p, v] in m and m/s, likewise            |
+    | out  | velocity_command | n    | m/s                                      |
+    | out  | force_command    | n    | N                                        |
+    | out  | mode             | 1    | 0, 1 or 2; see ModalOperator             |
+
+    | parameter | name          | unit  |
+    |-----------|---------------|-------|
+    | 0         | velocity      | m/s   |
+    | 1         | contact_force | N     |
+    | 2         | crossover     | rad/s |
+    | 3         | mass          | kg    |
+    | 4         | damping       | N s/m |
+    | 5         | stiffness     | N/m   |
+
+    State (continuous): [v_i, y, w] (3n), and e (n) if the goal is a velocity. The
+    discrete state is that of ModalOperator.
+
+    Initial value: at rest.
+
+    Direct feedthrough: haptic_force to force_command; nothing else.
+
+    It has no remnant (the noise of a human), and does not adapt to what it holds.
+
+    Args:
+        human: Its numbers.
+        goal: One of GOALS.
+        contact_force: Force after contact in N (n); None: never switches.
+        contact_surface: Where contact is perceived; None: never.
+        stop_time: When the stop is commanded in s; None: never.
+    """
+
+    numeric_parameters: ClassVar = {
+        "velocity": "m/s",
+        "contact_force": "N",
+        "crossover": "rad/s",
+        "mass": "kg",
+        "damping": "N s/m",
+        "stiffness": "N/m",
+    }
+
+    def __init__(
+        self,
+        human: HumanOperator,
+        goal: str,
+        *,
+        contact_force: ArrayLike | None = None,
+        contact_surface: Surface | None = None,
+        stop_time: float | None = None,
+    ):
+        CheckChoice("goal", goal, GOALS)
+        self._human = human
+        self._follows_position = goal == "position"
+        ModalOperator.__init__(
+            self,
+            human.velocity.size,
+            contact_force=contact_force,
+            contact_surface=contact_surface,
+            stop_time=stop_time,
+        )
+
+    def DeclareMore(self) -> None:
+        """Declares what is perceived, and the state."""
+        n = self._human.velocity.size
+        self.DeclareVectorInputPort("perceived_motion", 2 * n)
+        self.DeclareContinuousState(3 * n if self._follows_position else 4 * n)
+
+    def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
+        """Returns the term of the intended velocity, and its parameters; see kernel."""
+        return (intended_velocity, "state", "human"), {"human": self._human}
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        inputs = ("perceived_motion", "haptic_force", "human")
+        rate: Term = (rate_to_velocity, "state", *inputs)
+        if self._follows_position:
+            rate = (rate_to_position, "state", "time", *inputs)
+        return replace(super().Kernel(), rate=rate)
+
+
+class HumanStation(Diagram):
+    """A human: a reaction delay, and the law behind it.
+
+    Ports are those of OperatorConfig.MakeOperator, all of them.
+
+    Args:
+        hand: The law.
+        reaction: Delays [p, v] (2n).
+    """
+
+    def __init__(self, hand: HumanHand, reaction: System):
+        Diagram.__init__(self)
+        n = hand.GetInputPort("felt_position").size()
+        builder = DiagramBuilder()
+        motion = builder.AddNamedSystem("motion", Multiplexer([n, n]))
+        builder.AddNamedSystem("reaction", reaction)
+        parts = builder.AddNamedSystem("parts", Demultiplexer([n, n]))
+        builder.AddNamedSystem("hand", hand)
+        builder.ExportInput(hand.GetInputPort("haptic_force"), "haptic_force")
+        builder.ExportInput(motion.get_input_port(0), "felt_position")
+        builder.ExportInput(motion.get_input_port(1), "felt_velocity")
+        perceived = reaction.get_output_port()
+        builder.Connect(motion.get_output_port(), reaction.get_input_port())
+        builder.Connect(perceived, hand.GetInputPort("perceived_motion"))
+        builder.Connect(perceived, parts.get_input_port())
+        builder.Connect(parts.get_output_port(0), hand.GetInputPort("felt_position"))
+        for name in ("velocity_command", "force_command", "mode"):
+            builder.ExportOutput(hand.GetOutputPort(name), name)
+        builder.BuildInto(self)
+        self.set_name("human")
+
+
+@dataclass(kw_only=True, eq=False)
+class HumanConfig(OperatorConfig):
+    """A human who closes the loop: crossover model, reaction delay, yielding arm.
+
+    The human makes the tool follow a goal that moves with `velocity` from its start, or
+    keep that velocity, and perceives contact a reaction delay after it is felt. See
+    laws.operator for the equations and where they are from.
+    """
+
+    kind = "human"
+
+    # One of GOALS.
+    goal: str = "position"
+    # omega_c, rad/s, > 0. Assumed: McRuer and Jex 1967 have 3 to 5 without delay, and
+    # a human who feels one lowers it; with 1 the adaptive controller is stable in the
+    # thesis's tasks.
+    crossover_frequency: float = Number(1.0, "rad/s", above=0)
+    # tau, s, >= 0. Assumed: McRuer and Jex 1967 have 0.1 to 0.2.
+    reaction_delay: float = 0.15
+    # T_N, s, > 0. Assumed: McRuer and Jex 1967 have about 0.1.
+    neuromuscular_lag: float = Number(0.1, "s", minimum=SHORTEST_TIME)
+    # Of the arm, kg, > 0. Assumed: of the order of Tsuji et al. 1995.
+    arm_mass: float = Number(1.0, "kg", above=0)
+    # Of the arm, N s/m, >= 0. Assumed: likewise.
+    arm_damping: float = Number(20.0, "N s/m", minimum=0)
+    # Of the arm, N/m, >= 0. Assumed: likewise.
+    arm_stiffness: float = Number(200.0, "N/m", minimum=0)
+
+    def Check(self, path: str, num_axes: int) -> None:
+        """Checks every field; see OperatorConfig.Check."""
+        super().Check(path, num_axes)
+        if num_axes == 6:
+            Refuse(f"{path}.kind", self.kind, "one without an arm for six axes")
+        CheckChoice(f"{path}.goal", self.goal, GOALS)
+        delay = self.reaction_delay
+        if delay != 0 and not SHORTEST_TIME <= delay < math.inf:
+            allowed = f"0 or a finite number >= {SHORTEST_TIME:g} (s)"
+            Refuse(f"{path}.reaction_delay", delay, allowed)
+
+    def MakeOperator(
+        self, *, start: ArrayLike, contact_surface: Surface | None = None
+    ) -> HumanStation:
+        """Makes the block; see OperatorConfig.MakeOperator."""
+        n = np.size(start)
+        reaction = TransportDelay(
+            delay=self.reaction_delay,
+            size=2 * n,
+            initial_value=[*np.asarray(start, dtype=float).tolist(), *[0.0] * n],
+            max_sample_interval=math.inf,
+        )
+        return HumanStation(self._MakeHand(start, contact_surface), reaction)
+
+    def MakeLinearOperator(
+        self, *, start: ArrayLike, contact_surface: Surface | None = None
+    ) -> HumanStation:
+        """Makes the block with an all-pass of order 6 for the reaction delay."""
+        if self.reaction_delay == 0:
+            return self.MakeOperator(start=start, contact_surface=contact_surface)
+        matrices = all_pass_of_delay(
+            self.reaction_delay, order=_PADE_ORDER, num_axes=2 * np.size(start)
+        )
+        hand = self._MakeHand(start, contact_surface)
+        return HumanStation(hand, LinearSystem(*matrices))
+
+    def LinearNote(self) -> str | None:
+        """Returns what stands for the reaction delay."""
+        if self.reaction_delay == 0:
+            return None
+        return (
+            f"The human's reaction delay of {self.reaction_delay:g} s is a Pade "
+            f"approximation of order {_PADE_ORDER}, which is right to 0.11 % up to "
+            f"{6 / self.reaction_delay:.3g} rad/s."
+        )
+
+    def LongestStep(self) -> float:
+        """Returns the reaction delay in s: what is perceived was felt before."""
+        return self.reaction_delay or math.inf
+
+    def _MakeHand(self, start: ArrayLike, contact_surface: Surface | None) -> HumanHand:
+        return HumanHand(
+            human=HumanOperator(
+                start=np.array(start, dtype=float),
+                velocity=np.array(self.velocity, dtype=float),
+                crossover=float(self.crossover_frequency),
+                lag=float(self.neuromuscular_lag),
+                mass=float(self.arm_mass),
+                damping=float(self.arm_damping),
+                stiffness=float(self.arm_stiffness),
+            ),
+            goal=self.goal,
+            **self.Modes(contact_surface),
+        )

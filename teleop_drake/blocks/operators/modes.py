@@ -1,0 +1,162 @@
+"""Base of the operators: a velocity until contact is felt, then a force."""
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.blocks.environments.surface import Surface
+from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
+from teleop_drake.kernel.linear_part import HeldForce, LinearPart
+from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
+from teleop_drake.validation import CheckNumber, CheckVector
+
+
+class ModalOperator(KernelBlock):
+    """Base of the operators that command a velocity, then a force, then a stop.
+
+        mode 0, velocity: v_d = intended, F_h = force of the haptic device
+        mode 1, force:    v_d = 0,        F_h = contact_force
+        mode 2, stopped:  v_d = 0,        F_h = 0 if the mode was 1, otherwise the
+                                          haptic device brakes the tool
+
+    Contact is perceived, once and for all, when the felt tool position reaches
+    `contact_surface`; that is a return delay after the tool touched it.
+
+    | port | name             | size | unit                     |
+    |------|------------------|------|--------------------------|
+    | in   | haptic_force     | n    | N                        |
+    | in   | felt_position    | n    | m, from the return channel |
+    | out  | velocity_command | n    | m/s                      |
+    | out  | force_command    | n    | N                        |
+    | out  | mode             | 1    | 0, 1 or 2                |
+
+    State (discrete, 2): [contact perceived, stopped], each 0 or 1. A returned
+    position that moves continuously is watched by a witness function if the Context
+    has an accuracy (context.SetAccuracy); one that jumps, as behind a sampled
+    channel, is checked at the end of every step, which is the instant of the jump
+    if an unrestricted update made it.
+
+    Initial value: velocity mode.
+
+    Direct feedthrough: haptic_force to force_command; nothing else.
+
+    It does not get tired, or let go when the tool bounces off.
+
+    A subclass says in IntentionTerm() what it intends.
+
+    Attributes:
+        jump_times: When the outputs jump or are not smooth in any case, s.
+        contact_surface: Where the operator perceives contact; None: nowhere.
+
+    Args:
+        num_axes: n.
+        contact_force: Force after contact in N (n); None: never switches.
+        contact_surface: Where contact is perceived; None: never.
+        stop_time: When the stop is commanded in s; None: never.
+
+    Raises:
+        ValueError: If a size or value is not allowed.
+    """
+
+    def __init__(
+        self,
+        num_axes: int,
+        *,
+        contact_force: ArrayLike | None = None,
+        contact_surface: Surface | None = None,
+        stop_time: float | None = None,
+    ):
+        KernelBlock.__init__(self)
+        n = num_axes
+        force = np.zeros(n) if contact_force is None else contact_force
+        CheckVector("contact_force", force, n, "N")
+        if contact_surface is not None:
+            CheckVector("contact_surface.point_W", contact_surface.point_W, n, "m")
+        if stop_time is not None:
+            CheckNumber("stop_time", stop_time, "s", minimum=0)
+        self._num_axes = n
+        self._contact_force = np.array(force, dtype=float)
+        self.contact_surface = None if contact_force is None else contact_surface
+        self._stop_time = stop_time
+        self.jump_times = [] if stop_time is None else [stop_time]
+        self.DeclareVectorInputPort("haptic_force", n)
+        self.DeclareVectorInputPort("felt_position", n)
+        self.DeclareDiscreteState(2)
+        self.DeclareMore()
+        self.DeclareOutputs(velocity_command=n, force_command=n, mode=1)
+
+    def DeclareMore(self) -> None:
+        """Declares what other inputs a subclass has, and its continuous state."""
+
+    @abstractmethod
+    def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
+        """Returns the term of v_d before contact and before the stop; see kernel.
+
+        With it come its parameters. v_d is in m/s (n).
+        """
+
+    def Kernel(self) -> Kernel:
+        """Returns what the block computes; see kernel."""
+        intention, parameters = self.IntentionTerm()
+        transitions = {}
+        parameters = {"contact_force": self._contact_force, **parameters}
+        if self.contact_surface is not None:
+            parameters["point"] = self.contact_surface.point_W
+            parameters["normal"] = self.contact_surface.normal_W
+            transitions["perceives_contact"] = Transition(
+                guard=(past_surface, "mode", "felt_position", "point", "normal"),
+                mode=(with_contact, "mode"),
+            )
+        if self._stop_time is not None:
+            transitions["stops"] = Transition(
+                mode=(with_stop, "mode"), offset=self._stop_time
+            )
+        return Kernel(
+            parameters=parameters,
+            outputs={
+                "intended_velocity": intention,
+                "velocity_command": (velocity_command, "mode", "intended_velocity"),
+                "force_command": (
+                    force_command, "mode", "haptic_force", "contact_force"
+                ),
+                "mode": (mode_vector, "mode"),
+            },
+            sizes={"intended_velocity": self._num_axes},
+            transitions=transitions,
+            unused=("felt_position",),
+        )  # fmt: skip
+
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns that what has been perceived stays perceived, and what follows."""
+        if self.contact_surface is None:
+            return LinearPart(has_modes=True)
+        perceived = with_contact(np.zeros(2))
+        held = HeldForce(state=perceived, force=self._contact_force)
+        return LinearPart(has_modes=True, held_force=held)
+
+
+def mode_vector(state: Array) -> Array:
+    """Returns operator_mode() as a vector."""
+    return np.array([operator_mode(state)])
+
+
+def past_surface(
+    state: Array, felt_position: Array, point: Array, normal: Array
+) -> Array:
+    """Returns how far behind the surface the tool is felt, m; negative once known."""
+    if operator_mode(state) != 0:
+        return np.full(1, -1.0)
+    return np.array([np.sum((felt_position - point) * normal)])
+
+
+def with_contact(state: Array) -> Array:
+    """Returns the state after contact was perceived."""
+    return np.array([1.0, state[1]])
+
+
+def with_stop(state: Array) -> Array:
+    """Returns the state after the stop."""
+    return np.array([state[0], 1.0])

@@ -1,0 +1,116 @@
+"""The robots: a file for each kind, and their place in task space."""
+
+import dataclasses
+from typing import Any
+
+from pydrake.systems.framework import System
+
+from teleop_drake.arrays import ArrayLike
+from teleop_drake.blocks.robots.arm import ArmConfig
+from teleop_drake.blocks.robots.base import PlantRobotConfig, RobotConfig
+from teleop_drake.blocks.robots.driven_arm import DrivenArmConfig
+from teleop_drake.blocks.robots.facts import FactsOfConfig, FactsOfRobot, RobotFacts
+from teleop_drake.blocks.robots.puma560 import Puma560Config
+from teleop_drake.blocks.robots.robot_diagram import MakeRobotDiagram
+from teleop_drake.blocks.robots.slider import SliderConfig
+from teleop_drake.blocks.robots.two_link_arm import TwoLinkArmConfig
+from teleop_drake.kinds import KindTable
+from teleop_drake.validation import Choices, Refuse, Within
+
+ROBOT_KINDS = KindTable(
+    RobotConfig,
+    (SliderConfig, TwoLinkArmConfig, ArmConfig, Puma560Config),
+    noun="robot",
+    key="model",
+    is_named=True,
+)
+"""Every kind of robot."""
+
+__all__ = [
+    "ROBOT_KINDS",
+    "ArmConfig",
+    "DrivenArmConfig",
+    "FactsOfConfig",
+    "FactsOfRobot",
+    "MakeRobot",
+    "MakeRobotDiagram",
+    "PlantRobotConfig",
+    "Puma560Config",
+    "RobotConfig",
+    "RobotFacts",
+    "SliderConfig",
+    "TwoLinkArmConfig",
+]
+
+
+def MakeRobot(
+    model: str,
+    start: ArrayLike,
+    *,
+    mass: float | None = None,
+    damping: float | None = None,
+    elbow: str | None = None,
+    link_mass: float | None = None,
+    posture: ArrayLike | None = None,
+    gravity: ArrayLike | None = None,
+    gravity_compensation: bool | None = None,
+    payload: float | None = None,
+    payload_error: float | None = None,
+    hold: str | None = None,
+    hold_frequency: float | None = None,
+    hold_damping_ratio: float | None = None,
+    friction: float | None = None,
+    friction_speed: float | None = None,
+    file: str | None = None,
+    add_motors: bool | None = None,
+    tool_frame: str | None = None,
+) -> System:
+    """Makes a robot by the name of its model; see robot_diagram.MakeRobotDiagram.
+
+    None stands for the default of the model, whose config describes each field:
+    SliderConfig, TwoLinkArmConfig, ArmConfig and Puma560Config.
+
+    Args:
+        model: `slider`, `two_link_arm`, `arm` or `puma560`, or `module:Class`.
+        start: p_WT at time 0 in m (n).
+        mass: Of a slider, kg.
+        damping: Of a slider's rail, N s/m.
+        elbow: Of a two_link_arm, up or down.
+        link_mass: Of each link of a two_link_arm, kg.
+        posture: Joint positions of an arm or a puma560 from which its own at the start
+            are searched, rad or m.
+        gravity: Of an arm or a puma560, m/s^2.
+        gravity_compensation: Whether an arm or a puma560 carries its own weight.
+        payload: What an arm or a puma560 carries at its tool, kg.
+        payload_error: What the compensation of gravity takes for it beyond that, kg.
+        hold: What an arm or a puma560 keeps besides the tool's position.
+        hold_frequency: Of that, rad/s.
+        hold_damping_ratio: Of that.
+        friction: Share of the friction of a puma560's joints.
+        friction_speed: Below which it is rounded, rad/s.
+        file: SDFormat or URDF file of an arm.
+        add_motors: Whether the joints of an arm get motors.
+        tool_frame: Name of the body or frame of an arm that is its tool.
+
+    Raises:
+        ScenarioError: If a field is not allowed, or the model has no such field.
+    """
+    fields: dict[str, Any] = {
+        "start": start, "mass": mass, "damping": damping, "elbow": elbow,
+        "link_mass": link_mass, "posture": posture, "gravity": gravity,
+        "gravity_compensation": gravity_compensation, "payload": payload,
+        "payload_error": payload_error, "hold": hold, "hold_frequency": hold_frequency,
+        "hold_damping_ratio": hold_damping_ratio, "friction": friction,
+        "friction_speed": friction_speed, "file": file, "add_motors": add_motors,
+        "tool_frame": tool_frame,
+    }  # fmt: skip
+    kind = ROBOT_KINDS.Find(model, "robot.model")
+    given = {name: value for name, value in fields.items() if value is not None}
+    known = [item.name for item in dataclasses.fields(kind)]
+    for name, value in given.items():
+        if name not in known:
+            choices = Choices(name, known)
+            Refuse(f"robot.{name}", value, f"left out: a {model} has {choices}")
+    config: RobotConfig = kind(**given)
+    with Within("robot"):
+        return config.MakeRobot()

@@ -1,0 +1,120 @@
+"""An arm from a model file of one's own: (2.6, 2.7) for any open chain.
+
+For the two links of Appendix A it gives what (A.1) to (A.14) say, as two_link_arm does.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia
+
+from teleop_drake.arrays import ArrayLike
+from teleop_drake.blocks.robots.driven_arm import AddPayload, DrivenArmConfig
+from teleop_drake.blocks.robots.inverse_kinematics import TOOL
+from teleop_drake.blocks.robots.model_file import NewPlant
+from teleop_drake.blocks.robots.robot_diagram import TOOL_BODY
+from teleop_drake.files import ReadText
+from teleop_drake.validation import REQUIRED, Refuse, ScenarioError, Show
+
+_SUFFIXES = (".sdf", ".urdf")
+
+
+@dataclass(kw_only=True, eq=False)
+class ArmConfig(DrivenArmConfig):
+    """An open chain of driven joints, its tool moved along the first n world axes.
+
+    n is the number of entries of `start`, 1 to 3, and at most the number of joints.
+    Joints beyond n are free to move, unless `hold` says what holds them.
+    """
+
+    kind = "arm"
+    file_fields: ClassVar[tuple[str, ...]] = ("file",)
+
+    # An SDF or URDF file with one model. One that is not joined to the world stands at
+    # its origin. Each joint has a motor: a URDF names it in a `transmission`. In a
+    # scenario file the path is relative to that file.
+    file: str = REQUIRED
+    # Whether joints without a motor in the file get one.
+    add_motors: bool = False
+    # The frame or link whose origin touches the environment.
+    tool_frame: str = TOOL
+
+    def LoadModel(self, gravity: ArrayLike, payload: float) -> MultibodyPlant:
+        """Returns the plant with a payload; see DrivenArmConfig.LoadModel."""
+        self._CheckFile()
+        try:
+            with NewPlant(gravity) as plant:
+                (instance,) = Parser(plant).AddModels(self.file)
+                _WeldBase(plant, instance)
+                self._MarkTool(plant, instance)
+                AddPayload(plant, payload)
+                if self.add_motors:
+                    _AddMotors(plant, instance)
+        except ScenarioError:
+            raise
+        except (RuntimeError, ValueError, SystemExit) as e:
+            reason = " ".join(str(e).split())
+            Refuse("file", self.file, f"a model of one open chain ({reason})")
+        nv, nu = plant.num_velocities(), plant.num_actuators()
+        B = plant.MakeActuationMatrix()
+        if B.shape != (nv, nv) or not np.array_equal(B @ B.T, np.eye(nv)):
+            allowed = (
+                f"an arm with one actuator for each joint, not {nu} actuators for {nv} "
+                "joint velocities; add_motors: true adds those that are missing"
+            )
+            Refuse("file", self.file, allowed)
+        return plant
+
+    def _CheckFile(self) -> None:
+        if self.file is None or Path(self.file).suffix not in _SUFFIXES:
+            Refuse("file", self.file, "the path of an .sdf or .urdf file")
+        text = ReadText(self.file, f"file = {Show(self.file)}")
+        # Drake ignores what it cannot hold in a continuous plant.
+        for constraint in ("mimic", "loop_joint"):
+            if re.search(rf"<(drake:)?{constraint}\b", text):
+                Refuse("file", self.file, f"without constraints ({constraint})")
+
+    def _MarkTool(self, plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
+        """Sees to it that a body, massless where it is new, has the tool's origin."""
+        name = self.tool_frame
+        if not plant.HasFrameNamed(name, instance):
+            bodies = map(plant.get_body, plant.GetBodyIndices(instance))
+            known = ", ".join(body.name() for body in bodies)
+            Refuse("tool_frame", name, f"a frame of the model, such as {known}")
+        frame = plant.GetFrameByName(name, instance)
+        if name == TOOL and plant.HasBodyNamed(TOOL, instance):
+            return
+        if name != TOOL and plant.HasFrameNamed(TOOL, instance):
+            allowed = f"{TOOL}, because the model has a frame so named"
+            Refuse("tool_frame", name, allowed)
+        mark = TOOL_BODY if name == TOOL else TOOL
+        body = plant.AddRigidBody(mark, instance, SpatialInertia.Zero())
+        plant.WeldFrames(frame, body.body_frame())
+
+
+def _WeldBase(plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
+    """Welds a model to the world's origin that no joint connects to the world."""
+    joints = [plant.get_joint(i) for i in plant.GetJointIndices(instance)]
+    if any(joint.parent_body().index() == 0 for joint in joints):
+        return
+    children = {joint.child_body().index() for joint in joints}
+    bases = [i for i in plant.GetBodyIndices(instance) if i not in children]
+    if len(bases) == 1:
+        plant.WeldFrames(plant.world_frame(), plant.get_body(bases[0]).body_frame())
+
+
+def _AddMotors(plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
+    """Adds an actuator to each joint of one degree of freedom that has none."""
+    driven = {
+        int(plant.get_joint_actuator(i).joint().index())
+        for i in plant.GetJointActuatorIndices()
+    }
+    for i in plant.GetJointIndices(instance):
+        joint = plant.get_joint(i)
+        if joint.num_velocities() == 1 and int(i) not in driven:
+            plant.AddJointActuator(f"{joint.name()}_motor", joint)

@@ -1,0 +1,160 @@
+"""Bases of the configs of robots."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.math import RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Diagram, System
+
+from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.blocks.robots.inverse_kinematics import (
+    SolveInverseKinematics,
+    ToolRotation,
+)
+from teleop_drake.blocks.robots.robot_diagram import MakeRobotDiagram
+from teleop_drake.kinds import KindConfig
+from teleop_drake.laws.task_space import MAX_ROTATION
+from teleop_drake.validation import REQUIRED, CheckVector, Refuse, Within
+
+
+@dataclass(kw_only=True, eq=False)
+class RobotConfig(KindConfig, ABC):
+    """The slave robot (thesis section 2.3).
+
+    A robot of your own derives from this class, or from PlantRobotConfig, adds its
+    fields, and makes its block in MakeRobot. It can be named in a scenario:
+    `model: my_module:MyRobot`.
+    """
+
+    # p_WT at time 0, m, n entries; reachable, not singular, in front of the contact
+    # surface. The robot starts at rest. With six, the last three are the rotation
+    # vector from how the tool is turned at the robot's posture, rad; see
+    # laws.task_space.
+    start: np.ndarray = REQUIRED
+
+    @property
+    def num_axes(self) -> int:
+        """Number n of task axes, the first n axes of the world; 6: and about them."""
+        return len(self.start)
+
+    def Check(self, path: str) -> None:
+        """Checks every field, and reads the files that they name.
+
+        Raises:
+            ScenarioError: Naming the first bad field, its value and what is allowed.
+        """
+        with Within(path):
+            if (
+                np.ndim(self.start) != 1
+                or len(self.start) not in (1, 2, 3, 6)
+                or not np.isfinite(np.asarray(self.start, dtype=float)).all()
+            ):
+                allowed = "a list of 1, 2 or 3 finite numbers (m), or of 6"
+                Refuse("start", self.start, allowed)
+            CheckRotation("start", self.start)
+            self.CheckNumbers()
+
+    @abstractmethod
+    def MakeRobot(self) -> System:
+        """Makes the block, whose default context is at rest at `start`.
+
+        Its ports are those of robot_diagram.MakeRobotDiagram, of which control_force,
+        environment_force, tool_position and tool_velocity are needed everywhere, and
+        tool_acceleration in a linear analysis.
+
+        Raises:
+            ScenarioError: If a parameter is not allowed.
+        """
+
+    def JointPositions(self, p_WT: ArrayLike) -> Array:
+        """Returns q of the robot's continuous state [q; qdot] with the tool at a point.
+
+        Here the point itself, which is right for a robot whose state is [p_WT; v_WT].
+
+        Raises:
+            ScenarioError: If the robot does not reach it, or is singular there. The
+                message begins with `start`, the field that has such a position.
+        """
+        return np.array(p_WT, dtype=float)
+
+
+@dataclass(kw_only=True, eq=False)
+class PlantRobotConfig(RobotConfig):
+    """A robot that is a MultibodyPlant, driven by the forces on its tool.
+
+    A kind of your own needs LoadPlant only.
+
+    Attributes:
+        is_frictionless: Whether the plant has n joints and nothing that damps them, as
+            the controller of chapter 3 assumes.
+    """
+
+    is_frictionless: ClassVar[bool] = False
+
+    @abstractmethod
+    def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
+        """Returns a continuous, finalized plant named `plant` with a body `tool`.
+
+        Its actuators are one for each joint, in any order.
+
+        Args:
+            gravity: Acceleration of gravity along the task axes, m/s^2 (n); None: the
+                robot's own.
+
+        Raises:
+            ScenarioError: If a parameter is not allowed.
+        """
+
+    def Posture(self, plant: MultibodyPlant) -> Array:
+        """Returns the q near which joint positions are looked for; the plant's own."""
+        return np.asarray(plant.GetDefaultPositions())
+
+    def JointPositions(self, p_WT: ArrayLike) -> Array:
+        """Returns the q with the tool at a point that is nearest to the posture."""
+        plant, r = self.LoadPlant(), np.asarray(p_WT, dtype=float)
+        posture, R_WT = self.Posture(plant), None
+        if r.size == 6:
+            CheckRotation("start", r)
+            R_WT = RotationOf(r) @ ToolRotation(plant, posture)
+        return SolveInverseKinematics(plant, r[:3], posture, R_WT)
+
+    def Check(self, path: str) -> None:
+        """Checks every field, loads the plant and poses it."""
+        super().Check(path)
+        with Within(path):
+            self.JointPositions(self.start)
+
+    def MakeRobot(self, *, gravity: ArrayLike | None = None) -> Diagram:
+        """Makes the block; see robot_diagram.MakeRobotDiagram."""
+        plant = self.LoadPlant(gravity)
+        return MakeRobotDiagram(
+            plant=plant,
+            num_axes=self.num_axes,
+            joint_positions=self.JointPositions(self.start),
+            posture=self.Posture(plant),
+        )
+
+
+def RotationOf(r: Array) -> Array:
+    """Returns the rotation (3, 3) of a position with six entries."""
+    angle = float(np.linalg.norm(r[3:]))
+    axis = r[3:] / angle if angle else np.eye(3)[0]
+    return RotationMatrix(AngleAxis(angle, axis)).matrix()
+
+
+def CheckRotation(path: str, r: ArrayLike) -> None:
+    """Refuses a position whose rotation vector is longer than MAX_ROTATION."""
+    vector = np.asarray(r, dtype=float)[3:]
+    if np.linalg.norm(vector) > MAX_ROTATION:
+        allowed = f"turned by at most {MAX_ROTATION:g} rad from the posture"
+        Refuse(path, r, allowed)
+
+
+def PointOf(p_WT: ArrayLike, num_axes: int) -> Array:
+    """Returns a position of the tool as a vector, for kinds whose n is fixed."""
+    CheckVector("start", p_WT, num_axes, "m")
+    return np.array(p_WT, dtype=float)

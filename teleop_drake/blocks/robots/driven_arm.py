@@ -1,0 +1,178 @@
+"""An arm's own controller: weight, posture, limits."""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia, UnitInertia
+from pydrake.systems.framework import Diagram
+
+from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.blocks.robots.base import PlantRobotConfig
+from teleop_drake.blocks.robots.inverse_kinematics import (
+    TOOL,
+    SolveInverseKinematics,
+    ToolRotation,
+)
+from teleop_drake.blocks.robots.robot_diagram import (
+    JointDrive,
+    MakeRobotDiagram,
+    ToolBodyName,
+)
+from teleop_drake.blocks.systems.gravity_compensation import GravityCompensation
+from teleop_drake.blocks.systems.posture_hold import PostureHold
+from teleop_drake.laws.task_space import PostureGains
+from teleop_drake.validation import (
+    CheckChoice,
+    CheckNumber,
+    CheckVector,
+    Number,
+    Refuse,
+    Within,
+)
+
+HOLDS = ("none", "posture", "orientation")
+"""What an arm can do with the joints that the task leaves free."""
+
+MAX_FREQUENCY = 1000.0
+"""Highest natural frequency of what an arm holds, rad/s."""
+
+# The measure det A of laws.task_space at which damping begins, and what it grows to;
+# assumed. The Puma's pose of the scenarios has 0.02.
+_NEAR, _DAMPING = 1e-3, 1e-2
+
+
+@dataclass(kw_only=True, eq=False)
+class DrivenArmConfig(PlantRobotConfig):
+    """An arm whose own controller carries it and holds what the task leaves free.
+
+    The equations are in laws.task_space, systems.gravity_compensation and
+    systems.joint_friction. A kind of your own needs LoadModel only.
+    """
+
+    default_gravity: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.0)
+
+    # The joint positions near which those at the start lie, rad or m, nq entries. Of
+    # several poses it chooses one. Null: the model's default, zero in most.
+    posture: np.ndarray | None = None
+    # Acceleration of gravity along the world's axes, m/s^2, 3 entries. Null: none for
+    # an arm of your own; assumed, motors compensate the weight as they do in most arms.
+    gravity: np.ndarray | None = None
+    # Whether the motors carry the weight that they know of: of the arm and of the
+    # payload. Assumed.
+    gravity_compensation: bool = False
+    # Mass at the tool's origin, kg, >= 0.
+    payload: float = Number(0.0, "kg", minimum=0)
+    # How much more than the payload the motors carry, kg; payload + payload_error >= 0.
+    payload_error: float = 0.0
+    # What is done with the joints that the n axes of the task leave free, one of HOLDS:
+    # nothing, hold the posture at the start, or hold the tool's orientation at
+    # `posture`. Assumed.
+    hold: str = "none"
+    # Natural frequency of what is held, rad/s, 0 to MAX_FREQUENCY. Assumed.
+    hold_frequency: float = Number(10.0, "rad/s", above=0, maximum=MAX_FREQUENCY)
+    # Its damping ratio, 0 to 100. Assumed.
+    hold_damping_ratio: float = Number(1.0, minimum=0, maximum=100)
+
+    def Check(self, path: str) -> None:
+        """Checks every field, loads the plant and poses it."""
+        with Within(path):
+            CheckChoice("hold", self.hold, HOLDS)
+            self.CheckNumbers()
+            error = self.payload_error
+            payload = self.payload
+            CheckNumber("payload_error", error, "kg", minimum=-payload, maximum=1000)
+            if error and not self.gravity_compensation:
+                Refuse("payload_error", error, "0, as nothing compensates")
+        super().Check(path)
+
+    @abstractmethod
+    def LoadModel(self, gravity: ArrayLike, payload: float) -> MultibodyPlant:
+        """Returns the plant with gravity in m/s^2 (1 to 3) and a payload in kg.
+
+        Raises:
+            ScenarioError: If a parameter is not allowed.
+        """
+
+    def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
+        """Returns the plant; see PlantRobotConfig.LoadPlant."""
+        return self.LoadModel(self._Gravity(gravity), self.payload)
+
+    def _Gravity(self, gravity: ArrayLike | None) -> ArrayLike:
+        if gravity is not None:
+            return gravity
+        if self.gravity is None:
+            return self.default_gravity
+        CheckVector("gravity", self.gravity, 3, "m/s^2")
+        return self.gravity
+
+    def Posture(self, plant: MultibodyPlant) -> Array:
+        """Returns the q near which joint positions are looked for (nq)."""
+        if self.posture is None:
+            return super().Posture(plant)
+        CheckVector("posture", self.posture, plant.num_positions(), "rad or m")
+        return np.asarray(self.posture, dtype=float)
+
+    def JointPositions(self, p_WT: ArrayLike) -> Array:
+        """Returns the q with the tool at a point that is nearest to the posture.
+
+        If the orientation is held, the tool is turned as it is at the posture.
+        """
+        if self.hold != "orientation":
+            return super().JointPositions(p_WT)
+        plant = self.LoadPlant()
+        posture, nv = self.Posture(plant), plant.num_velocities()
+        if nv < self.num_axes + 3 or self.num_axes == 6:
+            allowed = f"none or posture for {self.num_axes} axes and {nv} joints"
+            Refuse("hold", self.hold, allowed)
+        R_WT = ToolRotation(plant, posture)
+        return SolveInverseKinematics(plant, p_WT, posture, R_WT)
+
+    def MakeRobot(self, *, gravity: ArrayLike | None = None) -> Diagram:
+        """Makes the block; see robot_diagram.MakeRobotDiagram."""
+        plant, q = self.LoadPlant(gravity), self.JointPositions(self.start)
+        return MakeRobotDiagram(
+            plant=plant,
+            num_axes=self.num_axes,
+            joint_positions=q,
+            posture=self.Posture(plant),
+            drive=self._MakeDrive(plant, q, gravity),
+        )
+
+    def _MakeDrive(
+        self, plant: MultibodyPlant, q: Array, gravity: ArrayLike | None
+    ) -> JointDrive | None:
+        """Returns what drives the joints beside the task, None if nothing does."""
+        drive = JointDrive()
+        if self.gravity_compensation:
+            known = self.payload + self.payload_error
+            model = self.LoadModel(self._Gravity(gravity), known)
+            drive.gravity_compensation = GravityCompensation(model=model)
+        if self.hold != "none":
+            drive.hold = PostureHold(
+                plant=plant,
+                num_axes=self.num_axes,
+                tool_name=ToolBodyName(plant),
+                joint_positions=q,
+                gains=PostureGains(
+                    self.hold_frequency, self.hold_damping_ratio, _NEAR, _DAMPING
+                ),
+                keeps_orientation=self.hold == "orientation",
+            )
+        self._AddFriction(drive, plant)
+        return None if drive == JointDrive() else drive
+
+    def _AddFriction(self, drive: JointDrive, plant: MultibodyPlant) -> None:
+        """Adds the friction of the joints; here there is none but the plant's own."""
+
+
+def AddPayload(plant: MultibodyPlant, mass: float) -> None:
+    """Welds a point mass to the tool of a plant that is not finalized."""
+    if mass == 0:
+        return
+    tool = plant.GetFrameByName(TOOL)
+    inertia = SpatialInertia(mass, np.zeros(3), UnitInertia(0, 0, 0))
+    body = plant.AddRigidBody("payload", tool.model_instance(), inertia)
+    plant.WeldFrames(tool, body.body_frame())

@@ -1,0 +1,115 @@
+"""Facts of a robot, read from its system in the diagram."""
+
+import functools
+import pickle
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import FrameIndex
+from pydrake.systems.framework import Context, System
+
+from teleop_drake.arrays import Array
+from teleop_drake.blocks.robots.base import RobotConfig
+from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolJacobian
+from teleop_drake.contexts import ContextsIn
+from teleop_drake.machine_code.compiled import Interpreted
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotFacts:
+    """What defaults derive from.
+
+    Attributes:
+        start: p_WT at the start, m (n).
+        inertia: M_r = (J M^-1 J^T)^-1, (2.8): what the tool's inertia feels like at the
+            start, kg (n, n); None where the robot cannot tell.
+        damping: The same for the viscous damping of the joints, N s/m (n, n); None
+            where the robot cannot tell.
+    """
+
+    start: Array
+    inertia: Array | None
+    damping: Array | None
+
+
+def FactsOfRobot(robot: System) -> RobotFacts:
+    """Returns what a robot is at the pose of its default context.
+
+    Inertia and damping are those of the MultibodyPlant inside of the robot whose frame
+    `tool` is where tool_position says. A robot without one cannot tell.
+
+    Args:
+        robot: A system with the ports of robot_diagram.MakeRobotDiagram, of which
+            tool_position is needed.
+    """
+    context = robot.CreateDefaultContext()
+    with Interpreted():
+        start = np.array(robot.GetOutputPort("tool_position").Eval(context))
+    inertia = damping = None
+    for plant, plant_context in ContextsIn(robot, context).items():
+        if isinstance(plant, MultibodyPlant) and _IsTool(plant, plant_context, start):
+            inertia, damping = _ToolInertiaAndDamping(plant, plant_context, len(start))
+            break
+    return RobotFacts(start=start, inertia=inertia, damping=damping)
+
+
+def FactsOfConfig(robot: RobotConfig) -> RobotFacts:
+    """Returns the facts of the robot that a config makes.
+
+    To make one takes as long as to run machine code, and a sweep asks for the same
+    robot again and again. So they are remembered, of kinds of the package that name no
+    file.
+    """
+    names_file = any(getattr(robot, name) is not None for name in robot.file_fields)
+    if names_file or not type(robot).__module__.startswith("teleop_drake."):
+        return FactsOfRobot(robot.MakeRobot())
+    return _Remembered(pickle.dumps(robot))
+
+
+@functools.lru_cache(maxsize=64)
+def _Remembered(robot: bytes) -> RobotFacts:
+    return FactsOfRobot(pickle.loads(robot).MakeRobot())
+
+
+def _IsTool(plant: MultibodyPlant, context: Context, p_WT: Array) -> bool:
+    """Returns whether the plant has one frame `tool`, and that is at this position."""
+    frames = [plant.get_frame(FrameIndex(i)) for i in range(plant.num_frames())]
+    tools = [frame for frame in frames if frame.name() == TOOL]
+    if len(tools) != 1:
+        return False
+    position = tools[0].CalcPoseInWorld(context).translation()
+    place = p_WT[:3]
+    return bool(np.allclose(position[: place.size], place, rtol=0, atol=1e-9))
+
+
+def _ToolInertiaAndDamping(
+    plant: MultibodyPlant, context: Context, num_axes: int
+) -> tuple[Array | None, Array | None]:
+    """Returns M_r and the damping at the tool, None at a singular pose."""
+    M: Array = plant.CalcMassMatrix(context)
+    J = ToolJacobian(plant, context, num_axes)
+    mobility = J @ np.linalg.solve(M, J.T)
+    if not np.linalg.cond(mobility) < 1e12:
+        return None, None
+    inertia: Array = np.linalg.inv(mobility)
+    # The dynamically consistent inverse of J, which is J^-1 where there is one.
+    if num_axes == plant.num_velocities():
+        J_inverse = np.linalg.inv(J)
+    else:
+        J_inverse = np.linalg.solve(M, J.T) @ inertia
+    damping: Array = J_inverse.T @ _JointDamping(plant, context) @ J_inverse
+    return inertia, damping
+
+
+def _JointDamping(plant: MultibodyPlant, context: Context) -> Array:
+    """Returns the viscous damping of the joints (nv, nv)."""
+    damping = np.zeros(plant.num_velocities())
+    for index in plant.GetJointIndices():
+        joint = plant.get_joint(index)
+        if joint.num_velocities():
+            begin = joint.velocity_start()
+            damping[begin : begin + joint.num_velocities()] = joint.GetDampingVector(
+                context
+            )
+    return np.diag(damping)

@@ -1,0 +1,84 @@
+"""The Unimation Puma 560."""
+
+import math
+from dataclasses import dataclass, field
+from importlib import resources
+from typing import ClassVar
+
+import numpy as np
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+
+from teleop_drake.arrays import ArrayLike
+from teleop_drake.blocks.robots.driven_arm import AddPayload, DrivenArmConfig
+from teleop_drake.blocks.robots.model_file import NewPlant
+from teleop_drake.blocks.robots.robot_diagram import JointDrive
+from teleop_drake.blocks.systems.joint_friction import JointFriction
+from teleop_drake.validation import Number
+
+# Coulomb friction at the motors while they turn forward and backward, N m: Corke and
+# Armstrong-Helouvry 1994, in the numbers of Corke's Robotics Toolbox. At the joints it
+# is the gear ratio times as much: 24.7, 13.6, 7.1, 0.85, 0.67, 0.30 N m forward.
+# Armstrong, Khatib and Burdick 1986 found that 6.3, 5.5, 2.6, 1.3, 1.0, 1.2 N m break
+# the joints of another arm away. Joints of one type differ as much.
+_COULOMB_FORWARD = (0.395, 0.126, 0.132, 11.2e-3, 9.26e-3, 3.96e-3)
+_COULOMB_BACKWARD = (0.435, 0.071, 0.105, 16.9e-3, 14.5e-3, 10.5e-3)
+
+_STANDARD_GRAVITY = 9.80665
+
+# Friction that changes its sign about a lower speed takes steps of microseconds.
+_LEAST_SPEED = 1e-4
+
+
+def _Nominal() -> np.ndarray:
+    # The pose `qn` of Corke's Robotics Toolbox; the needle points along x.
+    return np.array([0.0, math.pi / 4, -math.pi, 0.0, math.pi / 4, 0.0])
+
+
+@dataclass(kw_only=True, eq=False)
+class Puma560Config(DrivenArmConfig):
+    """The thesis's future work (section 6.3): six joints, gears, weight and friction.
+
+    models/puma560.sdf names the source of every number. It stands at the world's
+    origin, z upward. The needle's tip is the tool.
+    """
+
+    kind = "puma560"
+    default_gravity: ClassVar[tuple[float, float, float]] = (0, 0, -_STANDARD_GRAVITY)
+
+    # The joint positions near which those at the start lie, rad, 6 entries.
+    posture: np.ndarray | None = field(default_factory=_Nominal)
+    # Acceleration of gravity along the world's axes, m/s^2, 3 entries. Null: standard
+    # gravity along -z.
+    gravity: np.ndarray | None = None
+    gravity_compensation: bool = True
+    hold: str = "orientation"
+    # Which share of the published friction acts, viscous and Coulomb, >= 0. Less than
+    # 1: the motors compensate the rest, which is not counted in their torque.
+    friction: float = Number(1.0, minimum=0)
+    # Speed of a joint about which its Coulomb friction changes sign, rad/s, >= 1e-4.
+    # Assumed.
+    friction_speed: float = Number(0.02, "rad/s", minimum=_LEAST_SPEED)
+
+    def LoadModel(self, gravity: ArrayLike, payload: float) -> MultibodyPlant:
+        """Returns the plant with a payload; see DrivenArmConfig.LoadModel."""
+        file = resources.files("teleop_drake") / "models" / f"{self.kind}.sdf"
+        with NewPlant(gravity) as plant:
+            Parser(plant).AddModelsFromString(file.read_text(encoding="utf-8"), "sdf")
+            for index in plant.GetJointIndices():
+                joint = plant.get_mutable_joint(index)
+                if joint.num_velocities():
+                    joint.set_default_damping(self.friction * joint.default_damping())
+            AddPayload(plant, payload)
+        return plant
+
+    def _AddFriction(self, drive: JointDrive, plant: MultibodyPlant) -> None:
+        if self.friction == 0:
+            return
+        motors = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+        ratios = np.array([abs(motor.default_gear_ratio()) for motor in motors])
+        drive.friction = JointFriction(
+            forward=self.friction * ratios * _COULOMB_FORWARD,
+            backward=self.friction * ratios * _COULOMB_BACKWARD,
+            speed=self.friction_speed,
+        )

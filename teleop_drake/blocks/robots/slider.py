@@ -1,0 +1,41 @@
+"""The thesis's robot on one axis."""
+
+from dataclasses import dataclass
+
+from pydrake.multibody.plant import MultibodyPlant
+
+from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.blocks.robots.base import PlantRobotConfig, PointOf
+from teleop_drake.blocks.robots.model_file import LoadModel, ReadModel
+from teleop_drake.validation import Number
+
+
+@dataclass(kw_only=True, eq=False)
+class SliderConfig(PlantRobotConfig):
+    """A carriage on a rail along x (thesis eq. 2.12)."""
+
+    kind = "slider"
+
+    # Mass, kg, > 0. Null keeps the model's own.
+    mass: float | None = Number(None, "kg", above=0)
+    # Viscous damping of the rail, N s/m, >= 0. Null keeps the model's own.
+    damping: float | None = Number(None, "N s/m", minimum=0)
+
+    def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
+        """Returns the plant; see PlantRobotConfig.LoadPlant."""
+        self.CheckNumbers()
+        model = ReadModel(self.kind)
+        # Overrides go into the model's text, and so into every context of the plant.
+        for value, path in (
+            (self.mass, ".//link[@name='carriage']/inertial/mass"),
+            (self.damping, ".//joint[@name='rail']/axis/dynamics/damping"),
+        ):
+            if value is not None:
+                element = model.find(path)
+                assert element is not None
+                element.text = repr(float(value))
+        return LoadModel(model, gravity)
+
+    def JointPositions(self, p_WT: ArrayLike) -> Array:
+        """Returns the position of the carriage, which is the tool's."""
+        return PointOf(p_WT, 1)
