@@ -188,7 +188,7 @@ def test_unknown_modules_are_those_of_the_user():
         "__init__.py",
         "blocks/__init__.py",
         "kinds.py",
-        "machine_code/following.py",
+        "jit/following.py",
     ]
 
 
@@ -282,7 +282,7 @@ def MisnamedFunctions(path: Path, source: str) -> list[str]:
     """Returns the functions of a file whose names are not those of its folder.
 
     Functions of numbers are in snake_case: laws, integrator, numerics, and what
-    kernels consist of, in kernel/, compiler/, machine_code/ and beside the block.
+    kernels consist of, in kernel/, compiler/, jit/ and beside the block.
     Properties are in snake_case as well. Everything that touches Drake is in CamelCase.
     """
     nodes = Nodes(source)
@@ -298,7 +298,7 @@ def MisnamedFunctions(path: Path, source: str) -> list[str]:
         elif (offers_terms and node in nodes[0].body) or floor in (
             "kernel",
             "compiler",
-            "machine_code",
+            "jit",
         ):
             allowed = f"{SNAKE_CASE}|{CAMEL_CASE}"
         else:

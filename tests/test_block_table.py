@@ -27,10 +27,10 @@ from teleop_drake.compiler.check import Compare
 from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.flatten import UnsupportedSystem
 from teleop_drake.compiler.primitives import KERNELS
+from teleop_drake.jit.scalar_code import MakeCode, TraceLaw
+from teleop_drake.jit.symbols import FUNCTIONS, UFUNCS, Untraceable
+from teleop_drake.jit.traced_numpy import REPLACED
 from teleop_drake.kernel import FixedBlock, Kernel
-from teleop_drake.machine_code.scalar_code import MakeCode, TraceLaw
-from teleop_drake.machine_code.symbols import FUNCTIONS, UFUNCS, Untraceable
-from teleop_drake.machine_code.traced_numpy import REPLACED
 from teleop_drake.page.model import Systems
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import MakeDiagram

@@ -20,6 +20,7 @@ from teleop_drake.analysis.point_stability import (
     PointStability,
 )
 from teleop_drake.blocks.environments import CONTACT, FindSurface, SurfacesOf
+from teleop_drake.jit.compiled import Interpreted
 from teleop_drake.linear_model.loop import FindHeldForce, Linearizer
 from teleop_drake.linear_model.loop_model import LoopModel
 from teleop_drake.linear_model.operating_point import (
@@ -27,7 +28,6 @@ from teleop_drake.linear_model.operating_point import (
     OperatingPoints,
     PointOfRest,
 )
-from teleop_drake.machine_code.compiled import Interpreted
 from teleop_drake.numerics.delay_margin import is_delay_robust
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.validation import CheckNumber, ScenarioError

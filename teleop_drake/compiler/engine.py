@@ -12,11 +12,11 @@ from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.compiler.source import Program
 from teleop_drake.integrator import advance as integrator
 from teleop_drake.integrator import problem
+from teleop_drake.jit.native import Evaluate
+from teleop_drake.jit.typed_code import CompileTyped
+from teleop_drake.jit.typed_expressions import EVALUATE, TypeOf
 from teleop_drake.kernel import Delay, Packet
 from teleop_drake.kernel.packet_line import PacketsUntil
-from teleop_drake.machine_code.native import Evaluate
-from teleop_drake.machine_code.typed_code import CompileTyped
-from teleop_drake.machine_code.typed_expressions import EVALUATE, TypeOf
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.piecewise import Pieces, fit_pieces
 from teleop_drake.numerics.step_polynomials import DEGREE

@@ -20,11 +20,11 @@ from teleop_drake.compiler.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
 from teleop_drake.compiler.primitives import IsSink, PrimitiveKernel
 from teleop_drake.compiler.source import Program
 from teleop_drake.contexts import ContextsIn, DiscreteState
+from teleop_drake.jit.cache import Kept
+from teleop_drake.jit.native import Evaluate, Library
+from teleop_drake.jit.scalar_code import MakeCode, TraceProgram
+from teleop_drake.jit.symbols import Untraceable
 from teleop_drake.kernel import Kernel, KernelBlock, KernelIn
-from teleop_drake.machine_code.cache import Kept
-from teleop_drake.machine_code.native import Evaluate, Library
-from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
-from teleop_drake.machine_code.symbols import Untraceable
 
 _NO_KERNEL = (
     "it offers no kernel; write it as a plain function of its inputs, or give it a "

@@ -14,7 +14,7 @@ The outputs of the delays are written into y before each evaluation.
   located on the dense output. A guard that comes near to 0 is also evaluated within the
   step, because it may have been positive for a moment.
 
-All functions here are in the part of Python that machine_code/typed_code compiles.
+All functions here are in the part of Python that jit/typed_code compiles.
 """
 
 import math

@@ -1,6 +1,6 @@
 """Guards and modes of the system that advance() integrates.
 
-All functions here are in the part of Python that machine_code/typed_code compiles.
+All functions here are in the part of Python that jit/typed_code compiles.
 """
 
 import math

@@ -23,9 +23,9 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.arrays import Array
+from teleop_drake.jit.compiled import CompiledLaw
 from teleop_drake.kernel.callbacks import Weakly
 from teleop_drake.kernel.kernel import Kernel
-from teleop_drake.machine_code.compiled import CompiledLaw
 
 
 class NamedParameter(NamedTuple):

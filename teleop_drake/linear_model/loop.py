@@ -62,6 +62,7 @@ from teleop_drake.blocks.environments import CONTACT, SurfacesOf
 from teleop_drake.blocks.operators import ConstantVelocityOperator
 from teleop_drake.compiler.flatten import Flatten
 from teleop_drake.contexts import ContextsIn
+from teleop_drake.jit.compiled import Interpreted
 from teleop_drake.kernel.linear_part import (
     FROZEN_WEIGHTS,
     IDLE_PASSIVITY,
@@ -79,7 +80,6 @@ from teleop_drake.linear_model.loop_model import (
 from teleop_drake.linear_model.loop_parts import CutTeleoperator, ReadLoopParts
 from teleop_drake.linear_model.operating_point import OperatingPoint
 from teleop_drake.linear_model.tool_motion import ToolMotion
-from teleop_drake.machine_code.compiled import Interpreted
 from teleop_drake.numerics.delay_margin import closed_loop_matrix
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike

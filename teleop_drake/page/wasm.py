@@ -13,10 +13,10 @@ import llvmlite.binding as llvm
 
 from teleop_drake.compiler.source import Program
 from teleop_drake.integrator.advance import advance
-from teleop_drake.machine_code.cache import Kept
-from teleop_drake.machine_code.scalar_code import MakeCode, TraceProgram
-from teleop_drake.machine_code.typed_code import MakeTypedCode
-from teleop_drake.machine_code.typed_expressions import EVALUATE, TypeOf
+from teleop_drake.jit.cache import Kept
+from teleop_drake.jit.scalar_code import MakeCode, TraceProgram
+from teleop_drake.jit.typed_code import MakeTypedCode
+from teleop_drake.jit.typed_expressions import EVALUATE, TypeOf
 
 _TRIPLE = "wasm32-unknown-unknown"
 

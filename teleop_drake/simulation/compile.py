@@ -27,8 +27,8 @@ from teleop_drake.compiler.engine import Visited
 from teleop_drake.compiler.evaluator import KernelOf
 from teleop_drake.compiler.flatten import Block, Flatten, Source, UnsupportedSystem
 from teleop_drake.contexts import ContextsIn, DiscreteState
+from teleop_drake.jit.compiled import Interpreted
 from teleop_drake.kernel import Kernel
-from teleop_drake.machine_code.compiled import Interpreted
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import (
     AnyScenario,

@@ -4,7 +4,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.machine_code.compiled import Interpreted
+from teleop_drake.jit.compiled import Interpreted
 from teleop_drake.parameters import SetParameter
 from teleop_drake.recording import Recording
 from teleop_drake.simulation.compiled_run import CompiledDiagram, CompileDiagram

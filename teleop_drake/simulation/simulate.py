@@ -11,7 +11,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.blocks.environments import Surface, SurfacesOf
-from teleop_drake.machine_code.compiled import Interpreted
+from teleop_drake.jit.compiled import Interpreted
 from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike

@@ -8,7 +8,7 @@ import pytest
 from wasm_runs import AssertSame, DataOf
 
 from teleop_drake.blocks.operators import OPERATOR_KINDS
-from teleop_drake.machine_code import cache
+from teleop_drake.jit import cache
 from teleop_drake.page.inputs import Added, Change
 from teleop_drake.page.model import ModelOf
 from teleop_drake.page.page import MakePage

@@ -10,6 +10,7 @@ import numpy as np
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig
 from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.jit.compiled import Law
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.kernel.linear_part import FROZEN_WEIGHTS, LinearPart
 from teleop_drake.laws.backstepping import (
@@ -21,7 +22,6 @@ from teleop_drake.laws.backstepping import (
 )
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.robust_backstepping import RobustBounds
-from teleop_drake.machine_code.compiled import Law
 from teleop_drake.validation import (
     REQUIRED,
     CheckChoice,

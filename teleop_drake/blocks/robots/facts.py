@@ -13,7 +13,7 @@ from teleop_drake.arrays import Array
 from teleop_drake.blocks.robots.base import RobotConfig
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolJacobian
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.machine_code.compiled import Interpreted
+from teleop_drake.jit.compiled import Interpreted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,6 +10,10 @@ from block_checks import Gains
 from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 
+from teleop_drake.jit.compiled import (
+    CompiledLaw,
+    Interpreted,
+)
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.laws.backstepping import (
     adaptive_errors,
@@ -23,10 +27,6 @@ from teleop_drake.laws.robust_backstepping import (
     robust_rate,
 )
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
-from teleop_drake.machine_code.compiled import (
-    CompiledLaw,
-    Interpreted,
-)
 
 
 def AssertSame(law, constants, samples):

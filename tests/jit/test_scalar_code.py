@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from teleop_drake.compiler.source import put
-from teleop_drake.machine_code.native import (
+from teleop_drake.jit.native import (
     BoundEvaluate,
     Evaluate,
     Library,
     ObjectFile,
 )
-from teleop_drake.machine_code.scalar_code import MakeCode, TraceLaw, TraceProgram
-from teleop_drake.machine_code.symbols import Untraceable
+from teleop_drake.jit.scalar_code import MakeCode, TraceLaw, TraceProgram
+from teleop_drake.jit.symbols import Untraceable
 from teleop_drake.numerics.jacobi import singular_values, symmetric_eigen
 
 TABLE = np.array([[0, 1], [2, 3], [4, 5]])

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.machine_code.cache import Kept
-from teleop_drake.machine_code.native import BoundEvaluate, Library
-from teleop_drake.machine_code.scalar_code import IsWhole, LeavesOf, MakeCode, TraceLaw
-from teleop_drake.machine_code.symbols import Untraceable
+from teleop_drake.jit.cache import Kept
+from teleop_drake.jit.native import BoundEvaluate, Library
+from teleop_drake.jit.scalar_code import IsWhole, LeavesOf, MakeCode, TraceLaw
+from teleop_drake.jit.symbols import Untraceable
 
 Law = Callable[..., Array]
 

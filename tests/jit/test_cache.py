@@ -6,9 +6,9 @@ import time
 import numpy as np
 import pytest
 
-from teleop_drake.machine_code import cache, compiled
-from teleop_drake.machine_code.cache import Kept
-from teleop_drake.machine_code.compiled import CompiledLaw
+from teleop_drake.jit import cache, compiled
+from teleop_drake.jit.cache import Kept
+from teleop_drake.jit.compiled import CompiledLaw
 
 
 @pytest.fixture(autouse=True)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.machine_code.scalar_code import LIBRARY_FUNCTIONS
-from teleop_drake.machine_code.typed_expressions import Header
+from teleop_drake.jit.scalar_code import LIBRARY_FUNCTIONS
+from teleop_drake.jit.typed_expressions import Header
 
 # Optimisation: from loops, less than this leaves the checks of indices inside.
 _LEVEL = 3

@@ -27,8 +27,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from teleop_drake.machine_code.contents import AreShared, Contents, Reshaped
-from teleop_drake.machine_code.symbols import (
+from teleop_drake.jit.contents import AreShared, Contents, Reshaped
+from teleop_drake.jit.symbols import (
     AsNumbers,
     AsReal,
     IsBoolean,

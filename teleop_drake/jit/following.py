@@ -20,10 +20,10 @@ from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 
-from teleop_drake.machine_code.contents import Contents, Opaque
-from teleop_drake.machine_code.symbols import AsNumbers, Table, Untraceable
-from teleop_drake.machine_code.traced_numpy import BUILTINS, REPLACED, OfNumpy, Refusing
-from teleop_drake.machine_code.tracing import Graph, MustJoinCaller
+from teleop_drake.jit.contents import Contents, Opaque
+from teleop_drake.jit.symbols import AsNumbers, Table, Untraceable
+from teleop_drake.jit.traced_numpy import BUILTINS, REPLACED, OfNumpy, Refusing
+from teleop_drake.jit.tracing import Graph, MustJoinCaller
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.machine_code.symbols import (
+from teleop_drake.jit.symbols import (
     FUNCTIONS,
     UFUNCS,
     Apply,

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from teleop_drake.files import Replacing
-from teleop_drake.machine_code.native import ObjectFile, Target
+from teleop_drake.jit.native import ObjectFile, Target
 
 # Beyond this total size, files of all versions are deleted, least recently used first.
 _MAX_BYTES = 64_000_000

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.machine_code.symbols import Number
+from teleop_drake.jit.symbols import Number
 
 
 class Opaque:

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.machine_code.cache import Kept
-from teleop_drake.machine_code.native import Library, TypedFunction
-from teleop_drake.machine_code.typed_expressions import (
+from teleop_drake.jit.cache import Kept
+from teleop_drake.jit.native import Library, TypedFunction
+from teleop_drake.jit.typed_expressions import (
     EVALUATE,
     INTEGER,
     NOTHING,

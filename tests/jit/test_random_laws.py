@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from random_laws import RandomLaw
 
-from teleop_drake.machine_code.native import BoundEvaluate, Library, ObjectFile
-from teleop_drake.machine_code.scalar_code import MakeCode, TraceLaw
-from teleop_drake.machine_code.symbols import Untraceable
+from teleop_drake.jit.native import BoundEvaluate, Library, ObjectFile
+from teleop_drake.jit.scalar_code import MakeCode, TraceLaw
+from teleop_drake.jit.symbols import Untraceable
 
 
 def IsSame(seed):

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from teleop_drake.arrays import Indices
-from teleop_drake.machine_code.following import Follow, Traced
-from teleop_drake.machine_code.symbols import (
+from teleop_drake.jit.following import Follow, Traced
+from teleop_drake.jit.symbols import (
     AsReal,
     Number,
     Numbers,
@@ -20,8 +20,8 @@ from teleop_drake.machine_code.symbols import (
     Table,
     Untraceable,
 )
-from teleop_drake.machine_code.tracing import BOOLEAN, Graph, Node
-from teleop_drake.machine_code.typed_expressions import ConstantText
+from teleop_drake.jit.tracing import BOOLEAN, Graph, Node
+from teleop_drake.jit.typed_expressions import ConstantText
 
 Stores = dict[tuple[str, int], Any]
 

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from teleop_drake.machine_code.native import Library, ObjectFile
-from teleop_drake.machine_code.typed_code import MakeTypedCode
-from teleop_drake.machine_code.typed_expressions import (
+from teleop_drake.jit.native import Library, ObjectFile
+from teleop_drake.jit.typed_code import MakeTypedCode
+from teleop_drake.jit.typed_expressions import (
     FLOAT,
     INTEGER,
     Header,
