@@ -5,8 +5,8 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram
 from wasm_runs import Instance
 
-from teleop_drake.compiler.engine import CompiledRun
-from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.run import CompiledRun
 from teleop_drake.page.model import MakeModel
 from teleop_drake.signals import SignalsOf
 from teleop_drake.simulation import MakeSimulator

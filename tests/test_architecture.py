@@ -187,13 +187,13 @@ def test_unknown_modules_are_those_of_the_user():
     assert found == [
         "__init__.py",
         "blocks/__init__.py",
-        "kinds.py",
         "jit/following.py",
+        "kinds.py",
     ]
 
 
 # Mathematics: no Drake, names in snake_case.
-OF_NUMBERS = ("laws", "integrator", "numerics")
+OF_NUMBERS = ("laws", "numerics")
 
 
 def test_imports_are_narrow():
@@ -250,7 +250,6 @@ MIRRORED = (
     "operators",
     "architectures",
     "robots",
-    "integrator",
     "numerics",
 )
 
@@ -281,8 +280,8 @@ CAMEL_CASE = r"_?([A-Z][a-z0-9]*)+_?"
 def MisnamedFunctions(path: Path, source: str) -> list[str]:
     """Returns the functions of a file whose names are not those of its folder.
 
-    Functions of numbers are in snake_case: laws, integrator, numerics, and what
-    kernels consist of, in kernel/, compiler/, jit/ and beside the block.
+    Functions of numbers are in snake_case: laws, numerics, and what kernels and the
+    integrator consist of, in kernel/, engine/, jit/ and beside the block.
     Properties are in snake_case as well. Everything that touches Drake is in CamelCase.
     """
     nodes = Nodes(source)
@@ -297,7 +296,7 @@ def MisnamedFunctions(path: Path, source: str) -> list[str]:
             allowed = SNAKE_CASE
         elif (offers_terms and node in nodes[0].body) or floor in (
             "kernel",
-            "compiler",
+            "engine",
             "jit",
         ):
             allowed = f"{SNAKE_CASE}|{CAMEL_CASE}"

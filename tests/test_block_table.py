@@ -23,10 +23,10 @@ from wasm_runs import AssertSame
 
 import teleop_drake
 from teleop_drake.blocks.operators.hand import HandOperator
-from teleop_drake.compiler.check import Compare
-from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.compiler.flatten import UnsupportedSystem
-from teleop_drake.compiler.primitives import KERNELS
+from teleop_drake.engine.check import Compare
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.flatten import UnsupportedSystem
+from teleop_drake.engine.primitives import KERNELS
 from teleop_drake.jit.scalar_code import MakeCode, TraceLaw
 from teleop_drake.jit.symbols import FUNCTIONS, UFUNCS, Untraceable
 from teleop_drake.jit.traced_numpy import REPLACED

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import wasmtime
 
-from teleop_drake.integrator.advance import FULL
-from teleop_drake.integrator.problem import ROWS
+from teleop_drake.engine.advance import FULL
+from teleop_drake.engine.problem import ROWS
 from teleop_drake.numerics.step_polynomials import DEGREE, interpolate
 from teleop_drake.page.model import Model, ModelOf
 from teleop_drake.recording import Recording

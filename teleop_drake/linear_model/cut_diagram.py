@@ -21,8 +21,8 @@ from pydrake.systems.framework import (
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import SurfacesOf
-from teleop_drake.compiler.flatten import Block, Flatten, OutputOf
 from teleop_drake.contexts import ContextsIn
+from teleop_drake.engine.flatten import Block, Flatten, OutputOf
 from teleop_drake.kernel.block import DualBlock
 from teleop_drake.numerics.differences import differentiate
 

@@ -60,8 +60,8 @@ from pydrake.systems.framework import Diagram, System
 from teleop_drake.arrays import Array, Indices
 from teleop_drake.blocks.environments import CONTACT, SurfacesOf
 from teleop_drake.blocks.operators import ConstantVelocityOperator
-from teleop_drake.compiler.flatten import Flatten
 from teleop_drake.contexts import ContextsIn
+from teleop_drake.engine.flatten import Flatten
 from teleop_drake.jit.compiled import Interpreted
 from teleop_drake.kernel.linear_part import (
     FROZEN_WEIGHTS,

@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.arrays import Indices
-from teleop_drake.compiler.flatten import Block
+from teleop_drake.engine.flatten import Block
 from teleop_drake.kernel.linear_part import LinearPartOf
 from teleop_drake.linear_model.cut_diagram import (
     Contexts,

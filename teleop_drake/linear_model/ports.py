@@ -19,8 +19,8 @@ from pydrake.systems.framework import (
 
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.blocks.environments import SurfacesOf
-from teleop_drake.compiler.flatten import Block, Flatten
 from teleop_drake.contexts import ContextsIn
+from teleop_drake.engine.flatten import Block, Flatten
 from teleop_drake.kernel.linear_part import LinearPartOf
 from teleop_drake.linear_model.cut_diagram import (
     Contexts,

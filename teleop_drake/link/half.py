@@ -11,7 +11,7 @@ from pydrake.systems.primitives import Adder
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.robots.facts import FactsOfRobot
-from teleop_drake.compiler.engine import CompiledRun
+from teleop_drake.engine.run import CompiledRun
 from teleop_drake.laws.task_space import displacement
 from teleop_drake.scenario import Scenario
 from teleop_drake.simulation.compiled_run import StartFed

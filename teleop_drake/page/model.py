@@ -24,9 +24,9 @@ from teleop_drake.blocks.environments.surface import Surface, SurfacesOf
 from teleop_drake.blocks.operators.hand import HandOperator
 from teleop_drake.blocks.robots import PlantRobotConfig, RobotConfig
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL
-from teleop_drake.compiler.engine import CompiledRun
-from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.compiler.flatten import OutputOf, Source
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.flatten import OutputOf, Source
+from teleop_drake.engine.run import CompiledRun
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.page.wasm import MakeModule
 from teleop_drake.scenario import AnyScenario, AsTeleoperation

@@ -11,8 +11,8 @@ from typing import Any, cast
 
 import llvmlite.binding as llvm
 
-from teleop_drake.compiler.source import Program
-from teleop_drake.integrator.advance import advance
+from teleop_drake.engine.advance import advance
+from teleop_drake.engine.source import Program
 from teleop_drake.jit.cache import Kept
 from teleop_drake.jit.scalar_code import MakeCode, TraceProgram
 from teleop_drake.jit.typed_code import MakeTypedCode

@@ -22,11 +22,11 @@ from pydrake.systems.framework import Context, System
 from teleop_drake.blocks.architectures import Architecture
 from teleop_drake.blocks.environments import CONTACT, FindSurface, SurfacesOf
 from teleop_drake.blocks.robots.facts import FactsOfConfig
-from teleop_drake.compiler.check import HoldsOwnCode
-from teleop_drake.compiler.engine import Visited
-from teleop_drake.compiler.evaluator import KernelOf
-from teleop_drake.compiler.flatten import Block, Flatten, Source, UnsupportedSystem
 from teleop_drake.contexts import ContextsIn, DiscreteState
+from teleop_drake.engine.check import HoldsOwnCode
+from teleop_drake.engine.evaluator import KernelOf
+from teleop_drake.engine.flatten import Block, Flatten, Source, UnsupportedSystem
+from teleop_drake.engine.run import Visited
 from teleop_drake.jit.compiled import Interpreted
 from teleop_drake.kernel import Kernel
 from teleop_drake.recording import Recording

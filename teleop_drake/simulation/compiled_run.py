@@ -10,12 +10,12 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.arrays import Array, Indices
-from teleop_drake.compiler.check import CheckVisited, HoldsOwnCode
-from teleop_drake.compiler.engine import CompiledRun, Visited
-from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.compiler.flatten import OutputOf, UnsupportedSystem
 from teleop_drake.contexts import ContextsIn, SetDiscreteState
-from teleop_drake.integrator.problem import EVALUATIONS, STEPS, TRIES
+from teleop_drake.engine.check import CheckVisited, HoldsOwnCode
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.flatten import OutputOf, UnsupportedSystem
+from teleop_drake.engine.problem import EVALUATIONS, STEPS, TRIES
+from teleop_drake.engine.run import CompiledRun, Visited
 from teleop_drake.kernel import KernelBlock
 from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.step_polynomials import Series

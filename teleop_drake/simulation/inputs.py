@@ -12,8 +12,8 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.compiler.flatten import Flatten
 from teleop_drake.contexts import ContextsIn
+from teleop_drake.engine.flatten import Flatten
 from teleop_drake.signals import NameOf
 from teleop_drake.validation import Refuse
 

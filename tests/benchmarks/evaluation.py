@@ -7,9 +7,9 @@ from benchmarks.comparison import CONTROLLER, DELAY, TARGETS
 from benchmarks.contenders import Load
 from benchmarks.measuring import Alternate, Options, Table
 
-from teleop_drake.compiler.engine import CompiledRun
-from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.integrator.problem import EVALUATIONS
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.problem import EVALUATIONS
+from teleop_drake.engine.run import CompiledRun
 from teleop_drake.simulation import MakeDiagram
 
 

@@ -21,9 +21,9 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake import WritePage
-from teleop_drake.compiler.engine import CompiledRun
-from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.flatten import UnsupportedSystem
+from teleop_drake.engine.run import CompiledRun
 from teleop_drake.figures.block_diagram import DiagramDot
 
 DURATION = 10.0

@@ -10,9 +10,9 @@ from foreign.manipulation import MANIPULATION
 from foreign.underactuated import UNDERACTUATED
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 
-from teleop_drake.compiler.engine import CompiledRun
-from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.flatten import UnsupportedSystem
+from teleop_drake.engine.run import CompiledRun
 from teleop_drake.figures.block_diagram import DiagramDot
 
 SYSTEMS = [*DRAKE, *UNDERACTUATED, *MANIPULATION]

@@ -9,7 +9,7 @@ import hostile_laws as laws
 import numpy as np
 import pytest
 
-from teleop_drake.compiler.source import put
+from teleop_drake.engine.source import put
 from teleop_drake.jit.native import (
     BoundEvaluate,
     Evaluate,

@@ -10,7 +10,7 @@ from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoD
 from pydrake.systems.framework import BasicVector, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, FirstOrderTaylorApproximation
 
-from teleop_drake.compiler.check import CheckKernel
+from teleop_drake.engine.check import CheckKernel
 from teleop_drake.kernel import Delay, Kernel, KernelBlock, times
 from teleop_drake.validation import ScenarioError
 

@@ -7,7 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from teleop_drake.compiler.check import CheckKernel
+from teleop_drake.engine.check import CheckKernel
 from teleop_drake.kernel import Delay, Kernel, KernelBlock
 
 

@@ -21,8 +21,8 @@ from teleop_drake.blocks.channels.variable import DelayProfile
 from teleop_drake.blocks.environments import Surface
 from teleop_drake.blocks.operators import ConstantVelocityOperator
 from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
-from teleop_drake.compiler.engine import CompiledRun
-from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.run import CompiledRun
 from teleop_drake.kernel.ticks import Ticks
 from teleop_drake.simulation import MakeSimulator
 

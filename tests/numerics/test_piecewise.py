@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.integrator.advance import evaluate_pieces
+from teleop_drake.engine.advance import evaluate_pieces
 from teleop_drake.numerics.piecewise import fit_pieces
 
 

@@ -14,7 +14,7 @@ from wasm_runs import AssertSameMetrics, RunModule
 
 import teleop_drake
 from teleop_drake.cli import main
-from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.numerics.step_polynomials import DEGREE
 from teleop_drake.page import MakePage, WritePage

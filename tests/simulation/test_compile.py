@@ -14,11 +14,11 @@ from teleop_drake.blocks.architectures.base import LAW_INPUTS
 from teleop_drake.blocks.architectures.direct_force import DirectForceConfig
 from teleop_drake.blocks.environments import LayersEnvironmentConfig
 from teleop_drake.blocks.environments.layered_force_field import LayeredForceField
-from teleop_drake.compiler import check, evaluator
-from teleop_drake.compiler.check import KernelDisagrees
-from teleop_drake.compiler.evaluator import KernelOf
-from teleop_drake.compiler.flatten import Flatten
 from teleop_drake.contexts import ContextsIn
+from teleop_drake.engine import check, evaluator
+from teleop_drake.engine.check import KernelDisagrees
+from teleop_drake.engine.evaluator import KernelOf
+from teleop_drake.engine.flatten import Flatten
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.scenario.tree import ToTree

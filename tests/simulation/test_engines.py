@@ -8,8 +8,8 @@ import pytest
 from pydrake.systems.framework import LeafSystem
 
 from teleop_drake.blocks.architectures.direct_force import DirectForce
-from teleop_drake.compiler import engine
-from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.engine import run as engine
+from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.kernel import Kernel
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import compiled_run, simulate

@@ -43,7 +43,7 @@ def Execute(args: argparse.Namespace) -> int:
     options.Load(args, is_run=True)
     kinds = options.ControllersOf(args)
 
-    from teleop_drake.compiler.flatten import UnsupportedSystem
+    from teleop_drake.engine.flatten import UnsupportedSystem
     from teleop_drake.page import MakePage
 
     try:

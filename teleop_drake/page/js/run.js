@@ -1,12 +1,12 @@
 // A run of a loop: its rows in the module's memory, and signals at any time. See
-// integrator/advance.py for run() of a module, step_polynomials.py for steps, simulation/ending.py
+// engine/advance.py for run() of a module, step_polynomials.py for steps, simulation/ending.py
 // for bounds.
 
 import { measure } from "./metrics.js";
 import { clamp, range } from "./numbers.js";
 import { bisect, powersOf, valueAt } from "./pieces.js";
 
-// How run() of a module ends, and places in the counts of integrator/problem.py. Whole numbers
+// How run() of a module ends, and places in the counts of engine/problem.py. Whole numbers
 // have 64 bits in memory and are read as pairs of 32.
 const FULL = 1;
 const STUCK = 2;

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from teleop_drake.blocks.architectures.robust_backstepping import RobustBackstepping
-from teleop_drake.compiler.check import CheckKernel
+from teleop_drake.engine.check import CheckKernel
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.stations import MakeControlLaw
 

@@ -24,7 +24,7 @@ from teleop_drake.blocks.environments.layered_force_field import (
     layer_at,
     outside,
 )
-from teleop_drake.compiler.check import CheckKernel
+from teleop_drake.engine.check import CheckKernel
 from teleop_drake.scenario import LayerConfig, LoadScenario
 from teleop_drake.validation import ScenarioError
 

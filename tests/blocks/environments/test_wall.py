@@ -13,7 +13,7 @@ from teleop_drake.blocks.environments import (
     StandardLinearSolidConfig,
 )
 from teleop_drake.blocks.robots import FactsOfRobot
-from teleop_drake.compiler.check import CheckKernel
+from teleop_drake.engine.check import CheckKernel
 from teleop_drake.linear_model.loop import Linearizer
 from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import LoadScenario, ScenarioError

@@ -7,7 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 from teleop_drake.blocks.environments import CONTACT, Surface
 from teleop_drake.blocks.operators import OPERATOR_KINDS
 from teleop_drake.blocks.operators.hand import HandOperator
-from teleop_drake.compiler.check import CheckKernel
+from teleop_drake.engine.check import CheckKernel
 from teleop_drake.scenario import (
     LoadScenario,
     ScenarioError,

@@ -11,7 +11,7 @@ from teleop_drake.blocks.robots import ArmConfig, FactsOfRobot, TwoLinkArmConfig
 from teleop_drake.blocks.robots import __file__ as robots_file
 from teleop_drake.blocks.robots.inverse_kinematics import ToolJacobian
 from teleop_drake.cli import main
-from teleop_drake.compiler.check import CheckKernel
+from teleop_drake.engine.check import CheckKernel
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate

@@ -14,7 +14,7 @@ from teleop_drake.blocks.robots import ROBOT_KINDS, ArmConfig, MakeRobot
 from teleop_drake.blocks.robots.base import PlantRobotConfig, PointOf, RobotConfig
 from teleop_drake.blocks.robots.driven_arm import DrivenArmConfig
 from teleop_drake.blocks.robots.model_file import LoadModel, NewPlant, ReadModel
-from teleop_drake.compiler.check import CheckKernel
+from teleop_drake.engine.check import CheckKernel
 from teleop_drake.validation import ScenarioError
 
 FILE = str(Path(__file__).parents[3] / "diagrams" / "own_arm.urdf")

@@ -6,7 +6,7 @@ import standard_dh
 from pydrake.multibody.tree import MultibodyForces
 
 from teleop_drake.blocks.robots import Puma560Config
-from teleop_drake.compiler.check import CheckKernel
+from teleop_drake.engine.check import CheckKernel
 from teleop_drake.validation import ScenarioError
 
 NOMINAL = [0.7963, -0.15, 0.6576]

@@ -8,7 +8,7 @@ from pydrake.systems.primitives import Sine, VectorLogSink
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
-from teleop_drake.compiler.check import CheckKernel
+from teleop_drake.engine.check import CheckKernel
 from teleop_drake.scenario import CheckSteps, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 

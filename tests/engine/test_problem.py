@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from teleop_drake.integrator import problem
-from teleop_drake.integrator.problem import (
+from teleop_drake.engine import problem
+from teleop_drake.engine.problem import (
     Delays,
     Problem,
     Transitions,

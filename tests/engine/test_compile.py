@@ -10,10 +10,10 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Gain, Integrator
 
-from teleop_drake.compiler.check import CheckKernel, Compare
-from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.compiler.flatten import UnsupportedSystem
-from teleop_drake.compiler.source import Parameters
+from teleop_drake.engine.check import CheckKernel, Compare
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.flatten import UnsupportedSystem
+from teleop_drake.engine.source import Parameters
 from teleop_drake.kernel import Kernel
 
 

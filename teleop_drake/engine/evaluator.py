@@ -14,12 +14,12 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.arrays import Array
-from teleop_drake.compiler.block_events import CheckEvents
-from teleop_drake.compiler.flatten import Flatten, UnsupportedSystem
-from teleop_drake.compiler.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
-from teleop_drake.compiler.primitives import IsSink, PrimitiveKernel
-from teleop_drake.compiler.source import Program
 from teleop_drake.contexts import ContextsIn, DiscreteState
+from teleop_drake.engine.block_events import CheckEvents
+from teleop_drake.engine.flatten import Flatten, UnsupportedSystem
+from teleop_drake.engine.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
+from teleop_drake.engine.primitives import IsSink, PrimitiveKernel
+from teleop_drake.engine.source import Program
 from teleop_drake.jit.cache import Kept
 from teleop_drake.jit.native import Evaluate, Library
 from teleop_drake.jit.scalar_code import MakeCode, TraceProgram

@@ -1,7 +1,7 @@
 """Integrates a system with delays and modes: Dormand-Prince 5(4) with dense output.
 
 The system is a function `evaluate(t, x, m, p, q, y, dx, everything)` that fills in the
-rate dx of the state x and the signals y, as teleop_drake.compiler.source describes it.
+rate dx of the state x and the signals y, as teleop_drake.engine.source describes it.
 The outputs of the delays are written into y before each evaluation.
 
 * A delayed signal is stored as one polynomial for each step, through its values at five
@@ -23,8 +23,8 @@ from collections.abc import Callable
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.integrator.dormand_prince import NUM_STAGES, A, C, E, P
-from teleop_drake.integrator.problem import (
+from teleop_drake.engine.dormand_prince import NUM_STAGES, A, C, E, P
+from teleop_drake.engine.problem import (
     BREAKS,
     EVALUATIONS,
     IS_STARTED,
@@ -36,7 +36,7 @@ from teleop_drake.integrator.problem import (
     Memory,
     Problem,
 )
-from teleop_drake.integrator.transitions import (
+from teleop_drake.engine.transitions import (
     change_modes,
     is_due,
     is_near,

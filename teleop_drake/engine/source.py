@@ -17,8 +17,8 @@ import numpy as np
 from pydrake.systems.framework import System
 
 from teleop_drake.arrays import Array, Indices
-from teleop_drake.compiler.flatten import Block, Source, UnsupportedSystem
 from teleop_drake.contexts import DiscreteState
+from teleop_drake.engine.flatten import Block, Source, UnsupportedSystem
 from teleop_drake.kernel import Delay, Kernel, Name, Term, Transition
 from teleop_drake.kernel.kernel import Law, Part
 from teleop_drake.kernel.terms import TermReader

@@ -17,7 +17,7 @@ from teleop_drake.blocks.systems.network_tracking_controller import (
 )
 from teleop_drake.blocks.systems.posture_hold import PostureHold
 from teleop_drake.blocks.systems.tool_interface import ToolInterface
-from teleop_drake.compiler.plant_tree import PlantTree, ReadPlantTree
+from teleop_drake.engine.plant_tree import PlantTree, ReadPlantTree
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.laws import task_space, tracking
 from teleop_drake.laws.gaussian_network import basis_functions

@@ -39,7 +39,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.arrays import Array
-from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, KernelBlock, Transition
 
 # How far the run of a block goes, s: no period and no offset is longer in practice.

@@ -21,8 +21,8 @@ from pydrake.multibody.tree import (
     WeldJoint,
 )
 
-from teleop_drake.compiler.flatten import UnsupportedSystem
-from teleop_drake.compiler.plant_tree import ReadPlantTree
+from teleop_drake.engine.flatten import UnsupportedSystem
+from teleop_drake.engine.plant_tree import ReadPlantTree
 from teleop_drake.numerics.rigid_body import (
     calc_jacobian,
     calc_joint_accelerations,

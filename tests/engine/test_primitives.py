@@ -35,8 +35,8 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake.compiler.check import CheckKernel, KernelDisagrees
-from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.engine.check import CheckKernel, KernelDisagrees
+from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel
 
 rng = np.random.default_rng(3)

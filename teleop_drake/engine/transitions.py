@@ -5,7 +5,7 @@ All functions here are in the part of Python that jit/typed_code compiles.
 
 import math
 
-from teleop_drake.integrator.problem import Memory, Transitions
+from teleop_drake.engine.problem import Memory, Transitions
 from teleop_drake.numerics.instants import same_within
 
 

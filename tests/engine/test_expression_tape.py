@@ -5,7 +5,7 @@ import pytest
 from pydrake import symbolic
 from pydrake.symbolic import Expression, Variable
 
-from teleop_drake.compiler.expression_tape import (
+from teleop_drake.engine.expression_tape import (
     MakeTape,
     UnknownExpression,
     evaluate_tape,

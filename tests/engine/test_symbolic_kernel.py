@@ -7,9 +7,9 @@ from pydrake.symbolic import Variable
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator, SymbolicVectorSystem
 
-from teleop_drake.compiler.check import CheckKernel
-from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.engine.check import CheckKernel
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.simulation import simulate
 
 x = Variable("x")

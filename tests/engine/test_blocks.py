@@ -35,13 +35,13 @@ from teleop_drake.blocks.operators import ConstantVelocityOperator
 from teleop_drake.blocks.operators.modes import past_surface, with_stop
 from teleop_drake.blocks.operators.planned import TrapezoidConfig
 from teleop_drake.blocks.systems.disturbance_force import DisturbanceForce
-from teleop_drake.compiler.check import (
+from teleop_drake.engine.check import (
     CheckKernel,
     CheckVisited,
     KernelDisagrees,
 )
-from teleop_drake.compiler.engine import CompiledRun
-from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.run import CompiledRun
 from teleop_drake.kernel import Kernel
 
 I = np.eye(2)

@@ -8,10 +8,10 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from teleop_drake.arrays import Array, Indices
-from teleop_drake.compiler.evaluator import Evaluator
-from teleop_drake.compiler.source import Program
-from teleop_drake.integrator import advance as integrator
-from teleop_drake.integrator import problem
+from teleop_drake.engine import advance as integrator
+from teleop_drake.engine import problem
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.source import Program
 from teleop_drake.jit.native import Evaluate
 from teleop_drake.jit.typed_code import CompileTyped
 from teleop_drake.jit.typed_expressions import EVALUATE, TypeOf

@@ -7,12 +7,12 @@ from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import Context, PortDataType, System
 
 from teleop_drake.arrays import Array
-from teleop_drake.compiler.expression_tape import (
+from teleop_drake.engine.expression_tape import (
     MakeTape,
     UnknownExpression,
     evaluate_tape,
 )
-from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Term, Transition
 
 

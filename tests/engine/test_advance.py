@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.integrator import advance as integrator
-from teleop_drake.integrator.advance import DONE, FULL, advance
-from teleop_drake.integrator.problem import (
+from teleop_drake.engine import advance as integrator
+from teleop_drake.engine.advance import DONE, FULL, advance
+from teleop_drake.engine.problem import (
     TRIES,
     Delays,
     Problem,

@@ -17,8 +17,8 @@ from pydrake.systems.primitives import (
 
 from teleop_drake.blocks.channels.sampled import SampledDelay
 from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.compiler.engine import CompiledRun
-from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.run import CompiledRun
 from teleop_drake.kernel import Delay, Kernel, KernelBlock, Transition
 
 # What one of them compiles, the others find on the disk.

@@ -20,9 +20,9 @@ from pydrake.systems.framework import PortDataType as Kind
 from pydrake.systems.primitives import Sine
 
 from teleop_drake.arrays import Array
-from teleop_drake.compiler.engine import CompiledRun, Visited
-from teleop_drake.compiler.evaluator import Evaluator
 from teleop_drake.contexts import ContextsIn, SetDiscreteState
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.run import CompiledRun, Visited
 
 __all__ = ["CheckKernel", "CheckVisited", "Compare", "HoldsOwnCode", "KernelDisagrees"]
 

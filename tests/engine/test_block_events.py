@@ -24,9 +24,9 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake.blocks.architectures import ControlLawConfig
-from teleop_drake.compiler.block_events import CheckEvents
-from teleop_drake.compiler.evaluator import KernelOf
-from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.engine.block_events import CheckEvents
+from teleop_drake.engine.evaluator import KernelOf
+from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, KernelBlock, Transition
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import MakeDiagram, simulate

@@ -9,7 +9,7 @@ from pydrake.multibody import tree as multibody
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
-from teleop_drake.compiler.flatten import UnsupportedSystem
+from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.numerics.rigid_body import RigidBodyTree
 
 

@@ -13,9 +13,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Sine
 
-from teleop_drake.compiler.check import CheckKernel
-from teleop_drake.compiler.engine import CompiledRun
-from teleop_drake.compiler.evaluator import Evaluator
+from teleop_drake.engine.check import CheckKernel
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.run import CompiledRun
 from teleop_drake.simulation import simulate
 
 

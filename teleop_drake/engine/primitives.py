@@ -11,7 +11,7 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake.arrays import Array
-from teleop_drake.compiler.symbolic_kernel import IsOfDrake, SymbolicKernel
+from teleop_drake.engine.symbolic_kernel import IsOfDrake, SymbolicKernel
 from teleop_drake.kernel import Kernel, Name, Term, Transition
 
 

@@ -1,1 +1,0 @@
-"""From a Diagram to machine code that computes the same."""

@@ -1,1 +1,0 @@
-"""Integration of systems with delays, modes and events by Dormand-Prince 5(4)."""
