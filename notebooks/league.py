@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.transparency import FeltStiffness, FeltStiffnessLoss
 from teleop_drake.figures.analysis import PlotFeltStiffness
 from teleop_drake.figures.runs import SaveFigure
 from teleop_drake.figures.style import COLORS
-from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import LoadScenario, Scenario
 from teleop_drake.scenario.tree import ToTree
 from teleop_drake.stations import ResolveController

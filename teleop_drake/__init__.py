@@ -16,12 +16,12 @@ from teleop_drake import blocks
 from teleop_drake.upper import ProvideUpperFunction
 
 if TYPE_CHECKING:
+    from teleop_drake.analysis.ports import LinearizePorts
     from teleop_drake.analysis.stability import AnalyzeStability
     from teleop_drake.blocks import *  # noqa: F403
     from teleop_drake.figures.block_diagram import WriteDiagram
     from teleop_drake.figures.runs import PlotComparison, PlotRun, SaveFigure
     from teleop_drake.figures.scene import MakeReplay
-    from teleop_drake.linear_model.ports import LinearizePorts
     from teleop_drake.link.remote import OperateRemotely, ServeRobot
     from teleop_drake.page import Explore, WritePage
     from teleop_drake.recording import LoadRecording, Recording
@@ -77,7 +77,7 @@ __all__ = [
 # The module that defines each name; for those of the blocks see teleop_drake.blocks.
 _PLACES = {
     "link.remote": ["OperateRemotely", "ServeRobot"],
-    "linear_model.ports": ["LinearizePorts"],
+    "analysis.ports": ["LinearizePorts"],
     "analysis.stability": ["AnalyzeStability"],
     "figures.block_diagram": ["WriteDiagram"],
     "figures.runs": ["PlotComparison", "PlotRun", "SaveFigure"],

@@ -24,6 +24,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import teleop_drake
+from teleop_drake.analysis.loop import Linearizer
+from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.blocks.environments.base import ForceAt
 from teleop_drake.blocks.environments.needle_path import NeedleInTissue
@@ -34,8 +36,6 @@ from teleop_drake.laws.task_space import (
     rotated,
     rotation_vector,
 )
-from teleop_drake.linear_model.loop import Linearizer
-from teleop_drake.linear_model.operating_point import OperatingPoint
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.signals import UnitOf
 from teleop_drake.simulation import simulate

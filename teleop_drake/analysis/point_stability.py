@@ -24,7 +24,7 @@ all other hidden modes. With packets that carry a force back it appears in L, an
 delay_margin handles it. Any other hidden mode on or right of the imaginary axis makes
 the loop unstable at every delay.
 
-The model describes one instant of the operating point's motion (linear_model.loop).
+The model describes one instant of the operating point's motion (analysis.loop).
 Roots slower than that motion do not count; see PointStability.unresolved.
 """
 
@@ -34,8 +34,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from teleop_drake.analysis.loop_model import CutLoop, LoopModel, Motion
 from teleop_drake.arrays import ComplexArray
-from teleop_drake.linear_model.loop_model import CutLoop, LoopModel, Motion
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import (
     Crossing,

@@ -14,6 +14,13 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram
 
+from teleop_drake.analysis.loop import FindHeldForce, Linearizer
+from teleop_drake.analysis.loop_model import LoopModel
+from teleop_drake.analysis.operating_point import (
+    OperatingPoint,
+    OperatingPoints,
+    PointOfRest,
+)
 from teleop_drake.analysis.point_stability import (
     MAX_DELAY,
     AnalyzeModel,
@@ -21,13 +28,6 @@ from teleop_drake.analysis.point_stability import (
 )
 from teleop_drake.blocks.environments import CONTACT, FindSurface, SurfacesOf
 from teleop_drake.jit.compiled import Interpreted
-from teleop_drake.linear_model.loop import FindHeldForce, Linearizer
-from teleop_drake.linear_model.loop_model import LoopModel
-from teleop_drake.linear_model.operating_point import (
-    OperatingPoint,
-    OperatingPoints,
-    PointOfRest,
-)
 from teleop_drake.numerics.delay_margin import is_delay_robust
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.validation import CheckNumber, ScenarioError

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from teleop_drake.analysis.operating_point import POSITION, OperatingPointAt
 from teleop_drake.analysis.point_stability import MAX_DELAY
 from teleop_drake.analysis.stability import (
     NO_LOOP,
@@ -14,7 +15,6 @@ from teleop_drake.analysis.stability import (
     StabilityAnalysis,
 )
 from teleop_drake.arrays import Array
-from teleop_drake.linear_model.operating_point import POSITION, OperatingPointAt
 from teleop_drake.scenario import AsTeleoperation, LoadScenario
 from teleop_drake.scenario.overrides import ParseOverrides
 from teleop_drake.validation import Refuse

@@ -25,10 +25,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from teleop_drake.analysis.loop import Linearizer
+from teleop_drake.analysis.operating_point import OperatingPoint, OperatingPoints
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.laws.two_port import llewellyn
-from teleop_drake.linear_model.loop import Linearizer
-from teleop_drake.linear_model.operating_point import OperatingPoint, OperatingPoints
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 
 

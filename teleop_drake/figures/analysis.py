@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MultipleLocator
 
+from teleop_drake.analysis.operating_point import POSITION, OperatingPoints
 from teleop_drake.analysis.point_stability import PointStability
 from teleop_drake.analysis.stability import StabilityAnalysis
 from teleop_drake.analysis.stability_chart import StabilityChart
@@ -25,7 +26,6 @@ from teleop_drake.blocks.environments import ShownNormal
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakePanels, NameAxes, NameColumns, NameX
 from teleop_drake.figures.style import GREY, WIDTH, AddLegend, Figure, Key
-from teleop_drake.linear_model.operating_point import POSITION, OperatingPoints
 from teleop_drake.numerics.delay_margin import eigenloci, sweep_frequencies
 from teleop_drake.scenario import Scenario
 from teleop_drake.signals import AxesOf

@@ -5,8 +5,8 @@ import pytest
 from grids import Slow
 from phasors import FeltImpedance
 
+from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.transparency import FeltStiffness
-from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.stations import MakeArchitecture, ResolveController
 

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from grids import Slow
 
-from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.analysis.stability_chart import ChartStability
-from teleop_drake.linear_model.operating_point import (
+from teleop_drake.analysis.operating_point import (
     POSITION,
     OperatingPointAt,
     OperatingPointOfRun,
     OperatingPoints,
     PointOfRest,
 )
+from teleop_drake.analysis.stability import AnalyzeStability
+from teleop_drake.analysis.stability_chart import ChartStability
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import is_delay_robust
 from teleop_drake.scenario import LoadScenario

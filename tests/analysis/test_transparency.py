@@ -7,6 +7,8 @@ import pytest
 from grids import Slow
 from phasors import TerminatedPort
 
+from teleop_drake.analysis.loop import Linearizer
+from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.transparency import (
     AnalyzeTransparency,
     EnvironmentImpedance,
@@ -14,8 +16,6 @@ from teleop_drake.analysis.transparency import (
 )
 from teleop_drake.figures.analysis import PlotTransparency
 from teleop_drake.laws.two_port import delay_two_port, scattering_norm
-from teleop_drake.linear_model.loop import Linearizer
-from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import LoadScenario
 
 W = np.geomspace(0.1, 100, 40)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from grids import Slow
 
+from teleop_drake.analysis.operating_point import POSITION, OperatingPoints
 from teleop_drake.analysis.stability import (
     AnalyzeStability,
 )
@@ -22,7 +23,6 @@ from teleop_drake.figures.analysis import (
 )
 from teleop_drake.figures.runs import SaveFigure
 from teleop_drake.figures.saving import DescribeFigure
-from teleop_drake.linear_model.operating_point import POSITION, OperatingPoints
 from teleop_drake.scenario import LoadScenario
 
 # They look at the same analyses.

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.analysis.transparency import FeltStiffnessLoss
 from teleop_drake.cli.main import main
-from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.scenario.overrides import OverridesOfFile
 from teleop_drake.sweep import Sweep, SweepResult

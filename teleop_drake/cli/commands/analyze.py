@@ -67,10 +67,10 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Prints delay margins, stability and transparency, and draws them."""
+    from teleop_drake.analysis.loop import Linearizer
     from teleop_drake.analysis.stability import AnalyzeStability
     from teleop_drake.analysis.stability_chart import ChartStability
     from teleop_drake.analysis.transparency import AnalyzeTransparency
-    from teleop_drake.linear_model.loop import Linearizer
 
     scenario = options.Load(args)
     key, values = _VariedNumber(args.vary)

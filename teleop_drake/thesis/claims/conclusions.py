@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.blocks.architectures.adaptive_backstepping import (
     AdaptiveBacksteppingConfig,
 )
-from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import AsTeleoperation, LoadScenario
 from teleop_drake.scenario.tree import ToTree
 from teleop_drake.thesis.claims.claim import Axes, Claim, Found, Pair, Seconds

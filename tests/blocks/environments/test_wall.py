@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from block_checks import Block
 
+from teleop_drake.analysis.loop import Linearizer
+from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.blocks.environments import (
     FrictionWallConfig,
@@ -14,8 +16,6 @@ from teleop_drake.blocks.environments import (
 )
 from teleop_drake.blocks.robots import FactsOfRobot
 from teleop_drake.engine.check import CheckKernel
-from teleop_drake.linear_model.loop import Linearizer
-from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import LoadScenario, ScenarioError
 
 KINDS = {

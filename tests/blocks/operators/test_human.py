@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from teleop_drake.analysis.loop import Linearizer
+from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.linear_model.loop import Linearizer
-from teleop_drake.linear_model.operating_point import OperatingPoints
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.arrays import Array, ComplexArray, Indices
-from teleop_drake.linear_model.operating_point import OperatingPoint
 from teleop_drake.numerics.state_space import StateSpace
 
 # Circles about 0 that are looked at: how many in a decade, how many decades below the
@@ -97,7 +97,7 @@ class Motion:
 
     Attributes:
         rate: The size in 1/s below which roots are slower than the motion; see
-            linear_model.loop.
+            analysis.loop.
         loops: L a time before the point and the same time after it; see loop_cut.
         time: Between the two, in s.
     """

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
+from teleop_drake.analysis.loop import Linearizer
+from teleop_drake.analysis.loop_model import MotionRate
+from teleop_drake.analysis.operating_point import OperatingPointAt
 from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.linear_model.loop import Linearizer
-from teleop_drake.linear_model.loop_model import MotionRate
-from teleop_drake.linear_model.operating_point import OperatingPointAt
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 

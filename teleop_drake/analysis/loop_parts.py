@@ -6,17 +6,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.arrays import Indices
-from teleop_drake.engine.flatten import Block
-from teleop_drake.kernel.linear_part import LinearPartOf
-from teleop_drake.linear_model.cut_diagram import (
+from teleop_drake.analysis.cut_diagram import (
     Contexts,
     Cut,
     CutAtDelay,
     CutBehind,
     States,
 )
-from teleop_drake.linear_model.loop_model import Signals
+from teleop_drake.analysis.loop_model import Signals
+from teleop_drake.arrays import Indices
+from teleop_drake.engine.flatten import Block
+from teleop_drake.kernel.linear_part import LinearPartOf
 from teleop_drake.validation import ScenarioError, Within
 
 SLAVE = ("controller", "environment", "robot")

@@ -9,6 +9,15 @@ import numpy as np
 import pytest
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
+from teleop_drake.analysis.loop import (
+    Linearizer,
+)
+from teleop_drake.analysis.operating_point import (
+    OperatingPoint,
+    OperatingPointAt,
+    OperatingPointOfRun,
+    OperatingPoints,
+)
 from teleop_drake.analysis.point_stability import AnalyzeModel
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.blocks.architectures.direct_force import DirectForce
@@ -17,15 +26,6 @@ from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.blocks.robots import TwoLinkArmConfig
 from teleop_drake.blocks.robots.inverse_kinematics import ToolJacobian
 from teleop_drake.kernel import Kernel, KernelBlock
-from teleop_drake.linear_model.loop import (
-    Linearizer,
-)
-from teleop_drake.linear_model.operating_point import (
-    OperatingPoint,
-    OperatingPointAt,
-    OperatingPointOfRun,
-    OperatingPoints,
-)
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.teleoperator import MakeTeleoperator

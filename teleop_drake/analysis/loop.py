@@ -30,7 +30,7 @@ state. The robot's are taken to be position and velocity of its tool, r and v, i
 (2.6) is written; then dr/dt = v also between small deviations, exactly, as the operator
 feels it. In joint coordinates it would not be: v = J(q) dq/dt. Joints beyond the task
 axes, which can move while the tool stays where it is, add coordinates of their own
-(linear_model.tool_motion).
+(analysis.tool_motion).
 
 Frozen states. The estimates of an adaptive law (W1, Psi, W3) are held at the values of
 the operating point, the initial ones or those of a run, and are no states of the
@@ -57,6 +57,17 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.systems.framework import Diagram, System
 
+from teleop_drake.analysis.cut_diagram import CutDiagram
+from teleop_drake.analysis.loop_model import (
+    CutLoop,
+    LoopModel,
+    Motion,
+    MotionRate,
+    TwoPortModel,
+)
+from teleop_drake.analysis.loop_parts import CutTeleoperator, ReadLoopParts
+from teleop_drake.analysis.operating_point import OperatingPoint
+from teleop_drake.analysis.tool_motion import ToolMotion
 from teleop_drake.arrays import Array, Indices
 from teleop_drake.blocks.environments import CONTACT, SurfacesOf
 from teleop_drake.blocks.operators import ConstantVelocityOperator
@@ -69,17 +80,6 @@ from teleop_drake.kernel.linear_part import (
     HeldForce,
     LinearPartOf,
 )
-from teleop_drake.linear_model.cut_diagram import CutDiagram
-from teleop_drake.linear_model.loop_model import (
-    CutLoop,
-    LoopModel,
-    Motion,
-    MotionRate,
-    TwoPortModel,
-)
-from teleop_drake.linear_model.loop_parts import CutTeleoperator, ReadLoopParts
-from teleop_drake.linear_model.operating_point import OperatingPoint
-from teleop_drake.linear_model.tool_motion import ToolMotion
 from teleop_drake.numerics.delay_margin import closed_loop_matrix
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike

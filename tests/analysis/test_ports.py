@@ -5,10 +5,10 @@ import pytest
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, Gain, LinearSystem
 
+from teleop_drake.analysis.loop import Linearizer
+from teleop_drake.analysis.operating_point import OperatingPoints
+from teleop_drake.analysis.ports import LinearizePorts
 from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.linear_model.loop import Linearizer
-from teleop_drake.linear_model.operating_point import OperatingPoints
-from teleop_drake.linear_model.ports import LinearizePorts
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.teleoperator import MakeTeleoperator
 

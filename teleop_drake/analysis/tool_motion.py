@@ -17,10 +17,10 @@ import numpy as np
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.systems.framework import Context, OutputPort, System
 
+from teleop_drake.analysis.cut_diagram import States
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.robots import RobotConfig
 from teleop_drake.laws.task_space import position_rate
-from teleop_drake.linear_model.cut_diagram import States
 from teleop_drake.validation import Refuse, ScenarioError, Show
 
 # How far in m the tool may be from where the joints are to put it.

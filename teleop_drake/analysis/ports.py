@@ -17,12 +17,7 @@ from pydrake.systems.framework import (
     OutputPort,
 )
 
-from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.blocks.environments import SurfacesOf
-from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine.flatten import Block, Flatten
-from teleop_drake.kernel.linear_part import LinearPartOf
-from teleop_drake.linear_model.cut_diagram import (
+from teleop_drake.analysis.cut_diagram import (
     Contexts,
     Cut,
     CutAtDelay,
@@ -30,6 +25,11 @@ from teleop_drake.linear_model.cut_diagram import (
     LeafPorts,
     States,
 )
+from teleop_drake.arrays import Array, ComplexArray
+from teleop_drake.blocks.environments import SurfacesOf
+from teleop_drake.contexts import ContextsIn
+from teleop_drake.engine.flatten import Block, Flatten
+from teleop_drake.kernel.linear_part import LinearPartOf
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.validation import Refuse
 
