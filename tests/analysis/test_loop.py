@@ -1,4 +1,4 @@
-"""Tests of linear_model.loop against models written by hand."""
+"""Tests of analysis.loop against models written by hand."""
 
 import math
 from dataclasses import replace
