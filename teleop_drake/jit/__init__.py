@@ -6,7 +6,7 @@ a graph of operations on single numbers (`tracing`), without loops, slices, prod
 matrices and calls of helpers. Where the function branches on a comparison, it is called
 once for each result, and the graph merges the branches. `traced_numpy` defines the
 functions of numpy, math and Python on Numbers. `scalar_code` writes the graph in LLVM's
-language: each operation where it is first needed, and a merge as branches.
+language: each operation where it is first needed.
 
 **The integrator and other loops** over arrays, whose rounds depend on the numbers, are
 translated statement by statement (`typed_code`, `typed_expressions`), with types that

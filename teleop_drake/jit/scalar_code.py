@@ -4,7 +4,7 @@ The code has no loops, no arrays besides the arguments, and only known types. LL
 therefore compiles it in a fraction of the time that general code takes.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from types import FunctionType
 from typing import Any, NamedTuple
 
@@ -170,10 +170,9 @@ def MakeCode(program: ScalarProgram) -> str:
         {place: _Operand(value) for place, value in stores.items()}
         for stores in (program.stores, program.more_stores)
     ]
-    writer = _Writer(program.graph.nodes, [*sides[0].values(), *sides[1].values()])
+    writer = _Writer(program.graph.nodes)
     writer.Store(sides[0])
-    writer.lines.append("  br i1 %wants, label %more, label %done")
-    writer.Begin("more")
+    writer.lines += ["  br i1 %wants, label %more, label %done", "more:"]
     writer.Store(sides[1])
     writer.lines += ["  br label %done", "done:", "  ret void", "}"]
     declarations = [
@@ -200,98 +199,41 @@ entry:
 class _Writer:
     """Writes the operations of a graph as lines, each where it is first needed."""
 
-    def __init__(self, nodes: Sequence[Node], results: Iterable[Any]):
+    def __init__(self, nodes: Sequence[Node]):
         self.lines: list[str] = []
         self._nodes = nodes
-        self._block = "entry"
-        # Of the values that are known, in this block or in those that lead to it.
+        # Of the nodes that are computed already.
         self._names: dict[int, str] = {}
         self._num_names = 0
-        # The nodes of each merge that are used, and what is needed either way.
-        self._merges: dict[int, list[int]] = {}
-        self._needs: dict[int, set[int]] = {}
-        live = {x.place for x in results if isinstance(x, Ref)}
-        for place in reversed(range(len(nodes))):
-            if place in live:
-                operation, arguments = nodes[place]
-                live.update(_Places(arguments))
-                if operation == "merge":
-                    self._merges.setdefault(arguments[0], []).append(place)
 
     def Store(self, stores: Stores) -> None:
         """Writes what computes values and puts them where they belong."""
         for (name, i), value in stores.items():
-            operand = self._Value(value)
+            if isinstance(value, Ref):
+                self._Compute(value.place)
+            operand = self._Operand(value)
             pointer = self._Pointer(name, i)
             self.lines.append(f"  store double {operand}, ptr {pointer}")
 
-    def Begin(self, block: str) -> None:
-        """Begins a block."""
-        self.lines.append(f"{block}:")
-        self._block = block
-
-    def _Value(self, argument: Any) -> str:
-        """Returns an operand, after the code that computes it."""
-        if not isinstance(argument, Ref):
-            is_boolean = isinstance(argument, (bool, np.bool_))
-            return ConstantText((bool if is_boolean else float)(argument))
-        for place in sorted(self._NeededFor([argument.place])):
-            operation, arguments = self._nodes[place]
-            if place in self._names:
-                continue
-            if operation == "merge":
-                self._WriteMerge(*arguments[:2])
-            else:
-                self._names[place] = self._Instruction(operation, arguments)
-        return self._names[argument.place]
-
-    def _NeededFor(self, places: Iterable[int]) -> set[int]:
-        """Returns what has to be computed for nodes whatever the conditions are."""
+    def _Compute(self, place: int) -> None:
+        """Writes a node, after those that it depends on and that are not known yet."""
         needed: set[int] = set()
-        pending = list(places)
+        pending = [place]
         while pending:
             place = pending.pop()
-            if place in needed or place in self._names:
-                continue
-            needed.add(place)
-            operation, arguments = self._nodes[place]
-            if operation != "merge":
-                pending += _Places(arguments)
-                continue
-            merge, condition = arguments[:2]
-            if merge not in self._needs:
-                yes, no = self._SidesOf(merge)
-                both = self._NeededFor(_Places(yes)) & self._NeededFor(_Places(no))
-                self._needs[merge] = both | self._NeededFor([condition.place])
-            needed |= self._needs[merge]
-        return needed
+            if place not in needed and place not in self._names:
+                needed.add(place)
+                arguments = self._nodes[place].arguments
+                pending += [x.place for x in arguments if isinstance(x, Ref)]
+        for place in sorted(needed):
+            self._names[place] = self._Instruction(*self._nodes[place])
 
-    def _SidesOf(self, merge: int) -> Iterable[Sequence[Any]]:
-        """Returns the values of a merge if its condition holds, and if not."""
-        sides = (self._nodes[place].arguments[2:] for place in self._merges[merge])
-        return zip(*sides, strict=True)
-
-    def _WriteMerge(self, merge: int, condition: Ref) -> None:
-        """Writes a block for each side of a merge, and what follows both."""
-        # The same merge may be written again where this one's values are not known.
-        self._num_names += 1
-        number = self._num_names
-        labels = f"yes_{number}", f"no_{number}"
-        operand = self._Value(condition)
-        self.lines.append(f"  br i1 {operand}, label %{labels[0]}, label %{labels[1]}")
-        incoming = []
-        for label, values in zip(labels, self._SidesOf(merge), strict=True):
-            self.Begin(label)
-            num_known = len(self._names)
-            operands = list(map(self._Value, values))
-            incoming.append([f"[{x}, %{self._block}]" for x in operands])
-            # What one side computes is not known on the other one, nor behind both.
-            while len(self._names) > num_known:
-                self._names.popitem()
-            self.lines.append(f"  br label %merged_{number}")
-        self.Begin(f"merged_{number}")
-        for place, yes, no in zip(self._merges[merge], *incoming, strict=True):
-            self._names[place] = self._Assign(f"phi double {yes}, {no}")
+    def _Operand(self, argument: Any) -> str:
+        """Returns a constant, or the name of a node that is computed."""
+        if isinstance(argument, Ref):
+            return self._names[argument.place]
+        is_boolean = isinstance(argument, (bool, np.bool_))
+        return ConstantText((bool if is_boolean else float)(argument))
 
     def _Assign(self, instruction: str) -> str:
         self._num_names += 1
@@ -309,7 +251,7 @@ class _Writer:
             if array == "t":
                 return "%t"
             return self._Assign(f"load double, ptr {self._Pointer(array, i)}")
-        values = [self._Value(argument) for argument in arguments]
+        values = [self._Operand(argument) for argument in arguments]
         if operation in _ARITHMETIC:
             return self._Assign(f"{_ARITHMETIC[operation]} double {', '.join(values)}")
         if operation == "neg":
@@ -327,7 +269,3 @@ class _Writer:
         name = f"llvm.{operation}.f64" if operation in _INTRINSICS else operation
         doubles = ", ".join(f"double {value}" for value in values)
         return self._Assign(f"call double @{name}({doubles})")
-
-
-def _Places(arguments: Iterable[Any]) -> list[int]:
-    return [x.place for x in arguments if isinstance(x, Ref)]

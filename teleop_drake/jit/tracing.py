@@ -5,9 +5,9 @@ recorded as a graph of operations on single numbers, without loops, views, produ
 matrices and calls of helpers.
 
 Where a function branches on a comparison, it is called once for each result. The
-results form a tree, and the graph gets a merge: an operation with the value of the one
-leaf whose conditions hold. The calls of each helper are merged separately, so that the
-numbers of leaves add up and do not multiply. A helper is not merged if its branches
+results form a tree, and the graph selects the value of the one leaf whose conditions
+hold. All leaves are computed. The calls of each helper are merged separately, so that
+the numbers of leaves add up and do not multiply. A helper is not merged if its branches
 differ in more than numbers, for example in what they append to a list. Its conditions
 then become conditions of its caller.
 
@@ -32,25 +32,23 @@ from teleop_drake.jit.symbols import (
     AsNumbers,
     AsReal,
     IsBoolean,
-    IsSame,
     Number,
     Objects,
     Ref,
     Untraceable,
     Where,
-    WithLimitOf,
 )
 
 # Operations whose value is a boolean.
 BOOLEAN = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not"})
 
 # Operations that take booleans without conversion.
-_OF_BOOLEANS = frozenset({"and", "or", "not", "select", "merge", "load"})
+_OF_BOOLEANS = frozenset({"and", "or", "not", "select", "load"})
 
 # Operations whose value is finite if their arguments are finite.
 _FINITE = frozenset(
-    {"add", "sub", "mul", "neg", "fabs", "select", "merge", "floor", "ceil", "trunc"}
-    | {"rint", "sin", "cos", "atan", "atan2", "tanh", "copysign"}
+    {"add", "sub", "mul", "neg", "fabs", "select", "floor", "ceil", "trunc", "rint"}
+    | {"sin", "cos", "atan", "atan2", "tanh", "copysign"}
 )
 
 # A function with more leaves or operations than this is not worth a graph.
@@ -68,11 +66,10 @@ class Node(NamedTuple):
     """An operation.
 
     Attributes:
-        operation: The name of the operation. "load" reads an argument. "merge" selects
-            one of two sides by a condition; only that side is computed.
+        operation: The name of the operation. "load" reads an argument, and "select"
+            selects one of two numbers by a condition.
         arguments: Numbers and nodes. For "load" they are the array's name and the index
-            in it; for "merge" a number that identifies the branch, the condition and
-            the two sides.
+            in it.
     """
 
     operation: str
@@ -128,7 +125,6 @@ class Graph:
     _places: dict[Node, Ref] = field(default_factory=dict)
     _booleans: set[int] = field(default_factory=set)
     _infinite: set[int] = field(default_factory=set)
-    _num_merges: int = 0
     # Whether the function that is being traced is one of the package.
     _is_of_package: bool = True
     # None outside of functions.
@@ -310,15 +306,7 @@ class Graph:
         condition = Number(self, path[depth][0], True)
         yes = self._Merge([x for x in leaves if x.path[depth][1]], depth + 1)
         no = self._Merge([x for x in leaves if not x.path[depth][1]], depth + 1)
-        self._num_merges += 1
-        return [self._MergePair(condition, *pair) for pair in zip(yes, no, strict=True)]
-
-    def _MergePair(self, condition: Number, a: Any, b: Any) -> Any:
-        if IsSame((a, b)) or (IsBoolean(a) and IsBoolean(b)):
-            return Where(condition, a, b)
-        sides = AsReal(a), AsReal(b)
-        merge = self.Add("merge", self._num_merges, condition, *sides)
-        return WithLimitOf(merge, a, b)
+        return [Where(condition, *pair) for pair in zip(yes, no, strict=True)]
 
 
 def _NextWay(path: list[tuple[Ref, bool]]) -> list[bool] | None:
