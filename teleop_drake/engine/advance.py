@@ -44,6 +44,7 @@ from teleop_drake.engine.transitions import (
     note_guards,
 )
 from teleop_drake.numerics.instants import SAME, same_within
+from teleop_drake.numerics.piecewise import NUM_COEFFICIENTS
 
 Evaluate = Callable[..., None]
 
@@ -90,7 +91,8 @@ def _add_past(
         for i in range(size):
             memory.y[first + i] += weight * delays.initial_values[column + i]
         return
-    begin, end = memory.steps[low, 0], memory.steps[low, 1]
+    begin = memory.steps[low, 0]
+    end = memory.steps[low, 1]
     theta = min(max((s - begin) / (end - begin), 0.0), 1.0)
     for a in range(5):
         share = weight
@@ -113,36 +115,41 @@ def _add_sent(
         _add_past(s, False, weight, d, column, delays, memory)
 
 
-def evaluate_pieces(knots: Array, coefficients: Array, x: float) -> float:
-    """Returns the value at x, beyond the ends that of the nearer end."""
-    low = 0
-    high = len(coefficients) - 1
+def evaluate_pieces(
+    knots: Array, coefficients: Array, first: int, end: int, x: float
+) -> float:
+    """Returns the value at x of some pieces, beyond their ends that of the nearer end.
+
+    Args:
+        knots: As in piecewise.Pieces, and so are the coefficients.
+        first: The index of the first piece.
+        end: The index after the last piece.
+        x: Where.
+    """
+    low = first
+    high = end - 1
     while low < high:
         middle = (low + high + 1) // 2
-        if knots[middle] <= x:
+        if knots[middle, 0] <= x:
             low = middle
         else:
             high = middle - 1
-    begin, end = knots[low], knots[low + 1]
-    share = min(max((2 * x - begin - end) / (end - begin), -1.0), 1.0)
-    value: float = 0.0
-    for power in range(coefficients.shape[1] - 1, -1, -1):
-        value = value * share + coefficients[low, power]
+    length = knots[low, 1] - knots[low, 0]
+    share = (2 * x - knots[low, 0] - knots[low, 1]) / length
+    share = min(max(share, -1.0), 1.0)
+    value = 0.0
+    for k in range(NUM_COEFFICIENTS):
+        value = value * share + coefficients[low, NUM_COEFFICIENTS - 1 - k]
     return value
 
 
 def delay_at(t: float, d: int, delays: Delays) -> float:
     """Returns a delay in s, infinity where packets are shown."""
-    first, end = delays.piece_ranges[d, 0], delays.piece_ranges[d, 1]
+    first = delays.piece_ranges[d, 0]
+    end = delays.piece_ranges[d, 1]
     if first == end:
         return float(delays.times[d])
-    # Of the varying delays before it, each has one knot more than pieces.
-    before = 0
-    for i in range(d):
-        if delays.piece_ranges[i, 0] < delays.piece_ranges[i, 1]:
-            before += 1
-    knots = delays.knots[first + before : end + before + 1]
-    return evaluate_pieces(knots, delays.coefficients[first:end], t)
+    return evaluate_pieces(delays.knots, delays.coefficients, first, end, t)
 
 
 def _arrival(s: float, d: int, delays: Delays) -> float:
@@ -183,7 +190,8 @@ def _fetch(t: float, delays: Delays, memory: Memory) -> None:
             _add_sent(-math.inf, 1.0, d, column, delays, memory)
         else:
             k = memory.next_packets[d] - 1
-            shown, sent = delays.packets[k, 0], delays.packets[k, 1]
+            shown = delays.packets[k, 0]
+            sent = delays.packets[k, 1]
             previous = delays.packets[k, 2]
             slope = 0.0
             if previous > -math.inf:
@@ -399,7 +407,9 @@ def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
         stop = min(stop, memory.breaks[i, 0])
     for k in range(len(memory.ticks)):
         stop = min(stop, next_time(k, transitions, memory))
-    return t_end if stop >= t_end - same_within(t_end) else stop
+    if stop >= t_end - same_within(t_end):
+        return t_end
+    return stop
 
 
 def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> float:
@@ -410,7 +420,9 @@ def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> flo
     n = len(x)
     for s in range(1, NUM_STAGES):
         is_last = s == NUM_STAGES - 1
-        target = memory.x_next if is_last else memory.x_stage
+        target = memory.x_stage
+        if is_last:
+            target = memory.x_next
         _combine(A[s], s, stages, target)
         for i in range(n):
             target[i] = x[i] + h * target[i]
@@ -484,7 +496,7 @@ def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
 def _is_full(delays: Delays, memory: Memory) -> bool:
     """Returns whether there is no room for what another step records."""
     counts = memory.counts
-    return bool(
+    return (
         counts[ROWS] + 5 > len(memory.row_times)
         or counts[POLYNOMIALS] + 2 > len(memory.steps)
         or counts[BREAKS] + len(delays.times) > len(memory.breaks)
@@ -534,9 +546,9 @@ def advance(
     counts = memory.counts
     delays = problem.delays
     longest = max_step
-    for delay in delays.times:
-        longest = min(longest, delay)
-    if not counts[IS_STARTED]:
+    for d in range(len(delays.times)):
+        longest = min(longest, delays.times[d])
+    if counts[IS_STARTED] == 0:
         _start(evaluate, problem, memory)
     last_try = counts[TRIES] + _MOST_TRIES
     while clock[0] < t_end - SAME:
@@ -598,7 +610,9 @@ def _end_step(
     note_guards(False, problem.transitions, memory)
     # What the step leaves behind.
     is_at_stop = h == stop - t and length == h
-    end = stop if is_at_stop else t + length
+    end = t + length
+    if is_at_stop:
+        end = stop
     _record_step(evaluate, length, h, end, problem, memory)
     _copy(memory.x_next, memory.x)
     if not is_at_stop or next_h > clock[1]:

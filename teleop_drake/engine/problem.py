@@ -25,9 +25,8 @@ class Delays(NamedTuple):
             packets at its nonsmooth points, which only make steps end there.
         piece_ranges: The begin and end of each delay's rows in `coefficients` (d, 2);
             empty for a constant delay.
-        knots: The knots of all varying delays, as in piecewise.Pieces, one delay after
-            another. Each delay has one knot more than it has pieces.
-        coefficients: The coefficients of the pieces (p, 8).
+        knots: The begin and end of each piece in s (p, 2).
+        coefficients: The coefficients of each piece, as in piecewise.Pieces (p, 8).
     """
 
     times: Array

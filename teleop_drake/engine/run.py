@@ -18,10 +18,10 @@ from teleop_drake.jit.typed_expressions import EVALUATE, TypeOf
 from teleop_drake.kernel import Delay, Packet
 from teleop_drake.kernel.packet_line import PacketsUntil
 from teleop_drake.numerics.instants import SAME
-from teleop_drake.numerics.piecewise import Pieces, fit_pieces
+from teleop_drake.numerics.piecewise import NUM_COEFFICIENTS, Pieces, fit_pieces
 from teleop_drake.numerics.step_polynomials import DEGREE
 
-_NO_PIECES = Pieces(np.empty(0), np.empty((0, 8)))
+_NO_PIECES = Pieces(np.empty((0, 2)), np.empty((0, NUM_COEFFICIENTS)))
 
 # How many rows are integrated at a time. In between Python notices Ctrl-C.
 _CHUNK = 2048
@@ -313,10 +313,8 @@ def _Delays(program: Program, start: float, end: float) -> problem.Delays:
         packet_ranges=_Ranges(packets),
         packets=np.concatenate([np.empty((0, 3)), *packets]),
         piece_ranges=_Ranges([x.coefficients for x in pieces]),
-        knots=np.concatenate([np.empty(0), *(x.knots for x in pieces)]),
-        coefficients=np.concatenate(
-            [_NO_PIECES.coefficients, *(x.coefficients for x in pieces)]
-        ),
+        knots=np.concatenate([x.knots for x in (_NO_PIECES, *pieces)]),
+        coefficients=np.concatenate([x.coefficients for x in (_NO_PIECES, *pieces)]),
     )
 
 
@@ -339,8 +337,9 @@ def _Packets(delay: Delay, end: float) -> Sequence[Packet]:
 
 def _Shortest(pieces: Pieces) -> float:
     """Returns the shortest of a delay that varies, or a little less."""
-    times = np.linspace(pieces.knots[:-1], pieces.knots[1:], 17).ravel().tolist()
-    return 0.99 * min(integrator.evaluate_pieces(*pieces, t) for t in times)
+    times = np.linspace(pieces.knots[:, 0], pieces.knots[:, 1], 17).ravel().tolist()
+    num = len(pieces.knots)
+    return 0.99 * min(integrator.evaluate_pieces(*pieces, 0, num, t) for t in times)
 
 
 def _Transitions(program: Program) -> problem.Transitions:

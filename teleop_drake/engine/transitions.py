@@ -16,7 +16,9 @@ def next_time(k: int, transitions: Transitions, memory: Memory) -> float:
     """
     ticks = memory.ticks[k]
     time = float(transitions.offsets[k])
-    return time + ticks * transitions.periods[k] if ticks > 0 else time
+    if ticks > 0:
+        time += ticks * transitions.periods[k]
+    return time
 
 
 def is_due(transitions: Transitions, memory: Memory) -> bool:
@@ -38,7 +40,7 @@ def change_modes(has_jumped: bool, transitions: Transitions, memory: Memory) -> 
     t = memory.clock[0]
     has_changed = False
     for is_discrete in range(2):
-        if is_discrete and (has_changed or has_jumped):
+        if is_discrete == 1 and (has_changed or has_jumped):
             break
         for k in range(len(transitions.guards)):
             if transitions.are_discrete[k] != is_discrete:
@@ -69,8 +71,10 @@ def note_guards(has_jumped: bool, transitions: Transitions, memory: Memory) -> N
     for k in range(len(transitions.guards)):
         place = transitions.guards[k]
         if place >= 0:
-            guards[k, 1] = memory.y[place] if has_jumped else guards[k, 0]
+            guards[k, 1] = guards[k, 0]
             guards[k, 0] = memory.y[place]
+            if has_jumped:
+                guards[k, 1] = guards[k, 0]
 
 
 def is_near(transitions: Transitions, memory: Memory) -> bool:

@@ -185,10 +185,10 @@ class _Function(ExpressionWriter):
                 pass
             case ast.Expr(value=ast.Call() as call):
                 self._Expression(call)
-            case ast.Assign(targets=[target], value=value):
-                self._AssignTo(target, value)
-            case ast.AnnAssign(target=target, value=ast.expr() as value):
-                self._AssignTo(target, value)
+            case ast.Assign(targets=[ast.Name(id=name)], value=value):
+                self._Assign(name, self._Expression(value))
+            case ast.Assign(targets=[ast.Subscript() as target], value=value):
+                self._Store(self._Element(target), self._Expression(value), target)
             case ast.AugAssign(target=ast.Name(id=name) as target, op=op, value=value):
                 old = self._Expression(target)
                 self._Assign(
@@ -209,8 +209,13 @@ class _Function(ExpressionWriter):
                 self._Loop(body, head, end)
                 self._Jump(head)
                 self._Label(end)
-            case ast.For(target=ast.Name(), orelse=[]):
-                self._For(node)
+            case ast.For(
+                target=ast.Name(id=name),
+                iter=ast.Call(func=ast.Name(id="range"), args=limits),
+                body=body,
+                orelse=[],
+            ):
+                self._For(name, limits, body)
             case ast.Return(value=value):
                 self._Return(value)
             case ast.Continue():
@@ -231,22 +236,6 @@ class _Function(ExpressionWriter):
             operand = self._As(self.result, result).operands[0]
             self._lines.append(f"  ret {self.result} {operand}")
         self._is_open = False
-
-    def _AssignTo(self, target: ast.expr, value: ast.expr) -> None:
-        if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
-            values = [self._Expression(item) for item in value.elts]
-            for inner, item in zip(target.elts, values, strict=True):
-                self._PutInto(inner, item)
-        else:
-            self._PutInto(target, self._Expression(value))
-
-    def _PutInto(self, target: ast.expr, value: Value) -> None:
-        if isinstance(target, ast.Name):
-            self._Assign(target.id, value)
-            return
-        if not isinstance(target, ast.Subscript):
-            raise self._Refuse(type(target).__name__, target)
-        self._Store(self._Element(target), value, target)
 
     def _Store(self, place: Value, value: Value, target: ast.expr) -> None:
         if place.type.num_dimensions:
@@ -272,44 +261,32 @@ class _Function(ExpressionWriter):
         self._Block(body)
         self._loops.pop()
 
-    def _RangeOf(self, node: ast.expr) -> tuple[Value | None, tuple[str, str, str]]:
-        """Returns the array of a loop, if it is one, and its first index, end, step."""
-        match node:
-            case ast.Call(func=ast.Name(id="range"), args=arguments):
-                limits = [self._Expression(argument).operand for argument in arguments]
-            case _:
-                array = self._Expression(node)
-                return array, ("0", array.operands[1], "1")
-        match limits:
-            case [last]:
-                return None, ("0", last, "1")
-            case [first, last]:
-                return None, (first, last, "1")
-            case [first, last, step]:
-                return None, (first, last, step)
-        raise self._Refuse("a range without limits", node)
+    def _For(
+        self, name: str, limits: Sequence[ast.expr], body: Sequence[ast.stmt]
+    ) -> None:
+        """Writes a loop over a range, in steps of one.
 
-    def _For(self, node: ast.For) -> None:
-        """Writes a loop over a range, or over an array of one dimension."""
-        assert isinstance(node.target, ast.Name)
-        array, (first, last, step) = self._RangeOf(node.iter)
-        if not step.lstrip("-").isdigit():
-            raise self._Refuse("a step of a range that is no constant", node)
+        Args:
+            name: The variable of the loop.
+            limits: Before which number the loop ends, or the first number and that.
+        """
+        if len(limits) > 2:
+            raise self._Refuse("a range with steps", limits[0])
+        *begin, last = [self._Expression(limit).operand for limit in limits]
+        first = begin[0] if begin else "0"
         # The counter is not the variable: as in Python, the body does not change it.
         counter = self._Slot(INTEGER)
         self._Put(INTEGER, counter, Value(INTEGER, (first,)))
         head, inner, following, end = self._Names(4)
         self._Label(head)
         i = self._Take(INTEGER, counter)
-        comparison = "sgt" if step.startswith("-") else "slt"
-        more = self._Do(f"icmp {comparison} i64 {i.operand}, {last}")
+        more = self._Do(f"icmp slt i64 {i.operand}, {last}")
         self._Branch(more, inner, end)
         self._Label(inner)
-        item = i if array is None else self._Loaded(self._At(array, [i.operand]))
-        self._Assign(node.target.id, item)
-        self._Loop(node.body, following, end)
+        self._Assign(name, i)
+        self._Loop(body, following, end)
         self._Label(following)
         i = self._Take(INTEGER, counter)
-        self._Put(INTEGER, counter, self._Is(INTEGER, f"add i64 {i.operand}, {step}"))
+        self._Put(INTEGER, counter, self._Is(INTEGER, f"add i64 {i.operand}, 1"))
         self._Jump(head)
         self._Label(end)

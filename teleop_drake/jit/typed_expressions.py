@@ -214,8 +214,6 @@ class ExpressionWriter:
     def _Truth(self, value: Value) -> str:
         if value.type == BOOLEAN:
             return value.operand
-        if value.type == INTEGER:
-            return self._Do(f"icmp ne i64 {value.operand}, 0")
         raise self._Refuse("the truth of what is no yes or no", None)
 
     def _Refuse(self, what: str, node: ast.AST | None) -> NotTyped:
@@ -242,11 +240,6 @@ class ExpressionWriter:
                 return self._Constant(getattr(owner, attribute), node)
             case ast.Attribute(value=inner, attr=attribute):
                 return self._Field(self._Expression(inner), attribute, node)
-            case ast.Subscript(
-                value=ast.Attribute(value=inner, attr="shape"),
-                slice=ast.Constant(value=int() as axis),
-            ):
-                return Value(INTEGER, (self._Expression(inner).operands[1 + axis],))
             case ast.Subscript():
                 return self._Loaded(self._Element(node))
             case ast.UnaryOp(op=ast.Not(), operand=operand):
@@ -267,8 +260,6 @@ class ExpressionWriter:
                 return self._Compare(node)
             case ast.BoolOp():
                 return self._Logic(node)
-            case ast.IfExp():
-                return self._Choice(node)
             case ast.Call(func=ast.Name(id=name), keywords=[]):
                 arguments = [self._Expression(argument) for argument in node.args]
                 return self._Call(name, arguments, node)
@@ -317,8 +308,6 @@ class ExpressionWriter:
         array = self._Expression(node.value)
         if not isinstance(array.type, ArrayType):
             raise self._Refuse("an index of what is no array", node)
-        if isinstance(node.slice, ast.Slice):
-            return self._Slice(array, node.slice)
         indices = []
         items = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
         for axis, item in enumerate(items):
@@ -327,20 +316,6 @@ class ExpressionWriter:
             self._Demand(self._Do(f"icmp ult i64 {index}, {dimension}"), node)
             indices.append(index)
         return self._At(array, indices)
-
-    def _Slice(self, array: Value, part: ast.Slice) -> Value:
-        """Returns the rows of an array from one to before another."""
-        if part.lower is None or part.upper is None or part.step is not None:
-            raise self._Refuse("a slice without both ends, or with steps", part)
-        first = self._Expression(part.lower).operand
-        end = self._Expression(part.upper).operand
-        dimension, *rest = array.operands[1:]
-        for low, high in (("0", first), (first, end), (end, dimension)):
-            self._Demand(self._Do(f"icmp sle i64 {low}, {high}"), part)
-        # The first row, as an array of fewer dimensions, is where it begins.
-        pointer = self._At(array, [first]).operand
-        size = self._Do(f"sub i64 {end}, {first}")
-        return Value(array.type, (pointer, size, *rest))
 
     def _At(self, array: Value, indices: list[str]) -> Value:
         """Returns the array of fewer dimensions that is at indices."""
@@ -418,19 +393,6 @@ class ExpressionWriter:
         self._Label(end)
         return self._Take(BOOLEAN, slots)
 
-    def _Choice(self, node: ast.IfExp) -> Value:
-        yes, no, end = self._Names(3)
-        self._Branch(self._Truth(self._Expression(node.test)), yes, no)
-        self._Label(yes)
-        value = self._Expression(node.body)
-        slots = self._Slot(value.type)
-        self._Put(value.type, slots, value)
-        self._Jump(end)
-        self._Label(no)
-        self._Put(value.type, slots, self._Expression(node.orelse))
-        self._Label(end)
-        return self._Take(value.type, slots)
-
     def _Call(self, name: str, arguments: list[Value], node: ast.expr) -> Value:
         if name in self._variables:
             return self._CallEvaluate(self._Take(*self._variables[name]), arguments)
@@ -443,8 +405,6 @@ class ExpressionWriter:
                 return Value(INTEGER, first.operands[1:2])
             case "float":
                 return self._As(FLOAT, first)
-            case "bool":
-                return Value(BOOLEAN, (self._Truth(first),))
             case "int" if first.type == FLOAT:
                 return self._Is(INTEGER, f"fptosi double {first.operand} to i64")
             case "abs" if first.type == FLOAT:

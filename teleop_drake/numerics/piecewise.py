@@ -11,14 +11,15 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 
-_DEGREE = 7
+NUM_COEFFICIENTS = 8
+"""The number of coefficients of each polynomial."""
 
 # On a piece the variable goes from -1 to 1. Chebyshev's points with both ends.
-_NODES = np.cos(np.pi * np.arange(_DEGREE + 1) / _DEGREE)[::-1]
+_NODES = np.cos(np.pi * np.arange(NUM_COEFFICIENTS) / (NUM_COEFFICIENTS - 1))[::-1]
 _TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
 # Where a polynomial is compared with the function.
 _TESTS = (_NODES[1:] + _NODES[:-1]) / 2
-_AT_TESTS = np.vander(_TESTS, _DEGREE + 1, increasing=True)
+_AT_TESTS = np.vander(_TESTS, NUM_COEFFICIENTS, increasing=True)
 
 
 # The polynomials may differ from the function by this share of it, or of 1 where it is
@@ -30,7 +31,7 @@ class Pieces(NamedTuple):
     """Polynomials, each of which holds between two knots.
 
     Attributes:
-        knots: Where the pieces begin, ascending, and where the last one ends (k + 1).
+        knots: Where each piece begins and ends (k, 2), ascending.
         coefficients: Of ascending powers of what goes from -1 to 1 on a piece (k, 8).
     """
 
@@ -61,7 +62,7 @@ def fit_pieces(
     ends = [float(start), *inner, float(end)]
     # The next interval is the last one of the list.
     intervals = list(itertools.pairwise(ends))[::-1]
-    knots = [float(start)]
+    knots = []
     rows = []
     while intervals:
         a, b = intervals.pop()
@@ -73,7 +74,7 @@ def fit_pieces(
         error = np.abs(_AT_TESTS @ coefficients - expected).max()
         is_good = error <= _TOLERANCE * max(1.0, np.abs(values).max())
         if is_good or b - a <= 2 * shortest:
-            knots.append(b)
+            knots.append((a, b))
             rows.append(coefficients)
         else:
             intervals.append((middle, b))

@@ -16,13 +16,13 @@ from teleop_drake.engine.problem import (
 )
 from teleop_drake.numerics.piecewise import Pieces, fit_pieces
 
-NO_PIECES = Pieces(np.empty(0), np.empty((0, 8)))
+NO_PIECES = Pieces(np.empty((0, 2)), np.empty((0, 8)))
 NO_DELAYS = Delays(
     *(np.empty(0), *[np.empty(0, dtype=int)] * 3, np.empty(0)),
     packet_ranges=np.empty((0, 2), dtype=int),
     packets=np.empty((0, 3)),
     piece_ranges=np.empty((0, 2), dtype=int),
-    knots=np.empty(0),
+    knots=np.empty((0, 2)),
     coefficients=np.empty((0, 8)),
 )
 NO_TRANSITIONS = Transitions(

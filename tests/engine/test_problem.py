@@ -25,7 +25,7 @@ def test_there_is_room_for_what_is_kept():
         packet_ranges=np.array([[0, 0], [0, 2]]),
         packets=packets,
         piece_ranges=np.zeros((2, 2), int),
-        knots=np.empty(0),
+        knots=np.empty((0, 2)),
         coefficients=np.empty((0, 8)),
     )
     transitions = Transitions(

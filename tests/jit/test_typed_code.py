@@ -35,12 +35,12 @@ class Work(NamedTuple):
 
 def total(values, first):
     result = 0.0
-    for value in values:
-        if value < 0:
+    for i in range(len(values)):
+        if values[i] < 0:
             continue
-        if value > 2.5:
+        if values[i] > 2.5:
             break
-        result += value
+        result += values[i]
     return result + first
 
 
@@ -58,10 +58,14 @@ def at_most(limit, x):
 
 
 def everything(work, t, n):
-    x, inner, result = work.x, work.inner, work.result
+    x = work.x
+    inner = work.inner
+    result = work.result
     for i in range(len(x)):
         put(result, i - 1, x[i] * NODES[1, 1])
-    count, low, high = 0, 0, n
+    count = 0
+    low = 0
+    high = n
     while low < high:
         middle = (low + high) // 2
         count += 1
@@ -72,13 +76,17 @@ def everything(work, t, n):
     result[3] = total(x, float(count))
     row = work.cube[1]
     row[0, 1] += t**2 / 3 - abs(-t) ** (1 / 5)
-    for k in range(2, -1, -1):
-        row[1, k] = -row[0, k] if 0.0 < row[0, k] <= 1.0 else min(t, 2, row[0, k])
-    part = inner.table[1:n]
-    result[4] = part[0, 1] + len(part) + part.shape[1] + at_most(0.25, x[1])
+    for k in range(1, 3):
+        if 0.0 < row[0, k] <= 1.0:
+            row[1, k] = -row[0, k]
+        else:
+            row[1, k] = min(t, 2, row[0, k])
+    result[4] = inner.table[1, 1] + len(inner.table) + at_most(0.25, x[1])
     result[5] = max(at_most(math.inf, x[2]), inner.places[int(t)] + 1)
-    other = x if bool(n > 100 or t > 100) else result
-    other[0], other[1] = other[1], other[0]
+    other = result
+    if n > 100 or t > 1:
+        other = x
+    other[0] -= 2 * other[1]
     inner.places[0] = 0 - low
     return low - 7
 
@@ -109,9 +117,8 @@ def last_of(x, result, i):
     result[0] = x[2] + x[1] + x[i]
 
 
-def rows_of(x, result, i):
-    part = x[i : i + 2]
-    result[0] = part[0] + last(x, i)
+def before(x, result, i):
+    result[0] = last(x, i)
 
 
 def last(x, i):
@@ -143,19 +150,19 @@ def test_an_index_is_in_its_array_or_an_error():
     x = np.array([1.0, 2.0, 4.0])
     for function, inside, outside in (
         (last_of, (0, 2), (-4, -1, 3)),
-        (rows_of, (1,), (-1, 2, -3)),
+        (before, (1, 3), (0, 4, -3)),
     ):
         loops = compiled(function, x, np.zeros(1), 0)
-        line = function.__code__.co_firstlineno + 1
+        name, line = function.__name__, function.__code__.co_firstlineno + 1
+        if function is before:
+            name, line = "last", last.__code__.co_firstlineno + 1
         for i in inside:
             result, expected = np.zeros(1), np.zeros(1)
             loops(x, result, i)
             function(x, expected, i)
             assert result == expected
         for i in outside:
-            with pytest.raises(
-                IndexError, match=rf"{function.__name__}\(\), line {line}"
-            ):
+            with pytest.raises(IndexError, match=rf"{name}\(\), line {line}"):
                 loops(x, np.zeros(1), i)
         loops(x, result, inside[0])
 
@@ -171,7 +178,9 @@ def test_what_is_outside_is_refused_with_its_line():
         return x
 
     def with_a_condition_of_a_number(n):
-        return 1.0 if n / 2 else 2.0
+        if n / 2:
+            return 1.0
+        return 2.0
 
     def with_no_end(n):
         if n > 0:
@@ -181,9 +190,23 @@ def test_what_is_outside_is_refused_with_its_line():
         for _ in range(0, 5, n):
             pass
 
+    def with_a_loop_over_an_array(n):
+        for _ in NODES:
+            pass
+
+    def with_two_at_once(n):
+        n, m = 1, n
+        return m
+
+    def with_a_slice(n):
+        return len(NODES[1:n])
+
     for function, reason in (
         (with_no_end, "it may end without"),
-        (with_any_step, "a step of a range"),
+        (with_any_step, "a range with steps"),
+        (with_a_loop_over_an_array, "For"),
+        (with_two_at_once, "Assign"),
+        (with_a_slice, "Slice"),
     ):
         with pytest.raises(NotTyped, match=reason):
             MakeTypedCode(function, [INTEGER])
