@@ -4,12 +4,12 @@ from itertools import product
 
 import numpy as np
 import pytest
+from kernel_checks import CheckKernel
 from pydrake.systems.primitives import MatrixGain
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.blocks.architectures.direct_force import DirectForce
 from teleop_drake.blocks.robots import MakeRobot
-from teleop_drake.engine.check import CheckKernel
 from teleop_drake.figures.block_diagram import DiagramDot
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate

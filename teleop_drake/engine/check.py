@@ -1,162 +1,78 @@
-"""Comparison of kernels with their blocks, at an instant and over time."""
+"""Comparison of the machine code of a user's own blocks and laws with Drake."""
 
-import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 
 import numpy as np
-from pydrake.systems.analysis import (
-    ApplySimulatorConfig,
-    Simulator,
-    SimulatorConfig,
-)
-from pydrake.systems.framework import (
-    Context,
-    Diagram,
-    DiagramBuilder,
-    InputPort,
-    System,
-)
-from pydrake.systems.framework import PortDataType as Kind
-from pydrake.systems.primitives import Sine
+from pydrake.systems.framework import Context, PortDataType, System
 
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn, SetDiscreteState
 from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.run import CompiledRun, Visited
+from teleop_drake.engine.run import Visited
 
-__all__ = ["CheckKernel", "CheckVisited", "Compare", "HoldsOwnCode", "KernelDisagrees"]
-
-
-# Between what a kernel and its block compute, as a share of the largest element; the
-# order of their operations differs.
+# The largest difference between a kernel and its block, as a share of the largest
+# element. The order of their operations differs.
 _TOLERANCE = 1e-9
 
-# The same after a while. A jump at another instant is far more.
-_TOLERANCE_OF_RUN = 1e-5
+# A step may end on an edge of a law, where rounding decides. Beside it, by this share
+# of the state, it does not.
+_BESIDE = 1e-7
 
-# How long a run is, and the steps of Drake's Simulator, in s.
-_DURATION = 1.5
-_STEP = 0.005
-
-# How often the two are compared, and how near to a jump they are not, in s.
-_NUM_SAMPLES = 60
-_NEAR_A_JUMP = 1e-5
-
-# Packets and samplers are likely to act at round times, s.
-_NOT_ROUND = 1e-3 * math.e
+# Packages whose laws and blocks are held by their own tests.
+_TESTED = ("teleop_drake", "pydrake")
 
 
 class KernelDisagrees(ValueError):
     """A kernel that does not compute what its block does."""
 
 
-def CheckKernel(system: System, *, num_states: int = 10) -> list[str]:
-    """Checks the kernel of a block, or those of all blocks in a diagram.
-
-    Outputs and time derivatives are compared at random inputs, states and times. A
-    block by itself is compiled, too, where the extra `fast` is installed. If it has
-    transitions or delays it is run as well, with sinusoids at its inputs, in Drake's
-    Simulator and by its kernel: this shows whether its modes change when and as they
-    should, and compares its outputs in these modes. For that it becomes part of a
-    diagram, and cannot be part of another one.
-
-    Returns:
-        The transitions, by the names in the kernel, that did not happen in the run and
-        were therefore not compared with the block; see Transition.
-
-    Raises:
-        UnsupportedSystem: If a block offers no kernel, or one that cannot be compiled.
-        KernelDisagrees: If a kernel is wrong; it names the block and what differs.
-    """
-    context = _DefaultContext(system)
-    is_block = not isinstance(system, Diagram)
-    evaluators = [Evaluator(system, context)]
-    rng = np.random.default_rng(0)
-    for _ in range(num_states):
-        for port in _VectorInputs(system):
-            port.FixValue(context, rng.normal(size=port.size()))
-        context.SetTime(rng.uniform(0, 1))
-        x = context.get_continuous_state_vector().CopyToVector()
-        x += 0.1 * (1 + np.abs(x)) * rng.normal(size=x.size)
-        context.SetContinuousState(x)
-        if is_block and len(evaluators) == 1:
-            evaluators.append(Evaluator(system, context, as_machine_code=True))
-        for each in evaluators:
-            Compare(each, system, context)
-    program = evaluators[0].program
-    if not is_block or not (program.transitions or program.delays):
-        return []
-    return _CheckRun(system)
-
-
-def _DefaultContext(system: System) -> Context:
-    context = system.CreateDefaultContext()
-    # Events are located if there is an accuracy, and some blocks then have modes.
-    context.SetAccuracy(1e-4)
-    for port in _VectorInputs(system):
-        port.FixValue(context, np.zeros(port.size()))
-    system.ExecuteInitializationEvents(context)
-    return context
-
-
-def _VectorInputs(system: System) -> list[InputPort]:
-    ports = [system.get_input_port(i) for i in range(system.num_input_ports())]
-    return [port for port in ports if port.get_data_type() == Kind.kVectorValued]
-
-
-def _SetModes(evaluator: Evaluator, context: Context, m: Array) -> None:
-    """Sets all discrete states."""
-    contexts = ContextsIn(evaluator.system, context)
-    for block, part in zip(evaluator.blocks, evaluator.program.modes, strict=True):
-        SetDiscreteState(contexts[block.system], m[part])
-
-
-# Packages whose laws and blocks are held by their own tests.
-_TESTED = ("teleop_drake", "pydrake")
-
-
 def HoldsOwnCode(evaluator: Evaluator) -> bool:
     """Returns whether a program holds a user's own block or function."""
-    program = evaluator.program
-    code = [
-        *(type(block.system) for block in evaluator.blocks),
-        *program.functions,
-    ]
+    blocks = [type(block.system) for block in evaluator.blocks]
+    code = [*blocks, *evaluator.program.functions]
     return any(item.__module__.partition(".")[0] not in _TESTED for item in code)
 
 
 def CheckVisited(
     evaluator: Evaluator, system: System, context: Context, visited: Iterable[Visited]
 ) -> None:
-    """Checks an Evaluator where a run has been: time, state, modes, delayed signals.
+    """Compares an Evaluator with Drake's callbacks where a run has been.
 
     Args:
-        context: Its context, which does not stay as it is.
+        context: The Context of the system, which is changed.
+        visited: Times, states, modes and delayed signals of the run.
 
     Raises:
         KernelDisagrees: If a kernel is wrong; it names the block and what differs.
     """
-    program = evaluator.program
     contexts = ContextsIn(system, context)
-    parts = {part.start: part for _, _, part in program.delays}
     for t, x, m, y in visited:
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             continue
         context.SetTime(t)
-        _SetModes(evaluator, context, m)
-        for block in evaluator.blocks:
-            for name, source in block.inputs.items():
-                part = program.signals.get(source, slice(-1, -1))
-                if part.start in parts:
-                    port = block.system.GetInputPort(name)
-                    port.FixValue(contexts[block.system], y[part])
+        for block, part in zip(evaluator.blocks, evaluator.program.modes, strict=True):
+            SetDiscreteState(contexts[block.system], m[part])
+        _FixDelayed(evaluator, contexts, y)
         try:
             context.SetContinuousState(x)
             Compare(evaluator, system, context, y)
         except KernelDisagrees:
-            # A step may end on an edge of a law, where rounding decides.
-            context.SetContinuousState(x + 1e-7 * (1 + np.abs(x)))
+            context.SetContinuousState(x + _BESIDE * (1 + np.abs(x)))
             Compare(evaluator, system, context, y)
+
+
+def _FixDelayed(
+    evaluator: Evaluator, contexts: dict[System, Context], y: Array
+) -> None:
+    """Fixes the inputs that receive the output of a delay at its value in y."""
+    program = evaluator.program
+    delayed = {part.start for _, _, part in program.delays}
+    for block in evaluator.blocks:
+        for name, source in block.inputs.items():
+            part = program.signals.get(source)
+            if part is not None and part.start in delayed:
+                port = block.system.GetInputPort(name)
+                port.FixValue(contexts[block.system], y[part])
 
 
 def Compare(
@@ -165,10 +81,10 @@ def Compare(
     context: Context,
     delayed: Array | None = None,
 ) -> None:
-    """Compares what an Evaluator computes in a context with what Drake does.
+    """Compares outputs and rates of an Evaluator in a Context with those of Drake.
 
     Args:
-        delayed: As Evaluate() takes it. What delays deliver is not compared then.
+        delayed: As Evaluate() takes it. The outputs of delays are not compared then.
 
     Raises:
         KernelDisagrees: If anything differs; it names the block.
@@ -177,122 +93,29 @@ def Compare(
     program = evaluator.program
     contexts = ContextsIn(system, context)
     given = {part.start for _, _, part in program.delays if delayed is not None}
-    _CompareOutputs(evaluator, contexts, y, given, _TOLERANCE)
+    for output, part in program.signals.items():
+        block = evaluator.blocks[output.block]
+        # A signal without a port belongs to a transition.
+        if part.start in given or not block.system.HasOutputPort(output.port):
+            continue
+        port = block.system.GetOutputPort(output.port)
+        if port.get_data_type() == PortDataType.kVectorValued:
+            expected = port.Eval(contexts[block.system])
+            _CompareVector(block.path, output.port, y[part], expected)
     for block, part in zip(evaluator.blocks, program.states, strict=True):
         if block.system.num_continuous_states() == 0:
             continue  # Some of Drake's discrete systems have no such function.
-        rate = block.system.EvalTimeDerivatives(contexts[block.system]).CopyToVector()
-        _Compare(block.path, "rate", dx[part], rate, _TOLERANCE)
+        rate = block.system.EvalTimeDerivatives(contexts[block.system])
+        _CompareVector(block.path, "rate", dx[part], rate.CopyToVector())
 
 
-def _CompareOutputs(
-    evaluator: Evaluator,
-    contexts: Mapping[System, Context],
-    y: Array,
-    given: set[int],
-    tolerance: float,
-) -> None:
-    """Compares the outputs of all blocks that have a Context.
-
-    Args:
-        given: Where in y begins what is not compared.
-    """
-    for output, part in evaluator.program.signals.items():
-        block = evaluator.blocks[output.block]
-        # Others belong to a transition.
-        is_port = block.system.HasOutputPort(output.port)
-        if is_port and block.system in contexts and part.start not in given:
-            port = block.system.GetOutputPort(output.port)
-            if port.get_data_type() == Kind.kVectorValued:
-                expected = port.Eval(contexts[block.system])
-                _Compare(block.path, output.port, y[part], expected, tolerance)
-
-
-def _Compare(
-    path: str, name: str, value: Array, expected: Array, tolerance: float
-) -> None:
+def _CompareVector(path: str, name: str, value: Array, expected: Array) -> None:
+    """Raises KernelDisagrees unless two vectors agree; `path` is that of the block."""
     scale = max(1.0, np.abs(expected).max(initial=0.0))
-    if np.abs(value - expected).max(initial=0.0) <= tolerance * scale:
-        return  # allclose() takes ten times as long.
-    if not np.allclose(value, expected, rtol=0, atol=tolerance * scale):
+    is_equal = value == expected  # Also of infinite numbers.
+    is_near = np.abs(value - expected) <= _TOLERANCE * scale
+    if not (is_equal | is_near).all():
         raise KernelDisagrees(
             f"{path}: its kernel says {name} = {value.tolist()}, the block "
             f"{np.array(expected).tolist()}"
         )
-
-
-def _CheckRun(system: System) -> list[str]:
-    """Runs a block in Drake's Simulator and by its kernel, with sinusoids as inputs.
-
-    Returns:
-        The transitions that did not happen, by their names in the kernel.
-    """
-    if len(_VectorInputs(system)) < system.num_input_ports():
-        return list(system.Kernel().transitions)  # Nobody knows what to feed it with.
-    diagram = _WithSinusoids(system)
-    context = diagram.CreateDefaultContext()
-    # Where events are located, and how exactly.
-    context.SetAccuracy(1e-8)
-    diagram.ExecuteInitializationEvents(context)
-    evaluator = Evaluator(diagram, context)
-    run = CompiledRun(evaluator, context, end=_DURATION, accuracy=1e-9, max_step=0.05)
-    times = np.linspace(0, _DURATION, _NUM_SAMPLES + 1)[1:] - _NOT_ROUND
-    for time, own in zip(times, _InDrake(system, diagram, times), strict=True):
-        instants, rows, _ = run.Advance(time)
-        jumps = instants[:-1][np.diff(instants) == 0]
-        if np.abs(time - jumps).min(initial=np.inf) > _NEAR_A_JUMP:
-            try:
-                _CompareOutputs(
-                    evaluator, {system: own}, rows[-1], set(), _TOLERANCE_OF_RUN
-                )
-            except KernelDisagrees as error:
-                raise KernelDisagrees(f"after {time:.6g} s of a run: {error}") from None
-    names = system.Kernel().transitions if hasattr(system, "Kernel") else {}
-    return [
-        name
-        for name, (transition, guard, _, _) in zip(
-            names, evaluator.program.transitions, strict=False
-        )
-        if (
-            transition.offset > _DURATION
-            if guard is None
-            else not (run.Rows()[1][:, guard] >= 0).any()
-        )
-    ]
-
-
-def _WithSinusoids(system: System) -> Diagram:
-    """Returns a diagram that feeds a block, of which no input repeats another one."""
-    rng = np.random.default_rng(1)
-    builder = DiagramBuilder()
-    builder.AddSystem(system)
-    for i, port in enumerate(_VectorInputs(system)):
-        amplitude, frequency, phase = rng.uniform(
-            [[1.0], [3.0], [0.0]], [[3.0], [9.0], [6.0]], size=(3, port.size())
-        )
-        source = builder.AddNamedSystem(
-            f"probe_{i}", Sine(amplitude, frequency, phase, True)
-        )
-        builder.Connect(source.get_output_port(0), port)
-    return builder.Build()
-
-
-def _InDrake(
-    system: System, diagram: Diagram, times: Iterable[float]
-) -> Iterator[Context]:
-    """Yields the context of a block at times, as Drake's Simulator gets there."""
-    simulator = Simulator(diagram)
-    step = min(_STEP, getattr(system, "longest_step", np.inf))
-    config = SimulatorConfig(
-        integration_scheme="runge_kutta5", max_step_size=step, accuracy=1e-9
-    )
-    ApplySimulatorConfig(config, simulator)
-    simulator.get_mutable_context().SetAccuracy(1e-8)
-    simulator.Initialize()
-    now = 0.0
-    for time in times:
-        # Without continuous state nothing else ends a step.
-        for end in np.linspace(now, time, int(np.ceil((time - now) / step)) + 1)[1:]:
-            simulator.AdvanceTo(end)
-        now = time
-        yield system.GetMyContextFromRoot(simulator.get_context())

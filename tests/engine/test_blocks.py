@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from kernel_checks import CheckKernel
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Sine, ZeroOrderHold
 
@@ -36,7 +37,6 @@ from teleop_drake.blocks.operators.modes import past_surface, with_stop
 from teleop_drake.blocks.operators.planned import TrapezoidConfig
 from teleop_drake.blocks.systems.disturbance_force import DisturbanceForce
 from teleop_drake.engine.check import (
-    CheckKernel,
     CheckVisited,
     KernelDisagrees,
 )

@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from kernel_checks import CheckKernel
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Gain, Integrator
 
-from teleop_drake.engine.check import CheckKernel, Compare
+from teleop_drake.engine.check import Compare
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.engine.source import Parameters

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from kernel_checks import CheckKernel
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     PrismaticJoint,
@@ -13,7 +14,6 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Sine
 
-from teleop_drake.engine.check import CheckKernel
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.run import CompiledRun
 from teleop_drake.simulation import simulate

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from kernel_checks import CheckKernel
 from pydrake.examples import (
     AcrobotPlant,
     PendulumPlant,
@@ -35,7 +36,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake.engine.check import CheckKernel, KernelDisagrees
+from teleop_drake.engine.check import KernelDisagrees
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel
 

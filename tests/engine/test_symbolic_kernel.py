@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from kernel_checks import CheckKernel
 from pydrake.examples import PendulumPlant, RimlessWheel
 from pydrake.symbolic import Variable
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator, SymbolicVectorSystem
 
-from teleop_drake.engine.check import CheckKernel
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.simulation import simulate

@@ -6,11 +6,11 @@ import traceback
 import numpy as np
 import pytest
 from block_checks import Feedthrough
+from kernel_checks import CheckKernel
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.systems.framework import BasicVector, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, FirstOrderTaylorApproximation
 
-from teleop_drake.engine.check import CheckKernel
 from teleop_drake.kernel import Delay, Kernel, KernelBlock, times
 from teleop_drake.validation import ScenarioError
 

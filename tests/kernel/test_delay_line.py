@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from kernel_checks import CheckKernel
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from teleop_drake.engine.check import CheckKernel
 from teleop_drake.kernel import Delay, Kernel, KernelBlock
 
 

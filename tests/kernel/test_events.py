@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from kernel_checks import CheckKernel
 from pydrake.systems.analysis import Simulator
 
-from teleop_drake.engine.check import CheckKernel
 from teleop_drake.kernel import Kernel, KernelBlock, Transition
 
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from kernel_checks import CheckKernel
 
 from teleop_drake.blocks.architectures.robust_backstepping import RobustBackstepping
-from teleop_drake.engine.check import CheckKernel
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.stations import MakeControlLaw
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from block_checks import Feedthrough
+from kernel_checks import CheckKernel
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     Simulator,
@@ -24,7 +25,6 @@ from teleop_drake.blocks.environments.layered_force_field import (
     layer_at,
     outside,
 )
-from teleop_drake.engine.check import CheckKernel
 from teleop_drake.scenario import LayerConfig, LoadScenario
 from teleop_drake.validation import ScenarioError
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from block_checks import Block
+from kernel_checks import CheckKernel
 
 from teleop_drake.analysis.loop import Linearizer
 from teleop_drake.analysis.operating_point import OperatingPoints
@@ -15,7 +16,6 @@ from teleop_drake.blocks.environments import (
     StandardLinearSolidConfig,
 )
 from teleop_drake.blocks.robots import FactsOfRobot
-from teleop_drake.engine.check import CheckKernel
 from teleop_drake.scenario import LoadScenario, ScenarioError
 
 KINDS = {

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from kernel_checks import CheckKernel
 from pydrake.systems.framework import DiagramBuilder
 
 from teleop_drake.blocks.environments import CONTACT, Surface
 from teleop_drake.blocks.operators import OPERATOR_KINDS
 from teleop_drake.blocks.operators.hand import HandOperator
-from teleop_drake.engine.check import CheckKernel
 from teleop_drake.scenario import (
     LoadScenario,
     ScenarioError,

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kernel_checks import CheckKernel
 
 from teleop_drake.blocks.robots import ArmConfig, FactsOfRobot, TwoLinkArmConfig
 from teleop_drake.blocks.robots import __file__ as robots_file
 from teleop_drake.blocks.robots.inverse_kinematics import ToolJacobian
 from teleop_drake.cli import main
-from teleop_drake.engine.check import CheckKernel
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate

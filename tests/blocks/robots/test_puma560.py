@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 import standard_dh
+from kernel_checks import CheckKernel
 from pydrake.multibody.tree import MultibodyForces
 
 from teleop_drake.blocks.robots import Puma560Config
-from teleop_drake.engine.check import CheckKernel
 from teleop_drake.validation import ScenarioError
 
 NOMINAL = [0.7963, -0.15, 0.6576]

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from kernel_checks import CheckKernel
 from pydrake.systems.analysis import Simulator
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.blocks.systems.actuator import Actuator, ActuatorConfig, GearFriction
-from teleop_drake.engine.check import CheckKernel
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.teleoperator import MakeTeleoperator
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from block_checks import Block
+from kernel_checks import CheckKernel
 
 from teleop_drake.blocks.robots import Puma560Config
 from teleop_drake.blocks.robots.inverse_kinematics import ToolJacobian
 from teleop_drake.blocks.systems.joint_friction import JointFriction
-from teleop_drake.engine.check import CheckKernel
 from teleop_drake.validation import ScenarioError
 
 

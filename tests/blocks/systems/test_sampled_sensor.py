@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from kernel_checks import CheckKernel
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Sine, VectorLogSink
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
-from teleop_drake.engine.check import CheckKernel
 from teleop_drake.scenario import CheckSteps, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 
