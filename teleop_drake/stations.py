@@ -11,7 +11,7 @@ packet holds is the architecture's own affair; those of the thesis are
 from collections.abc import Sequence
 from typing import Any
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer, PassThrough
 
 from teleop_drake.blocks.architectures import (
@@ -26,9 +26,10 @@ from teleop_drake.blocks.architectures.own_law import AsControlLaw, Law
 from teleop_drake.blocks.architectures.ports import CheckPorts
 from teleop_drake.blocks.environments import CONTACT, FindSurface, Surface
 from teleop_drake.blocks.systems.actuator import Actuator
-from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
+from teleop_drake.blocks.systems.sampled_sensor import SampledSensor, SensorConfig
 from teleop_drake.scenario import Scenario
 from teleop_drake.validation import Refuse
+from teleop_drake.wiring import Connections, OutputNames, Wire
 
 
 def MakeMasterStation(
@@ -74,70 +75,55 @@ def MakeMasterStation(
     n = scenario.num_axes
     if surfaces is None:
         surfaces = scenario.Surfaces()
-    builder = DiagramBuilder()
-    operator = builder.AddNamedSystem(
-        "surgeon",
-        operator
-        or scenario.surgeon.MakeOperator(
-            start=scenario.robot.start, contact_surface=FindSurface(surfaces, CONTACT)
-        ),
+    operator = operator or scenario.surgeon.MakeOperator(
+        start=scenario.robot.start, contact_surface=FindSurface(surfaces, CONTACT)
     )
-    device = builder.AddNamedSystem(
-        "haptic_device",
-        haptic_device or scenario.haptic_device.MakeDevice(n),
-    )
-    force = operator.GetOutputPort("force_command")
-    command = operator.GetOutputPort("velocity_command")
-    inputs, outputs = _AddMasterSide(builder, master_side, n)
-    builder.ExportInput(inputs["return_packet"], "return_packet")
-    for source, target, input_name in (
-        (outputs["felt_position"], operator, "felt_position"),
-        (outputs["felt_velocity"], operator, "felt_velocity"),
-        (outputs["felt_velocity"], device, "felt_velocity"),
-        (command, device, "velocity_command"),
-        (device.GetOutputPort("haptic_force"), operator, "haptic_force"),
-    ):
-        if target.HasInputPort(input_name):
-            builder.Connect(source, target.GetInputPort(input_name))
-    builder.Connect(force, inputs["haptic_force"])
-    builder.Connect(command, inputs["velocity_command"])
-    builder.ExportOutput(outputs.pop("forward_packet"), "forward_packet")
-    builder.ExportOutput(operator.GetOutputPort("mode"), "surgeon_mode")
-    if master_side is not None:
-        builder.ExportOutput(command, "velocity_command")
-        builder.ExportOutput(force, "force_command")
-        for name, port in outputs.items():
-            builder.ExportOutput(port, name)
-    master = builder.Build()
-    master.set_name("master")
-    return master
-
-
-def _AddMasterSide(
-    builder: DiagramBuilder, master_side: System | None, n: int
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Adds the master side, None for the thesis's, and returns its ports by name."""
+    operator.set_name("surgeon")
+    device = haptic_device or scenario.haptic_device.MakeDevice(n)
+    device.set_name("haptic_device")
+    systems = {"surgeon": operator, "haptic_device": device}
+    outputs = {"surgeon_mode": "surgeon.mode"}
+    # Where the master side's ports are; by default they are those of a pair of blocks.
+    ports = {
+        "haptic_force": "pack.u0",
+        "velocity_command": "pack.u1",
+        "return_packet": "unpack",
+        "felt_position": "unpack.y0",
+        "felt_velocity": "unpack.y1",
+        "forward_packet": "pack",
+    }
     if master_side is None:
-        unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n]))
-        pack = builder.AddNamedSystem("pack", Multiplexer([n, n]))
-        return {
-            "haptic_force": pack.get_input_port(0),
-            "velocity_command": pack.get_input_port(1),
-            "return_packet": unpack.get_input_port(),
-        }, {
-            "felt_position": unpack.get_output_port(0),
-            "felt_velocity": unpack.get_output_port(1),
-            "forward_packet": pack.get_output_port(),
-        }
-    name = master_side.get_name() or "master_side"
-    side = builder.AddNamedSystem(name, master_side)
-    needed = ("felt_position", "felt_velocity", "forward_packet")
-    outputs = {name: side.GetOutputPort(name) for name in needed}
-    ports = map(side.get_output_port, range(side.num_output_ports()))
-    return {
-        name: side.GetInputPort(name)
-        for name in ("haptic_force", "velocity_command", "return_packet")
-    }, {port.get_name(): port for port in ports} | outputs
+        systems |= {"unpack": Demultiplexer([n, n]), "pack": Multiplexer([n, n])}
+    else:
+        systems["master_side"] = master_side
+        ports = {name: f"master_side.{name}" for name in ports}
+        outputs["velocity_command"] = "surgeon.velocity_command"
+        outputs["force_command"] = "surgeon.force_command"
+        names = OutputNames(master_side)
+        telemetry = {name: f"master_side.{name}" for name in names}
+        telemetry.pop("forward_packet", None)
+        outputs |= telemetry
+    connections = {
+        "surgeon.felt_position": ports["felt_position"],
+        "surgeon.felt_velocity": ports["felt_velocity"],
+        "haptic_device.felt_velocity": ports["felt_velocity"],
+        "haptic_device.velocity_command": "surgeon.velocity_command",
+        "surgeon.haptic_force": "haptic_device.haptic_force",
+    }
+    for target in list(connections):  # They may leave out inputs.
+        name, _, port = target.partition(".")
+        if not systems[name].HasInputPort(port):
+            del connections[target]
+    connections[ports["haptic_force"]] = "surgeon.force_command"
+    connections[ports["velocity_command"]] = "surgeon.velocity_command"
+    return Wire(
+        Diagram(),
+        "master",
+        systems,
+        inputs={"return_packet": [ports["return_packet"]]},
+        connections=connections,
+        outputs={"forward_packet": ports["forward_packet"], **outputs},
+    )
 
 
 def MakeControlLaw(scenario: Scenario) -> System:
@@ -196,61 +182,56 @@ def WithDrivesAndSensors(slave_side: System, scenario: Scenario) -> System:
     """
     if scenario.actuator.is_ideal and scenario.sensor.is_ideal:
         return slave_side
-    builder = DiagramBuilder()
-    law = builder.AddNamedSystem("law", slave_side)
-    builder.ExportInput(law.GetInputPort("forward_packet"), "forward_packet")
-    measured = _AddSensors(builder, scenario)
-    for name, port in measured.items():
-        builder.Connect(port, law.GetInputPort(name))
-    ports = map(law.get_output_port, range(law.num_output_ports()))
-    outputs = {port.get_name(): port for port in ports}
-    if not scenario.actuator.is_ideal:
-        n = scenario.num_axes
-        drive = builder.AddSystem(Actuator(scenario.actuator, num_axes=n))
-        command = outputs["commanded_force"] = outputs["control_force"]
-        builder.Connect(command, drive.GetInputPort("commanded_force"))
-        outputs["control_force"] = drive.GetOutputPort("control_force")
-        velocity = builder.GetSubsystemByName("tool_velocity").get_output_port()
-        builder.Connect(velocity, drive.GetInputPort("tool_velocity"))
-    for name, port in measured.items():
-        if isinstance(port.get_system(), SampledSensor):
-            outputs[f"measured_{name.rpartition('_')[2]}"] = port
-    for name, port in outputs.items():
-        builder.ExportOutput(port, name)
-    station = builder.Build()
-    station.set_name("controller")
-    return station
-
-
-def _AddSensors(builder: DiagramBuilder, scenario: Scenario) -> dict[str, Any]:
-    """Adds inputs and sensors; returns what is measured by the law's names for it."""
     n = scenario.num_axes
+    slave_side.set_name("law")
+    inputs = {name: [name] for name in LAW_INPUTS[2:]}
+    systems = {"law": slave_side, **{name: PassThrough(n) for name in inputs}}
+    outputs = {name: f"law.{name}" for name in OutputNames(slave_side)}
+    measured = {name: name for name in inputs}
+    connections: Connections = {}
     sensor = scenario.sensor
-    measured = {}
-    for name in ("tool_position", "tool_velocity", "environment_force"):
-        signal = builder.AddNamedSystem(name, PassThrough(n))
-        builder.ExportInput(signal.get_input_port(), name)
-        measured[name] = signal.get_output_port()
-    for name, config, target, start in (
-        ("encoder", sensor.encoder, "tool_position", scenario.robot.start),
-        ("force", sensor.force, "environment_force", [0.0] * n),
-    ):
-        if config.sample_period is None:
-            continue
-        block = SampledSensor(
-            sample_period=config.sample_period,
-            initial_value=list(start),
-            resolution=config.resolution,
-            noise=config.noise,
-            seed=sensor.seed,
-            stream=name,
+    if sensor.encoder.sample_period is not None:
+        systems["encoder_sensor"] = _MakeSensor(
+            sensor, "encoder", scenario.robot.start.tolist()
         )
-        builder.AddNamedSystem(f"{name}_sensor", block)
-        builder.Connect(measured[target], block.get_input_port())
-        measured[target] = block.GetOutputPort("sample")
-        if name == "encoder":
-            measured["tool_velocity"] = block.GetOutputPort("rate")
-    return measured
+        connections["encoder_sensor"] = "tool_position"
+        measured["tool_position"] = "encoder_sensor.sample"
+        measured["tool_velocity"] = "encoder_sensor.rate"
+    if sensor.force.sample_period is not None:
+        systems["force_sensor"] = _MakeSensor(sensor, "force", [0.0] * n)
+        connections["force_sensor"] = "environment_force"
+        measured["environment_force"] = "force_sensor.sample"
+    connections |= {f"law.{name}": place for name, place in measured.items()}
+    if not scenario.actuator.is_ideal:
+        systems["actuator"] = Actuator(scenario.actuator, num_axes=n)
+        connections["actuator.commanded_force"] = "law.control_force"
+        connections["actuator.tool_velocity"] = "tool_velocity"
+        outputs["commanded_force"] = "law.control_force"
+        outputs["control_force"] = "actuator.control_force"
+    for name, place in measured.items():
+        if place != name:
+            outputs[f"measured_{name.rpartition('_')[2]}"] = place
+    return Wire(
+        Diagram(),
+        "controller",
+        systems,
+        inputs={"forward_packet": ["law.forward_packet"], **inputs},
+        connections=connections,
+        outputs=outputs,
+    )
+
+
+def _MakeSensor(sensor: SensorConfig, name: str, start: list[float]) -> SampledSensor:
+    """Makes a sensor of a position or of a force, named by its field in the config."""
+    config = getattr(sensor, name)
+    return SampledSensor(
+        sample_period=config.sample_period,
+        initial_value=start,
+        resolution=config.resolution,
+        noise=config.noise,
+        seed=sensor.seed,
+        stream=name,
+    )
 
 
 def ResolveController(scenario: Scenario) -> Any:

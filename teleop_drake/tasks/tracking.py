@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Sine
 
 from teleop_drake.arrays import Array
@@ -21,6 +21,7 @@ from teleop_drake.signals import MarkLoop, NamedSignals
 from teleop_drake.tasks.base import SpeedLimit, Task
 from teleop_drake.tasks.panels import AxisPanels, AxisRow
 from teleop_drake.validation import GainMatrix
+from teleop_drake.wiring import Wire
 
 
 class TrackingRun:
@@ -144,20 +145,23 @@ def MakeReference(config: TrajectoryConfig) -> Diagram:
         config: The trajectory (3.28).
     """
     n = len(config.centre)
-    builder = DiagramBuilder()
-    centre = builder.AddNamedSystem("centre", ConstantVectorSource(config.centre))
-    sine = builder.AddNamedSystem(
-        "sine", Sine(config.amplitude, [config.frequency] * n, [config.phase] * n, True)
+    sine = Sine(config.amplitude, [config.frequency] * n, [config.phase] * n, True)
+    return Wire(
+        Diagram(),
+        "reference",
+        {
+            "centre": ConstantVectorSource(config.centre),
+            "sine": sine,
+            "position": Adder(2, n),
+        },
+        inputs={},
+        connections={"position.u0": "centre", "position.u1": "sine.y0"},
+        outputs={
+            "desired_position": "position",
+            "desired_velocity": "sine.y1",
+            "desired_acceleration": "sine.y2",
+        },
     )
-    position = builder.AddNamedSystem("position", Adder(2, n))
-    builder.Connect(centre.get_output_port(), position.get_input_port(0))
-    builder.Connect(sine.get_output_port(0), position.get_input_port(1))
-    builder.ExportOutput(position.get_output_port(), "desired_position")
-    builder.ExportOutput(sine.get_output_port(1), "desired_velocity")
-    builder.ExportOutput(sine.get_output_port(2), "desired_acceleration")
-    reference = builder.Build()
-    reference.set_name("reference")
-    return reference
 
 
 def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
@@ -198,27 +202,28 @@ def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
             kind=disturbance.kind, gain=GainMatrix(disturbance.gain, n)
         ),
     }
-    builder = DiagramBuilder()
     for name, system in systems.items():
-        builder.AddNamedSystem(name, system)
+        system.set_name(name)
     # This call raises an error if a port has the name of another signal of the loop.
     NamedSignals(systems.values())
     MarkLoop(systems.values())
-    # Each row of the table connects a source to a target by signals of equal names.
-    desired = ("desired_position", "desired_velocity", "desired_acceleration")
-    motion = ("tool_position", "tool_velocity")
-    for source, target, signals in (
-        ("reference", "controller", desired),
-        ("robot", "controller", (*motion, "joint_position", "joint_velocity")),
-        ("controller", "robot", ("control_force",)),
-        ("robot", "disturbance", motion),
-        ("disturbance", "robot", ("environment_force",)),
-    ):
-        for signal in signals:
-            builder.Connect(
-                systems[source].GetOutputPort(signal),
-                systems[target].GetInputPort(signal),
-            )
-    diagram = builder.Build()
-    diagram.set_name("network_tracking")
-    return diagram
+    return Wire(
+        Diagram(),
+        "network_tracking",
+        systems,
+        inputs={},
+        connections={
+            "controller.desired_position": "reference.desired_position",
+            "controller.desired_velocity": "reference.desired_velocity",
+            "controller.desired_acceleration": "reference.desired_acceleration",
+            "controller.tool_position": "robot.tool_position",
+            "controller.tool_velocity": "robot.tool_velocity",
+            "controller.joint_position": "robot.joint_position",
+            "controller.joint_velocity": "robot.joint_velocity",
+            "robot.control_force": "controller.control_force",
+            "disturbance.tool_position": "robot.tool_position",
+            "disturbance.tool_velocity": "robot.tool_velocity",
+            "robot.environment_force": "disturbance.environment_force",
+        },
+        outputs={},
+    )

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from teleop_drake.arrays import Array, ArrayLike
@@ -22,6 +22,7 @@ from teleop_drake.blocks.architectures.facts import Facts
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.kinds import KindConfig
 from teleop_drake.validation import Refuse
+from teleop_drake.wiring import OutputNames, Wire
 
 LAW_INPUTS = (
     "haptic_force",
@@ -223,23 +224,29 @@ def MakeSlaveStation(control_law: System) -> Diagram:
         RuntimeError: If the control law lacks one of these ports.
     """
     n = control_law.GetOutputPort("control_force").size()
-    builder = DiagramBuilder()
-    unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n]))
-    law = builder.AddNamedSystem(control_law.get_name() or "control_law", control_law)
-    pack = builder.AddNamedSystem("pack", Multiplexer([n, n]))
-    builder.ExportInput(unpack.get_input_port(), "forward_packet")
-    builder.Connect(unpack.get_output_port(0), law.GetInputPort("haptic_force"))
-    builder.Connect(unpack.get_output_port(1), law.GetInputPort("velocity_command"))
-    for i, name in enumerate(("tool_position", "tool_velocity")):
-        port = builder.ExportInput(law.GetInputPort(name), name)
-        builder.ConnectInput(port, pack.get_input_port(i))
-    builder.ExportInput(law.GetInputPort("environment_force"), "environment_force")
-    builder.ExportOutput(law.GetOutputPort("control_force"), "control_force")
-    builder.ExportOutput(pack.get_output_port(), "return_packet")
-    for i in range(law.num_output_ports()):
-        port = law.get_output_port(i)
-        if port.get_name() != "control_force":
-            builder.ExportOutput(port, port.get_name())
-    controller = builder.Build()
-    controller.set_name("controller")
-    return controller
+    telemetry = OutputNames(control_law)
+    telemetry.remove("control_force")
+    return Wire(
+        Diagram(),
+        "controller",
+        {
+            "unpack": Demultiplexer([n, n]),
+            "control_law": control_law,
+            "pack": Multiplexer([n, n]),
+        },
+        inputs={
+            "forward_packet": ["unpack"],
+            "tool_position": ["control_law.tool_position", "pack.u0"],
+            "tool_velocity": ["control_law.tool_velocity", "pack.u1"],
+            "environment_force": ["control_law.environment_force"],
+        },
+        connections={
+            "control_law.haptic_force": "unpack.y0",
+            "control_law.velocity_command": "unpack.y1",
+        },
+        outputs={
+            "control_force": "control_law.control_force",
+            "return_packet": "pack",
+            **{name: f"control_law.{name}" for name in telemetry},
+        },
+    )

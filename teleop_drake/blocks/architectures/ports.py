@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.validation import Refuse, ScenarioError
+from teleop_drake.wiring import Wire
 
 
 def CheckPorts(
@@ -82,10 +83,11 @@ def AsChannel(name: str, system: Any, size: int) -> System:
     )
     if (target.get_name(), source.get_name()) == ("signal", "delayed_signal"):
         return system
-    builder = DiagramBuilder()
-    builder.AddNamedSystem(system.get_name() or "delay", system)
-    builder.ExportInput(target, "signal")
-    builder.ExportOutput(source, "delayed_signal")
-    channel: Diagram = builder.Build()
-    channel.set_name(name)
-    return channel
+    return Wire(
+        Diagram(),
+        name,
+        {"delay": system},
+        inputs={"signal": ["delay"]},
+        connections={},
+        outputs={"delayed_signal": "delay"},
+    )

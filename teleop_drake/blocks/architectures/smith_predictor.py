@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram
 from pydrake.systems.primitives import (
     Adder,
     Demultiplexer,
@@ -24,6 +24,7 @@ from teleop_drake.blocks.architectures.direct_force import DirectForce
 from teleop_drake.blocks.architectures.facts import Facts
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.validation import CheckNumber, GainField, GainMatrix, Number, Refuse
+from teleop_drake.wiring import Wire
 
 
 class SmithPredictorMaster(Diagram):
@@ -73,40 +74,46 @@ class SmithPredictorMaster(Diagram):
         delay: Any = config.delay
         CheckNumber("delay", delay, "s", minimum=0)
         nothing, one = np.zeros((n, n)), np.eye(n)
-        builder = DiagramBuilder()
-        unpack = builder.AddNamedSystem("unpack", Demultiplexer([n, n]))
-        model = builder.AddNamedSystem(
-            "model",
-            LinearSystem(
-                np.block([[nothing, one], [-M_inverse @ K, -M_inverse @ B]]),
-                np.vstack([nothing, M_inverse]),
-                np.hstack([nothing, one]),
-                nothing,
-            ),
+        model = LinearSystem(
+            np.block([[nothing, one], [-M_inverse @ K, -M_inverse @ B]]),
+            np.vstack([nothing, M_inverse]),
+            np.hstack([nothing, one]),
+            nothing,
         )
-        model_delay = builder.AddNamedSystem(
-            "model_delay",
+        systems = {
+            "unpack": Demultiplexer([n, n]),
+            "model": model,
             # The steps of the solver are what limits the error.
-            TransportDelay(delay=delay, size=n, max_sample_interval=math.inf),
+            "model_delay": TransportDelay(
+                delay=delay, size=n, max_sample_interval=math.inf
+            ),
+            "negation": Gain(-1.0, n),
+            "felt": Adder(3, n),
+            "pack": Multiplexer([n, n]),
+        }
+        Wire(
+            self,
+            "smith_predictor_master",
+            systems,
+            inputs={
+                "haptic_force": ["model", "pack.u0"],
+                "velocity_command": ["pack.u1"],
+                "return_packet": ["unpack"],
+            },
+            connections={
+                "model_delay": "model",
+                "negation": "model_delay",
+                "felt.u0": "unpack.y1",
+                "felt.u1": "model",
+                "felt.u2": "negation",
+            },
+            outputs={
+                "felt_position": "unpack.y0",
+                "felt_velocity": "felt",
+                "forward_packet": "pack",
+                "model_velocity": "model",
+            },
         )
-        negation = builder.AddNamedSystem("negation", Gain(-1.0, n))
-        felt = builder.AddNamedSystem("felt", Adder(3, n))
-        pack = builder.AddNamedSystem("pack", Multiplexer([n, n]))
-        force = builder.ExportInput(model.get_input_port(), "haptic_force")
-        builder.ConnectInput(force, pack.get_input_port(0))
-        builder.ExportInput(pack.get_input_port(1), "velocity_command")
-        builder.ExportInput(unpack.get_input_port(), "return_packet")
-        builder.Connect(model.get_output_port(), model_delay.get_input_port())
-        builder.Connect(model_delay.get_output_port(), negation.get_input_port())
-        builder.Connect(unpack.get_output_port(1), felt.get_input_port(0))
-        builder.Connect(model.get_output_port(), felt.get_input_port(1))
-        builder.Connect(negation.get_output_port(), felt.get_input_port(2))
-        builder.ExportOutput(unpack.get_output_port(0), "felt_position")
-        builder.ExportOutput(felt.get_output_port(), "felt_velocity")
-        builder.ExportOutput(pack.get_output_port(), "forward_packet")
-        builder.ExportOutput(model.get_output_port(), "model_velocity")
-        builder.BuildInto(self)
-        self.set_name("smith_predictor_master")
 
 
 @dataclass(kw_only=True, eq=False)

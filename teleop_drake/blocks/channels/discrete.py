@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, DiscreteTimeDelay
 
 from teleop_drake.blocks.channels.base import ChannelConfig, ConstantDelay
 from teleop_drake.blocks.channels.sampled import CheckSamplePeriod
 from teleop_drake.validation import Refuse
+from teleop_drake.wiring import Wire
 
 # How far from a whole number the number of periods may be, for rounding.
 _NEARLY_WHOLE = 1e-6
@@ -75,21 +76,23 @@ class DiscreteChannelConfig(ChannelConfig):
 
 def _DelayOfDifference(delay: DiscreteTimeDelay, initial_value: np.ndarray) -> Diagram:
     """Returns a diagram: initial_value + delayed (signal - initial_value)."""
-    builder = DiagramBuilder()
     size = initial_value.size
-    minus = builder.AddNamedSystem(
-        "minus_initial", ConstantVectorSource(-initial_value)
+    return Wire(
+        Diagram(),
+        "discrete_channel",
+        {
+            "minus_initial": ConstantVectorSource(-initial_value),
+            "plus_initial": ConstantVectorSource(initial_value),
+            "difference": Adder(2, size),
+            "total": Adder(2, size),
+            "delay": delay,
+        },
+        inputs={"signal": ["difference.u0"]},
+        connections={
+            "difference.u1": "minus_initial",
+            "delay": "difference",
+            "total.u0": "delay",
+            "total.u1": "plus_initial",
+        },
+        outputs={"delayed_signal": "total"},
     )
-    plus = builder.AddNamedSystem("plus_initial", ConstantVectorSource(initial_value))
-    difference = builder.AddNamedSystem("difference", Adder(2, size))
-    total = builder.AddNamedSystem("total", Adder(2, size))
-    builder.AddNamedSystem("delay", delay)
-    builder.Connect(minus.get_output_port(), difference.get_input_port(1))
-    builder.Connect(difference.get_output_port(), delay.get_input_port())
-    builder.Connect(delay.get_output_port(), total.get_input_port(0))
-    builder.Connect(plus.get_output_port(), total.get_input_port(1))
-    builder.ExportInput(difference.get_input_port(0), "signal")
-    builder.ExportOutput(total.get_output_port(), "delayed_signal")
-    channel = builder.Build()
-    channel.set_name("discrete_channel")
-    return channel

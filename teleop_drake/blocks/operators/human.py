@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Demultiplexer, LinearSystem, Multiplexer
 
 from teleop_drake.arrays import ArrayLike
@@ -24,6 +24,7 @@ from teleop_drake.laws.operator import (
 )
 from teleop_drake.numerics.transfer_function import all_pass_of_delay
 from teleop_drake.validation import CheckChoice, Number, Refuse
+from teleop_drake.wiring import Wire
 
 GOALS = ("position", "velocity")
 """What a human may keep to."""
@@ -131,23 +132,34 @@ class HumanStation(Diagram):
     def __init__(self, hand: HumanHand, reaction: System):
         Diagram.__init__(self)
         n = hand.GetInputPort("felt_position").size()
-        builder = DiagramBuilder()
-        motion = builder.AddNamedSystem("motion", Multiplexer([n, n]))
-        builder.AddNamedSystem("reaction", reaction)
-        parts = builder.AddNamedSystem("parts", Demultiplexer([n, n]))
-        builder.AddNamedSystem("hand", hand)
-        builder.ExportInput(hand.GetInputPort("haptic_force"), "haptic_force")
-        builder.ExportInput(motion.get_input_port(0), "felt_position")
-        builder.ExportInput(motion.get_input_port(1), "felt_velocity")
-        perceived = reaction.get_output_port()
-        builder.Connect(motion.get_output_port(), reaction.get_input_port())
-        builder.Connect(perceived, hand.GetInputPort("perceived_motion"))
-        builder.Connect(perceived, parts.get_input_port())
-        builder.Connect(parts.get_output_port(0), hand.GetInputPort("felt_position"))
-        for name in ("velocity_command", "force_command", "mode"):
-            builder.ExportOutput(hand.GetOutputPort(name), name)
-        builder.BuildInto(self)
-        self.set_name("human")
+        hand.set_name("hand")
+        reaction.set_name("reaction")
+        Wire(
+            self,
+            "human",
+            {
+                "motion": Multiplexer([n, n]),
+                "reaction": reaction,
+                "parts": Demultiplexer([n, n]),
+                "hand": hand,
+            },
+            inputs={
+                "haptic_force": ["hand.haptic_force"],
+                "felt_position": ["motion.u0"],
+                "felt_velocity": ["motion.u1"],
+            },
+            connections={
+                "reaction": "motion",
+                "hand.perceived_motion": "reaction",
+                "parts": "reaction",
+                "hand.felt_position": "parts.y0",
+            },
+            outputs={
+                "velocity_command": "hand.velocity_command",
+                "force_command": "hand.force_command",
+                "mode": "hand.mode",
+            },
+        )
 
 
 @dataclass(kw_only=True, eq=False)

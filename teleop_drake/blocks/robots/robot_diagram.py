@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Adder, Demultiplexer, MatrixGain, Saturation
 
 from teleop_drake.arrays import ArrayLike
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolRotation
 from teleop_drake.blocks.systems.tool_interface import ToolInterface
+from teleop_drake.wiring import Connections, Wire
 
 TOOL_BODY = "tool_body"
 """Name of the body that marks the tool where TOOL is the name of a mere frame."""
@@ -87,106 +88,106 @@ def MakeRobotDiagram(
         ValueError: If the plant's actuators are not one for each joint.
     """
     n = num_axes
-    nq = plant.num_positions()
     nv = plant.num_velocities()
     plant.SetDefaultPositions(joint_positions)
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("plant", plant)
+    plant.set_name("plant")
     is_ordered = _AreMotorsInOrder(plant)
-    tool = builder.AddNamedSystem(
-        "tool_interface",
-        ToolInterface(
-            plant=plant,
-            num_task_axes=n,
-            tool_name=ToolBodyName(plant),
-            is_wired_to_motors=is_ordered,
-            R_WP=ToolRotation(plant, joint_positions if posture is None else posture),
-        ),
+    tool = ToolInterface(
+        plant=plant,
+        num_task_axes=n,
+        tool_name=ToolBodyName(plant),
+        is_wired_to_motors=is_ordered,
+        R_WP=ToolRotation(plant, joint_positions if posture is None else posture),
     )
-    motion = builder.AddNamedSystem("tool_motion", Demultiplexer([n, n, n * nv]))
-    joints = builder.AddNamedSystem("joint_state", Demultiplexer([nq, nv]))
-    state = plant.get_state_output_port()
-    builder.Connect(state, joints.get_input_port())
-    builder.Connect(state, tool.GetInputPort("plant_state"))
-    builder.Connect(
-        plant.get_body_spatial_accelerations_output_port(),
-        tool.GetInputPort("body_spatial_accelerations"),
-    )
-    torques = builder.AddNamedSystem("joint_torques", Demultiplexer([nv, nv]))
-    builder.Connect(tool.GetOutputPort("joint_torques"), torques.get_input_port())
-    applied, reaction = torques.get_output_port(0), torques.get_output_port(1)
+    systems = {
+        "plant": plant,
+        "tool_interface": tool,
+        "tool_motion": Demultiplexer([n, n, n * nv]),
+        "joint_state": Demultiplexer([plant.num_positions(), nv]),
+        "joint_torques": Demultiplexer([nv, nv]),
+    }
+    connections = {
+        "joint_state": "plant.state",
+        "tool_interface.plant_state": "plant.state",
+        "tool_interface.body_spatial_accelerations": "plant.body_spatial_accelerations",
+        "tool_motion": "tool_interface.tool_kinematics",
+        "joint_torques": "tool_interface.joint_torques",
+    }
+    applied = "joint_torques.y0"
+    reaction = "joint_torques.y1"
     if drive is not None:
-        applied, reaction = _AddDrive(
-            builder, plant, drive, applied, reaction, joints.get_output_port(1)
-        )
-    if is_ordered:
-        builder.Connect(applied, plant.get_actuation_input_port())
-    else:
-        B = plant.MakeActuationMatrix()
-        order = builder.AddNamedSystem("motor_order", MatrixGain(B.T))
-        builder.Connect(applied, order.get_input_port())
-        builder.Connect(order.get_output_port(), plant.get_actuation_input_port())
-    builder.Connect(reaction, plant.get_applied_generalized_force_input_port())
-    for name in ("control_force", "environment_force"):
-        builder.ExportInput(tool.GetInputPort(name), name)
-    builder.Connect(tool.GetOutputPort("tool_kinematics"), motion.get_input_port())
-    builder.ExportOutput(motion.get_output_port(0), "tool_position")
-    builder.ExportOutput(motion.get_output_port(1), "tool_velocity")
-    builder.ExportOutput(tool.GetOutputPort("tool_acceleration"), "tool_acceleration")
-    builder.ExportOutput(joints.get_output_port(0), "joint_position")
-    builder.ExportOutput(joints.get_output_port(1), "joint_velocity")
-    builder.ExportOutput(applied, "joint_torque")
-    robot = builder.Build()
-    robot.set_name("robot")
-    return robot
+        reaction = _AddDrive(systems, connections, drive)
+        applied = "torque_limits"
+    connections["plant.applied_generalized_force"] = reaction
+    connections["plant.actuation"] = applied
+    if not is_ordered:
+        _AddMotorOrder(systems, connections)
+    return Wire(
+        Diagram(),
+        "robot",
+        systems,
+        inputs={
+            "control_force": ["tool_interface.control_force"],
+            "environment_force": ["tool_interface.environment_force"],
+        },
+        connections=connections,
+        outputs={
+            "tool_position": "tool_motion.y0",
+            "tool_velocity": "tool_motion.y1",
+            "tool_acceleration": "tool_interface.tool_acceleration",
+            "joint_position": "joint_state.y0",
+            "joint_velocity": "joint_state.y1",
+            "joint_torque": applied,
+        },
+    )
+
+
+def _AddMotorOrder(systems: dict[str, System], connections: Connections) -> None:
+    """Puts the torques of the joints into the order of the motors."""
+    systems["motor_order"] = MatrixGain(systems["plant"].MakeActuationMatrix().T)
+    connections["motor_order"] = connections["plant.actuation"]
+    connections["plant.actuation"] = "motor_order"
 
 
 def _AddDrive(
-    builder: DiagramBuilder,
-    plant: MultibodyPlant,
-    drive: JointDrive,
-    task: OutputPort,
-    reaction: OutputPort,
-    joint_velocity: OutputPort,
-) -> tuple[OutputPort, OutputPort]:
-    """Adds the parts of a drive.
+    systems: dict[str, System], connections: Connections, drive: JointDrive
+) -> str:
+    """Adds a drive between the torques of the task and `torque_limits`.
 
     Returns:
-        The motors' torque, and all other torques.
+        The place of all torques but the motors'.
     """
-    motors, others = [task], [reaction]
-    for name, system, torque in (
-        ("posture_hold", drive.hold, "hold_torque"),
-        ("gravity_compensation", drive.gravity_compensation, "gravity_torque"),
-    ):
-        if system is not None:
-            builder.AddNamedSystem(name, system)
-            builder.Connect(
-                plant.get_state_output_port(), system.GetInputPort("plant_state")
-            )
-            motors.append(system.GetOutputPort(torque))
+    motors = ["joint_torques.y0"]
+    others = "joint_torques.y1"
+    if drive.hold is not None:
+        systems["posture_hold"] = drive.hold
+        connections["posture_hold.plant_state"] = "plant.state"
+        motors.append("posture_hold.hold_torque")
+    if drive.gravity_compensation is not None:
+        systems["gravity_compensation"] = drive.gravity_compensation
+        connections["gravity_compensation.plant_state"] = "plant.state"
+        motors.append("gravity_compensation.gravity_torque")
     if drive.friction is not None:
-        friction = builder.AddNamedSystem("joint_friction", drive.friction)
-        builder.Connect(joint_velocity, friction.GetInputPort("joint_velocity"))
-        others.append(friction.GetOutputPort("friction_torque"))
+        systems["joint_friction"] = drive.friction
+        connections["joint_friction.joint_velocity"] = "joint_state.y1"
+    plant = systems["plant"]
     limits = np.zeros(plant.num_velocities())
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_joint_actuator(index)
         limits[actuator.joint().velocity_start()] = actuator.effort_limit()
-    limited = builder.AddNamedSystem("torque_limits", Saturation(-limits, limits))
-    wanted = _AddSum(builder, "motor_torques", motors)
-    builder.Connect(wanted, limited.get_input_port())
-    return limited.get_output_port(), _AddSum(builder, "other_torques", others)
-
-
-def _AddSum(builder: DiagramBuilder, name: str, terms: list[OutputPort]) -> OutputPort:
-    """Returns the sum of some torques."""
-    if len(terms) == 1:
-        return terms[0]
-    adder = builder.AddNamedSystem(name, Adder(len(terms), terms[0].size()))
-    for i, term in enumerate(terms):
-        builder.Connect(term, adder.get_input_port(i))
-    return adder.get_output_port()
+    systems["torque_limits"] = Saturation(-limits, limits)
+    connections["torque_limits"] = motors[0]
+    if len(motors) > 1:
+        systems["motor_torques"] = Adder(len(motors), limits.size)
+        connections["torque_limits"] = "motor_torques"
+        for i, torque in enumerate(motors):
+            connections[f"motor_torques.u{i}"] = torque
+    if drive.friction is not None:
+        systems["other_torques"] = Adder(2, limits.size)
+        connections["other_torques.u0"] = others
+        connections["other_torques.u1"] = "joint_friction.friction_torque"
+        others = "other_torques"
+    return others
 
 
 def _AreMotorsInOrder(plant: MultibodyPlant) -> bool:

@@ -4,12 +4,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import LinearSystem, PassThrough, Saturation
 
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.laws.actuators import delivered_force
 from teleop_drake.validation import CheckNumber, FixedFields, Number
+from teleop_drake.wiring import Connections, Wire
 
 
 @dataclass(kw_only=True, eq=False)
@@ -111,36 +112,35 @@ class Actuator(Diagram):
     def __init__(self, config: ActuatorConfig, *, num_axes: int):
         Diagram.__init__(self)
         config.CheckNumbers("actuator")
-        builder, n = DiagramBuilder(), num_axes
-        limit = config.force_limit or math.inf
-        first = builder.AddNamedSystem(
-            "force_limit", Saturation(np.full(n, -limit), np.full(n, limit))
-        )
-        builder.ExportInput(first.get_input_port(), "commanded_force")
-        force = first.get_output_port()
+        n = num_axes
+        limits = np.full(n, config.force_limit or math.inf)
+        systems: dict[str, System] = {"force_limit": Saturation(-limits, limits)}
+        connections: Connections = {}
+        force = "force_limit"
         if config.bandwidth is not None:
-            w, zero = config.bandwidth * np.eye(n), np.zeros((n, n))
-            lag = builder.AddNamedSystem(
-                "force_lag", LinearSystem(-w, w, np.eye(n), zero)
-            )
-            builder.Connect(force, lag.get_input_port())
-            force = lag.get_output_port()
-        velocity = builder.AddNamedSystem("tool_velocity", PassThrough(n))
-        builder.ExportInput(velocity.get_input_port(), "tool_velocity")
+            w = config.bandwidth * np.eye(n)
+            systems["force_lag"] = LinearSystem(-w, w, np.eye(n), np.zeros((n, n)))
+            connections["force_lag"] = force
+            force = "force_lag"
+        systems["tool_velocity"] = PassThrough(n)
         if config.has_friction:
-            gears = builder.AddSystem(
-                GearFriction(
-                    num_axes=n,
-                    coulomb=config.coulomb_friction,
-                    speed=config.friction_speed,
-                    viscous=config.viscous_friction,
-                )
+            systems["gear_friction"] = GearFriction(
+                num_axes=n,
+                coulomb=config.coulomb_friction,
+                speed=config.friction_speed,
+                viscous=config.viscous_friction,
             )
-            builder.Connect(force, gears.GetInputPort("drive_force"))
-            builder.Connect(
-                velocity.get_output_port(), gears.GetInputPort("tool_velocity")
-            )
-            force = gears.get_output_port()
-        builder.ExportOutput(force, "control_force")
-        builder.BuildInto(self)
-        self.set_name("actuator")
+            connections["gear_friction.drive_force"] = force
+            connections["gear_friction.tool_velocity"] = "tool_velocity"
+            force = "gear_friction"
+        Wire(
+            self,
+            "actuator",
+            systems,
+            inputs={
+                "commanded_force": ["force_limit"],
+                "tool_velocity": ["tool_velocity"],
+            },
+            connections=connections,
+            outputs={"control_force": force},
+        )

@@ -3,12 +3,13 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram
 from pydrake.systems.primitives import Adder, Gain, LinearSystem
 
 from teleop_drake.arrays import ArrayLike
 from teleop_drake.numerics.transfer_function import realize_transfer_function
 from teleop_drake.validation import FixedFields, Number, Refuse, Within
+from teleop_drake.wiring import Wire
 
 
 @dataclass(kw_only=True, eq=False)
@@ -88,18 +89,22 @@ class HapticDevice(Diagram):
         )
         scale = np.append(np.ones(3), np.full(3, lever**2))[:num_axes, np.newaxis]
         C, D = scale * C, scale * D
-        builder = DiagramBuilder()
-        negation = builder.AddNamedSystem("negation", Gain(-1.0, num_axes))
-        velocity_error = builder.AddNamedSystem("velocity_error", Adder(2, num_axes))
-        transfer_function = builder.AddNamedSystem(
-            "transfer_function", LinearSystem(A, B, C, D)
+        systems = {
+            "negation": Gain(-1.0, num_axes),
+            "velocity_error": Adder(2, num_axes),
+            "transfer_function": LinearSystem(A, B, C, D),
+        }
+        Wire(
+            self,
+            "haptic_device",
+            systems,
+            inputs={
+                "velocity_command": ["velocity_error.u0"],
+                "felt_velocity": ["negation"],
+            },
+            connections={
+                "velocity_error.u1": "negation",
+                "transfer_function": "velocity_error",
+            },
+            outputs={"haptic_force": "transfer_function"},
         )
-        builder.ExportInput(velocity_error.get_input_port(0), "velocity_command")
-        builder.ExportInput(negation.get_input_port(), "felt_velocity")
-        builder.Connect(negation.get_output_port(), velocity_error.get_input_port(1))
-        builder.Connect(
-            velocity_error.get_output_port(), transfer_function.get_input_port()
-        )
-        builder.ExportOutput(transfer_function.get_output_port(), "haptic_force")
-        builder.BuildInto(self)
-        self.set_name("haptic_device")

@@ -139,7 +139,7 @@ def test_an_architecture_that_does_not_fit_is_refused():
         MakeTeleoperator(scenario, architecture=architecture)
     architecture = PlainArchitecture(scenario)
     architecture.master_side = LeafSystem()
-    with pytest.raises(RuntimeError, match=r"master_side .*felt_position"):
+    with pytest.raises(RuntimeError, match=r"master_side .*return_packet"):
         MakeTeleoperator(scenario, architecture=architecture)
 
 
