@@ -2,6 +2,7 @@
 
 import math
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -133,29 +134,58 @@ _CONVERGED = (
 _FOLLOWS = "Follows from the fit of Psi0 to the overshoot."
 _LARGER = "With the converged value of direct force the reduction is larger."
 
-CLAIMS = [
-    *(
+
+class _Printed(NamedTuple):
+    """A number that the thesis prints, and what is said of ours; see Claim."""
+
+    number: float
+    tolerance: str
+    reason: str
+    is_fitted: bool = False
+
+
+def _NumbersOfBoth(
+    key: str,
+    claim: str,
+    *,
+    figure: str,
+    metric: str,
+    unit: str,
+    in_kind: str,
+    direct: _Printed,
+    adaptive: _Printed,
+) -> list[Claim]:
+    """Returns the claims of a metric's values with direct force and adaptive."""
+    return [
         Claim(
-            key=f"4-{which}-overshoot",
-            place="section 4.2, Fig. 4.1",
-            claim=f"Velocity overshoot after the puncture, {name}.",
-            printed=printed,
-            unit="mm/s",
-            tolerance=tolerance,
-            in_kind="larger with direct force",
-            fitted=fitted,
-            reason=reason,
-            measure=partial(
-                _Number,
-                metric="puncture.velocity_overshoot",
-                which=which,
-                in_kind="larger with direct force",
-            ),
+            key=f"4-{which}-{key}",
+            place=f"section 4.2, Fig. {figure}",
+            claim=f"{claim}, {name}.",
+            printed=printed.number,
+            unit=unit,
+            tolerance=printed.tolerance,
+            in_kind=in_kind,
+            fitted=printed.is_fitted,
+            reason=printed.reason,
+            measure=partial(_Number, metric=metric, which=which, in_kind=in_kind),
         )
-        for which, name, printed, tolerance, reason, fitted in (
-            ("direct", "direct force", 0.472, "1 %", "No free parameter.", False),
-            ("adaptive", "adaptive", 0.26, "5 %", _FITTED, True),
+        for which, name, printed in (
+            ("direct", "direct force", direct),
+            ("adaptive", "adaptive", adaptive),
         )
+    ]
+
+
+CLAIMS = [
+    *_NumbersOfBoth(
+        "overshoot",
+        "Velocity overshoot after the puncture",
+        figure="4.1",
+        metric="puncture.velocity_overshoot",
+        unit="mm/s",
+        in_kind="larger with direct force",
+        direct=_Printed(0.472, "1 %", "No free parameter."),
+        adaptive=_Printed(0.26, "5 %", _FITTED, is_fitted=True),
     ),
     Claim(
         key="4-overshoot-reduction",
@@ -169,33 +199,17 @@ CLAIMS = [
         reason=_FITTED,
         measure=partial(_Reduction, metric="puncture.velocity_overshoot"),
     ),
-    *(
-        Claim(
-            key=f"4-{which}-puncture-force",
-            place="section 4.2, Fig. 4.2",
-            claim=f"Sensed force at the puncture, {name}.",
-            printed=printed,
-            unit="mN",
-            tolerance=tolerance,
-            in_kind="the same in both",
-            reason=reason,
-            measure=partial(
-                _Number,
-                metric="puncture.force",
-                which=which,
-                in_kind="the same in both",
-            ),
-        )
-        for which, name, printed, tolerance, reason in (
-            ("direct", "direct force", 0.572, "1 %", "No free parameter."),
-            (
-                "adaptive",
-                "adaptive",
-                0.572,
-                "1 %",
-                "Both arrive with almost v_d, and k x + d v is then the same.",
-            ),
-        )
+    *_NumbersOfBoth(
+        "puncture-force",
+        "Sensed force at the puncture",
+        figure="4.2",
+        metric="puncture.force",
+        unit="mN",
+        in_kind="the same in both",
+        direct=_Printed(0.572, "1 %", "No free parameter."),
+        adaptive=_Printed(
+            0.572, "1 %", "Both arrive with almost v_d, and k x + d v is then the same."
+        ),
     ),
     Claim(
         key="4-same-at-puncture",
@@ -206,27 +220,15 @@ CLAIMS = [
         criterion="both differ by less than 1 %",
         measure=_SameAtPuncture,
     ),
-    *(
-        Claim(
-            key=f"4-{which}-rebound",
-            place="section 4.2, Fig. 4.1",
-            claim=f"Most negative velocity at the collision, {name}.",
-            printed=printed,
-            unit="mm/s",
-            tolerance="5 %",
-            in_kind="more negative with direct force",
-            reason=reason,
-            measure=partial(
-                _Number,
-                metric="collision.rebound_velocity",
-                which=which,
-                in_kind="more negative with direct force",
-            ),
-        )
-        for which, name, printed, reason in (
-            ("direct", "direct force", -0.72, _CONVERGED),
-            ("adaptive", "adaptive", -0.658, _FOLLOWS),
-        )
+    *_NumbersOfBoth(
+        "rebound",
+        "Most negative velocity at the collision",
+        figure="4.1",
+        metric="collision.rebound_velocity",
+        unit="mm/s",
+        in_kind="more negative with direct force",
+        direct=_Printed(-0.72, "5 %", _CONVERGED),
+        adaptive=_Printed(-0.658, "5 %", _FOLLOWS),
     ),
     Claim(
         key="4-rebound-reduction",
@@ -239,58 +241,31 @@ CLAIMS = [
         reason=_LARGER,
         measure=partial(_Reduction, metric="collision.rebound_velocity"),
     ),
-    *(
-        Claim(
-            key=f"4-{which}-first-impact",
-            place="section 4.2, Fig. 4.2",
-            claim=f"Largest force of the first impact, {name}.",
-            printed=printed,
-            unit="mN",
-            tolerance="5 %",
-            in_kind="smaller with direct force",
-            reason=reason,
-            measure=partial(
-                _Number,
-                metric="collision.initial_impact_force",
-                which=which,
-                in_kind="smaller with direct force",
-            ),
-        )
-        for which, name, printed, reason in (
-            (
-                "direct",
-                "direct force",
-                7.78,
-                (
-                    "Ours is converged, as with an undamped spring it must be: "
-                    "v_d sqrt(k m) is 8.66 mN. A plain solver scatters widely "
-                    "here at loose tolerances."
-                ),
-            ),
-            ("adaptive", "adaptive", 9.42, _FOLLOWS),
-        )
+    *_NumbersOfBoth(
+        "first-impact",
+        "Largest force of the first impact",
+        figure="4.2",
+        metric="collision.initial_impact_force",
+        unit="mN",
+        in_kind="smaller with direct force",
+        direct=_Printed(
+            7.78,
+            "5 %",
+            "Ours is converged, as with an undamped spring it must be: "
+            "v_d sqrt(k m) is 8.66 mN. A plain solver scatters widely "
+            "here at loose tolerances.",
+        ),
+        adaptive=_Printed(9.42, "5 %", _FOLLOWS),
     ),
-    *(
-        Claim(
-            key=f"4-{which}-largest-force",
-            place="section 4.2, Fig. 4.2",
-            claim=f"Largest force of all, {name}.",
-            printed=printed,
-            unit="mN",
-            tolerance="5 %",
-            in_kind="larger with direct force",
-            reason=reason,
-            measure=partial(
-                _Number,
-                metric="collision.peak_force",
-                which=which,
-                in_kind="larger with direct force",
-            ),
-        )
-        for which, name, printed, reason in (
-            ("direct", "direct force", 11.3, _CONVERGED),
-            ("adaptive", "adaptive", 9.42, _FOLLOWS),
-        )
+    *_NumbersOfBoth(
+        "largest-force",
+        "Largest force of all",
+        figure="4.2",
+        metric="collision.peak_force",
+        unit="mN",
+        in_kind="larger with direct force",
+        direct=_Printed(11.3, "5 %", _CONVERGED),
+        adaptive=_Printed(9.42, "5 %", _FOLLOWS),
     ),
     Claim(
         key="4-force-reduction",

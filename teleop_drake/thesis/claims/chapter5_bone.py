@@ -1,6 +1,7 @@
 """Chapter 5, two degrees of freedom: cases II and III, in which the tool meets bone."""
 
 import itertools
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -108,6 +109,22 @@ def _LargerGains(runs: ThesisRuns) -> Found:
     )
 
 
+def _TracksBetter(runs: ThesisRuns, case: str) -> Found:
+    return IsLess(runs, task=CASES[case], of="velocity_rms_error", than=0.5, unit="m/s")
+
+
+def _LessForce(runs: ThesisRuns, case: str) -> Found:
+    return IsLess(runs, task=CASES[case], of="control_force_peak", unit="N")
+
+
+def _LessVariation(runs: ThesisRuns, case: str) -> Found:
+    return IsLess(runs, task=CASES[case], of="control_force_variation", unit="N")
+
+
+def _NoJumps(runs: ThesisRuns, case: str) -> Found:
+    return IsLess(runs, task=CASES[case], of="largest jump", than=0.01, unit="N")
+
+
 # Texts of several claims.
 _HALF_THE_ERROR = (
     "less than half the rms of v - v_d(t - T_f) of direct force on both axes"
@@ -118,6 +135,35 @@ _BOUNCES = (
 )
 _FREE = "Nothing holds the tool there, with a delay or without."
 
+
+def _InBothCases(
+    key: str,
+    figures: Sequence[str],
+    measure: Callable[..., Found],
+    *,
+    claim: str,
+    criterion: str,
+    reason: str = "",
+) -> list[Claim]:
+    """Returns a claim that the thesis makes in case II and again in case III.
+
+    Args:
+        figures: The numbers of the figures in either case.
+        measure: Takes the runs and the `case`.
+    """
+    return [
+        Claim(
+            key=f"5-{case}-{key}",
+            place=f"section 5.2, case {case}, Fig. {figure}",
+            claim=claim,
+            criterion=criterion,
+            reason=reason,
+            measure=partial(measure, case=case),
+        )
+        for case, figure in zip(("II", "III"), figures, strict=True)
+    ]
+
+
 CLAIMS = [
     Claim(
         key="5-II-tracking",
@@ -127,60 +173,36 @@ CLAIMS = [
             "the collision."
         ),
         criterion=_HALF_THE_ERROR,
-        measure=partial(
-            IsLess,
-            task="two_dof_collision",
-            of="velocity_rms_error",
-            than=0.5,
-            unit="m/s",
-        ),
+        measure=partial(_TracksBetter, case="II"),
     ),
     Claim(
         key="5-III-tracking",
         place="section 5.2, case III, Fig. 5.14",
         claim="Adaptive tracks the velocity well on both axes.",
         criterion=_HALF_THE_ERROR,
-        measure=partial(
-            IsLess,
-            task="two_dof_combined",
-            of="velocity_rms_error",
-            than=0.5,
-            unit="m/s",
+        measure=partial(_TracksBetter, case="III"),
+    ),
+    *_InBothCases(
+        "direct-never-converges",
+        ("5.7", "5.14"),
+        _NeverConverges,
+        claim="Direct force never converges; the adaptive controller does.",
+        criterion="only the latter comes to rest (5 % of v_d) before the end",
+        reason=(
+            "A constant force on a spring without damping cannot come to "
+            "rest, whatever the delay."
         ),
     ),
-    *(
-        Claim(
-            key=f"5-{case}-direct-never-converges",
-            place=f"section 5.2, case {case}, Fig. {figure}",
-            claim="Direct force never converges; the adaptive controller does.",
-            criterion="only the latter comes to rest (5 % of v_d) before the end",
-            reason=(
-                "A constant force on a spring without damping cannot come to "
-                "rest, whatever the delay."
-            ),
-            measure=partial(_NeverConverges, case=case),
-        )
-        for case, figure in (
-            ("II", "5.7"),
-            ("III", "5.14"),
-        )
-    ),
-    *(
-        Claim(
-            key=f"5-{case}-lower-first-impact",
-            place=f"section 5.2, case {case}, Fig. {figure}",
-            claim="The first impact is much weaker with the adaptive controller.",
-            criterion="by at least a quarter",
-            reason=(
-                "Direct force swings, and where in its swing it meets the bone "
-                "is a matter of the task."
-            ),
-            measure=partial(_LowerFirstImpact, case=case),
-        )
-        for case, figure in (
-            ("II", "5.8"),
-            ("III", "5.15"),
-        )
+    *_InBothCases(
+        "lower-first-impact",
+        ("5.8", "5.15"),
+        _LowerFirstImpact,
+        claim="The first impact is much weaker with the adaptive controller.",
+        criterion="by at least a quarter",
+        reason=(
+            "Direct force swings, and where in its swing it meets the bone "
+            "is a matter of the task."
+        ),
     ),
     Claim(
         key="5-II-damps-out",
@@ -200,19 +222,13 @@ CLAIMS = [
         ),
         measure=_DirectImpactsGrow,
     ),
-    *(
-        Claim(
-            key=f"5-{case}-direct-position",
-            place=f"section 5.2, case {case}, Fig. {figure}",
-            claim="Direct force tracks the position well before the collision.",
-            criterion="within 15 % of the way to the bone, on both axes",
-            reason="The axes are coupled through M_r^-1, and the loop swings.",
-            measure=partial(_DirectPosition, case=case),
-        )
-        for case, figure in (
-            ("II", "5.9"),
-            ("III", "5.16"),
-        )
+    *_InBothCases(
+        "direct-position",
+        ("5.9", "5.16"),
+        _DirectPosition,
+        claim="Direct force tracks the position well before the collision.",
+        criterion="within 15 % of the way to the bone, on both axes",
+        reason="The axes are coupled through M_r^-1, and the loop swings.",
     ),
     *(
         Claim(
@@ -234,81 +250,50 @@ CLAIMS = [
             ("III", "y", "5.16", _FREE),
         )
     ),
-    *(
-        Claim(
-            key=f"5-{case}-sluggish",
-            place=f"section 5.2, case {case}, Fig. {figure}",
-            claim="The adaptive controller is sluggish at the start.",
-            criterion="it takes longer to reach 90 % of v_d",
-            measure=partial(_Sluggish, case=case),
-        )
-        for case, figure in (
-            ("II", "5.9"),
-            ("III", "5.16"),
-        )
+    *_InBothCases(
+        "sluggish",
+        ("5.9", "5.16"),
+        _Sluggish,
+        claim="The adaptive controller is sluggish at the start.",
+        criterion="it takes longer to reach 90 % of v_d",
     ),
-    *(
-        Claim(
-            key=f"5-{case}-stable-on-bone",
-            place=f"section 5.2, case {case}, Fig. {figure}",
-            claim="The adaptive controller reaches the bone and stays there.",
-            criterion=(
-                "in the end F_e is within 1 % of the commanded force, and the "
-                "speed below 1 % of v_d"
-            ),
-            measure=partial(_StableOnBone, case=case),
-        )
-        for case, figure in (
-            ("II", "5.9"),
-            ("III", "5.16"),
-        )
+    *_InBothCases(
+        "stable-on-bone",
+        ("5.9", "5.16"),
+        _StableOnBone,
+        claim="The adaptive controller reaches the bone and stays there.",
+        criterion=(
+            "in the end F_e is within 1 % of the commanded force, and the "
+            "speed below 1 % of v_d"
+        ),
     ),
-    *(
-        Claim(
-            key=f"5-{case}-less-force",
-            place=f"section 5.2, case {case}, Fig. {figure}",
-            claim="Adaptive needs less control force.",
-            criterion="lower peak on every axis",
-            reason=(
-                "The backstepping law pushes hard at the start and stops the "
-                "bouncing with force."
-            ),
-            measure=partial(IsLess, task=task, of="control_force_peak", unit="N"),
-        )
-        for case, figure, task in (
-            ("II", "5.10", "two_dof_collision"),
-            ("III", "5.17", "two_dof_combined"),
-        )
+    *_InBothCases(
+        "less-force",
+        ("5.10", "5.17"),
+        _LessForce,
+        claim="Adaptive needs less control force.",
+        criterion="lower peak on every axis",
+        reason=(
+            "The backstepping law pushes hard at the start and stops the "
+            "bouncing with force."
+        ),
     ),
-    *(
-        Claim(
-            key=f"5-{case}-less-variation",
-            place=f"section 5.2, case {case}, Fig. {figure}",
-            claim="The adaptive controller's force is the smoother one: it moves less.",
-            criterion="lower total variation on every axis",
-            measure=partial(IsLess, task=task, of="control_force_variation", unit="N"),
-        )
-        for case, figure, task in (
-            ("II", "5.10", "two_dof_collision"),
-            ("III", "5.17", "two_dof_combined"),
-        )
+    *_InBothCases(
+        "less-variation",
+        ("5.10", "5.17"),
+        _LessVariation,
+        claim="The adaptive controller's force is the smoother one: it moves less.",
+        criterion="lower total variation on every axis",
     ),
-    *(
-        Claim(
-            key=f"5-{case}-no-jumps",
-            place=f"section 5.2, case {case}, Fig. {figure}",
-            claim=(
-                "The adaptive controller's force is smooth; that of direct "
-                "force is abrupt."
-            ),
-            criterion="its largest jump is below 1 % of that of direct force",
-            reason="It is a state, so it cannot jump.",
-            measure=partial(IsLess, task=task, of="largest jump", than=0.01, unit="N"),
-        )
-        for case, figure, task in (
-            ("II", "5.10", "two_dof_collision"),
-            ("III", "5.17", "two_dof_combined"),
-        )
+    *_InBothCases(
+        "no-jumps",
+        ("5.10", "5.17"),
+        _NoJumps,
+        claim=(
+            "The adaptive controller's force is smooth; that of direct force is abrupt."
+        ),
+        criterion="its largest jump is below 1 % of that of direct force",
+        reason="It is a state, so it cannot jump.",
     ),
     Claim(
         key="5-II-larger-gains",
