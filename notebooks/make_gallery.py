@@ -75,7 +75,7 @@ def MakePicture(path: Path) -> None:
     """Runs a notebook and writes its picture."""
     notebook = nbformat.read(path, as_version=4)
     with tempfile.TemporaryDirectory() as temporary:
-        for file in FOLDER.glob("league.*"):
+        for file in [*FOLDER.glob("*.py"), *FOLDER.glob("*.csv")]:
             Path(temporary, file.name).write_bytes(file.read_bytes())
         resources = {"metadata": {"path": temporary}}
         NotebookClient(notebook, timeout=600, resources=resources).execute()

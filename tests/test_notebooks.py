@@ -74,7 +74,7 @@ def Execute(notebook, directory):
 @pytest.mark.parametrize("path", Slow(NOTEBOOKS, but=[]), ids=lambda path: path.stem)
 def test_runs(path, tmp_path):
     notebook = Read(path)
-    for file in path.parent.glob("league.*"):
+    for file in [*path.parent.glob("*.py"), *path.parent.glob("*.csv")]:
         shutil.copy(file, tmp_path)
     Execute(notebook, tmp_path)
     cells = CodeCells(notebook)

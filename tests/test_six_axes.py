@@ -16,6 +16,7 @@ import pytest
 from documentation import ROOT
 from energies import ChannelEnergy
 from grids import Slow
+from needle_error import path_error
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
@@ -29,7 +30,6 @@ from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.blocks.environments.base import ForceAt
 from teleop_drake.blocks.environments.needle_path import NeedleInTissue
-from teleop_drake.laws.needle import path_error
 from teleop_drake.laws.task_space import (
     displacement,
     position_rate,

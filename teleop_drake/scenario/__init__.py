@@ -17,7 +17,6 @@ from teleop_drake.scenario.loading import (
     ScenarioNames,
 )
 from teleop_drake.scenario.overrides import DELAYS
-from teleop_drake.scenario.scaling import ScaleForces
 from teleop_drake.scenario.scenario import (
     AnyScenario,
     CheckStart,
@@ -42,7 +41,6 @@ __all__ = [
     "LayerConfig",
     "LoadOverridden",
     "LoadScenario",
-    "ScaleForces",
     "Scenario",
     "ScenarioError",
     "ScenarioFromYaml",

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from grids import Slow
 from phasors import TerminatedPort
+from scattering import delay_two_port, scattering_norm
 
 from teleop_drake.analysis.loop import Linearizer
 from teleop_drake.analysis.operating_point import OperatingPoints
@@ -15,7 +16,6 @@ from teleop_drake.analysis.transparency import (
     TransmittedImpedance,
 )
 from teleop_drake.figures.analysis import PlotTransparency
-from teleop_drake.laws.two_port import delay_two_port, scattering_norm
 from teleop_drake.scenario import LoadScenario
 
 W = np.geomspace(0.1, 100, 40)

@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 from phasors import TerminatedPort
+from scattering import delay_two_port, scattering_norm
 
-from teleop_drake.laws.two_port import (
-    delay_two_port,
-    llewellyn,
-    scattering_norm,
-)
+from teleop_drake.laws.two_port import llewellyn
 
 W = np.linspace(0.05, 40, 400)
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from scaled_forces import ScaleForces
 
 from teleop_drake.blocks.robots.slider import SliderConfig
 from teleop_drake.scenario import (
     ARCHITECTURES,
     LoadScenario,
-    ScaleForces,
     ScenarioError,
 )
 from teleop_drake.simulation import simulate
