@@ -1,12 +1,16 @@
 """Files that are read with one clear line if they cannot, or written completely."""
 
+import math
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from teleop_drake.validation import ScenarioError
+import numpy as np
+
+from teleop_drake.arrays import Array
+from teleop_drake.validation import ScenarioError, Show
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """Formats in which figures are written: known without Matplotlib's import."""
@@ -67,6 +71,61 @@ def ReadRows(path: str | os.PathLike[str], origin: str) -> list[tuple[int, str]]
     """Returns the lines of a text file by their numbers, no empty ones, no comments."""
     lines = enumerate(ReadText(path, origin).splitlines(), 1)
     return [(i, line) for i, line in lines if line.strip() and line[0] != "#"]
+
+
+def ReadNumbers(
+    rows: Sequence[tuple[int, str]],
+    origin: str,
+    columns: Sequence[str],
+    *,
+    missing: Collection[str] = (),
+    least_step: float = -math.inf,
+) -> Array:
+    """Returns lines of numbers with commas between them as a table (N, k).
+
+    Args:
+        rows: The lines by their numbers, as ReadRows() returns them.
+        columns: What the k columns are, for messages.
+        missing: Cells behind the first one that stand for NaN.
+        least_step: How much larger than in the line before the first number is at
+            least.
+
+    Raises:
+        ScenarioError: If a line has another number of cells, one that is no finite
+            number, or too small a step; `origin` says whose file it is.
+    """
+    table: list[list[float]] = []
+    for number, line in rows:
+        row = _NumbersOf(line, missing)
+        allowed = ""
+        if len(row) != len(columns):
+            allowed = f"{','.join(columns)}, finite numbers"
+        elif table and row[0] < table[-1][0] + least_step:
+            allowed = f"later than the line before, {table[-1][0]:g}"
+        if allowed:
+            raise ScenarioError(
+                f"{origin}: line {number}, {Show(line)}: must be {allowed}"
+            )
+        table.append(row)
+    return np.array(table).reshape(-1, len(columns))
+
+
+def _NumbersOf(line: str, missing: Collection[str]) -> list[float]:
+    """Returns the numbers of a line; none if one of them is not finite."""
+    numbers = []
+    for k, cell in enumerate(line.split(",")):
+        text = cell.strip().lower()
+        if k > 0 and text in missing:
+            numbers.append(math.nan)
+            continue
+        try:
+            number = float(text)
+        except ValueError:
+            return []
+        if not math.isfinite(number):
+            return []
+        numbers.append(number)
+    return numbers
 
 
 def ReadText(path: str | os.PathLike[str], origin: str) -> str:

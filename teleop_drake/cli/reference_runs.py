@@ -7,7 +7,7 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.cli.exit_codes import BadInput
-from teleop_drake.files import ReadText
+from teleop_drake.files import ReadNumbers, ReadRows, ReadText
 from teleop_drake.scenario.yaml_text import ParseYaml
 
 FOLDER = Path(__file__).parents[1] / "references"
@@ -199,23 +199,16 @@ def ReadTable(path: Path) -> Table:
     """Returns what is in a file.
 
     Raises:
-        BadInput: If it is no table of finite numbers with a column `time`.
+        BadInput: If it has no column `time`.
+        ScenarioError: If a line is not of finite numbers.
     """
     lines = ReadText(path, str(path)).splitlines()
     comments = [line[1:].partition(":") for line in lines if line.startswith("#")]
-    rows = [line.split(",") for line in lines if line.strip() and line[0] != "#"]
-    header = [name.strip() for name in rows[0]] if rows else []
+    rows = ReadRows(path, str(path))
+    header = [name.strip() for name in rows[0][1].split(",")] if rows else []
     if TIME not in header or len(rows) < 2:
         raise BadInput(f"{path}: columns = {header}: must be names, `time` among them")
-    for row in rows[1:]:
-        try:
-            are_finite = np.isfinite(np.array(row, float)).all()
-        except ValueError:
-            are_finite = False
-        if len(row) != len(header) or not are_finite:
-            text = ",".join(row)[:60]
-            raise BadInput(f"{path}: {text!r}: must be {len(header)} finite numbers")
-    table = np.array(rows[1:], float)
+    table = ReadNumbers(rows[1:], str(path), header)
     return Table(
         notes={name.strip(): text.strip() for name, _, text in comments},
         columns=dict(zip(header, table.T, strict=True)),

@@ -16,12 +16,12 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import ArrayLike
-from teleop_drake.files import ReadRows, Replacing
+from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.blocks.channels.base import SHORTEST_TIME
+from teleop_drake.files import ReadNumbers, ReadRows, Replacing
 from teleop_drake.validation import Refuse, ScenarioError, Show
 
 ENDS = ("refuse", "hold", "repeat")
@@ -40,13 +40,6 @@ _LOST = ("", "nan", "lost")
 _PING = re.compile(
     r"(?:\[(?P<stamp>[\d.]+)\] )?.*icmp_seq=(?P<number>\d+).*time=(?P<delay>[\d.]+) ms"
 )
-
-
-class _Entry(NamedTuple):
-    """A packet: when it was sent in s, and how long it took one way in s; NaN: lost."""
-
-    time: float
-    delay: float
 
 
 @dataclass(frozen=True)
@@ -134,7 +127,7 @@ def ReadTrace(path: str, file: str) -> Trace:
     entries = _EntriesOfPing(answers) if answers else _EntriesOfCsv(rows, origin)
     if len(entries) < 2:
         raise ScenarioError(f"{origin}: must have two packets, and has {len(entries)}")
-    times, delays = np.transpose(entries)
+    times, delays = entries.T
     is_lost = np.isnan(delays)
     if is_lost.all():
         raise ScenarioError(f"{origin}: must have a delay that is a number")
@@ -143,63 +136,40 @@ def ReadTrace(path: str, file: str) -> Trace:
     return Trace(times, delays, is_lost)
 
 
-def _EntriesOfPing(answers: Sequence[re.Match[str]]) -> list[_Entry]:
+def _EntriesOfPing(answers: Sequence[re.Match[str]]) -> Array:
     """Returns the packets of ping's answers, those that were lost among them."""
-    entries: dict[int, _Entry] = {}
+    sent: dict[int, float] = {}
+    delays: dict[int, float] = {}
     for answer in answers:
         number = int(answer["number"])
+        if number in sent:
+            continue  # Only the first of two answers counts.
         round_trip = float(answer["delay"]) * 1e-3
-        time = float(number)
-        if answer["stamp"]:  # That of the answer.
-            time = float(answer["stamp"]) - round_trip
-        # Only the first of two answers counts.
-        entries.setdefault(number, _Entry(time, round_trip / 2))
-    known = sorted(entries)
+        delays[number] = round_trip / 2
+        # The stamp is that of the answer.
+        stamp = answer["stamp"]
+        sent[number] = float(stamp) - round_trip if stamp else float(number)
+    known = sorted(sent)
     numbers = range(known[0], known[-1] + 1)
-    times = np.interp(numbers, known, [entries[k].time for k in known])
-    return [
-        entries.get(k, _Entry(time, math.nan))
-        for k, time in zip(numbers, times.tolist(), strict=True)
-    ]
+    times = np.interp(numbers, known, [sent[k] for k in known])
+    return np.column_stack([times, [delays.get(k, math.nan) for k in numbers]])
 
 
-def _EntriesOfCsv(rows: Sequence[tuple[int, str]], origin: str) -> list[_Entry]:
+def _EntriesOfCsv(rows: Sequence[tuple[int, str]], origin: str) -> Array:
     """Returns the packets of a CSV file, after checking each line."""
     header = "".join(rows[0][1].split()) if rows else ""
     if header not in _HEADERS:
         allowed = f"must begin with the header {' or '.join(_HEADERS)}"
         raise ScenarioError(f"{origin}: {allowed}, not {Show(header)}")
-    entries: list[_Entry] = []
-    for number, line in rows[1:]:
-        entry = _EntryOf(line, _HEADERS[header])
-        if entry is None:
-            wrong = header
-        elif entries and entry.time <= entries[-1].time:
-            wrong = f"later than the line before, {entries[-1].time:g} s"
-        elif entry.delay < 0:
-            wrong = "a delay >= 0"
-        else:
-            entries.append(entry)
-            continue
-        raise ScenarioError(f"{origin}: line {number}, {Show(line)}: must be {wrong}")
-    return entries
-
-
-def _EntryOf(line: str, unit: float) -> _Entry | None:
-    """Returns the packet of a line; None: it is not two numbers, the first finite.
-
-    Args:
-        unit: That of the delay, s.
-    """
-    cells = line.split(",")
-    if len(cells) != 2:
-        return None
-    delay_text = cells[1].strip().lower()
-    try:
-        time = float(cells[0])
-        delay = math.nan if delay_text in _LOST else float(delay_text) * unit
-    except ValueError:
-        return None
-    if not math.isfinite(time) or math.isinf(delay):
-        return None
-    return _Entry(time, delay)
+    table = ReadNumbers(
+        rows[1:],
+        origin,
+        header.split(","),
+        missing=_LOST,
+        least_step=SHORTEST_TIME,
+    )
+    for (number, line), delay in zip(rows[1:], table[:, 1], strict=True):
+        if delay < 0:
+            place = f"{origin}: line {number}, {Show(line)}"
+            raise ScenarioError(f"{place}: must be a delay >= 0")
+    return table * (1.0, _HEADERS[header])

@@ -9,7 +9,7 @@ import numpy as np
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels.base import SHORTEST_TIME
 from teleop_drake.blocks.operators.planned import Plan, PlannedConfig, PlanOfPieces
-from teleop_drake.files import ReadRows
+from teleop_drake.files import ReadNumbers, ReadRows
 from teleop_drake.numerics.piecewise_polynomial import linear_pieces
 from teleop_drake.validation import REQUIRED, Refuse, ScenarioError, Show
 
@@ -62,16 +62,16 @@ def ReadCommand(path: str, file: str, num_axes: int) -> tuple[Array, Array]:
     numbered = ReadRows(file, origin)
     if numbered and _IsHeader(numbered[0][1]):
         del numbered[0]
-    rows: list[list[float]] = []
-    for i, line in numbered:
-        rows.append(_ParseRow(f"{origin}: line {i}", line, num_axes, rows))
-    if len(rows) < 2:
-        raise ScenarioError(f"{origin}: must have at least two rows, not {len(rows)}")
-    table = np.array(rows)
-    if len(rows) > MAX_UNEVEN and not _IsEven(table[:, 0]):
+    columns = ["time", *(f"v{i + 1}" for i in range(num_axes))]
+    table = ReadNumbers(numbered, origin, columns, least_step=SHORTEST_TIME)
+    if len(table) < 2:
+        raise ScenarioError(f"{origin}: must have at least two rows, not {len(table)}")
+    if table[0, 0] < 0:
+        raise ScenarioError(f"{origin}: must begin at a time >= 0 (s)")
+    if len(table) > MAX_UNEVEN and not _IsEven(table[:, 0]):
         raise ScenarioError(
             f"{origin}: must have rows at equal distances in time, except for the last "
-            f"one, or at most {MAX_UNEVEN} rows, not {len(rows)}"
+            f"one, or at most {MAX_UNEVEN} rows, not {len(table)}"
         )
     return table[:, 0], table[:, 1:]
 
@@ -96,25 +96,3 @@ def _IsHeader(line: str) -> bool:
     names = [name.strip(' "').lower() for name in line.split(",")]
     numbers = {"nan", "inf", "infinity"}
     return all(name[:1].isalpha() and name not in numbers for name in names)
-
-
-def _ParseRow(
-    origin: str, line: str, num_axes: int, before: list[list[float]]
-) -> list[float]:
-    """Returns [time, v_1, ..., v_n] of a line."""
-    try:
-        row = [float(x) for x in line.split(",")]
-    except ValueError:
-        row = []
-    wrong = ""
-    if len(row) != 1 + num_axes:
-        wrong = f"a time and {num_axes} velocities, with commas between them"
-    elif not all(map(math.isfinite, row)):
-        wrong = "finite numbers"
-    elif row[0] < 0:
-        wrong = "a time >= 0 (s)"
-    elif before and row[0] < before[-1][0] + SHORTEST_TIME:
-        wrong = f"later than the row before, {before[-1][0]:g} s"
-    if wrong:
-        raise ScenarioError(f"{origin}, {Show(line)}: must be {wrong}")
-    return row

@@ -31,11 +31,11 @@ def test_a_file_beside_the_scenario(tmp_path):
     [
         (None, "must be readable (No such file or directory)"),
         ("0,1\n", "must have at least two rows, not 1"),
-        ("0,1\n0,2\n", "line 2, '0,2': must be later than the row before, 0 s"),
-        ("0,1\n1,2,3\n", "line 2, '1,2,3': must be a time and 1 velocities"),
-        ("0,1\n1,x\n", "line 2, '1,x': must be a time"),
-        ("0,1\n1,nan\n", "line 2, '1,nan': must be finite numbers"),
-        ("-1,1\n1,1\n", "line 1, '-1,1': must be a time >= 0 (s)"),
+        ("0,1\n0,2\n", "line 2, '0,2': must be later than the line before, 0"),
+        ("0,1\n1,2,3\n", "line 2, '1,2,3': must be time,v1, finite numbers"),
+        ("0,1\n1,x\n", "line 2, '1,x': must be time,v1, finite"),
+        ("0,1\n1,nan\n", "line 2, '1,nan': must be time,v1, finite numbers"),
+        ("-1,1\n1,1\n", "must begin at a time >= 0 (s)"),
     ],
 )
 def test_refused(text, message, tmp_path):
