@@ -24,7 +24,7 @@ from teleop_drake.analysis.transparency import FeltStiffness, Transparency
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.blocks.environments import ShownNormal
 from teleop_drake.figures import style
-from teleop_drake.figures.layout import MakePanels, NameAxes, NameColumns, NameX
+from teleop_drake.figures.layout import MakePanels, NameAxes, NameColumns
 from teleop_drake.figures.style import GREY, WIDTH, AddLegend, Figure, Key
 from teleop_drake.numerics.delay_margin import eigenloci, sweep_frequencies
 from teleop_drake.scenario import Scenario
@@ -202,8 +202,7 @@ def PlotStableDelays(
         range(len(rows)),
         [f"{kind}, {point.label}" if several else point.label for kind, point in rows],
     )
-    NameX([ax], "round-trip delay [s]")
-    style.FormatTicks(ax)
+    ax.set_xlabel("round-trip delay [s]")
     AddLegend(figure, _STABILITY_KEYS, ncols=3)
     return figure
 

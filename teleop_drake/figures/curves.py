@@ -5,10 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from teleop_drake.arrays import Array
 from teleop_drake.recording import Recording
-
-# A run that diverges may widen the range of a panel by this share on either side.
-_DIVERGED_SHARE = 1.0
 
 # Points across a panel: enough that no corner shows.
 _NUM_POINTS = 1500
@@ -30,14 +28,12 @@ class Curve(NamedTuple):
         y: (T, k).
     """
 
-    time: np.ndarray
-    x: np.ndarray
-    y: np.ndarray
+    time: Array
+    x: Array
+    y: Array
 
 
-def CurveAt(
-    run: Recording, normal_W: np.ndarray | None, signal: str, time: np.ndarray
-) -> Curve:
+def CurveAt(run: Recording, normal_W: Array | None, signal: str, time: Array) -> Curve:
     """Returns a signal at some times."""
     x = time if normal_W is None else run.Interpolate("tool_position", time) @ normal_W
     return Curve(time, x, run.Interpolate(signal, time))
@@ -45,46 +41,44 @@ def CurveAt(
 
 def SampleCurve(
     run: Recording,
-    normal_W: np.ndarray | None,
+    normal_W: Array | None,
     signal: str,
     components: Sequence[int] | None = None,
 ) -> Curve:
-    """Returns a signal at the samples and, where it moves fast, between them."""
+    """Returns a signal at the samples and, of a single component, between them."""
     time = run.time
-    x = time if normal_W is None else run["tool_position"] @ normal_W
     columns = slice(None) if components is None else components
-    curve = Curve(time, x, run[signal][:, columns])
-    if curve.y.shape[1] > 1 or time[0] == time[-1]:
-        return curve  # Telemetry, which is slow.
-    parts = np.ceil(_NUM_POINTS * np.diff(time) / (time[-1] - time[0])).astype(int)
-    between = [
-        np.linspace(time[i], time[i + 1], parts[i], endpoint=False)[1:]
-        for i in np.flatnonzero(parts > 1)
-    ]
-    if not between:
-        return curve
-    extra = CurveAt(run, normal_W, signal, np.concatenate(between))
-    extra = extra._replace(y=extra.y[:, columns])
+    rows = Curve(
+        time,
+        time if normal_W is None else run["tool_position"] @ normal_W,
+        run[signal][:, columns],
+    )
+    if rows.y.shape[1] > 1:
+        return rows  # Telemetry, which is slow.
+    even = CurveAt(run, normal_W, signal, np.linspace(time[0], time[-1], _NUM_POINTS))
+    even = even._replace(y=even.y[:, columns])
     # Stable: the two sides of a jump stay in their order.
-    order = np.argsort(np.concatenate([time, extra.time]), kind="stable")
-    both = zip(curve, extra, strict=True)
+    order = np.argsort(np.concatenate([time, even.time]), kind="stable")
+    both = zip(rows, even, strict=True)
     return Curve(*(np.concatenate(parts)[order] for parts in both))
 
 
 def RangeOf(
     runs: Sequence[Recording], curves: Sequence[Curve], commands: Sequence[Curve] = ()
 ) -> tuple[float, float]:
-    """Returns the range that shows the runs, those that diverge only in part."""
-    is_wild = [run.termination == "diverged" for run in runs]
-    if all(is_wild):
+    """Returns the range that shows the runs, those that diverge only in part.
+
+    A run that diverges widens the range by as much as it is, on either side, at most.
+    """
+    calm: list[Array] = []
+    wild: list[Array] = []
+    for run, curve in zip(runs, curves, strict=True):
+        (wild if run.termination == "diverged" else calm).append(curve.y)
+    if not calm:
         # What is left is the time before it becomes hopeless.
-        shown = [curve.y[curve.time <= 0.8 * curve.time[-1]] for curve in curves]
-    else:
-        shown = [x.y for x, wild in zip(curves, is_wild, strict=True) if not wild]
-    shown += [command.y for command in commands]
-    low = min(y.min() for y in shown)
-    high = max(y.max() for y in shown)
-    margin = _DIVERGED_SHARE * (high - low)
-    wild = [x.y.ravel() for x, wild in zip(curves, is_wild, strict=True) if wild]
-    every = np.concatenate([*wild, [low, high]])
-    return float(max(every.min(), low - margin)), float(min(every.max(), high + margin))
+        calm = [curve.y[curve.time <= 0.8 * curve.time[-1]] for curve in curves]
+    shown = np.concatenate([y.ravel() for y in (*calm, *(x.y for x in commands))])
+    every = np.concatenate([shown, *(y.ravel() for y in wild)])
+    low, high = float(shown.min()), float(shown.max())
+    width = high - low
+    return max(float(every.min()), low - width), min(float(every.max()), high + width)

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from matplotlib.axes import Axes
+from matplotlib import rc_context
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from teleop_drake.figures.style import FONT_SIZE, WIDTH, Figure, FormatTicks
+from teleop_drake.figures.style import FONT_SIZE, SMALL_FONT_SIZE, WIDTH, Figure
 
 Sharing = Literal["none", "all", "row", "col"]
 """Which panels have one axis in common."""
@@ -23,7 +23,7 @@ def MakePanels(
     share_y: Sharing = "none",
     padding: float | None = None,
 ) -> tuple[Figure, np.ndarray]:
-    """Returns a figure and its panels (rows, columns).
+    """Returns a figure and its panels (rows, columns), with few spines.
 
     Args:
         height, width: Of the figure, inches.
@@ -32,9 +32,14 @@ def MakePanels(
     """
     layout = ConstrainedLayoutEngine(w_pad=padding)
     figure = Figure(figsize=(width, height), layout=layout)
-    axes = figure.subplots(
-        num_rows, num_columns, sharex=share_x, sharey=share_y, squeeze=False
-    )
+    with rc_context({"axes.labelsize": FONT_SIZE}):
+        axes = figure.subplots(
+            num_rows, num_columns, sharex=share_x, sharey=share_y, squeeze=False
+        )
+    for ax in axes.flat:
+        ax.tick_params(labelsize=SMALL_FONT_SIZE, width=0.6, length=2.5)
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.spines[["left", "bottom"]].set_linewidth(0.6)
     return figure, axes
 
 
@@ -44,27 +49,9 @@ def NameColumns(axes: np.ndarray, titles: Sequence[str]) -> None:
         ax.set_title(title, fontsize=FONT_SIZE)
 
 
-def NameX(axes: Sequence[Axes] | np.ndarray, label: str) -> None:
-    """Names the horizontal axis of panels."""
-    for ax in axes:
-        ax.set_xlabel(label, fontsize=FONT_SIZE)
-
-
-def NameY(axes: Sequence[Axes] | np.ndarray, labels: Sequence[str]) -> None:
-    """Names the vertical axis of each panel."""
-    for ax, label in zip(axes, labels, strict=True):
-        ax.set_ylabel(label, fontsize=FONT_SIZE)
-
-
 def NameAxes(axes: np.ndarray, x: str, *y: str) -> None:
-    """Names the axes: below the columns, and at the left of the rows.
-
-    Args:
-        axes: Panels (rows, columns).
-        x: The name below each column.
-        y: The name of each row.
-    """
-    for ax in axes.flat:
-        FormatTicks(ax)
-    NameX(axes[-1], x)
-    NameY(axes[:, 0], y)
+    """Names the axes of panels (rows, columns): below the columns, and at the left."""
+    for ax in axes[-1]:
+        ax.set_xlabel(x)
+    for ax, label in zip(axes[:, 0], y, strict=False):
+        ax.set_ylabel(label)

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from teleop_drake.blocks.channels import NetworkChannelConfig
 from teleop_drake.blocks.channels.packet_network import PacketNetwork, Receiver
 from teleop_drake.figures import style
-from teleop_drake.figures.layout import MakePanels, NameColumns, NameX, NameY
+from teleop_drake.figures.layout import MakePanels, NameAxes, NameColumns
 from teleop_drake.figures.style import COLORS, Figure
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import TaskOf
@@ -66,8 +66,7 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
             style.FormatAxes(ax)
     labels = ("delay of packets [ms]", "age of information [ms]", "packets lost [%]")
     NameColumns(axes, [name.replace("_", " ") for name in networks])
-    NameX(axes[-1], "time [s]")
-    NameY(axes[:, 0], labels)
+    NameAxes(axes, "time [s]", *labels)
     for ax in axes[:, 0]:
         # Where nothing is lost a range of its own would be rounding.
         ax.set_ylim(0.0, max(ax.get_ylim()[1], 1.0))

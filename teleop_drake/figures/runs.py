@@ -18,7 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from teleop_drake.blocks.environments import CONTACT, PUNCTURE
 from teleop_drake.figures import style
 from teleop_drake.figures.curves import Curve, CurveAt, RangeOf, SampleCurve, TimeLimits
-from teleop_drake.figures.layout import MakePanels, NameX
+from teleop_drake.figures.layout import MakePanels, NameAxes
 from teleop_drake.figures.saving import SaveFigure
 from teleop_drake.figures.selection import (
     CheckRecordings,
@@ -26,7 +26,7 @@ from teleop_drake.figures.selection import (
     SelectRows,
     SelectTime,
 )
-from teleop_drake.figures.style import FONT_SIZE, GREY, SMALL_FONT_SIZE, Figure
+from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.panels import AxisName, AxisPanels, NormalOfRuns, SignalRow
@@ -112,7 +112,7 @@ def PlotRun(
         if not names:
             Refuse("signals", [], "the name of one signal or more")
         rows = [
-            [(name.replace("_", " "), "", [SampleCurve(recording, None, name)])]
+            [_Panel(name.replace("_", " "), "", [SampleCurve(recording, None, name)])]
             for name in names
         ]
         return _PlotAgainstTime(recording, rows, [], columns)
@@ -129,8 +129,12 @@ def PlotRun(
     )
 
 
-# A panel against time: its label, its unit and its curves.
-_Panel = tuple[str, str, Sequence[Curve]]
+class _Panel(NamedTuple):
+    """A panel against time."""
+
+    label: str
+    unit: str
+    curves: Sequence[Curve]
 
 
 def _AxisRows(recording: Recording, panels: AxisPanels) -> list[list[_Panel]]:
@@ -147,7 +151,7 @@ def _AxisRows(recording: Recording, panels: AxisPanels) -> list[list[_Panel]]:
                     )
                     for x in curves
                 ]
-            rows[-1].append((f"{row.label} ${AxisName(k)}$", row.unit, curves))
+            rows[-1].append(_Panel(f"{row.label} ${AxisName(k)}$", row.unit, curves))
     return rows
 
 
@@ -158,26 +162,25 @@ def _PlotAgainstTime(
     columns: int,
 ) -> Figure:
     """Plots panels, with a line for each component of each curve; names tell which."""
-    height = _ROW_HEIGHT * len(rows) + (0.7 if names else 0.3)
     figure, axes = MakePanels(
         len(rows),
         len(rows[0]),
-        height=height,
+        height=_ROW_HEIGHT * len(rows) + (0.7 if names else 0.3),
         width=style.WidthOf(columns),
         share_x="all",
     )
     for (i, j), ax in np.ndenumerate(axes):
-        label, unit, curves = rows[i][j]
-        y_range = RangeOf([recording] * len(curves), curves)
-        scale, unit = style.ScaleAndUnit(y_range, unit)
+        panel = rows[i][j]
+        y_range = RangeOf([recording] * len(panel.curves), panel.curves)
+        scale, unit = style.ScaleAndUnit(y_range, panel.unit)
         style.FormatAxes(ax)
         ax.set_ylim(style.Widen(y_range, scale))
-        ax.set_ylabel(f"{label}\n[{unit}]" if unit else label, fontsize=FONT_SIZE)
-        lines = ((curve.time, y) for curve in curves for y in curve.y.T)
+        ax.set_ylabel(f"{panel.label}\n[{unit}]" if unit else panel.label)
+        lines = [(curve.time, y) for curve in panel.curves for y in curve.y.T]
         for k, (t, y) in enumerate(lines):
             ax.plot(t, y * scale, **style.RunStyle(k))
-    axes[-1, 0].set_xlim(TimeLimits([recording]))
-    NameX(axes[-1], "time [s]")
+    axes[0, 0].set_xlim(TimeLimits([recording]))
+    NameAxes(axes, "time [s]")
     figure.align_ylabels(axes)
     handles = [style.Key(name, **style.RunStyle(k)) for k, name in enumerate(names)]
     style.AddLegend(figure, handles, ncols=len(names) if columns == 2 else 1)
@@ -195,14 +198,12 @@ def PlotRows(
         columns: Columns of a printed page that the figure spans, 1 or 2; in one there
             are no panels against the position.
     """
-    shown = _Runs(recordings)
     places = _PlacesOf(len(recordings), columns)
     num_banks = math.ceil(len(places) / _MAX_BESIDE)
-    num_beside = math.ceil(len(places) / num_banks)
     row_height = _ROW_HEIGHT if num_banks == 1 else _LOW_ROW_HEIGHT
     figure, grid = MakePanels(
         num_banks * len(rows),
-        num_beside,
+        math.ceil(len(places) / num_banks),
         height=row_height * num_banks * len(rows) + 0.7,
         width=style.WidthOf(columns),
         share_x="col",
@@ -215,26 +216,27 @@ def PlotRows(
     for ax in axes[:, len(places) :].flat:
         ax.set_visible(False)
     axes = axes[:, : len(places)]
+    shown = _Runs(recordings)
     # These hold for the whole column.
     for place, ax in zip(places, axes[0], strict=True):
         ax.set_xlim(shown.x_limits if place.is_position else TimeLimits(shown.runs))
-    for row, row_axes in zip(rows, axes, strict=True):
-        shown.DrawRow(row_axes, places, row)
+    for k, row in enumerate(rows):
+        label = shown.DrawRow(axes[k], places, row)
+        if num_banks > 1:  # A low panel has no room for a name and its symbol.
+            label = label.replace("\n", " ").replace(" $", "\n$")
+        for ax in grid[k :: len(rows), 0]:
+            ax.set_ylabel(label)
     for place, column in zip(places, axes.T, strict=True):
-        for ax in [ax for ax in column if ax.get_visible()][-1:]:
+        lowest = [ax for ax in column if ax.get_visible()][-1:]
+        for ax in lowest:
             ax.tick_params(labelbottom=True)
-            label = shown.x_label if place.is_position else "time [s]"
-            ax.set_xlabel(label, fontsize=FONT_SIZE)
+            ax.set_xlabel(shown.x_label if place.is_position else "time [s]")
         if place.is_position:
             for boundary, names in shown.boundaries.items():
                 x = boundary * shown.x_scale
                 style.NameAbove(column[0], x, "\n".join(names))
     if len(places) > 2:
         _TitleMultiples(axes[0], recordings)
-    if num_banks > 1:
-        for ax in grid[:, 0]:  # A low panel has no room for a name and its symbol.
-            label = ax.get_ylabel().replace("\n", " ").replace(" $", "\n$")
-            ax.set_ylabel(label, fontsize=FONT_SIZE)
     figure.align_ylabels(grid[:, 0])
     if any(len(row.components) == 1 for row in rows):
         _AddLegend(figure, recordings, rows, names_runs=len(places) <= 2)
@@ -272,10 +274,10 @@ class _Runs:
     def __init__(self, recordings: Mapping[str, Recording]) -> None:
         self.runs = list(recordings.values())
         self._normal_W = NormalOfRuns(self.runs)
-        curves = [
-            SampleCurve(run, self._normal_W, "tool_position", [0]) for run in self.runs
+        positions = [
+            x._replace(y=x.x[:, None]) for x in self._Curves("tool_position", [0])
         ]
-        x_range = RangeOf(self.runs, [x._replace(y=x.x[:, None]) for x in curves])
+        x_range = RangeOf(self.runs, positions)
         self.x_scale, unit = style.ScaleAndUnit(x_range, "m")
         self.x_limits = style.Widen(x_range, self.x_scale)
         self.x_label = f"{_PositionName(self._normal_W)} [{unit}]"
@@ -283,38 +285,38 @@ class _Runs:
         for run in self.runs:
             for name in (PUNCTURE, CONTACT):
                 surface = run.FindSurface(name)
-                if surface and np.array_equal(surface.normal_W, self._normal_W):
-                    place = float(surface.Along(surface.point_W))
-                    names = self.boundaries.setdefault(place, [])
-                    names += [name] if name not in names else []
-        low, high = x_range
-        self.boundaries = {x: y for x, y in self.boundaries.items() if low <= x <= high}
+                if surface is None or (surface.normal_W != self._normal_W).any():
+                    continue
+                place = float(surface.Along(surface.point_W))
+                names = self.boundaries.setdefault(place, [])
+                if name not in names and x_range[0] <= place <= x_range[1]:
+                    names.append(name)
+
+    def _Curves(self, signal: str, components: Sequence[int]) -> list[Curve]:
+        return [
+            SampleCurve(run, self._normal_W, signal, components) for run in self.runs
+        ]
 
     def DrawRow(
         self, row_axes: Sequence[Axes], places: Sequence[_Place], row: SignalRow
-    ) -> None:
-        """Draws a signal into its row of panels."""
-        normal_W = self._normal_W
-        curves = [
-            SampleCurve(x, normal_W, row.signal, row.components) for x in self.runs
-        ]
+    ) -> str:
+        """Draws a signal into its row of panels, and returns its name and unit."""
+        curves = self._Curves(row.signal, row.components)
         commands = self._Commands(row.command)
         y_range = RangeOf(self.runs, curves, commands)
         scale, unit = style.ScaleAndUnit(y_range, row.unit)
         # The position that the right column is against has no panel there.
-        is_x = row.signal == "tool_position" and len(row.components) == 1
-        is_x = is_x and bool(normal_W[row.components[0]] == 1)
+        is_x = (
+            row.signal == "tool_position"
+            and len(row.components) == 1
+            and self._normal_W[row.components[0]] == 1
+        )
         for place, ax in zip(places, row_axes, strict=True):
             style.FormatAxes(ax)
             ax.set_ylim(style.Widen(y_range, scale))
-            spec = ax.get_subplotspec()
-            if spec is not None and spec.is_first_col():
-                label = f"{row.label}\n[{unit}]" if unit else row.label
-                ax.set_ylabel(label, fontsize=FONT_SIZE)
-            if commands:
-                for i in place.runs:
-                    x = self._X(place, commands[i])
-                    ax.plot(x, commands[i].y * scale, **_COMMAND_STYLE, zorder=1)
+            for command in [commands[i] for i in place.runs if commands]:
+                x = self._X(place, command)
+                ax.plot(x, command.y * scale, **_COMMAND_STYLE, zorder=1)
             for i in place.runs:
                 self._DrawRun(ax, place, row, i, curves[i], scale)
             for boundary in self.boundaries:
@@ -325,6 +327,7 @@ class _Runs:
             ax.set_visible(not (place.is_position and is_x))
         if len(row.components) > 1:
             _AddComponentLegend(row_axes[0], row)
+        return f"{row.label}\n[{unit}]" if unit else row.label
 
     def _Commands(self, component: int | None) -> list[Curve]:
         """Returns a component of each run's commands; none if there is no component."""
@@ -363,9 +366,9 @@ class _Runs:
         if not is_single:
             return
         for event, (marker, _) in _EVENTS.items():
-            first = run.EventTimes(event)[:1]
-            if first:
-                mark = CurveAt(run, self._normal_W, row.signal, np.array(first))
+            first = np.array(run.EventTimes(event)[:1])
+            if first.size:
+                mark = CurveAt(run, self._normal_W, row.signal, first)
                 y = mark.y[:, row.components[0]] * scale
                 look = style.EventStyle(marker, style.RunColor(i))
                 ax.plot(self._X(place, mark), y, **look)

@@ -188,16 +188,8 @@ def AddLegend(
         )
 
 
-def FormatTicks(ax: Axes) -> None:
-    """Gives a panel small ticks and few spines."""
-    ax.tick_params(labelsize=SMALL_FONT_SIZE, width=0.6, length=2.5)
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.spines[["left", "bottom"]].set_linewidth(0.6)
-
-
 def FormatAxes(ax: Axes) -> None:
-    """Gives a panel small ticks, few spines and a line at zero."""
-    FormatTicks(ax)
+    """Gives a panel short numbers and a line at zero."""
     ax.ticklabel_format(axis="y", scilimits=(-3, 4), useOffset=False, useMathText=True)
     ax.yaxis.get_offset_text().set_fontsize(SMALL_FONT_SIZE)
     ax.axhline(0.0, color=GREY, linewidth=0.4, zorder=0)

@@ -116,7 +116,7 @@ class SweepGrid:
         for ax in axes.ravel()[panels.size :]:
             ax.remove()
         for ax in panels.ravel()[-axes.shape[1] :]:
-            ax.set_xlabel(style.AxisLabel(self.x_key), fontsize=FONT_SIZE)
+            ax.set_xlabel(style.AxisLabel(self.x_key))
             ax.tick_params(labelbottom=True)
         for metric in panels:
             for ax in metric.ravel()[1:]:

@@ -158,14 +158,14 @@ def _Finish(
             ax.plot(drawn.ends, y, color="black", linestyle=dashes, linewidth=1.6)
         ax.set_xlim(limits)
         ax.set_ylim(style.MapLimits(y) if y_labels is None else (-0.5, len(y) - 0.5))
-        ax.tick_params(labelsize=SMALL_FONT_SIZE, width=0.6, length=2.5)
+        ax.spines[:].set(visible=True, linewidth=0.8)
         if len(grid.x) <= _MOST_TICKS:
             ax.set_xticks(grid.x)
         if y_labels is not None or len(y) <= _MOST_TICKS:
             ax.set_yticks(y, y_labels)
     grid.AddTitles(panels)
     for ax in panels[:, :, 0].ravel():
-        ax.set_ylabel(style.AxisLabel(grid.line_key), fontsize=FONT_SIZE)
+        ax.set_ylabel(style.AxisLabel(grid.line_key))
     handles += [
         Key(label, color="black", linestyle=lines[name])
         for name, label in labels.items()

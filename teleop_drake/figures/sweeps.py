@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakePanels
-from teleop_drake.figures.style import FONT_SIZE, GREY, SMALL_FONT_SIZE, Figure, Key
+from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Key
 from teleop_drake.figures.sweep_grid import MAX_NAMED_LINES, MetricScale, SweepGrid
 from teleop_drake.sweep import SweepResult, VariesSeedsOnly
 from teleop_drake.sweep.statistics import CONTROLLERS, SEED, Bands, MedianInterval
@@ -108,7 +108,7 @@ def _DrawMetric(
                 **style.Above(ax),
             )
     for ax in axes[:, 0]:
-        ax.set_ylabel(label, fontsize=FONT_SIZE)
+        ax.set_ylabel(label)
     return {name for name, where in marked.items() if where.any()}
 
 
@@ -194,4 +194,4 @@ def _DrawSeeds(ax: Axes, result: SweepResult, metric: str) -> None:
     labels = [style.ValueLabel(name).replace(" ", "\n", 1) for name in names]
     ax.set_xticks(range(len(names)), labels, fontsize=SMALL_FONT_SIZE)
     ax.set_xlim(-0.6, len(names) - 0.4)
-    ax.set_ylabel(y_label, fontsize=FONT_SIZE)
+    ax.set_ylabel(y_label)

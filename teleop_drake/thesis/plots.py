@@ -17,12 +17,11 @@ from teleop_drake.blocks.environments.surface import (
     MaterialAt,
     Surface,
 )
-from teleop_drake.figures.layout import MakePanels, NameX
+from teleop_drake.figures.layout import MakePanels
 from teleop_drake.figures.runs import PlotRows
 from teleop_drake.figures.style import (
     BOUNDARY_STYLE,
     COLORS,
-    FONT_SIZE,
     LINES,
     SMALL_FONT_SIZE,
     WIDTH,
@@ -57,7 +56,7 @@ def TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, list[Axes]]
                 ax.axvline(time, **BOUNDARY_STYLE)
                 if ax is axes[0]:
                     NameAbove(ax, time, name)
-    NameX(axes[-1:], "time [s]")
+    axes[-1].set_xlabel("time [s]")
     return figure, axes
 
 
@@ -85,9 +84,9 @@ def PlotStiffness(runs: ThesisRuns) -> Figure:
     figure, panels = MakePanels(1, 2, height=ROW_HEIGHT + LEGEND_HEIGHT)
     tissue, bone = panels[0]
     _DrawStiffness(tissue, surfaces, 0.0, surface)
-    tissue.set_xlabel("position $x$ [mm]", fontsize=FONT_SIZE)
+    tissue.set_xlabel("position $x$ [mm]")
     _DrawStiffness(bone, surfaces, surface - 2e-5, surface + 6e-5)
-    bone.set_xlabel("position $x$ [mm], at the bone", fontsize=FONT_SIZE)
+    bone.set_xlabel("position $x$ [mm], at the bone")
     bone.ticklabel_format(axis="x", useOffset=False)
     tissue.set_ylim(*(1.25 * np.array(tissue.get_ylim())))
     tissue.plot([surface * 1e3] * 2, [0.0, tissue.get_ylim()[1]], color=COLORS[0])
@@ -110,7 +109,7 @@ def _DrawStiffness(
         x += [begin, end]
         force += [material.Force(begin, 0.0), material.Force(end, 0.0)]
     ax.plot(np.array(x) * 1e3, np.array(force) * 1e3, color=COLORS[0])
-    ax.set_ylabel("stiffness force [mN]", fontsize=FONT_SIZE)
+    ax.set_ylabel("stiffness force [mN]")
     ends = [*starts[1:], high]
     for surface, start, end in zip(surfaces, starts, ends, strict=True):
         if end <= low or start >= high or surface.material is None:
@@ -142,7 +141,7 @@ def PlotAgainstReference(
             ax.plot(recording.time, recording[signal][:, k], **RunStyle(i), label=name)
         values = [recording[signal][:, k] for signal in signals.values()]
         ax.set_ylim(Widen((float(np.min(values)), float(np.max(values))), 1.0))
-        ax.set_ylabel(f"{label}, ${axis}$ [{unit}]", fontsize=FONT_SIZE)
+        ax.set_ylabel(f"{label}, ${axis}$ [{unit}]")
     _AddLegend(figure, axes[0].get_lines()[-len(signals) :])
     return figure
 
@@ -193,8 +192,8 @@ def PlotPsi(runs: ThesisRuns, task: str) -> Figure:
         label = rf"$\Psi_{{{k // n + 1}{k % n + 1}}}$" if n > 1 else r"$\Psi$"
         above.plot(recording.time, recording["psi"][:, k], **RunStyle(k), label=label)
         below.plot(recording.time, change[:, k], **RunStyle(k))
-    above.set_ylabel(r"$\Psi$ [1/kg]", fontsize=FONT_SIZE)
-    below.set_ylabel(r"$\Psi - \Psi_0$ [1/kg]", fontsize=FONT_SIZE)
+    above.set_ylabel(r"$\Psi$ [1/kg]")
+    below.set_ylabel(r"$\Psi - \Psi_0$ [1/kg]")
     _AddLegend(figure, above.get_lines()[-n * n :])
     return figure
 
@@ -226,7 +225,7 @@ def PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
     for k, ax in enumerate(axes):
         for i, (centre, distance) in enumerate(zip(centres, distances, strict=True)):
             ax.plot(recording.time, weights[:, k, i], **Style(centre[0], distance))
-        ax.set_ylabel(f"weights ${name}$, {AxisName(k)} [{unit}]", fontsize=FONT_SIZE)
+        ax.set_ylabel(f"weights ${name}$, {AxisName(k)} [{unit}]")
     handles = [Key(f"$x$ = {1e3 * x:.4g} mm", **Style(x, 0.0)) for x in x_values]
     if len(distance_values) > 1:
         handles += [

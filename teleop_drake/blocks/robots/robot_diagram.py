@@ -90,7 +90,6 @@ def MakeRobotDiagram(
     n = num_axes
     nv = plant.num_velocities()
     plant.SetDefaultPositions(joint_positions)
-    plant.set_name("plant")
     is_ordered = _AreMotorsInOrder(plant)
     tool = ToolInterface(
         plant=plant,
