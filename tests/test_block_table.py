@@ -64,6 +64,7 @@ SCENES: list[tuple[str, dict]] = [
     ("two_dof_combined", {"environment": WALL, "controller.network.count": [2, 2]}),
     *(("one_dof", {"controller.kind": kind}) for kind in ARCHITECTURES),
     ("one_dof", EXTRAS),
+    ("one_dof", {"surgeon.kind": "move_and_wait"}),
     ("puma560_insertion", {}),
     ("puma560_six_axes", {"controller.kind": "direct_force"}),
     *((name, {}) for name in ("needle_insertion", "network_tracking_coupled")),
@@ -153,7 +154,8 @@ def Blocks() -> Rows:
                 module, name = "teleop_drake.blocks.robots", robot
             if name not in seen:
                 seen.add(name)
-                folder = module.removeprefix("teleop_drake.").partition(".")[0]
+                room = module.removeprefix("teleop_drake.").removeprefix("blocks.")
+                folder = room.partition(".")[0]
                 group = {"pydrake": "Drake"}.get(folder, folder)
                 yield group, name, Code(system), Slopes(system), in_page
 

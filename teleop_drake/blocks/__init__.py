@@ -76,6 +76,10 @@ if TYPE_CHECKING:
     from teleop_drake.blocks.operators.base import OperatorConfig
     from teleop_drake.blocks.operators.hand import HandOperator
     from teleop_drake.blocks.operators.human import HumanHand, HumanStation
+    from teleop_drake.blocks.operators.move_and_wait import (
+        MoveAndWaitConfig,
+        MoveAndWaitOperator,
+    )
     from teleop_drake.blocks.operators.planned import (
         ConstantVelocityOperator,
         Plan,
@@ -143,6 +147,8 @@ __all__ = [
     "MakeRobot",
     "MakeRobotDiagram",
     "MakeSlaveStation",
+    "MoveAndWaitConfig",
+    "MoveAndWaitOperator",
     "NeedleInTissue",
     "NeedlePathConfig",
     "NetworkDelay",
@@ -245,6 +251,7 @@ _PLACES = {
     "blocks.operators.base": ["OperatorConfig"],
     "blocks.operators.hand": ["HandOperator"],
     "blocks.operators.human": ["HumanHand", "HumanStation"],
+    "blocks.operators.move_and_wait": ["MoveAndWaitConfig", "MoveAndWaitOperator"],
     "blocks.operators.planned": [
         "ConstantVelocityOperator",
         "Plan",

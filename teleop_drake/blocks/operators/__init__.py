@@ -2,6 +2,7 @@
 
 from teleop_drake.blocks.operators.base import OperatorConfig
 from teleop_drake.blocks.operators.human import HumanConfig
+from teleop_drake.blocks.operators.move_and_wait import MoveAndWaitConfig
 from teleop_drake.blocks.operators.planned import (
     ConstantVelocityConfig,
     ConstantVelocityOperator,
@@ -21,6 +22,7 @@ OPERATOR_KINDS = KindTable(
         MinimumJerkConfig,
         RecordedConfig,
         HumanConfig,
+        MoveAndWaitConfig,
     ),
     noun="operator",
 )

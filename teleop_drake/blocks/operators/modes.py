@@ -1,7 +1,7 @@
 """Base of the operators: a velocity until contact is felt, then a force."""
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -48,6 +48,7 @@ class ModalOperator(KernelBlock):
     A subclass says in IntentionTerm() what it intends.
 
     Attributes:
+        memory: What a subclass has in the discrete state behind the two, at first.
         jump_times: When the outputs jump or are not smooth in any case, s.
         contact_surface: Where the operator perceives contact; None: nowhere.
 
@@ -60,6 +61,8 @@ class ModalOperator(KernelBlock):
     Raises:
         ValueError: If a size or value is not allowed.
     """
+
+    memory: Sequence[float] = ()
 
     def __init__(
         self,
@@ -84,7 +87,7 @@ class ModalOperator(KernelBlock):
         self.jump_times = [] if stop_time is None else [stop_time]
         self.DeclareVectorInputPort("haptic_force", n)
         self.DeclareVectorInputPort("felt_position", n)
-        self.DeclareDiscreteState(2)
+        self.DeclareDiscreteState([0.0, 0.0, *self.memory])
         self.DeclareMore()
         self.DeclareOutputs(velocity_command=n, force_command=n, mode=1)
 
@@ -133,7 +136,7 @@ class ModalOperator(KernelBlock):
         """Returns that what has been perceived stays perceived, and what follows."""
         if self.contact_surface is None:
             return LinearPart(has_modes=True)
-        perceived = with_contact(np.zeros(2))
+        perceived = with_contact(np.array([0.0, 0.0, *self.memory]))
         held = HeldForce(state=perceived, force=self._contact_force)
         return LinearPart(has_modes=True, held_force=held)
 
@@ -154,9 +157,9 @@ def past_surface(
 
 def with_contact(state: Array) -> Array:
     """Returns the state after contact was perceived."""
-    return np.array([1.0, state[1]])
+    return np.concatenate(([1.0], state[1:]))
 
 
 def with_stop(state: Array) -> Array:
     """Returns the state after the stop."""
-    return np.array([state[0], 1.0])
+    return np.concatenate((state[:1], [1.0], state[2:]))
