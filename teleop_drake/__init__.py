@@ -16,7 +16,7 @@ from teleop_drake import blocks
 from teleop_drake.upper import ProvideUpperFunction
 
 if TYPE_CHECKING:
-    from teleop_drake.analysis.ports import LinearizePorts
+    from teleop_drake.analysis.ports import DelayMargin, LinearizePorts
     from teleop_drake.analysis.stability import AnalyzeStability
     from teleop_drake.blocks import *  # noqa: F403
     from teleop_drake.figures.block_diagram import WriteDiagram
@@ -45,6 +45,7 @@ __version__ = "0.1.0"
 __all__ = [
     "AnalyzeStability",
     "Compile",
+    "DelayMargin",
     "Explore",
     "LinearizePorts",
     "LoadRecording",
@@ -77,7 +78,7 @@ __all__ = [
 # The module that defines each name; for those of the blocks see teleop_drake.blocks.
 _PLACES = {
     "link.remote": ["OperateRemotely", "ServeRobot"],
-    "analysis.ports": ["LinearizePorts"],
+    "analysis.ports": ["DelayMargin", "LinearizePorts"],
     "analysis.stability": ["AnalyzeStability"],
     "figures.block_diagram": ["WriteDiagram"],
     "figures.runs": ["PlotComparison", "PlotRun", "SaveFigure"],

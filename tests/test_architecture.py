@@ -266,12 +266,14 @@ def test_every_block_has_a_test():
 
 
 # What Drake, argparse, PyYAML, ast, concurrent.futures, http.server and socketserver
-# call by these names, what IPython asks for, what users of pandas expect, and what
+# call by these names, what IPython asks for, what users of pandas, SciPy and
+# python-control expect, and what
 # users of the first version call.
 OTHERS_NAMES = (
     "main|error|parse_known_args|visit_\\w+|construct_\\w+|repr_\\w+|submit|shutdown"
     "|do_GET|log_message|handle"
     "|_construct|_construct_copy|[sgc]\\w+_monitor|_(repr|ipython)_\\w+_|plot|to_dataframe|simulate"
+    "|bode|margins|to_control"
 )
 SNAKE_CASE = r"_*([a-z][a-z0-9]*|[A-Z])(_[a-zA-Z0-9]+)*"
 CAMEL_CASE = r"_?([A-Z][a-z0-9]*)+_?"

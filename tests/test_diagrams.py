@@ -153,6 +153,16 @@ def test_the_own_diagram_overshoots_by_what_the_method_of_steps_says(run):
     assert printed[2] == pytest.approx(100 * (peak - 1), abs=0.005)
 
 
+def test_the_cart_pole_falls_on_the_other_side_of_its_margin(run):
+    first, inside, outside = run(DIRECTORY / "delay_on_a_cart_pole.py")[1]
+    more, margin = map(float, re.findall(r"(\S+) ms", first)[1:])
+    assert margin == pytest.approx(50 + more, abs=0.01)
+    for line, share, change in ((inside, 0.97, "decays"), (outside, 1.03, "grows")):
+        found = re.fullmatch(r"(\S+) ms late: the push (\w+)", line)
+        assert float(found[1]) == pytest.approx(share * margin, abs=0.01)
+        assert found[2] == change
+
+
 def test_the_own_architecture_is_the_wave_line_it_claims_to_be(run):
     _, lines = run(DIRECTORY / "own_architecture.py")
     own, direct = map(float, re.findall(r"\d+\.\d+", *lines))
@@ -235,6 +245,7 @@ NOTEBOOK = DIRECTORY.parent / "notebooks" / "01_building_the_diagram.ipynb"
             "MakeTwoDofArm",
             (LoadScenario("two_dof_combined"),),
         ),
+        (DIRECTORY / "delay_on_a_cart_pole.py", "MakeDiagram", ()),
         (NOTEBOOK, "MakeDelayedSine", (0.3,)),
         (NOTEBOOK, "MakeSmallestLoop", (0.1,)),
     ],

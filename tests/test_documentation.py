@@ -65,7 +65,7 @@ def test_every_page_is_in_the_index():
 def test_examples_run(capsys):
     """Each as a script of its own."""
     blocks = Blocks("python")
-    assert len(blocks) == 9
+    assert len(blocks) == 10
     for block in blocks:
         exec(block, {"__name__": "__main__"})
         assert capsys.readouterr().out

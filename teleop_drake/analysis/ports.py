@@ -3,18 +3,18 @@
 Drake's own Linearize() takes continuous states only. LinearizePorts() holds modes, cuts
 delays open and retains them as delays; the slopes are those of AutoDiffXd. If a block
 does not convert to AutoDiffXd, the slopes are central differences, and the model names
-the block.
+the block. DelayMargin() returns the delay that a loop tolerates at one of its ports.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.systems.framework import (
     Context,
     Diagram,
     InputPort,
     OutputPort,
+    System,
 )
 
 from teleop_drake.analysis.cut_diagram import (
@@ -25,10 +25,12 @@ from teleop_drake.analysis.cut_diagram import (
     LeafPorts,
     States,
 )
-from teleop_drake.arrays import Array, ComplexArray
+from teleop_drake.analysis.port_model import PortModel
+from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine.flatten import Block, Flatten
+from teleop_drake.engine.flatten import Block, Flatten, OutputOf
+from teleop_drake.kernel import KernelIn
 from teleop_drake.kernel.linear_part import LinearPartOf
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.validation import Refuse
@@ -38,58 +40,14 @@ from teleop_drake.validation import Refuse
 _STEP = 1e-4
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class PortModel:
-    """What small deviations at one port of a diagram do at another one.
-
-    With the deviations u at the input, y at the output, x of the diagram's continuous
-    states in their order, and d of what the delays T_i deliver,
-
-        [y, what goes into the delays] = model(s) [u, d]
-        d_i(t) = what goes into delay i, at t - T_i
-
-    Attributes:
-        model: From [u, d] to [y, what goes into the delays].
-        delays: T_i in s, an entry for each signal.
-        by_differences: Paths of the blocks that do not convert to AutoDiffXd. If there
-            is one, all slopes are central differences.
-        held: Systems with a mode or a layer, which is held.
-    """
-
-    model: StateSpace
-    delays: tuple[float, ...]
-    by_differences: tuple[str, ...]
-    held: tuple[str, ...]
-
-    def __repr__(self) -> str:
-        """Returns sizes and delays on one line, without matrices."""
-        num_outputs, num_inputs = (
-            size - len(self.delays) for size in self.model.D.shape
-        )
-        delays = ", ".join(f"{delay:g}" for delay in sorted(set(self.delays)))
-        names = ", ".join(self.by_differences)
-        return (
-            f"PortModel({num_inputs} -> {num_outputs}, {self.model.num_states} states, "
-            f"delays [{delays}] s, {len(self.held)} held"
-            + (f", by differences: {names})" if names else ")")
-        )
-
-    def Response(self, frequencies: ArrayLike) -> ComplexArray:
-        """Returns the frequency response from u to y, (M, size of y, size of u).
-
-        Args:
-            frequencies: (M,) in rad/s, none of them an undamped mode.
-        """
-        return self.model.delayed_response(self.delays, frequencies)
-
-
 def LinearizePorts(
     diagram: Diagram,
     context: Context,
-    input_port: InputPort,
-    output_port: OutputPort,
+    input_port: InputPort | OutputPort,
+    output_port: OutputPort | None = None,
     *,
     is_opened: bool = False,
+    is_settled: bool = False,
 ) -> PortModel:
     """Linearises a diagram from one of its ports to another one, at any depth.
 
@@ -106,9 +64,13 @@ def LinearizePorts(
         diagram: Any, with at least one continuous state or delay.
         context: The operating point, of this diagram: from a Simulator, say; it is not
             changed.
-        input_port: Where the deviation is: of a system in the diagram, or its own.
-        output_port: Where it is seen: of a system in the diagram, or its own.
+        input_port: Where the deviation is: of a system in the diagram, or its own. Of
+            an output port, it is at all ports that receive its signal.
+        output_port: Where it is seen: of a system in the diagram, or its own. None:
+            where the input comes from.
         is_opened: Whether the deviation takes the place of what the port receives.
+        is_settled: Whether each delay delivers what goes into it, as at rest, instead
+            of what it delivers in the Context.
 
     Returns:
         The model.
@@ -119,33 +81,32 @@ def LinearizePorts(
     """
     own = _CopyContext(diagram, context)
     contexts = ContextsIn(diagram, own)
-    for port in (input_port, output_port):
+    for port in (input_port, output_port or input_port):
         if port.get_system() not in contexts:
-            Refuse("port", port.GetFullDescription(), "one in the diagram")
+            Refuse("port", _PathOf(port), "one in the diagram")
     blocks = Flatten(diagram)
     held = _Held(blocks, contexts)
+    delays = _Delays(blocks, contexts)
+    delay_cuts = {system: CutAtDelay(blocks, system, contexts) for system in delays}
+    if is_settled:
+        _Settle(blocks, delay_cuts)
     entry = _CutAtPort(blocks, input_port, contexts)
-    delays: list[float] = []
-    delay_cuts = []
-    states = []
-    for block in blocks:
-        delay = LinearPartOf(block.system).delay
-        if delay:
-            cut = CutAtDelay(blocks, block.system, contexts)
-            delay_cuts.append(cut)
-            delays += [delay] * len(cut.value)
-        size = block.system.num_continuous_states()
-        if size:
-            block_context = contexts[block.system]
-            states.append(States(block.system, block_context, size))
+    seen = output_port or entry.entering
+    if seen is None:
+        Refuse("output_port", None, "given, because the input is not connected")
+    states = [
+        States(block.system, contexts[block.system], size)
+        for block in blocks
+        if (size := block.system.num_continuous_states())
+    ]
     # What the input port receives without a deviation comes first, where it counts.
     entering = [] if is_opened or entry.entering is None else [entry.entering]
     function = CutDiagram(
         diagram,
         contexts,
         states=states,
-        cuts=[entry, *delay_cuts],
-        seen=[*entering, output_port, *(cut.entering for cut in delay_cuts)],
+        cuts=[entry, *delay_cuts.values()],
+        seen=[*entering, seen, *(cut.entering for cut in delay_cuts.values())],
     )
     _, slopes = function.Evaluate(_STEP)
     if function.Bends(_STEP, slopes):
@@ -155,12 +116,40 @@ def LinearizePorts(
     model = _ModelOf(slopes, num_states)
     if entering:
         model = _WithAddedInput(model, input_port.size())
+    times = [delays[system] for system, cut in delay_cuts.items() for _ in cut.value]
     return PortModel(
         model=model,
-        delays=tuple(delays),
+        delays=tuple(times),
         by_differences=function.by_differences,
         held=held,
+        is_opened=is_opened,
     )
+
+
+def DelayMargin(
+    diagram: Diagram, context: Context, port: InputPort | OutputPort
+) -> float:
+    """Returns the delay in s that a loop tolerates at a port, besides those in it.
+
+    The loop is stable if the signal at the port comes less than this later. All delays
+    are exact. Stable means that small deviations from an equilibrium decay.
+
+    Args:
+        diagram: Any that LinearizePorts() linearises.
+        context: The equilibrium, of this diagram; each delay delivers there what goes
+            into it. It is not changed.
+        port: Of a system in the diagram. Of an output port, the signal comes later to
+            all ports that receive it.
+
+    Returns:
+        The margin; 0 if the loop is unstable as it is, infinity if it is stable with
+        every delay. LinearizePorts(..., is_opened=True).margins() tells more.
+
+    Raises:
+        ValueError: As LinearizePorts() does.
+    """
+    model = LinearizePorts(diagram, context, port, is_opened=True, is_settled=True)
+    return model.margins().delay
 
 
 def _CopyContext(diagram: Diagram, context: Context) -> Context:
@@ -174,9 +163,60 @@ def _CopyContext(diagram: Diagram, context: Context) -> Context:
     return own
 
 
-def _CutAtPort(blocks: list[Block], port: InputPort, contexts: Contexts) -> Cut:
-    """Returns the cut at an input port, with what it receives now."""
-    leaves = LeafPorts(port)
+def _Delays(blocks: list[Block], contexts: Contexts) -> dict[System, float]:
+    """Returns the delays in s of the blocks that are delays, as in their Contexts."""
+    delays = {}
+    for block in blocks:
+        if LinearPartOf(block.system).delay:
+            (delay,) = KernelIn(block.system, contexts[block.system]).delays
+            assert not callable(delay.time)
+            delays[block.system] = delay.time
+    return delays
+
+
+def _Settle(blocks: list[Block], cuts: Mapping[System, Cut]) -> None:
+    """Lets each delay deliver what goes into it, also where that is another delay's."""
+    sources = {
+        block.system: blocks[source.block].system
+        for block in blocks
+        if block.system in cuts
+        for source in block.inputs.values()
+    }
+    # The value passes one more delay each time.
+    for _ in cuts:
+        for system, cut in cuts.items():
+            before = cuts.get(sources.get(system))
+            if before is None:
+                cut.Settle()
+            else:
+                cut.Set(before.value)
+
+
+def _PathOf(port: InputPort | OutputPort) -> str:
+    """Returns a port's name behind the path of its system."""
+    return f"{port.get_system().GetSystemPathname()}:{port.get_name()}"
+
+
+def _Receivers(blocks: list[Block], port: InputPort | OutputPort) -> list[InputPort]:
+    """Returns the ports of blocks that receive a signal."""
+    if isinstance(port, InputPort):
+        return LeafPorts(port)
+    source = OutputOf(blocks, port.get_system(), int(port.get_index()))
+    return [
+        block.system.GetInputPort(name)
+        for block in blocks
+        for name, own in block.inputs.items()
+        if own == source
+    ]
+
+
+def _CutAtPort(
+    blocks: list[Block], port: InputPort | OutputPort, contexts: Contexts
+) -> Cut:
+    """Returns the cut at a port, with what it receives now."""
+    leaves = _Receivers(blocks, port)
+    if not leaves:
+        Refuse("port", _PathOf(port), "connected to another system")
     leaf = leaves[0]
     system = leaf.get_system()
     (block,) = (x for x in blocks if x.system is system)

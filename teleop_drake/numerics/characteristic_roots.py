@@ -1,13 +1,15 @@
-"""Characteristic roots of a loop with a delay, by collocation.
+"""Characteristic roots of a loop with delays, by collocation.
 
-    dx/dt = A x + B w,    u = C x + D w,    w(t) = u(t - T)                      (1)
+    dx/dt = A x + B w,    u = C x + D w,    w_i(t) = u_i(t - T_i)                (1)
 
-The state of (1) is x and what is under way in the delay, U(theta) = u(t + theta) for
--T <= theta <= 0. It obeys dU/dt = dU/dtheta with U(0) = C x + D U(-T). With U
+The state of (1) is x and what is under way in the delays, U_i(theta) = u_i(t + theta)
+for -T_i <= theta <= 0. It obeys dU/dt = dU/dtheta with U(0) = C x + D U(-T). With U
 represented by its values at the Chebyshev points, this becomes an ordinary eigenvalue
 problem whose eigenvalues converge to the roots of
 
     det [ s I - A,  -B e^(-s T) ;  -C,  I - D e^(-s T) ] = 0                     (2)
+
+where e^(-s T) is a diagonal matrix. They converge
 
 faster than any power of the number of points, those near the origin first. Each is
 then polished by Newton's method on (2).
@@ -53,7 +55,7 @@ def characteristic_roots(
     C: ArrayLike,
     D: ArrayLike,
     *,
-    delay: float,
+    delay: ArrayLike,
     count: int = 8,
 ) -> ComplexArray:
     """Returns the rightmost roots of (2), by descending real part.
@@ -67,7 +69,7 @@ def characteristic_roots(
         C: (m, n).
         D: (m, m). With a spectral radius of 1 or more the rightmost roots lie at
             infinity, and what is returned are some of the others.
-        delay: T >= 0 in s.
+        delay: T >= 0 in s, one number, or T_i > 0 of each signal (m).
         count: How many roots, at most; of a complex pair both are returned.
 
     Returns:
@@ -79,40 +81,43 @@ def characteristic_roots(
     """
     A, B, C, D = (np.atleast_2d(np.array(x, dtype=float)) for x in (A, B, C, D))
     num_signals = len(D)
-    CheckNumber("delay", delay, "s", minimum=0)
-    if delay == 0 or num_signals == 0:
+    delays = np.asarray(delay, dtype=float)
+    for time in delays.flat:
+        CheckNumber("delay", float(time), "s", minimum=0)
+    if num_signals == 0 or not delays.any():
         closed = A + B @ np.linalg.solve(np.eye(num_signals) - D, C)
         return _rightmost(np.linalg.eigvals(closed).astype(complex), count)
-    loop = _DelayedLoop(A, B, C, D, delay)
+    loop = _DelayedLoop(A, B, C, D, np.broadcast_to(delays, num_signals))
     num_points = _num_points(loop)
     while True:
         raw = _rightmost(_collocation_roots(loop, num_points), count)
         roots = np.array([_polish(s, loop) for s in raw])
         # A root of the problem is one that Newton's method hardly has to move. Others
         # are of the discretisation's own making.
-        moved = np.abs(roots - raw) * delay
-        is_found = moved < 1e-3 * (1 + np.abs(raw) * delay)
+        longest = delays.max()
+        moved = np.abs(roots - raw) * longest
+        is_found = moved < 1e-3 * (1 + np.abs(raw) * longest)
         if is_found.all() or num_points >= _ENOUGH_POINTS:
             return _rightmost(roots[is_found], count)
         num_points *= 2
 
 
 class _DelayedLoop(NamedTuple):
-    """The loop dx/dt = A x + B u(t - T), u = C x + D u(t - T).
+    """The loop dx/dt = A x + B w, u = C x + D w with w_i(t) = u_i(t - T_i).
 
     Attributes:
         A: (n, n).
         B: (n, m).
         C: (m, n).
         D: (m, m).
-        delay: T > 0 in s.
+        delays: T_i > 0 in s (m).
     """
 
     A: Array
     B: Array
     C: Array
     D: Array
-    delay: float
+    delays: Array
 
 
 def _num_points(loop: _DelayedLoop) -> int:
@@ -121,7 +126,7 @@ def _num_points(loop: _DelayedLoop) -> int:
     There |C (s I - A)^-1 B + D| >= 1, so their frequency is limited, and a polynomial
     needs more than half a point for each radian that such a root turns in the delay.
     """
-    A, B, C, _, delay = loop
+    A, B, C, _, delays = loop
     n = len(A)
     gain = np.linalg.norm(B, 2) * np.linalg.norm(C, 2)
     highest = np.linalg.norm(A, 2) + 2 * gain
@@ -134,7 +139,7 @@ def _num_points(loop: _DelayedLoop) -> int:
     response = C @ np.linalg.solve(resolvent, inputs)
     is_large = np.linalg.norm(response, ord=2, axis=(1, 2)) >= _LEAST_GAIN
     fastest = float(w[is_large].max(initial=0.0))
-    return min(_FEWEST_POINTS + math.ceil(0.6 * fastest * delay), _MAX_POINTS)
+    return min(_FEWEST_POINTS + math.ceil(0.6 * fastest * delays.max()), _MAX_POINTS)
 
 
 def _rightmost(roots: ComplexArray, count: int) -> ComplexArray:
@@ -159,19 +164,21 @@ def _differentiation_matrix(num_points: int) -> Array:
 
 def _collocation_roots(loop: _DelayedLoop, num_points: int) -> ComplexArray:
     """Returns the eigenvalues of the discretised generator."""
-    A, B, C, D, delay = loop
+    A, B, C, D, delays = loop
     n = len(A)
     m = len(D)
     # U_0 = U(0) is eliminated; the unknowns are x and U_1 ... U_N, U_N = U(-T).
-    derivative = _differentiation_matrix(num_points)[1:] * (2 / delay)
+    derivative = _differentiation_matrix(num_points)[1:]
+    # Each signal has a scale of its own.
+    per_second = np.diag(2 / delays)
     size = n + num_points * m
     last = slice(size - m, size)
     generator = np.zeros((size, size))
     generator[:n, :n] = A
     generator[:n, last] = B
-    generator[n:, n:] = np.kron(derivative[:, 1:], np.eye(m))
+    generator[n:, n:] = np.kron(derivative[:, 1:], per_second)
     # U_0 = C x + D U_N.
-    boundary = np.kron(derivative[:, :1], np.eye(m))
+    boundary = np.kron(derivative[:, :1], per_second)
     generator[n:, :n] += boundary @ C
     generator[n:, last] += boundary @ D
     return np.linalg.eigvals(generator).astype(complex)
@@ -182,16 +189,16 @@ def _polish(s: complex, loop: _DelayedLoop) -> complex:
 
     Infinity if the method runs away from s.
     """
-    A, B, C, D, delay = loop
+    A, B, C, D, delays = loop
     identity_n = np.eye(len(A))
     identity_m = np.eye(len(D))
     no_slope = np.zeros_like(C)
     for _ in range(_MAX_NEWTON_STEPS):
         with np.errstate(over="ignore"):
-            z = np.exp(-s * delay)
+            z = np.exp(-s * delays)
         # M(s), whose determinant is zero at a root, and dM/ds.
         matrix = np.block([[s * identity_n - A, -B * z], [-C, identity_m - D * z]])
-        slope = np.block([[identity_n, delay * z * B], [no_slope, delay * z * D]])
+        slope = np.block([[identity_n, delays * z * B], [no_slope, delays * z * D]])
         if not np.isfinite(matrix).all():
             return complex(np.inf)
         try:
@@ -202,6 +209,6 @@ def _polish(s: complex, loop: _DelayedLoop) -> complex:
             return complex(np.inf)
         step = 1 / trace  # det/det' = 1/tr(M^-1 M').
         s = s - step
-        if abs(step) < 1e-14 * max(abs(s), 1 / delay):
+        if abs(step) < 1e-14 * max(abs(s), 1 / delays.max()):
             break
     return complex(s)

@@ -36,8 +36,10 @@ as a polynomial times s^k g(s, T), it does where g(0, T), a polynomial in T, is 
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from teleop_drake.arrays import Array, ComplexArray, Indices
 from teleop_drake.numerics.state_space import StateSpace
@@ -98,7 +100,14 @@ class Crossing:
         return self.frequency * self.delay
 
 
-def eigenloci(loop: StateSpace, frequencies: Array) -> ComplexArray:
+class Response(Protocol):
+    """What has a frequency response: a StateSpace, also with delays in it."""
+
+    def frequency_response(self, frequencies: Array) -> ComplexArray:
+        """Returns L(j w) (K, m, m)."""
+
+
+def eigenloci(loop: Response, frequencies: Array) -> ComplexArray:
     """Returns the eigenvalues of L(j w) by descending magnitude (K, m).
 
     Args:
@@ -123,13 +132,16 @@ def closed_loop_matrix(loop: StateSpace) -> Array:
     return loop.A - loop.B @ np.linalg.solve(feedthrough, loop.C)
 
 
-def sweep_frequencies(loop: StateSpace) -> Array:
+def sweep_frequencies(loop: StateSpace, more_poles: ArrayLike = ()) -> Array:
     """Returns ascending frequencies in rad/s on which L(j w) shows all it does.
 
     They lie logarithmically, and close together around each pole near the axis, from
     far below the slowest mode to where |L(j w)| has come within reach of D.
+
+    Args:
+        more_poles: Others near which the frequencies are to lie close together.
     """
-    poles = np.linalg.eigvals(loop.A)
+    poles = np.concatenate([np.linalg.eigvals(loop.A), np.asarray(more_poles)])
     closed_loop_modes = np.linalg.eigvals(closed_loop_matrix(loop))
     modes = np.abs(np.concatenate([poles, closed_loop_modes]))
     high = _highest_frequency(loop)
@@ -169,15 +181,26 @@ def find_crossings(loop: StateSpace) -> list[Crossing]:
     if loop.num_states == 0 or len(loop.D) == 0:
         return []
     crossings = _passages_of_the_origin(loop)
-    grid = sweep_frequencies(loop)
-    gains = _gains(loop, grid)
-    for locus in range(gains.shape[1]):
-        crossings += _crossings_of_locus(loop, grid, gains[:, locus], locus)
+    crossings += crossings_between(loop, sweep_frequencies(loop))
     return sorted(crossings, key=lambda crossing: crossing.frequency)
 
 
+def crossings_between(loop: Response, grid: Array) -> list[Crossing]:
+    """Returns where the eigenloci of a response cross the unit circle.
+
+    Args:
+        grid: Ascending frequencies in rad/s, dense enough for all that it does.
+    """
+    gains = _gains(loop, grid)
+    return [
+        crossing
+        for locus in range(gains.shape[1])
+        for crossing in _crossings_of_locus(loop, grid, gains[:, locus], locus)
+    ]
+
+
 def _crossings_of_locus(
-    loop: StateSpace, grid: Array, gains: Array, locus: int
+    loop: Response, grid: Array, gains: Array, locus: int
 ) -> list[Crossing]:
     """Returns where an eigenlocus crosses the unit circle.
 
@@ -205,7 +228,7 @@ def _crossings_of_locus(
 
 
 def _find_crossing(
-    loop: StateSpace, locus: int, low: float, high: float, starts_above: bool
+    loop: Response, locus: int, low: float, high: float, starts_above: bool
 ) -> float:
     """Returns where |l| passes 1 between two frequencies, in rad/s, to the last digit.
 
@@ -225,7 +248,7 @@ def _find_crossing(
     return float(high)
 
 
-def _phase_to_cross(loop: StateSpace, locus: int, frequency: float) -> float:
+def _phase_to_cross(loop: Response, locus: int, frequency: float) -> float:
     """Returns the phase in rad, 0 to 2 pi, by which a delay turns l(j w) to -1."""
     value = complex(eigenloci(loop, np.array([frequency]))[0, locus])
     phase = float(np.angle(value) + np.pi) % (2 * np.pi)
@@ -467,14 +490,12 @@ class _ReducedDeterminant:
         return matrix
 
 
-def _gains(loop: StateSpace, frequencies: Array) -> Array:
+def _gains(loop: Response, frequencies: Array) -> Array:
     """Returns log |l| of all eigenloci (K, m)."""
     return np.log(np.maximum(np.abs(eigenloci(loop, frequencies)), 1e-300))
 
 
-def _add_extrema(
-    loop: StateSpace, w: Array, g: Array, locus: int
-) -> tuple[Array, Array]:
+def _add_extrema(loop: Response, w: Array, g: Array, locus: int) -> tuple[Array, Array]:
     """Adds the extrema at which g = log |l| changes sign between two points.
 
     Args:
@@ -515,7 +536,7 @@ def _closest_points(g: Array) -> Indices:
 
 
 def _least_gain(
-    loop: StateSpace, locus: int, low: float, high: float, sign: float
+    loop: Response, locus: int, low: float, high: float, sign: float
 ) -> tuple[float, float]:
     """Returns where sign * log |l| is least between two frequencies, and log |l|."""
     for _ in range(_NUM_EXTREMUM_SWEEPS):

@@ -1,0 +1,179 @@
+"""A linear model between two ports of a diagram, with exact delays."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from teleop_drake.arrays import Array, ComplexArray
+from teleop_drake.numerics.delayed_loop import DelayedLoop, Margins
+from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.validation import Refuse
+
+# Frequencies of Bode's diagram for each decade, and how far it reaches beyond the
+# slowest and the fastest mode.
+_POINTS_PER_DECADE = 100
+_BEYOND = 10.0
+
+# The phase of a response must turn by less than this from one frequency to the next
+# to be followed, rad.
+_TURN = 0.5
+
+
+class BodeDiagram(NamedTuple):
+    """A frequency response (M, p, m), or (M,) from one input to one output.
+
+    Attributes:
+        frequencies: In rad/s (M).
+        magnitude: In dB.
+        phase: In degrees, continuous.
+    """
+
+    frequencies: Array
+    magnitude: Array
+    phase: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class PortModel:
+    """What small deviations at one port of a diagram do at another one.
+
+    With the deviations u at the input, y at the output, x of the diagram's continuous
+    states in their order, and d of what the delays T_i deliver,
+
+        [y, what goes into the delays] = model(s) [u, d]
+        d_i(t) = what goes into delay i, at t - T_i
+
+    Attributes:
+        model: From [u, d] to [y, what goes into the delays].
+        delays: T_i in s, an entry for each signal.
+        by_differences: Paths of the blocks that do not convert to AutoDiffXd. If there
+            is one, all slopes are central differences.
+        held: Systems with a mode or a layer, which is held.
+        is_opened: Whether the loop is open at the input.
+    """
+
+    model: StateSpace
+    delays: tuple[float, ...]
+    by_differences: tuple[str, ...]
+    held: tuple[str, ...]
+    is_opened: bool
+
+    @property
+    def A(self) -> Array:
+        """Rates of the states by the states."""
+        return self.model.A
+
+    @property
+    def B(self) -> Array:
+        """Rates of the states by [u, d]."""
+        return self.model.B
+
+    @property
+    def C(self) -> Array:
+        """[y, what goes into the delays] by the states."""
+        return self.model.C
+
+    @property
+    def D(self) -> Array:
+        """[y, what goes into the delays] by [u, d]."""
+        return self.model.D
+
+    def __repr__(self) -> str:
+        """Returns sizes and delays on one line, without matrices."""
+        num_outputs, num_inputs = (
+            size - len(self.delays) for size in self.model.D.shape
+        )
+        delays = ", ".join(f"{delay:g}" for delay in sorted(set(self.delays)))
+        names = ", ".join(self.by_differences)
+        return (
+            f"PortModel({num_inputs} -> {num_outputs}, {self.model.num_states} states, "
+            f"delays [{delays}] s, {len(self.held)} held"
+            + (f", by differences: {names})" if names else ")")
+        )
+
+    def Response(self, frequencies: ArrayLike) -> ComplexArray:
+        """Returns the frequency response from u to y, (M, size of y, size of u).
+
+        Args:
+            frequencies: (M,) in rad/s, none of them an undamped mode.
+        """
+        return self.model.delayed_response(self.delays, frequencies)
+
+    def bode(self, frequencies: ArrayLike | None = None) -> BodeDiagram:
+        """Returns magnitude and phase of the response from u to y, in SciPy's units.
+
+        Args:
+            frequencies: In rad/s, ascending, > 0. None: around all modes and delays.
+        """
+        w = self._Frequencies() if frequencies is None else np.asarray(frequencies)
+        # Between two frequencies the delays may turn the phase more than once.
+        parts = np.ceil(np.diff(w) * sum(self.delays) / _TURN).astype(int).clip(1)
+        ends = np.concatenate([[0], np.cumsum(parts)])
+        dense = np.interp(np.arange(ends[-1] + 1), ends, w)
+        response = self.Response(dense)
+        phase = np.unwrap(np.angle(response), axis=0)[ends]
+        size = np.abs(response[ends])
+        if size.shape[1:] == (1, 1):
+            phase = phase[:, 0, 0]
+            size = size[:, 0, 0]
+        with np.errstate(divide="ignore"):
+            magnitude = 20 * np.log10(size)
+        return BodeDiagram(w, magnitude, np.degrees(phase))
+
+    def margins(self) -> Margins:
+        """Returns the margins of the loop that u = y closes, in all signals at once.
+
+        That is the diagram's own loop if the output is where the input comes from:
+        LinearizePorts(diagram, context, port, is_opened=True).
+
+        Raises:
+            ValueError: If the model is not opened, or u and y differ in size.
+        """
+        num_outputs, num_inputs = np.subtract(self.D.shape, len(self.delays))
+        if not self.is_opened or num_inputs != num_outputs:
+            allowed = "opened, with as many inputs as outputs, to have margins"
+            Refuse("model", repr(self), allowed)
+        loop = DelayedLoop(system=self.model, delays=np.array(self.delays))
+        return loop.margins()
+
+    def to_control(self, order: int = 5) -> Any:
+        """Returns the model from u to y as a control.StateSpace of python-control.
+
+        It has no exact delays: each one becomes a Pade approximant. Without delays the
+        model is exact.
+
+        Args:
+            order: Of the approximants.
+
+        Raises:
+            ModuleNotFoundError: If python-control is not installed.
+        """
+        try:
+            import control
+        except ModuleNotFoundError:
+            raise ModuleNotFoundError(
+                "to_control() needs python-control: "
+                "`pip install 'teleop-drake[control]'`"
+            ) from None
+        model = control.ss(self.A, self.B, self.C, self.D)
+        if not self.delays:
+            return model
+        approximants = [
+            control.tf2ss(control.tf(*control.pade(delay, order)))
+            for delay in self.delays
+        ]
+        k = len(self.delays)
+        return model.lft(control.append(*approximants), k, k)
+
+    def _Frequencies(self) -> Array:
+        """Returns frequencies in rad/s around all modes and delays."""
+        modes = np.abs(np.linalg.eigvals(self.A))
+        corners = [*modes[modes > 1e-6 * modes.max(initial=0.0)]]
+        corners += [1 / delay for delay in self.delays]
+        low = min(corners, default=1.0) / _BEYOND
+        high = max(corners, default=1.0) * _BEYOND
+        num_points = math.ceil(_POINTS_PER_DECADE * math.log10(high / low))
+        return np.geomspace(low, high, num_points)

@@ -1,0 +1,210 @@
+"""The margins of a loop that has delays in it.
+
+The loop is cut open between y and u. What remains is a linear system with delays:
+
+    [y, e] = G(s) [u, d],    d_i(t) = e_i(t - T_i)                               (1)
+
+With the response P(s) from u to y, the loop that is closed by u = k y(t - T) has the
+characteristic equation det(I - k P(s) e^(-s T)) = 0. Without a gain k and a delay T
+more it is the loop itself: k = 1, T = 0. Whether that is stable is found by collocation
+(characteristic_roots). If it is, a root reaches the imaginary axis first
+
+* as T grows from 0: where an eigenvalue p(j w) of P(j w) has the magnitude 1, see
+  delay_margin;
+* as k moves away from 1: where an eigenvalue is real and positive, and k = 1/p.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from teleop_drake.arrays import Array, ComplexArray
+from teleop_drake.numerics.characteristic_roots import characteristic_roots
+from teleop_drake.numerics.delay_margin import (
+    Crossing,
+    crossings_between,
+    eigenloci,
+    sweep_frequencies,
+)
+from teleop_drake.numerics.state_space import StateSpace
+
+# A root this slow, relative to the norm of A, cannot be told from one at 0.
+_NEUTRAL = 1e-6
+
+# Points of the sweep for each turn of the phase by all delays, and how many at most.
+_POINTS_PER_TURN = 12
+_MAX_POINTS = 100_000
+
+# Where all that goes around is weaker than this, nothing is looked for.
+_LEAST_GAIN = 1e-2
+
+# How many bisections find where an eigenvalue is real, and how real it has to be.
+_NUM_BISECTIONS = 60
+_REAL = 1e-6
+
+# What it may differ by from its value at the frequency 0, far below all modes.
+_NEARLY = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Margins:
+    """What a loop tolerates at the place where it is cut open, in all its signals.
+
+    Attributes:
+        is_stable: Whether the loop is stable as it is, neutral roots at 0 apart. If
+            not, it has no margins: they are 0, and 1 for the gain.
+        delay: The additional delay in s from which on the loop is unstable; infinity:
+            it is stable with every delay.
+        frequency: Of the oscillation at this delay, rad/s; 0: there is none.
+        phase: The least additional phase in rad, of either sign, with which the loop is
+            unstable; infinity: it is stable with every phase.
+        gain: The additional gains between which the loop is stable, one below and one
+            above 1; 0 and infinity: there is no such limit from 1/100 to 100.
+    """
+
+    is_stable: bool
+    delay: float = 0.0
+    frequency: float = 0.0
+    phase: float = 0.0
+    gain: tuple[float, float] = (1.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DelayedLoop:
+    """A loop (1), cut open.
+
+    Attributes:
+        system: G, from [u (m), d (k)] to [y (m), e (k)].
+        delays: T_i > 0 in s (k).
+    """
+
+    system: StateSpace
+    delays: Array
+
+    def frequency_response(self, frequencies: Array) -> ComplexArray:
+        """Returns L(j w) = -P(j w) (K, m, m), with the sign that delay_margin takes."""
+        return -self.system.delayed_response(self.delays, frequencies)
+
+    def margins(self) -> Margins:
+        """Returns what the loop tolerates where it is cut open."""
+        num_signals = len(self.system.D) - len(self.delays)
+        # Without dynamics around the loop, infinitely many roots lie near the axis.
+        gains_at_once = np.linalg.eigvals(np.abs(self.system.D))
+        if np.abs(gains_at_once).max(initial=0.0) >= 1:
+            return Margins(is_stable=False)
+        closed = self.system.closed(np.arange(num_signals))
+        if self._has_unstable_root(closed):
+            return Margins(is_stable=False)
+        grid = self._sweep(num_signals)
+        crossings = crossings_between(self, grid)
+        first = min(
+            (crossing for crossing in crossings if crossing.direction > 0),
+            key=lambda crossing: crossing.delay,
+            default=Crossing(frequency=0.0, delay=math.inf, direction=1),
+        )
+        lags = [crossing.phase_margin for crossing in crossings]
+        return Margins(
+            is_stable=True,
+            delay=first.delay,
+            frequency=first.frequency,
+            phase=min((min(x, 2 * math.pi - x) for x in lags), default=math.inf),
+            gain=self._gains_between(grid),
+        )
+
+    def _has_unstable_root(self, closed: StateSpace) -> bool:
+        """Returns whether the closed loop has a root right of the imaginary axis.
+
+        Args:
+            closed: From d to e.
+        """
+        # The rightmost roots are the first to be right of the axis.
+        roots = characteristic_roots(
+            closed.A, closed.B, closed.C, closed.D, delay=self.delays, count=2
+        )
+        slow = _NEUTRAL * float(np.linalg.norm(closed.A))
+        return bool(np.any((np.abs(roots) > slow) & (roots.real > slow)))
+
+    def _sweep(self, num_signals: int) -> Array:
+        """Returns ascending frequencies in rad/s that show all that P(j w) does."""
+        G = self.system
+        loop = StateSpace(A=G.A, B=G.B, C=-G.C, D=-G.D)
+        grid = sweep_frequencies(loop)
+        sizes = np.abs(G.frequency_response(grid))
+        # Where loops of the delays alone are left, they have modes of their own.
+        if _largest_gain(sizes[:, num_signals:, num_signals:]).max() > _LEAST_GAIN:
+            rest = np.arange(num_signals, len(G.D))
+            inner = G.part(np.arange(G.num_states), rest, rest)
+            modes = characteristic_roots(
+                inner.A, inner.B, inner.C, inner.D, delay=self.delays
+            )
+            grid = sweep_frequencies(loop, modes)
+            sizes = np.abs(G.frequency_response(grid))
+        is_heard = _largest_gain(sizes) > _LEAST_GAIN
+        grid = grid[: np.flatnonzero(is_heard).max(initial=0) + 2]
+        turns = grid[-1] * self.delays.sum() / (2 * math.pi)
+        num_points = min(math.ceil(_POINTS_PER_TURN * turns), _MAX_POINTS)
+        even = np.linspace(grid[0], grid[-1], num_points)
+        return np.array(sorted({*grid, *even}))
+
+    def _gains_between(self, grid: Array) -> tuple[float, float]:
+        """Returns the gains next to 1 at which a root is on the axis, or 0, infinity.
+
+        Args:
+            grid: Frequencies in rad/s, from far below the slowest mode.
+        """
+        # The loci end on the real axis at the frequency 0, unless they come from there
+        # at infinity.
+        at_zero, slow = -eigenloci(self, grid[0] * np.array([0.1, 1.0]))
+        is_real = np.abs(at_zero.imag) < _NEARLY * at_zero.real
+        is_finite = np.abs(at_zero - slow) < _NEARLY * np.abs(slow)
+        values = [float(x) for x in at_zero[is_real & is_finite].real]
+        # A neutral root stays where it is only with the gain 1.
+        values = [value for value in values if abs(value - 1) > _REAL]
+        loci = -eigenloci(self, grid)
+        # Smaller ones are the rounding errors of 0.
+        is_right = loci.real > _REAL * np.abs(loci[:, :1])
+        changes = np.signbit(loci.imag[:-1]) != np.signbit(loci.imag[1:])
+        found = np.argwhere(is_right[:-1] & is_right[1:] & changes)
+        # The nearest to 1 are enough, of the larger ones and of the smaller ones.
+        nearest = sorted(found.tolist(), key=lambda at: abs(math.log(loci[*at].real)))
+        for is_larger in (True, False):
+            for k, locus in nearest:
+                if (loci[k, locus].real > 1) != is_larger:
+                    continue
+                value = self._real_value(grid[k], grid[k + 1], locus)
+                if value > 0:
+                    values.append(value)
+                    break
+        gains = [1 / value for value in values]
+        below = [gain for gain in gains if gain < 1]
+        above = [gain for gain in gains if gain > 1]
+        return max(below, default=0.0), min(above, default=math.inf)
+
+    def _real_value(self, low: float, high: float, locus: int) -> float:
+        """Returns the real eigenvalue between two frequencies; 0: there is none.
+
+        Where two eigenvalues of the same size change places, neither is real.
+        """
+
+        def value_at(frequency: float) -> complex:
+            return -complex(eigenloci(self, np.array([frequency]))[0, locus])
+
+        is_below = math.copysign(1.0, value_at(low).imag)
+        for _ in range(_NUM_BISECTIONS):
+            middle = (low + high) / 2
+            if math.copysign(1.0, value_at(middle).imag) == is_below:
+                low = middle
+            else:
+                high = middle
+        value = value_at(high)
+        return value.real if abs(value.imag) < _REAL * abs(value) else 0.0
+
+
+def _largest_gain(sizes: Array) -> Array:
+    """Returns what no delays let go around any loop of the signals with more than (K).
+
+    Args:
+        sizes: Magnitudes of the responses between the signals (K, n, n).
+    """
+    return np.abs(np.linalg.eigvals(sizes)).max(axis=1, initial=0.0)

@@ -1,0 +1,269 @@
+"""Margins of anybody's loop, against closed forms, python-control, SciPy and runs."""
+
+import math
+import sys
+
+import numpy as np
+import pytest
+import scipy.signal
+from pydrake.symbolic import Variable
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import (
+    Adder,
+    Integrator,
+    LinearSystem,
+    SymbolicVectorSystem,
+)
+
+from teleop_drake import (
+    AnalyzeStability,
+    DelayMargin,
+    LinearizePorts,
+    LoadScenario,
+    MakeTeleoperator,
+    TransportDelay,
+    simulate,
+)
+from teleop_drake.parameters import SetParameter
+
+
+def MakeLoop(A, B, C, K, *, inner=0.0, side=None):
+    """Returns the loop dx/dt = A x + B u, y = C x, u = -K y(t - inner).
+
+    Args:
+        side: Gain and delay of another feedback of y beside this one.
+    """
+    builder = DiagramBuilder()
+    plant = builder.AddNamedSystem("plant", LinearSystem(A, B, C))
+    total = builder.AddNamedSystem("total", Adder(2, 1))
+    AddFeedback(builder, plant, total.get_input_port(0), K, inner, ("delay", "law"))
+    no_gain = np.zeros((1, len(C)))
+    gain, time = side or (no_gain, 0.0)
+    names = ("side_delay", "side_law")
+    AddFeedback(builder, plant, total.get_input_port(1), gain, time, names)
+    builder.Connect(total.get_output_port(), plant.get_input_port())
+    builder.ExportOutput(plant.get_output_port(), "y")
+    diagram = builder.Build()
+    diagram.set_name("loop")
+    return diagram
+
+
+def AddFeedback(builder, plant, port, K, delay, names):
+    """Connects -K y(t - delay) to a port."""
+    output = plant.get_output_port()
+    channel = builder.AddNamedSystem(names[0], TransportDelay(delay, output.size()))
+    law = LinearSystem(D=-np.atleast_2d(K))
+    law = builder.AddNamedSystem(names[1], law)
+    builder.Connect(output, channel.get_input_port())
+    builder.Connect(channel.get_output_port(), law.get_input_port())
+    builder.Connect(law.get_output_port(), port)
+
+
+INTEGRATOR = ([[0.0]], [[1.0]], [[1.0]])
+DOUBLE = (np.array([[0.0, 1.0], [0.0, 0.0]]), [[0.0], [1.0]], np.eye(2))
+THREE_LAGS = (-np.eye(3) + np.eye(3, k=1), [[0.0], [0.0], [1.0]], [[1.0, 0.0, 0.0]])
+
+
+def ModelAt(diagram, port):
+    context = diagram.CreateDefaultContext()
+    return LinearizePorts(diagram, context, port, is_opened=True)
+
+
+def test_an_integrator_tolerates_a_quarter_turn():
+    """dx/dt = -k x(t - T) is stable for k T < pi/2."""
+    for inner in (0.0, 0.3):
+        diagram = MakeLoop(*INTEGRATOR, [[2.0]], inner=inner)
+        law = diagram.GetSubsystemByName("law")
+        margins = ModelAt(diagram, law.get_input_port()).margins()
+        assert margins.is_stable
+        assert margins.delay == pytest.approx(math.pi / 4 - inner, rel=1e-9)
+        assert margins.frequency == pytest.approx(2.0, rel=1e-9)
+        assert margins.phase == pytest.approx(math.pi / 2 - 2 * inner, rel=1e-9)
+        highest = math.pi / 4 / inner if inner else math.inf
+        assert margins.gain == pytest.approx((0.0, highest), rel=1e-9)
+
+
+def test_state_feedback_of_a_double_integrator():
+    """|k1 + j w k2| = w^2 at the crossover, where the phase is atan(k2 w/k1)."""
+    k1, k2 = 4.0, 2.0
+    w = math.sqrt((k2**2 + math.sqrt(k2**4 + 4 * k1**2)) / 2)
+    diagram = MakeLoop(*DOUBLE, [[k1, k2]], inner=0.1)
+    expected = math.atan(k2 * w / k1) / w - 0.1
+    context = diagram.CreateDefaultContext()
+    plant, delay, law = map(diagram.GetSubsystemByName, ("plant", "delay", "law"))
+    # Vectors or scalars, behind an output or before an input: one loop.
+    for port in (
+        plant.get_input_port(),
+        delay.get_input_port(),
+        delay.get_output_port(),
+        law.get_output_port(),
+    ):
+        assert DelayMargin(diagram, context, port) == pytest.approx(expected, rel=1e-7)
+
+
+def test_two_delays_of_which_one_is_left_as_it_is():
+    """dx/dt = -a x(t - T1) - b x(t - T): j w + a e^(-j w T1) + b e^(-j w T) = 0."""
+    a, b, T1 = 1.0, 3.0, 0.4
+    diagram = MakeLoop(*INTEGRATOR, [[b]], side=(a, T1))
+    margins = ModelAt(
+        diagram, diagram.GetSubsystemByName("law").get_output_port()
+    ).margins()
+    w, T = margins.frequency, margins.delay
+    terms = np.array([1j * w, a * np.exp(-1j * w * T1), b * np.exp(-1j * w * T)])
+    assert abs(terms.sum()) < 1e-9
+    # No smaller T is on the axis: |j w + a e^(-j w T1)| = b has one solution.
+    frequencies = np.linspace(1e-3, a + b, 20001)
+    rest = np.abs(1j * frequencies + a * np.exp(-1j * frequencies * T1)) - b
+    (crossing,) = frequencies[:-1][np.diff(np.signbit(rest))]
+    assert w == pytest.approx(crossing, abs=1e-3)
+
+
+def test_gain_margin_of_three_lags():
+    """k/(s + 1)^3 is stable for k < 8, at w = sqrt(3)."""
+    diagram = MakeLoop(*THREE_LAGS, [[2.0]])
+    port = diagram.GetSubsystemByName("plant").get_input_port()
+    assert ModelAt(diagram, port).margins().gain == pytest.approx((0.0, 4.0))
+
+
+def test_gain_margins_of_an_unstable_plant():
+    """0.1 s^2 + 0.9 s + k - 1: k/(s - 1) behind the actuator 1/(0.1 s + 1)."""
+    A = [[1.0, 1.0], [0.0, -10.0]]
+    diagram = MakeLoop(A, [[0.0], [10.0]], [[1.0, 0.0]], [[3.0]])
+    port = diagram.GetSubsystemByName("plant").get_input_port()
+    gain = ModelAt(diagram, port).margins().gain
+    assert gain == pytest.approx((1 / 3, math.inf), rel=1e-6)
+
+
+def test_an_unstable_loop_has_no_margin_and_a_small_gain_any():
+    for K, expected in ((9.0, 0.0), (0.5, math.inf)):
+        diagram = MakeLoop(*THREE_LAGS, [[K]])
+        output = diagram.GetSubsystemByName("plant").get_output_port()
+        context = diagram.CreateDefaultContext()
+        assert DelayMargin(diagram, context, output) == expected
+
+
+def test_the_delay_is_that_of_the_context():
+    diagram = MakeLoop(*INTEGRATOR, [[2.0]], inner=0.3)
+    context = diagram.CreateDefaultContext()
+    SetParameter(diagram, context, "delay.delay", 0.1)
+    port = diagram.GetSubsystemByName("law").get_output_port()
+    margin = DelayMargin(diagram, context, port)
+    assert margin == pytest.approx(math.pi / 4 - 0.1, rel=1e-9)
+
+
+@pytest.mark.parametrize(("share", "is_stable"), [(0.98, True), (1.02, False)])
+def test_runs_on_both_sides_of_the_margin(share, is_stable):
+    """Two delays, of which the first has the margin; see above."""
+    diagram = MakeLoop(*INTEGRATOR, [[3.0]], inner=0.1, side=(1.0, 0.4))
+    port = diagram.GetSubsystemByName("delay").get_output_port()
+    margin = DelayMargin(diagram, diagram.CreateDefaultContext(), port)
+    delay = 0.1 + share * margin
+    late = MakeLoop(*INTEGRATOR, [[3.0]], inner=delay, side=(1.0, 0.4))
+    context = late.CreateDefaultContext()
+    plant = late.GetSubsystemByName("plant")
+    plant.GetMyMutableContextFromRoot(context).SetContinuousState([1.0])
+    recording = simulate(late, context=context, duration=100.0)
+    size = np.abs(recording["y"])
+    early = size[(recording.time > 20) & (recording.time < 40)].max()
+    end = size[recording.time > 80].max()
+    assert (end < 0.5 * early) == is_stable
+    assert (end > 2 * early) == (not is_stable)
+
+
+def test_bode_is_scipys_and_follows_the_phase_of_a_delay():
+    lags = [1.0], [1.0, 3.0, 3.0, 1.0]
+    w, magnitude, phase = scipy.signal.bode(lags, np.geomspace(0.01, 100, 50))
+    diagram = MakeLoop(*THREE_LAGS, [[-1.0]], inner=0.7)
+    plant = diagram.GetSubsystemByName("plant")
+    model = ModelAt(diagram, plant.get_input_port())
+    bode = model.bode(w)
+    np.testing.assert_allclose(bode.magnitude, magnitude, rtol=1e-9, atol=1e-9)
+    expected = phase - np.degrees(0.7 * w)
+    np.testing.assert_allclose(bode.phase, expected, rtol=1e-9, atol=1e-6)
+    own = model.bode()
+    assert own.frequencies[0] < 0.11 and own.frequencies[-1] > 9
+    assert model.A.shape == (3, 3) and model.D.shape == (2, 2)
+
+
+def test_python_control_finds_the_margins_of_the_same_loop():
+    control = pytest.importorskip("control")
+    diagram = MakeLoop(*DOUBLE, [[4.0, 2.0]], inner=0.1)
+    port = diagram.GetSubsystemByName("plant").get_input_port()
+    model = ModelAt(diagram, port)
+    converted = model.to_control(order=6)
+    w = np.array([0.1, 1.0, 5.0])
+    response = converted(1j * w)
+    np.testing.assert_allclose(response, model.Response(w)[:, 0, 0], rtol=1e-9)
+    # python-control closes a loop with a minus.
+    _, phase, _, _ = control.margin(-converted)
+    assert math.radians(phase) == pytest.approx(model.margins().phase, rel=1e-6)
+    undelayed = MakeLoop(*DOUBLE, [[4.0, 2.0]])
+    port = undelayed.GetSubsystemByName("plant").get_input_port()
+    model = ModelAt(undelayed, port)
+    np.testing.assert_array_equal(model.to_control().A, model.A)
+
+
+def test_without_python_control_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "control", None)
+    diagram = MakeLoop(*INTEGRATOR, [[2.0]])
+    model = ModelAt(diagram, diagram.GetSubsystemByName("law").get_input_port())
+    with pytest.raises(ModuleNotFoundError, match=r"teleop-drake\[control\]"):
+        model.to_control()
+
+
+def test_what_is_no_loop_has_no_margins():
+    diagram = MakeLoop(*INTEGRATOR, [[2.0]])
+    context = diagram.CreateDefaultContext()
+    plant = diagram.GetSubsystemByName("plant")
+    closed = LinearizePorts(diagram, context, plant.get_input_port())
+    with pytest.raises(ValueError, match="must be opened"):
+        closed.margins()
+    builder = DiagramBuilder()
+    alone = builder.AddNamedSystem("alone", Integrator(1))
+    builder.ExportInput(alone.get_input_port())
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    with pytest.raises(ValueError, match="input is not connected"):
+        DelayMargin(diagram, context, alone.get_input_port())
+    with pytest.raises(ValueError, match="must be connected to another system"):
+        DelayMargin(diagram, context, alone.get_output_port())
+
+
+def test_delays_in_series_are_settled():
+    """dx/dt = c - x^2(t - T1 - T2) rests at x = sqrt(c), where its slope is -2 x."""
+    x = Variable("x")
+    u = Variable("u")
+    builder = DiagramBuilder()
+    plant = SymbolicVectorSystem(
+        state=[x], input=[u], dynamics=[4.0 - u**2], output=[x]
+    )
+    plant = builder.AddNamedSystem("plant", plant)
+    first = builder.AddNamedSystem("first", TransportDelay(0.1, 1))
+    second = builder.AddNamedSystem("second", TransportDelay(0.05, 1))
+    builder.Connect(plant.get_output_port(), first.get_input_port())
+    builder.Connect(first.get_output_port(), second.get_input_port())
+    builder.Connect(second.get_output_port(), plant.get_input_port())
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    plant.GetMyMutableContextFromRoot(context).SetContinuousState([2.0])
+    for port in (plant.get_output_port(), second.get_output_port()):
+        margin = DelayMargin(diagram, context, port)
+        assert margin == pytest.approx(math.pi / 2 / 4 - 0.15, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    "kind", ["direct_force", "wave_variables", "proportional_damping"]
+)
+def test_a_teleoperator_has_the_margin_of_the_loop_analysis(kind):
+    """That one knows stations and channels, and cuts both channels."""
+    scenario = LoadScenario("one_dof", {"controller.kind": kind, "delay": 0.02})
+    tissue = AnalyzeStability(scenario)["tissue"]
+    diagram = MakeTeleoperator(scenario)
+    context = diagram.CreateDefaultContext()
+    point = tissue.model.point
+    robot = diagram.GetSubsystemByName("robot").GetMyMutableContextFromRoot(context)
+    robot.SetContinuousState([*point.position, *point.velocity])
+    channel = diagram.GetSubsystemByName("forward_channel")
+    margin = DelayMargin(diagram, context, channel.get_output_port())
+    expected = tissue.margin.delay - 0.04 if tissue.margin else math.inf
+    assert margin == pytest.approx(expected, rel=1e-9)
