@@ -21,8 +21,8 @@ from teleop_drake.kernel import Delay, FixedBlock, Kernel, Transition
 from teleop_drake.simulation import simulate
 
 
-def Run(law, lags, start, history, duration, engine, accuracy, max_step):
-    """Simulates x' = law(x, the x(t - T) of lags T one behind another)."""
+def MakeDiagram(law, lags, start, history):
+    """Returns x' = law(x, the x(t - T) of lags T one behind another)."""
     builder, n = DiagramBuilder(), len(start)
     size = n * len(lags)
     late = [(f"late_{i}", 0, n) for i in range(len(lags))]
@@ -43,10 +43,20 @@ def Run(law, lags, start, history, duration, engine, accuracy, max_step):
         builder.Connect(plant.get_output_port(), delay.get_input_port())
         builder.Connect(delay.get_output_port(), block.GetInputPort(f"late_{i}"))
     builder.ExportOutput(plant.get_output_port(), "x")
-    config = SimulatorConfig(
+    return builder.Build()
+
+
+def Solver(accuracy, max_step):
+    return SimulatorConfig(
         integration_scheme="runge_kutta5", accuracy=accuracy, max_step_size=max_step
     )
-    run = simulate(builder.Build(), duration=duration, engine=engine, simulator=config)
+
+
+def Run(law, lags, start, history, duration, engine, accuracy, max_step):
+    """Simulates MakeDiagram()."""
+    diagram = MakeDiagram(law, lags, start, history)
+    config = Solver(accuracy, max_step)
+    run = simulate(diagram, duration=duration, engine=engine, simulator=config)
     assert run.solver.engine == engine
     return run
 

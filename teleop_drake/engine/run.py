@@ -12,7 +12,7 @@ from teleop_drake.engine import advance as integrator
 from teleop_drake.engine import problem
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.source import Program
-from teleop_drake.jit.native import Evaluate
+from teleop_drake.jit.native import Evaluate, Packed
 from teleop_drake.jit.typed_code import CompileTyped
 from teleop_drake.jit.typed_expressions import EVALUATE, TypeOf
 from teleop_drake.kernel import Delay, Packet
@@ -59,10 +59,13 @@ class CompiledRun:
         evaluator: Of the diagram, in Python or in machine code.
         context: Where it starts.
         start: The same, instead of the context.
+        system: What is integrated, of MakeProblem(); None: it is made.
         end: Until when it can run, s.
         accuracy: What a step may be wrong by in the largest of all states, as Drake's
             integrators have it.
         max_step: Longest step in s.
+        is_checked: Whether nobody needs a state that a short run comes through, because
+            the code has been compared with Drake before.
 
     Attributes:
         evaluator: Of the diagram.
@@ -80,9 +83,11 @@ class CompiledRun:
         context: Context | None,
         *,
         start: Visited | None = None,
+        system: Packed | None = None,
         end: float,
         accuracy: float,
         max_step: float,
+        is_checked: bool = False,
     ):
         if start is None:
             assert context is not None
@@ -94,12 +99,8 @@ class CompiledRun:
         self.visited: list[Visited] = []
         self._accuracy = accuracy
         self._max_step = max_step
-        program = self.evaluator.program
-        self.problem = problem.Problem(
-            *program.parameters,
-            _Delays(program, start.t, end),
-            _Transitions(program),
-        )
+        system = system or MakeProblem(evaluator.program, start.t, end)
+        self.problem: problem.Problem = system.value
         self.memory = problem.make_memory(
             self.problem,
             x=start.x.copy(),
@@ -111,10 +112,12 @@ class CompiledRun:
         )
         self._times, self._rows = np.empty(0), np.empty((0, len(start.y)))
         self._num_rows = 0
-        self._chunk = _FIRST_CHUNK
+        self._chunk = _CHUNK if is_checked else _FIRST_CHUNK
         self._integrate: Callable[..., Any] = integrator.advance
+        self._system: Any = self.problem
         if isinstance(evaluator.function, Evaluate):
             self._integrate = _CompiledAdvance(self.problem, self.memory)
+            self._system = system
 
     @property
     def time(self) -> float:
@@ -144,7 +147,7 @@ class CompiledRun:
         """
         self._MakeRoomForRows()
         numbers = float(end), self._accuracy, self._max_step
-        arguments = self.problem, self.memory, *numbers
+        arguments = self._system, self.memory, *numbers
         status = integrator.DONE
         try:
             status = self._integrate(self.evaluator.function, *arguments)
@@ -289,6 +292,12 @@ def _CompiledAdvance(
         types = map(TypeOf, (system, memory, 0.0, 0.0, 0.0))
         _advance.append(CompileTyped(integrator.advance, (EVALUATE, *types)))
     return _advance[0]
+
+
+def MakeProblem(program: Program, start: float, end: float) -> Packed:
+    """Returns what is integrated between two times in s, a Problem."""
+    delays = _Delays(program, start, end)
+    return Packed(problem.Problem(*program.parameters, delays, _Transitions(program)))
 
 
 def _Delays(program: Program, start: float, end: float) -> problem.Delays:

@@ -147,6 +147,18 @@ def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
     return call
 
 
+class Packed:
+    """A named tuple of arrays with its header, for functions that take it many times.
+
+    Args:
+        value: The tuple. Its arrays must stay where they are.
+    """
+
+    def __init__(self, value: tuple[Any, ...]):
+        self.value: Any = value
+        self.header = np.array(Header(value), np.int64)
+
+
 class TypedFunction:
     """A function of arrays in machine code; see typed_code."""
 
@@ -155,14 +167,15 @@ class TypedFunction:
         self._function = ctypes.CFUNCTYPE(ctypes.c_int64)(library.Address(name))
 
     def __call__(self, *arguments: Any) -> int:
-        """Calls it with numbers, named tuples of arrays and a function `evaluate`."""
+        """Calls it with numbers, named tuples (Packed or not), and an Evaluate."""
         headers = []  # The headers must not be freed before the call returns.
         taken: list[Any] = []
         for argument in arguments:
             if isinstance(argument, tuple):
-                header = np.array(Header(argument), np.int64)
-                headers.append(header)
-                taken.append(ctypes.c_void_p(header.ctypes.data))
+                argument = Packed(argument)
+            if isinstance(argument, Packed):
+                headers.append(argument.header)
+                taken.append(ctypes.c_void_p(argument.header.ctypes.data))
             elif isinstance(argument, Evaluate):
                 taken.append(ctypes.c_void_p(argument.address))
             else:

@@ -6,11 +6,14 @@ typed_code has the statements.
 
 import ast
 import builtins
+import ctypes
 import struct
 from types import FunctionType
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from teleop_drake.arrays import Array
 
 FLOAT = "double"
 INTEGER = "i64"
@@ -86,10 +89,19 @@ def TypeOf(value: Any) -> Type:
     return EVALUATE
 
 
+# The type of no bytes at all, at any place.
+_Nothing = ctypes.c_char * 0
+
+
+def _Address(array: Array) -> int:
+    """Returns the address of an array, in a third of the time of array.ctypes."""
+    return ctypes.addressof(_Nothing.from_buffer(array.data))
+
+
 def Header(value: Any) -> list[int]:
     """Returns the memory of a named tuple: the arrays' addresses and dimensions."""
     if isinstance(value, np.ndarray):
-        return [value.ctypes.data, *value.shape]
+        return [_Address(value), *value.shape]
     if isinstance(value, (int, np.integer)):
         return [int(value)]
     return [number for item in value for number in Header(item)]

@@ -58,6 +58,19 @@ def straight_steps(times: Array) -> Indices:
     return np.stack([first, first + 1], axis=1)
 
 
+@cache
+def _others(degree: int) -> tuple[Indices, Array]:
+    """Returns the other points of each point, and the products of their distances.
+
+    Their indices (d + 1, d), and the products (d + 1).
+    """
+    nodes = shares(degree)
+    points = np.arange(degree + 1)
+    others = np.array([np.delete(points, a) for a in points])
+    distances = nodes[:, np.newaxis] - nodes[others]
+    return others, distances.prod(axis=-1)
+
+
 def lagrange(at: Array, degree: int) -> Array:
     """Returns the weights (..., d + 1) of a step's values in the value at a share.
 
@@ -66,12 +79,9 @@ def lagrange(at: Array, degree: int) -> Array:
     Args:
         at: (...,) shares of a step, 0 at its begin and 1 at its end.
     """
-    nodes = shares(degree)
-    weights = np.ones((*at.shape, degree + 1))
-    for a in range(degree + 1):
-        for b in range(degree + 1):
-            if a != b:
-                weights[..., a] *= (at - nodes[b]) / (nodes[a] - nodes[b])
+    others, products = _others(degree)
+    gaps = at[..., np.newaxis] - shares(degree)
+    weights: Array = gaps[..., others].prod(axis=-1) / products
     return weights
 
 

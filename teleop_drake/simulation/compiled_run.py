@@ -15,7 +15,8 @@ from teleop_drake.engine.check import CheckVisited, HoldsOwnCode
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import OutputOf, UnsupportedSystem
 from teleop_drake.engine.problem import EVALUATIONS, STEPS, TRIES
-from teleop_drake.engine.run import CompiledRun, Visited
+from teleop_drake.engine.run import CompiledRun, MakeProblem, Visited
+from teleop_drake.jit.native import Packed
 from teleop_drake.kernel import KernelBlock
 from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.step_polynomials import Series
@@ -56,16 +57,23 @@ class CompiledDiagram:
     parts: Mapping[str, System] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _is_checked: bool = False
+    _problems: dict[float, Packed] = field(default_factory=dict, init=False)
 
     def Start(self, config: SimulatorConfig, end: float) -> CompiledRun:
         """Returns a run until a time in s; it has not begun."""
+        problem = self._problems.get(end)
+        if problem is None:
+            problem = MakeProblem(self.evaluator.program, self.start.t, end)
+            self._problems = {end: problem}
         return CompiledRun(
             self.evaluator,
             None,
             start=self.start,
+            system=problem,
             end=end,
             accuracy=config.accuracy,
             max_step=min(config.max_step_size, self.longest_step),
+            is_checked=self._is_checked,
         )
 
     def Run(self, job: Job) -> Outcome:

@@ -51,16 +51,19 @@ class CompiledSystem:
         Raises:
             ScenarioError: If there is no such parameter, or a value does not fit.
         """
-        context = self._job.context.Clone()
-        for name, value in numbers.items():
-            SetParameter(self._job.diagram, context, name, value)
-        job = self._job._replace(context=context)
+        job = self._job
+        compiled = self._compiled
+        if numbers:
+            job = job._replace(context=job.context.Clone())
+            for name, value in numbers.items():
+                SetParameter(job.diagram, job.context, name, value)
+            compiled = self._Compiled(job.context)
+            program = self._compiled.evaluator.program
+            if not compiled.evaluator.program.HasTextOf(program):
+                allowed = "without an influence on the structure of the program"
+                Refuse(", ".join(numbers), list(numbers.values()), allowed)
         if duration is not None:
-            job = MakeJob(job.diagram, context, duration, job.config)
-        compiled = self._Compiled(context) if numbers else self._compiled
-        if not compiled.evaluator.program.HasTextOf(self._compiled.evaluator.program):
-            allowed = "without an influence on the structure of the program"
-            Refuse(", ".join(numbers), list(numbers.values()), allowed)
+            job = MakeJob(job.diagram, job.context, duration, job.config)
         with Interpreted():
             notes = NotesOnSinks(compiled.evaluator.left_out)
             return RecordingOf(job, compiled.Run(job), notes)

@@ -8,7 +8,7 @@ from pydrake.systems.primitives import Integrator
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.parameters import SetParameter
 from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.simulation import MakeDiagram, simulate
+from teleop_drake.simulation import MakeDiagram, compiled_run, simulate
 from teleop_drake.simulation.compile import Compile
 
 # The tool leaves the tissue and reaches the bone within the run.
@@ -107,6 +107,25 @@ def test_a_compiled_system_runs_with_the_numbers_of_its_context_and_with_others(
         np.testing.assert_allclose(recording["x"][:, 0], expected, atol=1e-9)
     assert program.Run(duration=0.3).time[-1] == 0.3
     assert context.get_time() == 0.0
+
+
+def test_what_runs_of_a_compiled_system_share_is_made_once(monkeypatch):
+    """The delays of a run until some time; another end needs them anew."""
+    program = Compile(late_growth(), duration=0.8)
+    ends = []
+
+    def MakeProblem(shared, start, end):
+        ends.append(end)
+        return made(shared, start, end)
+
+    made = compiled_run.MakeProblem
+    monkeypatch.setattr(compiled_run, "MakeProblem", MakeProblem)
+    durations = (0.8, 0.8, 0.3, 0.8)
+    recordings = [program.Run(duration=duration) for duration in durations]
+    assert ends == [0.8, 0.3, 0.8]
+    assert [recording.time[-1] for recording in recordings] == list(durations)
+    first, *_, last = (recording["x"] for recording in recordings)
+    np.testing.assert_array_equal(first, last)
 
 
 def test_a_compiled_system_refuses_unknown_names():
