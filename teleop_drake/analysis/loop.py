@@ -73,7 +73,6 @@ from teleop_drake.blocks.environments import CONTACT, SurfacesOf
 from teleop_drake.blocks.operators import ConstantVelocityOperator
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.engine.flatten import Flatten
-from teleop_drake.jit.compiled import Interpreted
 from teleop_drake.kernel.linear_part import (
     FROZEN_WEIGHTS,
     IDLE_PASSIVITY,
@@ -154,7 +153,6 @@ class Linearizer:
             cannot be there.
     """
 
-    @Interpreted()  # There are too few calls to pay compiling.
     def __init__(
         self,
         scenario: ScenarioLike,
@@ -251,7 +249,6 @@ class Linearizer:
             trim_residual=settled.residual,
         )
 
-    @Interpreted()
     def TwoPort(self, point: OperatingPoint) -> TwoPortModel:
         """Returns the model between hand and environment; needs `at_ports`."""
         settled = self._Settle(point)

@@ -27,7 +27,6 @@ from teleop_drake.analysis.point_stability import (
     PointStability,
 )
 from teleop_drake.blocks.environments import CONTACT, FindSurface, SurfacesOf
-from teleop_drake.jit.compiled import Interpreted
 from teleop_drake.numerics.delay_margin import is_delay_robust
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.validation import CheckNumber, ScenarioError
@@ -91,7 +90,6 @@ class StabilityAnalysis:
         }
 
 
-@Interpreted()  # An analysis calls each law too few times for compilation to pay.
 def AnalyzeStability(
     scenario: ScenarioLike,
     *,

@@ -4,9 +4,7 @@ import copy
 import functools
 import logging
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Sequence
 from types import FunctionType
 from typing import Any, NamedTuple, cast
 
@@ -20,19 +18,9 @@ from teleop_drake.jit.symbols import Untraceable
 
 Law = Callable[..., Array]
 
-
-# Each thread has its own flag.
-_is_interpreted: ContextVar[bool] = ContextVar("is_interpreted", default=False)
-
-
-@contextmanager
-def Interpreted() -> Iterator[None]:
-    """Makes this thread run laws as Python, where few calls do not pay compilation."""
-    token = _is_interpreted.set(True)
-    try:
-        yield
-    finally:
-        _is_interpreted.reset(token)
+# A law is compiled at this call. To make a diagram or a linear model takes fewer calls,
+# which do not pay for compilation.
+_COMPILED_CALL = 200
 
 
 _told: set[Any] = set()
@@ -46,10 +34,10 @@ def TellOnce(error: Untraceable) -> None:
 
 
 class CompiledLaw:
-    """A law as machine code; within Interpreted() the Python function is called.
+    """A law that becomes machine code after some calls as a Python function.
 
-    Both compute the same function to within rounding. Each thread traces the law at its
-    first call. Values outside of its arguments are read then, and not again; a new
+    Both compute the same function to within rounding. Each thread traces the law for
+    itself. Values outside of its arguments are read then, and not again; a new
     CompiledLaw traces anew. A law that cannot be a graph of operations, see `tracing`,
     remains a Python function, and a line in the log has the reason.
 
@@ -63,16 +51,17 @@ class CompiledLaw:
 
     def __init__(self, law: Law, *constants: Any):
         self.law = functools.partial(law, *constants)
-        # The state of a call, separate for each thread.
-        self._local = threading.local()
+        self._local = _Local()
 
     def __call__(self, *arguments: Any) -> Array:
         """Calls the law."""
-        if _is_interpreted.get():
-            return self.law(*arguments)
-        call: _Call | None = getattr(self._local, "call", None)
-        if call is None:
-            call = self._local.call = self._Prepare(arguments)
+        local = self._local
+        if local.call is None:
+            local.num_calls += 1
+            if local.num_calls < _COMPILED_CALL:
+                return self.law(*arguments)
+            local.call = self._Prepare(arguments)
+        call = local.call
         if call.run is None:
             return self.law(*arguments)
         for place, argument in zip(call.places, arguments, strict=True):
@@ -102,6 +91,13 @@ class CompiledLaw:
         places = places[len(places) - len(arguments) :]
         run = BoundEvaluate(library, memory, result)
         return _Call(places, run, result)
+
+
+class _Local(threading.local):
+    """The state of a law in a thread: its calls so far, and how it is called now."""
+
+    num_calls = 0
+    call: "_Call | None" = None
 
 
 class _Call(NamedTuple):

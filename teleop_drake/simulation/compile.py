@@ -27,7 +27,6 @@ from teleop_drake.engine.check import HoldsOwnCode
 from teleop_drake.engine.evaluator import KernelOf
 from teleop_drake.engine.flatten import Block, Flatten, Source, UnsupportedSystem
 from teleop_drake.engine.run import Visited
-from teleop_drake.jit.compiled import Interpreted
 from teleop_drake.kernel import Kernel
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import (
@@ -124,9 +123,8 @@ class CompiledScenario:
         CheckSteps(scenario)
         self._scenario: Any = copy.deepcopy(scenario)
         self._task: Task[Any] = TaskOf(scenario)
-        with Interpreted():  # There are too few calls to pay compiling.
-            diagram = self._task.MakeDiagram(self._scenario)
-            self._compiled = CompileDiagram(diagram, self._scenario.simulator)
+        diagram = self._task.MakeDiagram(self._scenario)
+        self._compiled = CompileDiagram(diagram, self._scenario.simulator)
         self._facts = ModelFactsOf(diagram)
 
     @property
@@ -149,11 +147,10 @@ class CompiledScenario:
             KernelDisagrees: If the machine code of a user's own block does not compute
                 what the block does.
         """
-        with Interpreted():
-            if not changes:
-                return self._Record(self.scenario, self._compiled, self._facts)
-            scenario, compiled = self._Changed(changes)
-            return self._Record(scenario, compiled, self._FactsOf(compiled))
+        if not changes:
+            return self._Record(self.scenario, self._compiled, self._facts)
+        scenario, compiled = self._Changed(changes)
+        return self._Record(scenario, compiled, self._FactsOf(compiled))
 
     def _Record(
         self, scenario: Any, compiled: CompiledDiagram, facts: ModelFacts

@@ -4,7 +4,6 @@ from numpy.typing import ArrayLike
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.jit.compiled import Interpreted
 from teleop_drake.parameters import SetParameter
 from teleop_drake.recording import Recording
 from teleop_drake.simulation.compiled_run import CompiledDiagram, CompileDiagram
@@ -64,18 +63,16 @@ class CompiledSystem:
                 Refuse(", ".join(numbers), list(numbers.values()), allowed)
         if duration is not None:
             job = MakeJob(job.diagram, job.context, duration, job.config)
-        with Interpreted():
-            notes = NotesOnSinks(compiled.evaluator.left_out)
-            return RecordingOf(job, compiled.Run(job), notes)
+        notes = NotesOnSinks(compiled.evaluator.left_out)
+        return RecordingOf(job, compiled.Run(job), notes)
 
     def _Compiled(self, context: Context) -> CompiledDiagram:
         """Returns the program with the numbers of a Context."""
         known = getattr(self, "_compiled", None)
-        with Interpreted():
-            return CompileDiagram(
-                self._job.diagram,
-                self._job.config,
-                context,
-                like=None if known is None else known.evaluator,
-                continues=self._job.continues,
-            )
+        return CompileDiagram(
+            self._job.diagram,
+            self._job.config,
+            context,
+            like=None if known is None else known.evaluator,
+            continues=self._job.continues,
+        )

@@ -11,7 +11,6 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.blocks.environments import Surface, SurfacesOf
-from teleop_drake.jit.compiled import Interpreted
 from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
@@ -271,11 +270,10 @@ def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:
         from teleop_drake.simulation.compiled_run import CannotCompile, CompileDiagram
 
         try:
-            with Interpreted():  # There are too few calls to pay compiling.
-                compiled = CompileDiagram(
-                    job.diagram, job.config, job.context, continues=job.continues
-                )
-                return compiled.Run(job), NotesOnSinks(compiled.evaluator.left_out)
+            compiled = CompileDiagram(
+                job.diagram, job.config, job.context, continues=job.continues
+            )
+            return compiled.Run(job), NotesOnSinks(compiled.evaluator.left_out)
         except CannotCompile as error:
             notes = [f"Run in Drake's Simulator: {error}."]
     return RunInDrake(job), notes + NotesOnSamples(job.diagram, job.context)

@@ -10,10 +10,8 @@ from block_checks import Gains
 from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 
-from teleop_drake.jit.compiled import (
-    CompiledLaw,
-    Interpreted,
-)
+from teleop_drake.jit import compiled
+from teleop_drake.jit.compiled import CompiledLaw
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.laws.backstepping import (
     adaptive_errors,
@@ -27,6 +25,11 @@ from teleop_drake.laws.robust_backstepping import (
     robust_rate,
 )
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
+
+
+@pytest.fixture(autouse=True)
+def compiles_at_the_first_call(monkeypatch):
+    monkeypatch.setattr(compiled, "_COMPILED_CALL", 1)
 
 
 def AssertSame(law, constants, samples):
@@ -88,20 +91,20 @@ def test_what_is_no_graph_of_operations_stays_as_it_is_and_says_so_once(caplog):
     assert record.message.startswith("not compiled: halved(), line ")
 
 
-def test_other_threads_are_not_interpreted():
-    law, calls = CompiledLaw(lambda x: x + 1.0), []
+def test_a_law_is_compiled_after_some_calls_of_a_thread(monkeypatch):
+    monkeypatch.setattr(compiled, "_COMPILED_CALL", 3)
+    law, are_compiled = CompiledLaw(lambda x: x + 1.0), []
 
     def Call():
-        law(np.zeros(1))
-        calls.append(getattr(law._local, "call", None))
+        for k in range(4):
+            assert law(np.array([float(k)])) == k + 1.0
+            are_compiled.append(law._local.call is not None)
 
-    with Interpreted():
-        Call()
-        thread = threading.Thread(target=Call)
-        thread.start()
-        thread.join()
-    assert calls[0] is None
-    assert calls[1] is not None
+    Call()
+    thread = threading.Thread(target=Call)
+    thread.start()
+    thread.join()
+    assert are_compiled == 2 * [False, False, True, True]
 
 
 def test_whole_numbers_as_arguments_are_numbers():

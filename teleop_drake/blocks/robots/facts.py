@@ -13,7 +13,6 @@ from teleop_drake.arrays import Array
 from teleop_drake.blocks.robots.base import RobotConfig
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolJacobian
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.jit.compiled import Interpreted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,8 +43,7 @@ def FactsOfRobot(robot: System) -> RobotFacts:
             tool_position is needed.
     """
     context = robot.CreateDefaultContext()
-    with Interpreted():
-        start = np.array(robot.GetOutputPort("tool_position").Eval(context))
+    start = np.array(robot.GetOutputPort("tool_position").Eval(context))
     inertia = damping = None
     for plant, plant_context in ContextsIn(robot, context).items():
         if isinstance(plant, MultibodyPlant) and _IsTool(plant, plant_context, start):
