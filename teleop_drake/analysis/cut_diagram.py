@@ -6,7 +6,7 @@ not convert, they are central differences of the diagram itself.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
@@ -51,7 +51,7 @@ class States:
     def Get(self) -> Array:
         """Returns their values."""
         state = self.context.get_continuous_state_vector()
-        return cast(Array, state.CopyToVector()[: self.size])
+        return state.CopyToVector()[: self.size]
 
     def Set(self, values: Array) -> None:
         """Gives them values."""
@@ -140,8 +140,8 @@ class _Twin(NamedTuple):
         """Returns the value of its port that corresponds to one of the original."""
         index = int(port.get_index())
         if isinstance(port, OutputPort):
-            return cast(Array, self.system.get_output_port(index).Eval(self.context))
-        return cast(Array, self.system.get_input_port(index).Eval(self.context))
+            return self.system.get_output_port(index).Eval(self.context)
+        return self.system.get_input_port(index).Eval(self.context)
 
 
 class CutDiagram:
@@ -250,7 +250,7 @@ class CutDiagram:
 
         def SecondDifference(way: Array) -> Array:
             second = self._Values(point + way) - 2 * here + self._Values(point - way)
-            return cast(Array, second / np.abs(way).max())
+            return second / np.abs(way).max()
 
         return 2 * SecondDifference(way / 2) - SecondDifference(way)
 

@@ -207,7 +207,7 @@ def _MergeInputs(loop: StateSpace) -> StateSpace:
 def _Nonzero(rows: Array) -> NDArray[np.bool_]:
     """Returns for each row whether it is not zero."""
     sizes = np.abs(rows).max(axis=1, initial=0.0)
-    return np.asarray(sizes > _NEGLIGIBLE * sizes.max(initial=1e-300))
+    return sizes > _NEGLIGIBLE * sizes.max(initial=1e-300)
 
 
 def MotionRate(A: Array, A_dot: Array) -> float:

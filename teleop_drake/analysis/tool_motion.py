@@ -11,7 +11,6 @@ that w is the rate of s also between small deviations.
 """
 
 from collections.abc import Sequence
-from typing import cast
 
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
@@ -67,7 +66,7 @@ class ToolMotion:
 
     def _Eval(self, name: str) -> Array:
         """Returns the value of an output port of the robot."""
-        return cast(Array, self._robot.GetOutputPort(name).Eval(self._context))
+        return self._robot.GetOutputPort(name).Eval(self._context)
 
     def Place(self, p_WT: Array, v_WT: Array) -> None:
         """Sets the joints such that the tool is at a position and has a velocity.

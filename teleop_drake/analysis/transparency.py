@@ -200,7 +200,7 @@ def FeltStiffness(
     """
     felt = AnalyzeTransparency(scenario, point, frequencies=frequencies)
     admittance = np.linalg.inv(felt.transmitted)[:, 0, 0]
-    return np.asarray((1j * felt.frequencies / admittance).real)
+    return (1j * felt.frequencies / admittance).real
 
 
 def FeltStiffnessLoss(scenario: Scenario) -> float:

@@ -94,8 +94,7 @@ def _Witnesses(system: System) -> list[WitnessFunction]:
     """Returns the witness functions of a block where events are located."""
     context = system.CreateDefaultContext()
     context.SetAccuracy(1e-4)
-    witnesses: list[WitnessFunction] = system.GetWitnessFunctions(context)
-    return witnesses
+    return system.GetWitnessFunctions(context)
 
 
 def _NumPeriodic(kernel: Kernel, time: float) -> int:

@@ -189,8 +189,7 @@ def _FedValue(system: System, name: str, context: Context) -> Array:
     """Returns the value of an input that is not connected inside of the diagram."""
     port = system.GetInputPort(name)
     if port.HasValue(context) and port.get_data_type() == PortDataType.kVectorValued:
-        value: Array = port.Eval(context)
-        return value
+        return port.Eval(context)
     # Of a plant: no motor, no force.
     optional = getattr(system, "optional_inputs", ())
     if isinstance(system, MultibodyPlant) or name in optional:
@@ -201,8 +200,7 @@ def _FedValue(system: System, name: str, context: Context) -> Array:
 def _InPython(program: Program) -> Callable[..., Any]:
     names: dict[str, Any] = dict(program.names)
     exec(program.text, names)
-    evaluate: Callable[..., Any] = names["evaluate"]
-    return evaluate
+    return names["evaluate"]
 
 
 def CompileEvaluate(program: Program) -> Evaluate:

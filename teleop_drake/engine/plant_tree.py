@@ -202,9 +202,9 @@ def _Ends(
 
 def _Axis(plant: MultibodyPlant, joint: multibody.Joint) -> np.ndarray:
     if isinstance(joint, multibody.RevoluteJoint):
-        return np.asarray(joint.revolute_axis())
+        return joint.revolute_axis()
     if isinstance(joint, multibody.PrismaticJoint):
-        return np.asarray(joint.translation_axis())
+        return joint.translation_axis()
     raise UnsupportedSystem(
         plant,
         f"joint {joint.name()} is {joint.type_name()}; supported are weld, revolute "

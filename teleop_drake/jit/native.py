@@ -68,8 +68,7 @@ def ObjectFile(code: str) -> bytes:
     options = llvm.create_pipeline_tuning_options(speed_level=_LEVEL)
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
-    data: bytes = machine.emit_object(module)
-    return data
+    return machine.emit_object(module)
 
 
 @functools.cache

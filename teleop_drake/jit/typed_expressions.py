@@ -280,8 +280,7 @@ class ExpressionWriter:
 
     def _Constant(self, value: Any, node: ast.expr) -> Value:
         if isinstance(value, np.ndarray):
-            array: Value = self._module.Constant(value)
-            return array
+            return self._module.Constant(value)
         if not isinstance(value, (bool, int, float)):
             what = "before it has a value: a" if isinstance(node, ast.Name) else "a"
             raise self._Refuse(

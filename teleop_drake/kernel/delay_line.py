@@ -107,8 +107,7 @@ class DelayLine:
         """Returns the constant delay of a Context in s, or the function T(t)."""
         if callable(self._delay.time):
             return self._delay.time
-        time: float = self._block.kernel_parameters.In(context).values[self._parameter]
-        return time
+        return self._block.kernel_parameters.In(context).values[self._parameter]
 
     def NextJumpTime(self, context: Context) -> float:
         """Returns when the output jumps next, s; infinity if no jump is under way."""
@@ -150,8 +149,7 @@ class DelayLine:
         return late
 
     def _GetHistory(self, context: Context) -> SampleHistory:
-        history: SampleHistory = context.get_abstract_state(self._history).get_value()
-        return history
+        return context.get_abstract_state(self._history).get_value()
 
     def _HasJumped(self, context: Context, history: SampleHistory) -> bool:
         """Returns whether the events of the last step made the signal jump."""
@@ -216,8 +214,7 @@ class DelayLine:
             i = bisect_right(times, key) - 1
         elif i == 0:
             return None
-        value: Array = history.values[i]
-        return value
+        return history.values[i]
 
 
 def _SampleInterval(max_sample_interval: float | None, shortest: float) -> float:

@@ -72,5 +72,4 @@ def LinearPartOf(system: System, estimates: Array | None = None) -> LinearPart:
         ScenarioError: If the block has no linear model.
     """
     tell = getattr(system, "ForLinearModel", None)
-    part: LinearPart = LinearPart() if tell is None else tell(estimates)
-    return part
+    return LinearPart() if tell is None else tell(estimates)

@@ -140,8 +140,7 @@ class PacketLine:
         return value
 
     def _PacketsIn(self, context: Context) -> _Packets:
-        packets: _Packets = context.get_abstract_state(self._packets).get_value()
-        return packets
+        return context.get_abstract_state(self._packets).get_value()
 
     def _Shown(self, k: int) -> float:
         assert self._delay.shown is not None

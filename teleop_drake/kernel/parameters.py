@@ -112,8 +112,7 @@ class BlockParameters:
         block = self._block()
         assert block is not None
         entry = block.get_cache_entry(self._index)
-        numbers: Numbers = entry.EvalAbstract(context).get_value()
-        return numbers
+        return entry.EvalAbstract(context).get_value()
 
     def _CalcNumbers(self, context: Context, result: AbstractValue) -> None:
         """Sets the cache entry; equal values share the laws compiled for them.
@@ -150,8 +149,7 @@ def _ArrayIn(context: Any, parameter: NamedParameter) -> Array:
     vector = context.get_numeric_parameter(parameter.number).CopyToVector()
     if vector.dtype == object and not any(x.derivatives().size for x in vector):
         vector = ExtractValue(vector).ravel()
-    array: Array = vector.reshape(parameter.shape)
-    return array
+    return vector.reshape(parameter.shape)
 
 
 def _Parts(value: Any) -> Mapping[str, Any] | None:

@@ -233,8 +233,7 @@ class Half:
         if self.trust == 1 or len(self._rows) == 1:
             self._place = p
         apart = displacement(self._place, p) if self.trust < 1 else 0 * p
-        force: Array = (1 - self.trust) * self._stiffness @ (apart - self._lead * v)
-        return force
+        return (1 - self.trust) * self._stiffness @ (apart - self._lead * v)
 
     def Signals(self, num: int) -> dict[str, Array]:
         """Returns the signals (N, k) of the first steps, by their names."""

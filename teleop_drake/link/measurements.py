@@ -128,8 +128,7 @@ class Measurements:
         changes = np.flatnonzero(np.diff(is_stale))
         time = self.Time()
         ends = np.append(time, time[-1])
-        outages: list[list[float]] = ends[changes].reshape(-1, 2).round(6).tolist()
-        return outages
+        return ends[changes].reshape(-1, 2).round(6).tolist()
 
     def Report(self) -> dict[str, Any]:
         """Returns what was measured, times in s, as JSON has it."""

@@ -39,5 +39,4 @@ def bisect(
         still_holds = np.logical_and.accumulate(holds(lower + inner * part))
         lower = lower + still_holds.sum(axis=0) * part
         part = part / _PARTS
-    result: Array = lower + _PARTS * part
-    return result
+    return lower + _PARTS * part

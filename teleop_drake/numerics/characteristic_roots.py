@@ -159,7 +159,7 @@ def _differentiation_matrix(num_points: int) -> Array:
     matrix = np.outer(weights, 1 / weights) / difference
     # Rows sum to zero: constants have no derivative.
     matrix -= np.diag(matrix.sum(axis=1))
-    return np.asarray(matrix)
+    return matrix
 
 
 def _collocation_roots(loop: _DelayedLoop, num_points: int) -> ComplexArray:

@@ -172,8 +172,7 @@ class Pieces:
 
     def _instants(self) -> Array:
         """Returns the instants of the points of each piece in s (p, 5)."""
-        times: Array = self.begin[:, None] + NODES * (self.end - self.begin)[:, None]
-        return times
+        return self.begin[:, None] + NODES * (self.end - self.begin)[:, None]
 
 
 def first_upwards(crossings: Iterable[Crossing]) -> float | None:
@@ -191,8 +190,8 @@ def first_after(time: float | None, times: Iterable[float]) -> float | None:
 def value_before(y: Array, span: slice) -> Array:
     """Returns a signal (p, 5, ...) just before a span of pieces; its first value."""
     if span.start == 0:
-        return np.asarray(y[0, 0])
-    return np.asarray(y[span.start - 1, -1])
+        return y[0, 0]
+    return y[span.start - 1, -1]
 
 
 def maximum(y: Array, span: slice) -> Array:
@@ -210,7 +209,7 @@ def maximum(y: Array, span: slice) -> Array:
     reach = (most + least) / 2 + _LEBESGUE * (most - least) / 2
     may_be = reach >= most.max(axis=0)
     pieces = may_be.reshape(len(y), -1).any(axis=1)
-    return np.asarray(extremes(y[pieces]).max(axis=(0, 1)))
+    return extremes(y[pieces]).max(axis=(0, 1))
 
 
 def minimum(y: Array, span: slice) -> Array:
@@ -247,7 +246,7 @@ def variation(y: Array) -> Array:
     """Returns the total variation of each component of a signal, jumps included."""
     values = extremes(y)
     values = values.reshape(-1, *values.shape[2:])
-    return np.asarray(np.abs(np.diff(values, axis=0)).sum(axis=0))
+    return np.abs(np.diff(values, axis=0)).sum(axis=0)
 
 
 def rms(y: Array, length: Array) -> Array:
@@ -259,7 +258,7 @@ def rms(y: Array, length: Array) -> Array:
     """
     products = products_of_values(DEGREE).sum(axis=0)
     squares = (y * (products @ y)).sum(axis=1)
-    return np.asarray(np.sqrt(length @ squares / length.sum()))
+    return np.sqrt(length @ squares / length.sum())
 
 
 def integral(y: Array, length: Array, start: Array) -> Array:
@@ -275,7 +274,7 @@ def integral(y: Array, length: Array, start: Array) -> Array:
     within = to_integral @ y * length[:, None, None]
     ends = np.cumsum(within[:, -1], axis=0)
     before = np.concatenate([np.zeros_like(ends[:1]), ends[:-1]])
-    return np.asarray(start + before[:, None] + within)
+    return start + before[:, None] + within
 
 
 class Band(NamedTuple):

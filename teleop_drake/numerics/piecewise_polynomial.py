@@ -77,8 +77,7 @@ def differentiate_pieces(coefficients: Array) -> Array:
         coefficients: (K, d + 1, n).
     """
     orders = np.arange(1.0, coefficients.shape[1])
-    derivative: Array = coefficients[:, 1:] * orders[np.newaxis, :, np.newaxis]
-    return derivative
+    return coefficients[:, 1:] * orders[np.newaxis, :, np.newaxis]
 
 
 def largest_norm(breaks: Array, coefficients: Array) -> float:

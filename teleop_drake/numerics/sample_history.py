@@ -142,10 +142,10 @@ class SampleHistory:
             time: In s.
         """
         if len(self.times) == 1:
-            return np.asarray(self.values[0])
+            return self.values[0]
         i = min(max(self._interval(time), 0), len(self.times) - 2)
         if self.times[i] == self.times[i + 1]:
-            return np.asarray(self.values[i + 1])  # Just behind a jump.
+            return self.values[i + 1]  # Just behind a jump.
         return self.polynomial(i).eval(time)
 
     def polynomial(self, i: int) -> "EnoPolynomial":

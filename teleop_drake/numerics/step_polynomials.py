@@ -23,8 +23,7 @@ DEGREE = 4
 @cache
 def shares(degree: int) -> Array:
     """Returns where in a step its points are (d + 1), from 0 to 1."""
-    nodes: Array = np.linspace(0.0, 1.0, degree + 1)
-    return nodes
+    return np.linspace(0.0, 1.0, degree + 1)
 
 
 @cache
@@ -44,8 +43,7 @@ def products_of_values(degree: int) -> Array:
     powers = powers[:, None] + powers + 1
     nodes = shares(degree)[:, None, None]
     hilbert = (nodes[1:] ** powers - nodes[:-1] ** powers) / powers
-    mass: Array = to_powers(degree).T @ hilbert @ to_powers(degree)
-    return mass
+    return to_powers(degree).T @ hilbert @ to_powers(degree)
 
 
 def straight_steps(times: Array) -> Indices:
@@ -100,8 +98,7 @@ def interpolate(times: Array, values: Array, steps: Indices, query: Array) -> Ar
     i = np.clip(np.searchsorted(begin, query) - 1, 0, None)
     at = np.clip((query - begin[i]) / (end[i] - begin[i]), 0.0, 1.0)
     weights = lagrange(at, steps.shape[1] - 1)
-    result: Array = np.einsum("ma,mak->mk", weights, values[steps[i]])
-    return result
+    return np.einsum("ma,mak->mk", weights, values[steps[i]])
 
 
 def part(series: Series, begin: float, end: float) -> Series:
@@ -166,5 +163,4 @@ def integrate_product(first: Array, second: Array) -> Array:
         first: (S, d + 1, k) a signal in its steps.
     """
     mass = products_of_values(first.shape[1] - 1)
-    integrals: Array = np.einsum("sak,jab,sbk->sjk", first, mass, second, optimize=True)
-    return integrals
+    return np.einsum("sak,jab,sbk->sjk", first, mass, second, optimize=True)

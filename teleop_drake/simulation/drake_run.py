@@ -231,10 +231,7 @@ class Recorder:
         """Returns the rate of the state in a Context."""
         if root_context.num_continuous_states() == 0:
             return np.empty(0)  # Some systems without such a state refuse to tell.
-        rate: np.ndarray = self._diagram.EvalTimeDerivatives(
-            root_context
-        ).CopyToVector()
-        return rate
+        return self._diagram.EvalTimeDerivatives(root_context).CopyToVector()
 
     def _SampleBeginning(self) -> None:
         """Takes a sample at the beginning of the step, after what happened there."""

@@ -43,9 +43,9 @@ class Bound(NamedTuple):
         """Returns how far samples (N, n) of the signal are out of the range (N)."""
         x = samples[:, self.first : self.first + self.size]
         if self.size == 1:
-            return np.asarray(np.maximum(self.lower - x, x - self.upper)[:, 0])
+            return np.maximum(self.lower - x, x - self.upper)[:, 0]
         # A square must not overflow.
-        return np.asarray(np.linalg.norm(x / self.upper, axis=1) - 1.0)
+        return np.linalg.norm(x / self.upper, axis=1) - 1.0
 
 
 def BoundsOf(

@@ -65,8 +65,7 @@ def LongestStepOf(system: System, context: Context) -> float:
     """
     if isinstance(system, KernelBlock):
         return system.LongestStep(context)
-    longest: float = getattr(system, "longest_step", math.inf)
-    return longest
+    return getattr(system, "longest_step", math.inf)
 
 
 class _Motion(NamedTuple):
@@ -349,8 +348,7 @@ def _IsEnvironment(system: System) -> bool:
 
 def _Input(system: System, name: str, root_context: Context) -> np.ndarray:
     context = system.GetMyContextFromRoot(root_context)
-    value: np.ndarray = system.GetInputPort(name).Eval(context)
-    return value
+    return system.GetInputPort(name).Eval(context)
 
 
 def _TimeToCross(gap: float, v: float, a: float) -> float:
