@@ -1,9 +1,9 @@
 """Drake's symbolic expressions as a list of operations on numbers.
 
-The values of a tape are the time, the elements of the given vectors, and the result of
-each row, in this order. A row names its operands by their places among the values. The
-constants of the expressions are numbers beside the rows: expressions that differ in
-their constants alone have the same rows, and therefore the same machine code.
+The values of a tape are the time, the elements of the given vectors, the constants of
+the expressions, and the result of each row, in this order. A row names its operands by
+their places among the values. Expressions that differ in their constants alone have the
+same rows, and therefore the same machine code.
 """
 
 import functools
@@ -15,13 +15,8 @@ from pydrake.symbolic import Expression, ExpressionKind, Formula, FormulaKind, V
 
 from teleop_drake.arrays import Array, Indices
 
-CONSTANT = 0
-UNARY = 1
-BINARY = 2
-SELECT = 3
-
 # Expressions and formulas that are one function of their operands.
-_SAME_OPERANDS = {
+_SAME_OPERANDS: dict[Any, Callable[..., Any]] = {
     ExpressionKind.Abs: np.absolute,
     ExpressionKind.Sqrt: np.sqrt,
     ExpressionKind.Exp: np.exp,
@@ -40,9 +35,13 @@ _SAME_OPERANDS = {
     ExpressionKind.Min: np.minimum,
     ExpressionKind.Max: np.maximum,
     ExpressionKind.Atan2: np.arctan2,
+    ExpressionKind.IfThenElse: np.where,
     FormulaKind.Lt: np.less,
     FormulaKind.Leq: np.less_equal,
+    FormulaKind.Gt: np.greater,
+    FormulaKind.Geq: np.greater_equal,
     FormulaKind.Eq: np.equal,
+    FormulaKind.Neq: np.not_equal,
     FormulaKind.Not: np.logical_not,
 }
 
@@ -54,7 +53,6 @@ FUNCTIONS: tuple[Callable[..., Any], ...] = (
     *_REDUCED.values(),
     np.negative,
     np.add,
-    np.subtract,
     np.multiply,
     np.power,
 )
@@ -75,11 +73,8 @@ class Tape(NamedTuple):
     """Expressions as operations, each after those of its operands.
 
     Attributes:
-        rows: [operation, first, second, third] of each operation (k, 4):
-            [CONSTANT, place in `constants`, 0, 0],
-            [UNARY, place in FUNCTIONS, operand, 0],
-            [BINARY, place in FUNCTIONS, operand, operand],
-            [SELECT, condition, operand if it holds, operand otherwise].
+        rows: The place in FUNCTIONS and the places of the operands of each operation
+            (k, 4). A function of fewer than three operands takes the first ones.
         constants: The numbers in the expressions.
         results: The place of the value of each expression.
     """
@@ -96,20 +91,18 @@ def evaluate_tape(tape: Tape, time: Any, *vectors: Array) -> Array:
         vectors: The values of the variables that MakeTape() was given.
     """
     values = [time]
-    for vector in vectors:
+    for vector in (*vectors, tape.constants):
         for i in range(len(vector)):
             values.append(vector[i])
     for k in range(len(tape.rows)):
-        operation, first, second, third = tape.rows[k]
-        if operation == CONSTANT:
-            values.append(tape.constants[first])
-        elif operation == UNARY:
-            values.append(FUNCTIONS[first](values[second]))
-        elif operation == BINARY:
-            values.append(FUNCTIONS[first](values[second], values[third]))
-        else:
-            values.append(np.where(values[first], values[second], values[third]))
+        function = FUNCTIONS[tape.rows[k, 0]]
+        operands = [values[i] for i in tape.rows[k, 1:]]
+        values.append(function(*operands[: _NUM_OPERANDS[function]]))
     return np.array([values[i] for i in tape.results])
+
+
+# np.where is no ufunc.
+_NUM_OPERANDS = {function: getattr(function, "nin", 3) for function in FUNCTIONS}
 
 
 def MakeTape(
@@ -129,29 +122,37 @@ def MakeTape(
     variables = [time, *(variable for vector in vectors for variable in vector)]
     writer = _Writer(variables)
     results = [writer.Write(expression) for expression in expressions]
-    return Tape(
-        rows=np.reshape(np.array(writer.rows, np.int64), (-1, 4)),
-        constants=np.array(writer.constants, float),
-        results=np.array(results, np.int64),
-    )
+    return writer.Finish(results)
 
 
 class _Writer:
     """Writes the rows of a tape, no operation twice.
 
-    Attributes:
-        rows: As Tape has them.
-        constants: As Tape has them. Equal constants are not shared: which numbers are
-            equal would decide which rows there are.
+    The place of a row's value is -1, -2, ... until all constants are known. Equal
+    constants are not shared, because which numbers are equal would decide which rows
+    there are.
     """
 
     def __init__(self, variables: Sequence[Variable]):
-        self.rows: list[tuple[int, int, int, int]] = []
-        self.constants: list[float] = []
+        self._rows: list[tuple[int, ...]] = []
+        self._constants: list[float] = []
         self._variables = {x.get_id(): i for i, x in enumerate(variables)}
-        self._num_variables = len(variables)
-        self._places: dict[tuple[int, int, int, int], int] = {}
+        self._places: dict[tuple[int, ...], int] = {}
         self._num_parts = 0
+
+    def Finish(self, results: Sequence[int]) -> Tape:
+        """Returns the tape with the places of its results."""
+        first_row = len(self._variables) + len(self._constants)
+
+        def Places(written: Any) -> Indices:
+            places = np.array(written, np.int64)
+            return np.where(places < 0, first_row - 1 - places, places)
+
+        return Tape(
+            rows=Places(self._rows).reshape(-1, 4),
+            constants=np.array(self._constants, float),
+            results=Places(results),
+        )
 
     def Write(self, value: Expression | Formula | float) -> int:
         """Writes an expression or a formula; returns the place of its value."""
@@ -169,8 +170,7 @@ class _Writer:
         if kind in _SAME_OPERANDS:
             return self._Apply(_SAME_OPERANDS[kind], *map(self.Write, operands))
         if kind in _REDUCED:
-            apply = functools.partial(self._Apply, _REDUCED[kind])
-            return functools.reduce(apply, map(self.Write, operands))
+            return self._Reduce(_REDUCED[kind], map(self.Write, operands))
         if kind not in _WRITERS:
             raise UnknownExpression(f"{kind.name} is no operation of a tape")
         return _WRITERS[kind](self, operands)
@@ -178,19 +178,10 @@ class _Writer:
     def Sum(self, operands: Sequence[Any]) -> int:
         """Writes a sum. Its first operand is a number, as Drake has it."""
         number, *terms = operands
-        result = None if number == 0 else self._Constant(number)
-        for term in terms:
-            # A product begins with its number, too.
-            is_product = term.get_kind() == ExpressionKind.Mul
-            factors = term.Unapply()[1] if is_product else [1.0]
-            if factors[0] == -1 and result is not None:
-                value = self.Product([1.0, *factors[1:]])
-                result = self._Apply(np.subtract, result, value)
-                continue
-            value = self.Write(term)
-            result = value if result is None else self._Apply(np.add, result, value)
-        assert result is not None
-        return result
+        places = [self.Write(term) for term in terms]
+        if number != 0:
+            places.insert(0, self._Constant(number))
+        return self._Reduce(np.add, places)
 
     def Product(self, operands: Sequence[Any]) -> int:
         """Writes a product. Its first operand is a number, as Drake has it."""
@@ -198,7 +189,7 @@ class _Writer:
         places = [self.Write(factor) for factor in factors]
         if abs(number) != 1:
             places.insert(0, self._Constant(number))
-        product = functools.reduce(functools.partial(self._Apply, np.multiply), places)
+        product = self._Reduce(np.multiply, places)
         return self._Apply(np.negative, product) if number == -1 else product
 
     def Power(self, operands: Sequence[Any]) -> int:
@@ -209,52 +200,30 @@ class _Writer:
         number = exponent.Evaluate() if is_number else 0.0
         if not (number.is_integer() and 1 <= abs(number) <= _MAX_FACTORS):
             return self._Apply(np.power, base, self.Write(exponent))
-        product = base
-        for _ in range(int(abs(number)) - 1):
-            product = self._Apply(np.multiply, product, base)
+        product = self._Reduce(np.multiply, [base] * int(abs(number)))
         if number > 0:
             return product
         return self._Apply(np.divide, self._Constant(1.0), product)
-
-    def Greater(self, operands: Sequence[Any]) -> int:
-        """Writes whether the first of two operands is greater."""
-        first, second = map(self.Write, operands)
-        return self._Apply(np.less, second, first)
-
-    def GreaterEqual(self, operands: Sequence[Any]) -> int:
-        """Writes whether the first of two operands is greater, or equal."""
-        first, second = map(self.Write, operands)
-        return self._Apply(np.less_equal, second, first)
-
-    def NotEqual(self, operands: Sequence[Any]) -> int:
-        """Writes whether two operands differ."""
-        is_equal = self._Apply(np.equal, *map(self.Write, operands))
-        return self._Apply(np.logical_not, is_equal)
 
     def Ceiling(self, operands: Sequence[Any]) -> int:
         """Writes the smallest whole number that is not less than the operand."""
         negated = self._Apply(np.negative, self.Write(operands[0]))
         return self._Apply(np.negative, self._Apply(np.floor, negated))
 
-    def Selection(self, operands: Sequence[Any]) -> int:
-        """Writes [condition, value if it holds, value otherwise]."""
-        condition, first, second = map(self.Write, operands)
-        return self._Add((SELECT, condition, first, second))
-
     def _Constant(self, value: float) -> int:
-        self.constants.append(value)
-        return self._Add((CONSTANT, len(self.constants) - 1, 0, 0))
+        self._constants.append(value)
+        return len(self._variables) + len(self._constants) - 1
+
+    def _Reduce(self, function: Callable[..., Any], places: Iterable[int]) -> int:
+        """Writes a function of two operands that is applied one after another."""
+        return functools.reduce(functools.partial(self._Apply, function), places)
 
     def _Apply(self, function: Callable[..., Any], *operands: int) -> int:
-        operation = UNARY if len(operands) == 1 else BINARY
-        first, second = (*operands, 0)[:2]
-        return self._Add((operation, FUNCTIONS.index(function), first, second))
-
-    def _Add(self, row: tuple[int, int, int, int]) -> int:
-        """Returns the place of a row's value, which is added unless it is there."""
+        """Writes a row, unless it is there; returns the place of its value."""
+        row = (FUNCTIONS.index(function), *operands, 0, 0)[:4]
         if row not in self._places:
-            self._places[row] = self._num_variables + len(self.rows)
-            self.rows.append(row)
+            self._rows.append(row)
+            self._places[row] = -len(self._rows)
         return self._places[row]
 
 
@@ -263,8 +232,4 @@ _WRITERS: dict[Any, Callable[[_Writer, Sequence[Any]], int]] = {
     ExpressionKind.Mul: _Writer.Product,
     ExpressionKind.Pow: _Writer.Power,
     ExpressionKind.Ceil: _Writer.Ceiling,
-    ExpressionKind.IfThenElse: _Writer.Selection,
-    FormulaKind.Gt: _Writer.Greater,
-    FormulaKind.Geq: _Writer.GreaterEqual,
-    FormulaKind.Neq: _Writer.NotEqual,
 }
