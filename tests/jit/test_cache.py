@@ -82,6 +82,7 @@ def test_laws_with_a_comprehension_or_a_lambda_are_found(monkeypatch):
         return data, was_there
 
     monkeypatch.setattr(compiled, "Kept", Note)
+    monkeypatch.setattr(compiled, "_COMPILED_CALL", 1)
 
     def MakeLaws():
         yield lambda x: 3.125 * x
