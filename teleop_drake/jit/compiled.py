@@ -59,7 +59,8 @@ class CompiledLaw:
         if local.call is None:
             local.num_calls += 1
             if local.num_calls < _COMPILED_CALL:
-                return self.law(*arguments)
+                with np.errstate(all="ignore"):  # Machine code does not warn either.
+                    return self.law(*arguments)
             local.call = self._Prepare(arguments)
         call = local.call
         if call.run is None:
