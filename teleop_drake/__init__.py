@@ -16,14 +16,25 @@ from teleop_drake import blocks
 from teleop_drake.upper import ProvideUpperFunction
 
 if TYPE_CHECKING:
+    from teleop_drake.analysis.energy import TwoPortEnergyBalance
     from teleop_drake.analysis.ports import DelayMargin, LinearizePorts
     from teleop_drake.analysis.stability import AnalyzeStability
+    from teleop_drake.analysis.stability_chart import ChartStability
     from teleop_drake.blocks import *  # noqa: F403
+    from teleop_drake.figures.analysis import (
+        PlotBode,
+        PlotNyquist,
+        PlotStabilityChart,
+        PlotStableDelays,
+    )
     from teleop_drake.figures.block_diagram import WriteDiagram
+    from teleop_drake.figures.notebook import ShowDiagram, ShowTable
     from teleop_drake.figures.runs import PlotComparison, PlotRun, SaveFigure
     from teleop_drake.figures.scene import MakeReplay
+    from teleop_drake.figures.style import Figure
+    from teleop_drake.figures.sweeps import PlotSweep
     from teleop_drake.link.remote import OperateRemotely, ServeRobot
-    from teleop_drake.page import Explore, WritePage
+    from teleop_drake.page import Explore, MakePage, WritePage
     from teleop_drake.recording import LoadRecording, Recording
     from teleop_drake.scenario import (
         LoadScenario,
@@ -35,7 +46,8 @@ if TYPE_CHECKING:
     )
     from teleop_drake.simulation import MakeDiagram, MakeSimulator, simulate
     from teleop_drake.simulation.compile import Compile
-    from teleop_drake.sweep import Sweep
+    from teleop_drake.sweep import RunSweep, Sweep
+    from teleop_drake.sweep.study import LoadStudy
     from teleop_drake.sweep.tuning import Tune
     from teleop_drake.tasks.metrics import RunMetrics, RunSummary
     from teleop_drake.teleoperator import MakeTeleoperator
@@ -44,31 +56,44 @@ __version__ = "0.1.0"
 
 __all__ = [
     "AnalyzeStability",
+    "ChartStability",
     "Compile",
     "DelayMargin",
     "Explore",
+    "Figure",
     "LinearizePorts",
     "LoadRecording",
     "LoadScenario",
+    "LoadStudy",
     "MakeDiagram",
+    "MakePage",
     "MakeReplay",
     "MakeSimulator",
     "MakeTeleoperator",
     "OperateRemotely",
+    "PlotBode",
     "PlotComparison",
+    "PlotNyquist",
     "PlotRun",
+    "PlotStabilityChart",
+    "PlotStableDelays",
+    "PlotSweep",
     "Recording",
     "RunMetrics",
     "RunSummary",
+    "RunSweep",
     "SaveFigure",
     "Scenario",
     "ScenarioError",
     "ScenarioNames",
     "ScenarioToYaml",
     "ServeRobot",
+    "ShowDiagram",
+    "ShowTable",
     "Sweep",
     "TrackingScenario",
     "Tune",
+    "TwoPortEnergyBalance",
     "WriteDiagram",
     "WritePage",
     "simulate",
@@ -77,13 +102,25 @@ __all__ = [
 
 # The module that defines each name; for those of the blocks see teleop_drake.blocks.
 _PLACES = {
+    "analysis.energy": ["TwoPortEnergyBalance"],
+    "analysis.stability_chart": ["ChartStability"],
+    "figures.analysis": [
+        "PlotBode",
+        "PlotNyquist",
+        "PlotStabilityChart",
+        "PlotStableDelays",
+    ],
+    "figures.notebook": ["ShowDiagram", "ShowTable"],
+    "figures.style": ["Figure"],
+    "figures.sweeps": ["PlotSweep"],
+    "sweep.study": ["LoadStudy"],
     "link.remote": ["OperateRemotely", "ServeRobot"],
     "analysis.ports": ["DelayMargin", "LinearizePorts"],
     "analysis.stability": ["AnalyzeStability"],
     "figures.block_diagram": ["WriteDiagram"],
     "figures.runs": ["PlotComparison", "PlotRun", "SaveFigure"],
     "figures.scene": ["MakeReplay"],
-    "page": ["Explore", "WritePage"],
+    "page": ["Explore", "MakePage", "WritePage"],
     "recording": ["LoadRecording", "Recording"],
     "scenario": [
         *("LoadScenario", "Scenario", "ScenarioError", "ScenarioNames"),
@@ -91,11 +128,17 @@ _PLACES = {
     ],
     "simulation": ["MakeDiagram", "MakeSimulator", "simulate"],
     "simulation.compile": ["Compile"],
-    "sweep": ["Sweep"],
+    "sweep": ["RunSweep", "Sweep"],
     "sweep.tuning": ["Tune"],
     "tasks.metrics": ["RunMetrics", "RunSummary"],
     "teleoperator": ["MakeTeleoperator"],
 }
+
+
+def _LoadPlotSweep() -> Callable[..., Any]:
+    from teleop_drake.figures.sweeps import PlotSweep
+
+    return PlotSweep
 
 
 def _LoadRecordingHtml() -> Callable[..., Any]:
@@ -110,6 +153,7 @@ def _LoadDiagramPage() -> Callable[..., Any]:
     return DiagramPage
 
 
+ProvideUpperFunction("PlotSweep", _LoadPlotSweep)
 ProvideUpperFunction("RecordingHtml", _LoadRecordingHtml)
 ProvideUpperFunction("DiagramPage", _LoadDiagramPage)
 

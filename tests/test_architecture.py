@@ -272,7 +272,7 @@ def test_every_block_has_a_test():
 OTHERS_NAMES = (
     "main|error|parse_known_args|visit_\\w+|construct_\\w+|repr_\\w+|submit|shutdown"
     "|do_GET|log_message|handle"
-    "|_construct|_construct_copy|[sgc]\\w+_monitor|_(repr|ipython)_\\w+_|plot|to_dataframe|simulate"
+    "|add_subplot|_construct|_construct_copy|[sgc]\\w+_monitor|_(repr|ipython)_\\w+_|plot|to_dataframe|simulate"
     "|bode|margins|to_control"
 )
 SNAKE_CASE = r"_*([a-z][a-z0-9]*|[A-Z])(_[a-zA-Z0-9]+)*"

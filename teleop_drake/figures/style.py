@@ -7,7 +7,7 @@ from typing import Any
 
 import matplotlib.figure
 import numpy as np
-from matplotlib import rcParams
+from matplotlib import rc_context, rcParams
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
@@ -42,13 +42,39 @@ BOUNDARY_STYLE: dict[str, Any] = {
 DELAYS = ("delay", "forward_delay", "return_delay")
 
 
-class Figure(matplotlib.figure.Figure):
-    """A figure that a notebook shows, also one that never imported pyplot."""
+_STYLE: dict[Any, Any] = {
+    "axes.prop_cycle": cycler(color=COLORS),
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+}
 
-    def _repr_png_(self) -> bytes:
+_DOTS_PER_INCH = 200  # of a picture in a notebook, twice as many as it shows
+
+
+class Figure(matplotlib.figure.Figure):
+    """A figure in the package's style, which a notebook shows without pyplot.
+
+    Its panels are laid out so that no label overlaps another, unless `layout` says
+    otherwise. All arguments are those of Matplotlib's Figure.
+    """
+
+    def __init__(self, *args: Any, layout: Any = "constrained", **kwargs: Any) -> None:
+        super().__init__(*args, layout=layout, **kwargs)
+
+    def add_subplot(self, *args: Any, **kwargs: Any) -> Any:
+        """Adds a panel with the package's colours and open axes."""
+        with rc_context(_STYLE):
+            return super().add_subplot(*args, **kwargs)
+
+    def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+        """Returns a picture for screens with many dots, and the width to show it in."""
+        for legend in (*self.legends, *(ax.get_legend() for ax in self.axes)):
+            if legend is not None:
+                legend.set_frame_on(False)
         buffer = io.BytesIO()
-        self.savefig(buffer, format="png")
-        return buffer.getvalue()
+        self.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
+        width, height = self.get_size_inches() * _DOTS_PER_INCH / 2
+        return buffer.getvalue(), {"width": int(width), "height": int(height)}
 
 
 def WidthOf(columns: int) -> float:
@@ -71,18 +97,8 @@ def Widen(limits: tuple[float, float], scale: float) -> tuple[float, float]:
 
 
 def UseStyle() -> None:
-    """Gives figures that one draws oneself the package's colours and open axes.
-
-    It changes Matplotlib's settings, which the package's own figures do not need.
-    """
-    rcParams.update(
-        {
-            "axes.prop_cycle": cycler(color=COLORS),
-            "axes.spines.top": False,
-            "axes.spines.right": False,
-            "legend.frameon": False,
-        }
-    )
+    """Gives Matplotlib's own figures the package's colours and open axes."""
+    rcParams.update(_STYLE)
 
 
 def ScaleAndUnit(limits: tuple[float, float], unit: str) -> tuple[float, str]:
@@ -252,6 +268,18 @@ def LabelOfValue(key: str, value: Any) -> str:
     """Returns a value of a varied key as a legend says it, with its unit."""
     name, unit = _NameAndUnit(key)
     return f"{name} = {ValueLabel(value)} {unit}".strip()
+
+
+def ShortLabels(labels: Sequence[str]) -> list[str]:
+    """Returns labels of one varied key: its name stands in the first one only.
+
+    "delay = 0.1 s", "delay = 0.2 s" become "delay = 0.1 s", "0.2 s". Others stay.
+    """
+    names = {label.partition(" = ")[0] for label in labels if " = " in label}
+    is_one_key = len(names) == 1 and all(label.count(" = ") == 1 for label in labels)
+    if not is_one_key:
+        return list(labels)
+    return [*labels[:1], *(label.partition(" = ")[2] for label in labels[1:])]
 
 
 def CellEdges(centres: np.ndarray) -> np.ndarray:

@@ -40,13 +40,14 @@ def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
     If no delay is varied, the first numbers that are take its place.
 
     Args:
-        *metrics: Of MetricUnits(result.scenario), one or more, for example
-            "collision.peak_force".
+        *metrics: Of MetricUnits(result.scenario), for example "collision.peak_force".
+            Without any, the most used metrics that the runs have.
 
     Raises:
         ValueError: If there is no such metric, no number is varied, or it would take
             too many panels.
     """
+    metrics = metrics or tuple(result.Metrics())
     grid = SweepGrid(result)
     figure, panels = grid.MakePanels(len(metrics))
     marked: set[str] = set()
@@ -64,7 +65,7 @@ def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
             Patch(color=GREY, alpha=0.4, linewidth=0, label="5 to 95 % of the seeds"),
             Key(_INTERVAL, color=GREY, marker="|", linewidth=0.8),
         ]
-    ncols = 4 if len(lines) > 3 else len(lines) + len(handles)
+    ncols = min(len(lines) + len(handles), 4)
     style.AddLegend(figure, [*lines, *handles], ncols=ncols, fontsize=SMALL_FONT_SIZE)
     return figure
 
@@ -167,8 +168,9 @@ def _DrawSeeds(ax: Axes, result: SweepResult, metric: str) -> None:
     values = np.moveaxis(values, seeds, -1).reshape(-1, len(result.axes[SEED]))
     own = [result.scenario.controller.kind]
     names = next((result.axes[key] for key in CONTROLLERS if key in result.axes), own)
-    scale, y_label, _ = MetricScale(result, metric, values)
+    scale, y_label, limits = MetricScale(result, metric, values)
     style.FormatAxes(ax)
+    ax.set_ylim(style.Widen(limits, scale))
     for i, row in enumerate(values):
         color = style.RunColor(i)
         y = row[np.isfinite(row)] * scale

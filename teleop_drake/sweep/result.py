@@ -9,6 +9,7 @@ import numpy as np
 
 from teleop_drake.scenario import AnyScenario, ScenarioError
 from teleop_drake.tasks.metrics import FlattenMetrics, MetricUnits
+from teleop_drake.upper import UpperFunction
 
 _HEADLINES = (
     "start_velocity_overshoot",
@@ -77,6 +78,19 @@ class SweepResult:
         return np.array([record["status"] for record in self.records]).reshape(
             self.shape
         )
+
+    def plot(self, *metrics: str) -> Any:
+        """Plots metrics against the delay, or against what else is varied.
+
+        Args:
+            *metrics: As in MetricUnits(scenario), for example "collision.peak_force";
+                none: those of Metrics().
+
+        Returns:
+            The figure of teleop_drake.figures.sweeps.PlotSweep(), which a notebook
+            shows.
+        """
+        return UpperFunction("PlotSweep")(self, *metrics)
 
     def Table(self) -> list[dict[str, Any]]:
         """Returns the rows of runs.csv, which `pandas.DataFrame` accepts.
