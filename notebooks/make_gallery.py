@@ -23,13 +23,14 @@ NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 
 # Which of a notebook's pictures stands for it: the last one is -1.
 PICTURES = {
+    "00_five_minutes": 1,
     "01_building_the_diagram": 1,
     "02_delay_one_dof": 1,
-    "03_delay_two_dof": 4,
+    "03_delay_two_dof": 3,
     "04_networks": 2,
-    "05_neural_network": 3,
+    "05_neural_network": 2,
     "06_architectures": 2,
-    "07_stability": 3,
+    "07_stability": 4,
     "08_drive": 1,
     "09_arm_in_space": 2,
 }

@@ -246,7 +246,6 @@ NOTEBOOK = DIRECTORY.parent / "notebooks" / "01_building_the_diagram.ipynb"
             (LoadScenario("two_dof_combined"),),
         ),
         (DIRECTORY / "delay_on_a_cart_pole.py", "MakeDiagram", ()),
-        (NOTEBOOK, "MakeDelayedSine", (0.3,)),
         (NOTEBOOK, "MakeSmallestLoop", (0.1,)),
     ],
     ids=lambda x: x if isinstance(x, str) else "",
