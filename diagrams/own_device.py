@@ -80,7 +80,7 @@ def main(picture: Path) -> None:
             server.communicate()
     recording = side.Recording()
     felt, sent = recording["return_packet_received"], recording["forward_packet_sent"]
-    trip = side.Report()["round_trip"]["median"]
+    trip = side.Report()["round_trip_s"]["median"]
     print(
         f"the tool was felt to move {1000 * felt[-1, 0]:.2f} mm, "
         f"with up to {sent[:, 0].max():.3f} N; "

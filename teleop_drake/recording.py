@@ -233,6 +233,23 @@ class Recording:
             ),
         )
 
+    def WriteCsv(self, path: str | Path) -> None:
+        """Writes the signals as a table, which appears complete or not at all.
+
+        The first column is the time in s, which stands twice where something jumps.
+        The others are the components of the signals, such as `tool_velocity[0]`, in
+        SI units.
+
+        Raises:
+            OSError: If the file cannot be written.
+        """
+        heads = ["time_s"]
+        for name, x in self.signals.items():
+            heads += [f"{name}[{i}]" for i in range(x.shape[1])]
+        table = np.column_stack([self.time, *self.signals.values()])
+        with Replacing(path) as file:
+            np.savetxt(file, table, "%.10g", ",", header=",".join(heads), comments="")
+
     def Components(self, name: str, size: int) -> list[Any]:
         """Returns what the components of a signal are called."""
         direction, _, kind = name.partition("_")

@@ -94,6 +94,15 @@ def AddRunOptions(
     parser.add_argument("--quiet", action="store_true", help="show no progress")
 
 
+def AddVerboseOption(parser: argparse.ArgumentParser) -> None:
+    """Adds --verbose."""
+    parser.add_argument(
+        "--verbose",
+        action="store_true",
+        help="print all metrics, and what the solver did",
+    )
+
+
 def AddFormatOption(parser: argparse.ArgumentParser, default: str = "png") -> None:
     """Adds --format."""
     parser.add_argument(
@@ -336,8 +345,9 @@ def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[
             FileFields(given)  # Checks it.
             fields = {"kind": given}
     except ValueError as e:
+        reason = e if path.exists() or not path.suffix else "no such file"
         raise BadInput(
-            f"--channel = {given!r}: must be a YAML file, a trace ({e})"
+            f"--channel = {given!r}: must be a YAML file, a trace or a kind ({reason})"
         ) from None
     text = DumpOnOneLine(fields)
     return [f"{direction}_channel={text}" for direction in ("forward", "return")]

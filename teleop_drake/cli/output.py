@@ -35,10 +35,16 @@ def PrepareFolder(folder: str | None, *names: str) -> list[Path]:
     return paths
 
 
+def CheckFile(file: str | None, option: str) -> None:
+    """Refuses a file that cannot be written; None is good."""
+    if file is not None:
+        _CheckWritable(Path(file), f"{option} = {file!r}")
+
+
 def CheckJson(file: str | None) -> None:
     """Refuses a file of --json that cannot be written; "-" and None are good."""
-    if file is not None and file != "-":
-        _CheckWritable(Path(file), f"--json = {file!r}")
+    if file != "-":
+        CheckFile(file, "--json")
 
 
 def CheckHtml(file: str | None, option: str = "--html") -> None:

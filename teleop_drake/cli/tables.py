@@ -1,11 +1,24 @@
 """Metrics as tables of text."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
     from teleop_drake.sweep import SweepResult
+
+
+def Words(name: str) -> str:
+    """Returns the name of a metric in words."""
+    return name.replace("_", " ").replace(".", " ")
+
+
+def Ending(recording: "Recording") -> str:
+    """Returns how a run ended, in a word or two."""
+    if recording.termination == "completed":
+        return "completed"
+    return f"{recording.termination} at {recording.time[-1]:.4g} s"
 
 
 def Headline(recording: "Recording") -> str:
@@ -31,37 +44,67 @@ def Headline(recording: "Recording") -> str:
 def _Delay(channel: Any) -> str:
     """Returns the delay of a channel in s, and the file that adds to it."""
     trace = getattr(channel, "trace", None)
-    return f"{channel.delay:g} s" + (f" and {trace}" if trace else "")
+    if not trace:
+        return f"{channel.delay:g} s"
+    from teleop_drake.blocks.channels.trace import ReadTrace
+
+    is_halved = ReadTrace("trace", trace).is_halved
+    halved = " (half of ping's round trips)" if is_halved else ""
+    return f"{channel.delay:g} s and {trace}{halved}"
 
 
-def Table(recordings: Mapping[str, "Recording"], records: Sequence[Any]) -> str:
-    """Returns the metrics of some runs: a row for each, a column for each run."""
+# More runs than these have a row each: a column each would be too wide to read.
+MAX_COLUMNS = 3
+
+_SOLVER = ("engine", "steps", "derivative_evaluations", "wall_time_s")
+
+
+def Table(
+    recordings: Mapping[str, "Recording"],
+    records: Sequence[Any],
+    *,
+    is_verbose: bool = False,
+) -> str:
+    """Returns the metrics of some runs.
+
+    Up to three runs have a column each. More have a row each, with the most used
+    metrics.
+
+    Args:
+        is_verbose: Whether to show all metrics and what the solver did, a column for
+            each run.
+    """
+    from teleop_drake.figures.style import ShortLabels
+    from teleop_drake.sweep import SelectMetrics
     from teleop_drake.tasks.metrics import FlattenMetrics, MetricUnits
 
+    runs = list(recordings.values())
     units = {"wall_time_s": "s"}
-    for recording in recordings.values():
+    for recording in runs:
         units |= MetricUnits(recording.scenario)
-    columns = {
-        name: FlattenMetrics(record["metrics"])
-        | FlattenMetrics(record.get("channels", {}))
-        | {
-            key: record["solver"][key]
-            for key in ("engine", "steps", "derivative_evaluations", "wall_time_s")
-        }
-        for name, record in zip(recordings, records, strict=True)
-    }
+    columns = []
+    for record in records:
+        column = FlattenMetrics(record["metrics"])
+        column |= FlattenMetrics(record.get("channels", {}))
+        if is_verbose:
+            column |= {key: record["solver"][key] for key in _SOLVER}
+        columns.append(column)
+    if len(runs) > MAX_COLUMNS and not is_verbose:
+        shown = SelectMetrics(runs[0].scenario)
+        labels = [[label] for label in recordings]
+        ends = [Ending(recording) for recording in runs]
+        return MetricRows([""], labels, columns, {x: units[x] for x in shown}, ends)
     # A group such as `puncture` is null where there was none.
     rows: dict[str, None] = {}
-    for column in columns.values():
+    for column in columns:
         rows |= dict.fromkeys(column)
     groups = {row.split(".")[0] for row in rows if "." in row}
-    lines = [["", *columns, ""]]
+    lines = [["", *ShortLabels(list(recordings)), ""]]
     for row in rows:
         if row in groups:
             continue
-        cells = [Cell(column.get(row)) for column in columns.values()]
-        label = row.replace("_", " ").replace(".", " ")
-        lines.append([label, *cells, units.get(row, "")])
+        cells = [Cell(column.get(row)) for column in columns]
+        lines.append([Words(row), *cells, units.get(row, "")])
     return Align(lines)
 
 
@@ -95,7 +138,7 @@ def SeedsTable(result: "SweepResult", metrics: Sequence[str] = ()) -> str:
     lines = [["", *columns, ""]]
     for metric, unit in units.items():
         cells = [column.get(metric, "") for column in columns.values()]
-        lines.append([metric.replace("_", " ").replace(".", " "), *cells, unit])
+        lines.append([Words(metric), *cells, unit])
     num_seeds = len(result.axes["seed"])
     title = f"Medians over {num_seeds} seeds, and shares of the runs; 95 % intervals"
     return f"{title}\n{Align(lines)}"
@@ -105,6 +148,66 @@ def _CellWithInterval(row: Mapping[str, Any]) -> str:
     if row["low"] is None:
         return Cell(row["value"])
     return f"{row['value']:.4g} [{row['low']:.3g}, {row['high']:.3g}]"
+
+
+# More rows of a sweep do not fit on a screen.
+_MAX_ROWS = 40
+
+
+def SweepTable(result: "SweepResult", metrics: Sequence[str] = ()) -> str:
+    """Returns the metrics of the runs of a sweep, a row for each.
+
+    Args:
+        metrics: The metrics; none: the most used ones that the runs have.
+    """
+    from teleop_drake.figures.style import ValueLabel
+    from teleop_drake.tasks.metrics import MetricUnits
+
+    units = MetricUnits(result.scenario)
+    shown = {metric: units[metric] for metric in metrics or result.Metrics()}
+    rows = result.Table()
+    first = rows[:_MAX_ROWS]
+    keys = [key for key, values in result.axes.items() if len(values) > 1]
+    labels = [[ValueLabel(row[key]) for key in keys] for row in first]
+    ends = [row["status"] for row in first]
+    text = MetricRows(keys, labels, first, shown, ends)
+    if len(rows) > _MAX_ROWS:
+        text += f"\n... {len(rows) - _MAX_ROWS} more are in runs.csv"
+    return text
+
+
+# Letters of a line in the head of a column.
+_HEAD_WIDTH = 12
+
+
+def MetricRows(
+    heads: Sequence[str],
+    labels: Sequence[Sequence[str]],
+    values: Sequence[Mapping[str, Any]],
+    units: Mapping[str, str],
+    ends: Sequence[str],
+) -> str:
+    """Returns a table with a row for each run, and how it ended.
+
+    Args:
+        heads: Names of the columns that tell which run it is.
+        labels: What stands there, for each run.
+        values: The metrics of each run by their names.
+        units: Units of the metrics that are shown, by their names.
+        ends: How each run ended.
+    """
+    stacks = [[head] for head in heads]
+    for metric, unit in units.items():
+        stacks.append(
+            [*textwrap.wrap(Words(metric), _HEAD_WIDTH), unit and f"[{unit}]"]
+        )
+    height = max(map(len, stacks))
+    columns = [[""] * (height - len(stack)) + stack for stack in stacks]
+    lines = [[*row, ""] for row in zip(*columns, strict=True)]
+    for label, metrics, end in zip(labels, values, ends, strict=True):
+        cells = [Cell(metrics.get(metric), digits=4) for metric in units]
+        lines.append([*label, *cells, end])
+    return Align(lines)
 
 
 def Align(lines: Sequence[Sequence[str]]) -> str:
@@ -122,10 +225,10 @@ def Align(lines: Sequence[Sequence[str]]) -> str:
     )
 
 
-def Cell(value: Any) -> str:
+def Cell(value: Any, digits: int = 5) -> str:
     """Returns a value as the cell of a table."""
     if value is None:
         return "-"
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return str(value) if isinstance(value, int | str) else f"{value:.5g}"
+    return str(value) if isinstance(value, int | str) else f"{value:.{digits}g}"

@@ -45,6 +45,9 @@ _NOTHING = 1e-9
 _NYQUIST_RANGE = 2.5
 _NUM_NYQUIST_POINTS = 6000
 
+# Between two frequencies that are written beside a locus.
+_LABEL_DISTANCE = 0.6
+
 # What is shown of Llewellyn's parameter; less is drawn at the lower edge.
 _LLEWELLYN_RANGE = (-1.5, 3.0)
 # Less than this below 1 is rounding.
@@ -132,7 +135,8 @@ def _DrawLoci(top: Axes, bottom: Axes, point: PointStability, w: Array) -> list[
 def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
     """Plots the eigenloci of L(j w) e^(-j w T) near the critical point -1, w > 0.
 
-    Without delay (thin), and with the scenario's (thick). The delay turns each point
+    Without delay (thin), and with the scenario's (thick), which has frequencies in
+    rad/s beside it and an arrow towards higher ones. The delay turns each point
     about the origin by -w T and leaves its distance alone, so it is the part outside of
     the unit circle that can be turned about -1.
 
@@ -149,6 +153,7 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
             delayed = loci[:, i] * np.exp(-1j * w * point.delay)
             ax.plot(loci[:, i].real, loci[:, i].imag, **look | {"linewidth": 0.6})
             ax.plot(delayed.real, delayed.imag, **look)
+            _MarkFrequencies(ax, w, delayed, look["color"])
         angle = np.linspace(0, 2 * np.pi, 200)
         ax.plot(np.cos(angle), np.sin(angle), color=GREY, linewidth=0.6, zorder=0)
         for draw in (ax.axhline, ax.axvline):
@@ -162,10 +167,32 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
         _THICK(f"with {points[0].delay:.4g} s round trip"),
         Key("-1", color="black", marker="+", ms=7, ls=""),
         Key("unit circle", color=GREY, linewidth=0.6),
+        Key("frequency [rad/s]", color="black", marker=".", ms=3, ls=""),
         *_LocusHandles(points),
     ]
     AddLegend(figure, handles, ncols=6)
     return figure
+
+
+def _MarkFrequencies(ax: Axes, w: Array, locus: ComplexArray, color: str) -> None:
+    """Writes frequencies beside a locus in the plot, and an arrow along it."""
+    seen = max(_NYQUIST_RANGE - 0.3, 0.0)
+    is_seen = np.maximum(abs(locus.real), abs(locus.imag)) < seen
+    written: dict[str, complex] = {}
+    for k in np.flatnonzero(is_seen):
+        number = f"{w[k]:.2g}"
+        distances = [abs(locus[k] - place) for place in written.values()]
+        if number in written or min(distances, default=math.inf) < _LABEL_DISTANCE:
+            continue
+        written[number] = complex(locus[k])
+        place = (locus[k].real, locus[k].imag)
+        ax.plot(*place, ".", color=color, ms=3)
+        ax.annotate(number, place, (2, 2), textcoords="offset points", fontsize=5)
+        if len(written) == 1 and k + 1 < len(w):
+            # Towards higher frequencies.
+            ahead = k + np.argmax(abs(locus[k:] - locus[k]) > _LABEL_DISTANCE / 2)
+            end = (locus[ahead].real, locus[ahead].imag)
+            ax.annotate("", end, place, arrowprops={"arrowstyle": "->", "color": color})
 
 
 def PlotStableDelays(
@@ -270,7 +297,7 @@ def _ExplainLlewellyn(ax: Axes, w: np.ndarray, parameter: np.ndarray) -> None:
     # Re p11 or Re p22 is negative there: the parameter is minus infinity.
     active = np.flatnonzero(np.isneginf(parameter))
     if active.size:
-        text += f"\ndrop at {w[active[0]]:.2g} rad/s: a port alone is active"
+        text += f"\ngives out energy at {w[active[0]]:.2g} rad/s"
     ax.annotate(
         text,
         (0.03, 0.96),
@@ -313,17 +340,17 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
         top.set(xlim=(w[0], w[-1]), ylim=(1e-2, 1e3))
     labels = ("|impedance| [N s/m]", "Llewellyn's parameter")
     NameAxes(axes, "frequency [rad/s]", *labels)
-    below = "below 1: some passive operator and environment destabilise it"
+    below = "below 1: unstable with some passive operator and environment"
     handles: list[Artist] = [
-        _THICK("felt, with delay"),
-        _THIN("felt, without"),
-        Key("environment, along x", ls=":", color=GREY, linewidth=1.5),
+        _THICK("felt with the delay"),
+        _THIN("felt without delay"),
+        Key("the environment itself, along x", ls=":", color=GREY, linewidth=1.5),
     ]
     if num_axes > 1:
         names = AxesOf(6)[:num_axes]
         handles += [Key(f"axis {x}", **_LocusStyle(i)) for i, x in enumerate(names)]
     handles.append(Patch(color=_ACTIVE, label=below))
-    AddLegend(figure, handles, ncols=3)
+    AddLegend(figure, handles, ncols=2)
     return figure
 
 

@@ -461,7 +461,8 @@ def _TitleMultiples(
 def _RunKeys(recordings: Mapping[str, Recording]) -> list[Line2D]:
     """Returns the entries of the runs in a legend; they tell which runs diverge."""
     keys = []
-    for i, (name, run) in enumerate(recordings.items()):
+    names = style.ShortLabels(list(recordings))
+    for i, (name, run) in enumerate(zip(names, recordings.values(), strict=True)):
         line = style.RunStyle(i)
         if run.termination == "diverged":
             line |= {**style.EndStyle(i), "linestyle": line["linestyle"]}

@@ -155,16 +155,15 @@ class SweepGrid:
         """Returns what the legend says of the lines."""
         values = self.line_values
         step = math.ceil(len(values) / MAX_NAMED_LINES)
+        # Some of many are enough to tell which way they go.
+        lines = [i for i in range(len(values)) if i % step == 0 or i == len(values) - 1]
+        labels = [style.ValueLabel(values[i]) for i in lines]
+        if not self.lines_are_controllers:
+            key = self.line_key
+            labels = [style.LabelOfValue(key, values[i]) for i in lines]
         return [
-            Key(
-                style.ValueLabel(value)
-                if self.lines_are_controllers
-                else style.LabelOfValue(self.line_key, value),
-                **self.LineStyle(i),
-            )
-            for i, value in enumerate(values)
-            # Some of many are enough to tell which way they go.
-            if i % step == 0 or i == len(values) - 1
+            Key(label, **self.LineStyle(i))
+            for i, label in zip(lines, style.ShortLabels(labels), strict=True)
         ]
 
 

@@ -140,10 +140,10 @@ class Measurements:
             "unused_packets": {x: int(np.isnan(y).sum()) for x, y in delays.items()},
             "early_packets": {x: int((y < 0).sum()) for x, y in delays.items()},
             "unknown_periods": int(np.sum(np.diff(known) - 1)),
-            "outages": self.Outages(),
+            "outages_s": self.Outages(),
         }
         for name in _TIMES:
-            report[name] = _Statistics(self.Signals()[name])
+            report[f"{name}_s"] = _Statistics(self.Signals()[name])
         return report
 
 

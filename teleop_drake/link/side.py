@@ -395,8 +395,8 @@ class Side(Half):
             "side": self.side,
             "termination": self._termination,
             "reason": self.reason or "",
-            "duration": round(float(self.measured.Time()[-1]), 9),
-            "shortest_round_trip": round(self._session.round_trip) / 1e9,
+            "duration_s": round(float(self.measured.Time()[-1]), 9),
+            "shortest_round_trip_s": round(self._session.round_trip) / 1e9,
             "refused_packets": dict(self._session.refused),
         }
         return report | self.measured.Report()

@@ -181,7 +181,7 @@ def test_llewellyns_parameter_is_explained(kind, text):
     figure = PlotTransparency([transparency])
     texts = [note.get_text() for note in figure.axes[1].texts]
     assert [note.split("\n")[0] for note in texts] == ([text] if text else [])
-    assert "below 1: some passive operator" in DescribeFigure(figure)
+    assert "below 1: unstable with some passive operator" in DescribeFigure(figure)
     # Made up: it drops at 3 rad/s.
     w = transparency.frequencies
     dropped = dataclasses.replace(
@@ -191,4 +191,4 @@ def test_llewellyns_parameter_is_explained(kind, text):
     (note,) = PlotTransparency([dropped]).axes[1].texts
     below, drop = note.get_text().split("\n")
     assert below == f"below 1 from {w[w >= 3][0]:.2g} rad/s"
-    assert drop == f"drop at {w[w >= 9][0]:.2g} rad/s: a port alone is active"
+    assert drop == f"gives out energy at {w[w >= 9][0]:.2g} rad/s"

@@ -50,7 +50,7 @@ def test_over_loopback(tmp_path, unrendered):
         report = SaveRun(side, tmp_path)
         # The solver's steps are others where a busy machine misses many periods.
         assert max(report["prediction"].values()) < 5e-6
-        assert not report["outages"]  # The end of a complete run is none.
+        assert not report["outages_s"]  # The end of a complete run is none.
 
 
 SERVE, OPERATE = ["serve", "one_dof", "--listen"], ["operate", "one_dof", "--connect"]
@@ -110,7 +110,7 @@ class Loop:
         name = {"serve": "robot", "operate": "operator"}[command]
         recording = LoadRecording(self._folder / command / f"{name}.npz")
         report = json.loads((self._folder / command / f"{name}.json").read_text())
-        assert recording.time[-1] == pytest.approx(report["duration"])
+        assert recording.time[-1] == pytest.approx(report["duration_s"])
         return report
 
 
@@ -162,9 +162,9 @@ def test_through_a_relay_with_forged_packets(seed, tmp_path):
     for command in ("operate", "serve"):
         report = loop.Report(command)
         assert report["refused_packets"]["old"] > 10
-        assert report["round_trip"]["median"] > 0.02
+        assert report["round_trip_s"]["median"] > 0.02
         assert IsPredicted(report)
-        assert not report["outages"]
+        assert not report["outages_s"]
         assert report["termination"] == "completed" or command == "serve"
     assert report["refused_packets"]["hash"] > 10_000
 
@@ -187,11 +187,11 @@ def test_kills_at_random_times(tmp_path):
         process.send_signal(signal.SIGCONT)
         left = loop.Report(other)
         if number == signal.SIGSTOP:
-            assert len(left["outages"]) == 1
+            assert len(left["outages_s"]) == 1
             assert left["termination"] == "completed"
             assert loop.Report(victim)["missed_periods"] > 200
         elif number == signal.SIGKILL:
-            assert left["outages"]
+            assert left["outages_s"]
             assert process.wait(60) == -signal.SIGKILL
             name = {"serve": "robot", "operate": "operator"}[victim]
             log = np.genfromtxt(
@@ -243,5 +243,5 @@ def test_through_the_network_of_the_kernel(namespaces, tmp_path):
     for command in ("operate", "serve"):
         report = loop.Report(command)
         assert report["termination"] == "completed"
-        assert (report["shortest_round_trip"] > 0.025) == (kind == "netem")
+        assert (report["shortest_round_trip_s"] > 0.025) == (kind == "netem")
         assert IsPredicted(report)

@@ -84,9 +84,9 @@ def test_the_delays_are_those_of_the_network():
         assert forward[100] + back[100] == pytest.approx(0.0506, abs=0.0021)
         assert np.ptp(forward[:300]) == 0
         report = side.Report()  # It is seen each period.
-        assert report["shortest_round_trip"] == pytest.approx(0.0516, abs=0.0011)
-        assert report["round_trip"]["median"] == pytest.approx(0.0516, abs=0.0021)
-        assert report["period"]["mean"] == pytest.approx(0.001)
+        assert report["shortest_round_trip_s"] == pytest.approx(0.0516, abs=0.0011)
+        assert report["round_trip_s"]["median"] == pytest.approx(0.0516, abs=0.0021)
+        assert report["period_s"]["mean"] == pytest.approx(0.001)
         assert report["period"]["deviation"] < 1e-5
 
 
@@ -119,7 +119,7 @@ def Cut(kind, begin, end, duration, name="one_dof"):
 def test_the_robot_holds_its_place(kind):
     """Within 0.1 mm, and soon at rest; direct force by itself moves by 0.6 mm."""
     sides, _ = Cut(kind, 500, 850, 1.8)
-    run, ((begin, end),) = sides[1].Recording(), sides[1].Report()["outages"]
+    run, ((begin, end),) = sides[1].Recording(), sides[1].Report()["outages_s"]
     held = run["tool_position"][(run.time > begin) & (run.time < end)]
     assert np.ptp(held) < 1e-4
     assert np.ptp(held[-100:]) < 5e-6
@@ -132,7 +132,7 @@ def test_what_is_too_old_fades_and_comes_back():
     sides, network = Cut("wave_variables", 200, 400, 1.1)
     recording = sides[1].Recording()
     time, (wave, position) = recording.time, recording["forward_packet_received"].T
-    ((begin, end),) = sides[1].Report()["outages"]
+    ((begin, end),) = sides[1].Report()["outages_s"]
     assert begin == pytest.approx(0.38 + 0.1, abs=0.03)
     assert end == pytest.approx(0.8, abs=0.03)
     silent = (time > begin + 0.06) & (time < end)
@@ -145,7 +145,7 @@ def test_what_is_too_old_fades_and_comes_back():
     assert jump < 1.5 * np.abs(wave).max() * 0.002 / 0.05
     for side, lines in zip(sides, network.lines, strict=True):
         assert side.reason == ""
-        assert len(side.Report()["outages"]) == 1
+        assert len(side.Report()["outages_s"]) == 1
         assert lines[-2].endswith("forces fall to zero")
         assert lines[-1].endswith("forces come back")
     CheckPrediction(sides)
@@ -177,7 +177,7 @@ def test_one_that_slept_is_predicted_all_the_same(stopped, tmp_path, unrendered)
     network.Run(sides)
     report = sides[stopped].Report()
     assert report["missed_periods"] == pytest.approx(200, abs=5)
-    assert report["lateness"]["most"] == pytest.approx(0.2, abs=0.005)
+    assert report["lateness_s"]["most"] == pytest.approx(0.2, abs=0.005)
     assert sides[1 - stopped].Report()["missed_periods"] == 0
     CheckPrediction(sides)
     CheckTraces(sides, tmp_path)
@@ -208,7 +208,7 @@ def test_one_that_was_started_anew_is_another_one():
     sides[0] = network.MakeSides(Scenario(duration=3.0), patience=0.7)[0]
     network.Run(sides)
     assert [side.reason for side in sides] == ["nothing was heard for 0.7 s"] * 2
-    assert len(sides[1].Report()["outages"]) == 1
+    assert len(sides[1].Report()["outages_s"]) == 1
     assert not sides[0].Delays()["forward"].size
 
 

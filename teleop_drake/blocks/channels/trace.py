@@ -51,11 +51,13 @@ class Trace:
         delays: How long it took, s (N); of one that was lost, between those of its
             neighbours that arrived.
         is_lost: Which ones were lost (N).
+        is_halved: Whether the delays are halves of round trips.
     """
 
     times: np.ndarray
     delays: np.ndarray
     is_lost: np.ndarray
+    is_halved: bool = False
 
     def Until(self, duration: float, end: str) -> "Trace":
         """Returns the trace from its first entry on until a duration.
@@ -133,7 +135,7 @@ def ReadTrace(path: str, file: str) -> Trace:
         raise ScenarioError(f"{origin}: must have a delay that is a number")
     # A lost packet has a delay between those of its neighbours.
     delays[is_lost] = np.interp(times[is_lost], times[~is_lost], delays[~is_lost])
-    return Trace(times, delays, is_lost)
+    return Trace(times, delays, is_lost, is_halved=bool(answers))
 
 
 def _EntriesOfPing(answers: Sequence[re.Match[str]]) -> Array:

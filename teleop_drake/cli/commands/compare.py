@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from teleop_drake.cli import options, output
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
 from teleop_drake.cli.progress import Simulate, SweepProgress
-from teleop_drake.cli.tables import Headline, SeedsTable, Table
+from teleop_drake.cli.tables import MAX_COLUMNS, Headline, SeedsTable, Table
 from teleop_drake.files import FileStem
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     options.AddGridOptions(parser)
     options.AddEngineOption(parser)
     options.AddFigureOptions(parser)
+    options.AddVerboseOption(parser)
     options.AddRunOptions(
         parser,
         json_help="write a list with the metrics of each run as JSON; `-`: to stdout, "
@@ -109,7 +110,9 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
         from teleop_drake.figures.scene import MakeReplay
 
         MakeReplay(shown).Save(args.html)
-    texts = [*map(Headline, recordings.values()), Table(recordings, records)]
+    texts = [Table(recordings, records, is_verbose=args.verbose)]
+    if len(recordings) <= MAX_COLUMNS:  # A row has its ending itself.
+        texts = [*map(Headline, recordings.values()), *texts]
     written = [*figure_paths, *recording_paths[: len(recordings)]]
     written += [args.html] if args.html is not None else []
     output.Tell(args, records, *texts, written=written)

@@ -16,8 +16,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         "-o",
         "--output",
         metavar="FILE.html",
-        required=not has_hand,
-        help="the page to write" + " instead of opening it" * has_hand,
+        help="the page to write instead of opening it",
     )
     parser.add_argument(
         "--controllers",

@@ -12,6 +12,9 @@ from teleop_drake.cli.progress import Simulate
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
 
+_MAX_SHOWN = 4
+"""Runs one below the other that are large enough to be seen."""
+
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
@@ -26,8 +29,8 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--controllers",
         metavar="A,B,...",
-        help="simulate with each of these controllers and show them one below the "
-        "other; `all`: every architecture",
+        help="simulate with each of these controllers, four at most, and show them one "
+        "below the other",
     )
     options.AddEngineOption(parser)
     parser.add_argument(
@@ -42,6 +45,12 @@ def Execute(args: argparse.Namespace) -> int:
     """Shows recordings, or simulates and shows what comes out."""
     CheckHtml(args.out, "--out")
     has_files = args.scenario.endswith(".npz")
+    num_shown = 1 + len(args.more) if has_files else len(options.ControllersOf(args))
+    if num_shown > _MAX_SHOWN:
+        raise BadInput(
+            f"replay of {num_shown} runs: must be of {_MAX_SHOWN} at most, to be seen; "
+            "name them: --controllers A,B,..."
+        )
     recordings = (_FromFiles if has_files else _Simulated)(args)
     is_interrupted = not has_files and any(
         recording.termination == "interrupted" for recording in recordings.values()

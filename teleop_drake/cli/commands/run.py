@@ -20,6 +20,12 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     options.AddScenarioOptions(parser)
     options.AddEngineOption(parser)
     options.AddFigureOptions(parser)
+    options.AddVerboseOption(parser)
+    parser.add_argument(
+        "--csv",
+        metavar="FILE",
+        help="write the signals as a table: time_s, then a column a component",
+    )
     options.AddRunOptions(
         parser,
         json_help="write the metrics as JSON; `-`: to stdout, and nothing else there",
@@ -35,6 +41,7 @@ def Execute(args: argparse.Namespace) -> int:
     stem = f"{scenario.name}_{FileStem(scenario.controller.kind)}"
     output.CheckJson(args.json)
     output.CheckHtml(args.html)
+    output.CheckFile(args.csv, "--csv")
     formats = options.FormatsOf(args)
     drawing = options.FigureOptionsOf(args)
     recording_path, summary_path, *figure_paths = output.PrepareFolder(
@@ -58,7 +65,11 @@ def Execute(args: argparse.Namespace) -> int:
 
         MakeReplay(recording).Save(args.html)
         written.append(args.html)
-    table = Table({record["controller"]: recording}, [record])
+    if args.csv is not None:
+        recording.WriteCsv(args.csv)
+        written.append(args.csv)
+    runs = {record["controller"]: recording}
+    table = Table(runs, [record], is_verbose=args.verbose)
     output.Tell(args, record, Headline(recording), table, written=written)
     return INTERRUPTED if recording.termination == "interrupted" else 0
 

@@ -1,6 +1,7 @@
 """The commands `teleop-drake serve` and `teleop-drake operate`."""
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,7 +51,8 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     add("--limit", type=float, metavar="S", default=0.5, help="most round trip, s")
     options.AddRunOptions(
         parser,
-        json_help="write what was measured as JSON there; `-`, default: to stdout",
+        json_help="write what was measured as JSON there; `-`: to stdout, and nothing "
+        "else there",
         out_help="write recording, traces, prediction, figure and JSON there, and a "
         "log from the first tick on, which is there even if the side is killed",
         out_default=None,
@@ -71,8 +73,25 @@ def Execute(args: argparse.Namespace) -> int:
     report = SaveRun(side, summary.parent) if has_folder else side.Report()
     if has_folder:
         output.WriteText(summary, output.ToJson(report))
-    output.WriteJson(args.json or "-", report)
+    output.Tell(args, report, *_Lines(report))
     return 0 if report["termination"] == "completed" else 1
+
+
+def _Lines(report: Mapping[str, Any]) -> list[str]:
+    """Returns how a side ended, and what it measured, a line each."""
+    ending = report["termination"]
+    ending += f" ({report['reason']})" if report["reason"] else ""
+    trips = report["round_trip_s"]
+    lines = [
+        f"{report['scenario']}, {report['controller']}: {report['side']}, "
+        f"{report['duration_s']:g} s, {ending}",
+        f"round trip {1e3 * trips['median']:.3g} ms in the median, "
+        f"{1e3 * trips['most']:.3g} ms at most; {len(report['outages_s'])} outages",
+    ]
+    if "prediction" in report:
+        largest = max(report["prediction"].values())
+        lines[1] += f"; the prediction differs by {largest:.1e} of a signal's size"
+    return lines
 
 
 def _Run(

@@ -12,7 +12,7 @@ from teleop_drake.cli.dask import DaskExecutor
 from teleop_drake.cli.exit_codes import DONE, FAILED, INTERRUPTED, BadInput, Fail
 from teleop_drake.cli.output import CheckJson, WriteJson
 from teleop_drake.cli.progress import SweepProgress
-from teleop_drake.cli.tables import SeedsTable
+from teleop_drake.cli.tables import SeedsTable, SweepTable
 
 if TYPE_CHECKING:
     from teleop_drake.figures.sweep_grid import SweepGrid
@@ -210,6 +210,8 @@ def _Print(
     print(f"{result.scenario.name}: {len(statuses)} runs, {counts}")
     if VariesSeedsOnly(result):
         print(SeedsTable(result, metrics))
+    else:
+        print(SweepTable(result, metrics))
     if note:
         print(note)
     tables = [folder / name for name in ("runs.jsonl", *TableNames(result))]
