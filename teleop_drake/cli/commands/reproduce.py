@@ -4,9 +4,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from teleop_drake.cli.exit_codes import FAILED, BadInput, Fail
+from teleop_drake.cli.exit_codes import DONE, FAILED, BadInput, Fail
 from teleop_drake.cli.options import AddFormatOption, FormatsOf
 from teleop_drake.cli.output import PrepareFolder
+from teleop_drake.cli.tables import Align
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -22,7 +23,14 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--only",
         metavar="A,B,...",
-        help="only these figures, for example 4.1,5.7: no ledger and no report",
+        help="only these figures, for example 4.1,5.7: no ledger and no report; with "
+        "--check only these claims, for example 4-settling",
+    )
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="measure each claim again and compare it with the published ledger; exit "
+        "code 1 where one differs",
     )
     parser.add_argument("--quiet", action="store_true", help="show no progress")
 
@@ -30,12 +38,14 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 def Execute(args: argparse.Namespace) -> int:
     """Simulates and writes what the thesis shows."""
     formats = FormatsOf(args)
-
-    from teleop_drake.thesis.report import Reproduce, SelectFigures
-
     only = None
     if args.only is not None:
         only = [number.strip() for number in args.only.split(",")]
+    if args.check:
+        return _Check(only, args.quiet)
+
+    from teleop_drake.thesis.report import Reproduce, SelectFigures
+
     try:
         SelectFigures(only)
     except ValueError as e:
@@ -58,3 +68,22 @@ def Execute(args: argparse.Namespace) -> int:
         return Fail(FAILED, e)
     print(f"Written: {len(paths)} files in {args.out}, the last is {paths[-1].name}")
     return 0
+
+
+def _Check(only: list[str] | None, is_quiet: bool) -> int:
+    """Prints a row for each claim; returns the exit code."""
+    from teleop_drake.thesis.check import TOLERANCE, CheckClaims
+
+    lines = [["claim", "expected", "tolerance", "found", "command", "seconds", ""]]
+    num_failed = 0
+    for claim in CheckClaims(only):
+        num_failed += not claim.passes
+        command = f"teleop-drake reproduce --check --only {claim.key}"
+        verdict = "ok" if claim.passes else "DIFFERS"
+        row = [claim.key, claim.expected, f"{TOLERANCE:.0%}", claim.found, command]
+        lines.append([*row, f"{claim.seconds:.1f}", verdict])
+        if not is_quiet:
+            print(f"{claim.key}: {verdict}", file=sys.stderr, flush=True)
+    print(Align(lines))
+    print(f"{len(lines) - 1} claims, of which {num_failed} differ")
+    return FAILED if num_failed else DONE
