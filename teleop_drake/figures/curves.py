@@ -53,9 +53,10 @@ def SampleCurve(
         time if normal_W is None else run["tool_position"] @ normal_W,
         run[signal][:, columns],
     )
-    if rows.y.shape[1] > 1:
+    if rows.y.shape[1] > 1 or time[0] == time[-1]:
         return rows  # Telemetry, which is slow.
-    even = CurveAt(run, normal_W, signal, np.linspace(time[0], time[-1], _NUM_POINTS))
+    instants = np.linspace(time[0], time[-1], _NUM_POINTS)
+    even = CurveAt(run, normal_W, signal, np.setdiff1d(instants, time))
     even = even._replace(y=even.y[:, columns])
     # Stable: the two sides of a jump stay in their order.
     order = np.argsort(np.concatenate([time, even.time]), kind="stable")
@@ -79,6 +80,7 @@ def RangeOf(
         calm = [curve.y[curve.time <= 0.8 * curve.time[-1]] for curve in curves]
     shown = np.concatenate([y.ravel() for y in (*calm, *(x.y for x in commands))])
     every = np.concatenate([shown, *(y.ravel() for y in wild)])
-    low, high = float(shown.min()), float(shown.max())
+    low = float(shown.min())
+    high = float(shown.max())
     width = high - low
     return max(float(every.min()), low - width), min(float(every.max()), high + width)
