@@ -68,7 +68,7 @@ def FindBoundaries(
         Refuse(key, f"{len(values)} values", f"at most {_MAX_ANALYSES} to be analysed")
     largest = max(float(x) for x in plan.axes[delay_key])
     first = {name: axis[0] for name, axis in plan.axes.items()} | dict(others)
-    ends: dict[str, dict[int, float]] = {}
+    ends: dict[str, Array] = {}
     reasons: dict[str, str] = {}
     for i, value in enumerate(values):
         point = first | {key: value, delay_key: largest}
@@ -88,21 +88,17 @@ def FindBoundaries(
         max_delay = 1.01 * (share * largest + fixed) + 1e-3
         for found in AnalyzeStability(scenario, max_delay=max_delay).points:
             loop = found.force_mode or found
+            known = ends.setdefault(loop.label, np.full(len(values), math.nan))
             if loop.untold:
                 reasons[loop.label] = loop.untold
+                continue
             # The boundary is the end of the stable interval that begins at 0, as a
             # value of the swept delay. An interval cut off at max_delay has no end.
-            stable = [end for begin, end in loop.stable_delays if begin == 0]
-            end = stable[0] if stable else 0.0
-            if end >= max_delay:
-                end = math.inf
-            end = math.nan if loop.untold else max((end - fixed) / share, 0.0)
-            ends.setdefault(loop.label, {})[i] = end
+            end = next((end for begin, end in loop.stable_delays if begin == 0), 0.0)
+            known[i] = math.inf
+            if end < max_delay:
+                known[i] = max((end - fixed) / share, 0.0)
     return [
-        Boundary(
-            point=name,
-            ends=np.array([known.get(i, math.nan) for i in range(len(values))]),
-            note=reasons.get(name, ""),
-        )
+        Boundary(point=name, ends=known, note=reasons.get(name, ""))
         for name, known in ends.items()
     ]

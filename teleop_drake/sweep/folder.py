@@ -2,8 +2,8 @@
 
 The folder contains
 
-* `sweep.json`: the scenario, the grid, the engine, the versions of the packages and the
-  commit, so that --resume can check whether it is the same sweep;
+* `sweep.json`: the scenario, the grid, the engine and the versions of the packages, so
+  that --resume can check whether it is the same sweep;
 * `runs.jsonl`: one record per line, added as each run ends, and sorted into the order
   of the grid when all runs have ended;
 * `runs.csv`: the scalar metrics, one row per run, written when all runs have ended;
@@ -22,7 +22,6 @@ import functools
 import importlib.metadata
 import json
 import os
-import subprocess
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -118,8 +117,7 @@ class SweepFolder:
                     f"{self._Title()}: must be a folder without the runs.jsonl of "
                     "something else"
                 )
-            told = mine | {"commit": _Commit()}
-            self._Write("sweep.json", json.dumps(told, indent=2) + "\n")
+            self._Write("sweep.json", json.dumps(mine, indent=2) + "\n")
             return
         if not self._resume:
             raise SweepError(
@@ -127,7 +125,6 @@ class SweepFolder:
                 "folder"
             )
         theirs = json.loads(file.read_bytes())
-        theirs.pop("commit", None)  # Another commit need not change the results.
         different = [key for key in mine | theirs if theirs.get(key) != mine.get(key)]
         if different:
             raise SweepError(
@@ -177,29 +174,6 @@ def _Parameters(plan: SweepPlan) -> dict[str, Any]:
     if plan.traces:
         parameters["traces"] = plan.traces
     return dict(json.loads(json.dumps(parameters)))
-
-
-def _Commit() -> str | None:
-    """Returns the commit of the package's sources, with "+" if they were changed since.
-
-    Returns None if the sources are in no git repository.
-    """
-
-    def Git(*arguments: str) -> str:
-        folder = str(Path(__file__).parent)
-        return subprocess.run(
-            ["git", "-C", folder, *arguments],
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout.strip()
-
-    try:
-        # This fails for a package that is installed inside a user's own repository.
-        Git("ls-files", "--error-unmatch", Path(__file__).name)
-        return Git("describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+")
-    except (OSError, subprocess.CalledProcessError):
-        return None
 
 
 def _JsonLine(record: Mapping[str, Any]) -> str:
