@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Context
 
+from teleop_drake.arrays import Array
+
 
 def ContextsIn(system: Any, context: Any) -> dict[Any, Any]:
     """Returns the Context of a system and of every system in it, at any depth.
@@ -27,13 +29,13 @@ def ContextsIn(system: Any, context: Any) -> dict[Any, Any]:
     return contexts
 
 
-def DiscreteState(context: Context) -> np.ndarray:
+def DiscreteState(context: Context) -> Array:
     """Returns all discrete states of a Context, one after another."""
     groups = map(context.get_discrete_state, range(context.num_discrete_state_groups()))
     return np.concatenate([np.empty(0), *(x.CopyToVector() for x in groups)])
 
 
-def SetDiscreteState(context: Context, values: np.ndarray) -> None:
+def SetDiscreteState(context: Context, values: Array) -> None:
     """Sets all discrete states of a Context, which stand one after another."""
     first = 0
     for i in range(context.num_discrete_state_groups()):

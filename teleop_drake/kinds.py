@@ -14,6 +14,7 @@ import importlib
 from collections.abc import Callable, Iterable
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
+from teleop_drake.arrays import Names
 from teleop_drake.validation import Choices, FixedFields, Refuse, ScenarioError, Show
 
 ENTRY_POINT_GROUP = "teleop_drake.kinds"
@@ -34,7 +35,7 @@ class KindConfig(FixedFields):
     """
 
     kind: ClassVar[str] = ""
-    file_fields: ClassVar[tuple[str, ...]] = ()
+    file_fields: ClassVar[Names] = ()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         """Names the class by its place unless it has a name of its own."""
@@ -80,7 +81,7 @@ class KindTable(Generic[_T]):
         _tables[base] = self
 
     @property
-    def names(self) -> tuple[str, ...]:
+    def names(self) -> Names:
         """The names of the kinds of the package."""
         return tuple(self._kinds)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from teleop_drake.arrays import Array, Indices
 from teleop_drake.blocks.channels.packet_network import PacketStatistics
 from teleop_drake.blocks.environments import FindSurface, Surface
 from teleop_drake.files import Replacing
@@ -115,8 +116,8 @@ class Recording:
     """
 
     scenario: AnyScenario
-    time: np.ndarray
-    signals: dict[str, np.ndarray]
+    time: Array
+    signals: dict[str, Array]
     events: list[Event]
     solver: SolverStatistics
     surfaces: tuple[Surface, ...] = ()
@@ -125,7 +126,7 @@ class Recording:
     reason: str = ""
     notes: list[str] = field(default_factory=list)
     has_constant_command: bool = True
-    steps: np.ndarray = field(default_factory=lambda: np.empty((0, 0), int))
+    steps: Indices = field(default_factory=lambda: np.empty((0, 0), int))
     final_context: Any = None
 
     def __post_init__(self) -> None:
@@ -160,7 +161,7 @@ class Recording:
         state = {item.name: getattr(self, item.name) for item in fields(self)}
         return state | {"final_context": None}  # A Context cannot be pickled.
 
-    def __getitem__(self, name: str) -> np.ndarray:
+    def __getitem__(self, name: str) -> Array:
         """Returns the samples (N, k) of a signal.
 
         Raises:
@@ -273,7 +274,7 @@ class Recording:
         return AsTeleoperation(self.scenario)
 
     @property
-    def commands(self) -> np.ndarray:
+    def commands(self) -> Array:
         """What the operator applies and commands, [F_h; v_d] in N and m/s (N, 2n)."""
         if "velocity_command" in self.signals:
             return np.hstack([self["force_command"], self["velocity_command"]])
@@ -287,7 +288,7 @@ class Recording:
         """
         return FindSurface(self.surfaces, name)
 
-    def Interpolate(self, name: str, times: np.ndarray) -> np.ndarray:
+    def Interpolate(self, name: str, times: Array) -> Array:
         """Returns a signal between its samples.
 
         Args:

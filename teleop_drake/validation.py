@@ -8,17 +8,19 @@ import functools
 import math
 import reprlib
 from collections.abc import Iterable, Iterator
-from dataclasses import field, fields
-from typing import Any, NoReturn, get_args
+from dataclasses import dataclass, field, fields
+from typing import Any, NoReturn, TypeVar, dataclass_transform, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, Record
 
 # The default of a field that has none. Every config is constructible without
 # arguments; its checks refuse what is missing.
 REQUIRED: Any = None
+
+_T = TypeVar("_T")
 
 
 class ScenarioError(ValueError):
@@ -47,6 +49,15 @@ _NUMBER = "number"
 _GAIN = "gain"
 
 
+@dataclass_transform(kw_only_default=True, eq_default=False, field_specifiers=(field,))
+def Config(kind: type[_T]) -> type[_T]:
+    """Makes a dataclass whose fields are keywords and which compares by identity.
+
+    Every config is one.
+    """
+    return dataclass(kw_only=True, eq=False)(kind)
+
+
 class FixedFields:
     """Base of config dataclasses: a field that none of them declares is refused.
 
@@ -70,7 +81,7 @@ class FixedFields:
         sign = next(sign for x, *_, sign in self._FieldsOf(_GAIN) if x == name)
         return CheckGain(name, getattr(self, name), num_axes, **sign)
 
-    def _FieldsOf(self, sort: str) -> list[tuple[str, Any, bool, dict[str, Any]]]:
+    def _FieldsOf(self, sort: str) -> list[tuple[str, Any, bool, Record]]:
         """Returns the fields of a sort: name, value, and what _Sort() says."""
         config: Any = type(self)
         sorts = _Sort(config, sort)
@@ -89,7 +100,7 @@ class FixedFields:
 
 
 @functools.cache
-def _Sort(config: type, sort: str) -> list[tuple[str, bool, dict[str, Any]]]:
+def _Sort(config: type, sort: str) -> list[tuple[str, bool, Record]]:
     """Returns the fields of a sort, with whether each may be null and what is allowed.
 
     A subclass that gives a field another default keeps what is allowed.

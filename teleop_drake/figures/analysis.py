@@ -24,7 +24,7 @@ from teleop_drake.analysis.transparency import FeltStiffness, Transparency
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.blocks.environments import ShownNormal
 from teleop_drake.figures import style
-from teleop_drake.figures.layout import MakePanels, NameAxes, NameColumns
+from teleop_drake.figures.layout import MakePanels, NameAxes, NameColumns, Panels
 from teleop_drake.figures.style import GREY, WIDTH, AddLegend, Figure, Key
 from teleop_drake.numerics.delay_margin import eigenloci, sweep_frequencies
 from teleop_drake.scenario import Scenario
@@ -281,7 +281,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
     return figure
 
 
-def _ExplainLlewellyn(ax: Axes, w: np.ndarray, parameter: np.ndarray) -> None:
+def _ExplainLlewellyn(ax: Axes, w: Array, parameter: Array) -> None:
     """Marks where Llewellyn's parameter is below 1, and from which frequency on."""
     low, high = _LLEWELLYN_RANGE
     ax.set_ylim(low, high)
@@ -396,7 +396,7 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
 
 def _Panels(
     rows: int, titles: Sequence[str], height: float = 2 * _ROW_HEIGHT
-) -> tuple[Figure, np.ndarray]:
+) -> tuple[Figure, Panels]:
     """Returns a figure with a column of panels for each title."""
     figure, axes = MakePanels(
         rows, len(titles), height=height, share_x="col", share_y="row"
@@ -407,7 +407,7 @@ def _Panels(
 
 def _LoopPanels(
     analysis: StabilityAnalysis, rows: int
-) -> tuple[list[PointStability], Figure, np.ndarray]:
+) -> tuple[list[PointStability], Figure, Panels]:
     """Returns the operating points with a loop, and a column of panels for each."""
     points = [point for point in analysis.Loops() if len(point.loop.D)]
     if not points:

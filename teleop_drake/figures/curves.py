@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, Interval
 from teleop_drake.recording import Recording
 
 # Points across a panel: enough that no corner shows.
 _NUM_POINTS = 1500
 
 
-def TimeLimits(runs: Sequence[Recording]) -> tuple[float, float]:
+def TimeLimits(runs: Sequence[Recording]) -> Interval:
     """Returns the span of time of some runs in s; of a single sample it is 1 s."""
     begin = min(float(run.time[0]) for run in runs)
     end = max(float(run.time[-1]) for run in runs)
@@ -66,7 +66,7 @@ def SampleCurve(
 
 def RangeOf(
     runs: Sequence[Recording], curves: Sequence[Curve], commands: Sequence[Curve] = ()
-) -> tuple[float, float]:
+) -> Interval:
     """Returns the range that shows the runs, those that diverge only in part.
 
     A run that diverges widens the range by as much as it is, on either side, at most.

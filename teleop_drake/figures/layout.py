@@ -1,13 +1,16 @@
 """Layout that the figures share: panels in rows and columns, and their names."""
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
-import numpy as np
 from matplotlib import rc_context
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from numpy.typing import NDArray
 
 from teleop_drake.figures.style import FONT_SIZE, SMALL_FONT_SIZE, WIDTH, Figure
+
+Panels = NDArray[Any]
+"""Axes of Matplotlib (rows, columns)."""
 
 Sharing = Literal["none", "all", "row", "col"]
 """Which panels have one axis in common."""
@@ -22,7 +25,7 @@ def MakePanels(
     share_x: Sharing = "none",
     share_y: Sharing = "none",
     padding: float | None = None,
-) -> tuple[Figure, np.ndarray]:
+) -> tuple[Figure, Panels]:
     """Returns a figure and its panels (rows, columns), with few spines.
 
     Args:
@@ -43,13 +46,13 @@ def MakePanels(
     return figure, axes
 
 
-def NameColumns(axes: np.ndarray, titles: Sequence[str]) -> None:
+def NameColumns(axes: Panels, titles: Sequence[str]) -> None:
     """Writes a title above each column of panels."""
     for ax, title in zip(axes[0], titles, strict=True):
         ax.set_title(title, fontsize=FONT_SIZE)
 
 
-def NameAxes(axes: np.ndarray, x: str, *y: str) -> None:
+def NameAxes(axes: Panels, x: str, *y: str) -> None:
     """Names the axes of panels (rows, columns): below the columns, and at the left."""
     for ax in axes[-1]:
         ax.set_xlabel(x)

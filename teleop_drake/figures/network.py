@@ -1,15 +1,14 @@
 """Figure of the packets of a run's networks, against time."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 
+from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels import NetworkChannelConfig
 from teleop_drake.blocks.channels.packet_network import PacketNetwork, Receiver
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakePanels, NameAxes, NameColumns
-from teleop_drake.figures.style import COLORS, Figure
+from teleop_drake.figures.style import COLORS, Figure, Look
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import TaskOf
 from teleop_drake.validation import Refuse
@@ -87,20 +86,18 @@ def _Networks(recording: Recording) -> dict[str, NetworkChannelConfig]:
     }
 
 
-def _DrawDelays(ax: Axes, sent: np.ndarray, arrivals: np.ndarray) -> None:
+def _DrawDelays(ax: Axes, sent: Array, arrivals: Array) -> None:
     """Draws the delay of each packet, and the lost ones above the panel."""
     has_arrived = np.isfinite(arrivals)
     delays = 1e3 * (arrivals - sent)[has_arrived]
     ax.plot(sent[has_arrived], delays, ".", color=COLORS[0], markersize=2.5)
     lost = sent[~has_arrived]
-    cross: dict[str, Any] = {"markersize": 3, "label": "lost packet"}
+    cross: Look = {"markersize": 3, "label": "lost packet"}
     cross |= {"color": COLORS[1], "markeredgewidth": 0.7, **style.Above(ax)}
     ax.plot(lost, np.full(len(lost), 1.03), "x", **cross)
 
 
-def _Age(
-    network: PacketNetwork, receiver: Receiver, end: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _Age(network: PacketNetwork, receiver: Receiver, end: float) -> tuple[Array, Array]:
     """Returns the age of what is shown in ms, a saw tooth, and its times in s."""
     shown, sent = network.ShownUntil(receiver, end)
     until = np.append(shown[1:], end) if len(shown) else shown
@@ -109,7 +106,7 @@ def _Age(
     return times, 1e3 * ages
 
 
-def _DrawLoss(ax: Axes, sent: np.ndarray, is_lost: np.ndarray, end: float) -> None:
+def _DrawLoss(ax: Axes, sent: Array, is_lost: Array, end: float) -> None:
     """Draws the share of packets that was lost, in spans of time and in all."""
     edges = np.linspace(0.0, end or 1.0, _NUM_SPANS + 1)
     number, _ = np.histogram(sent, edges)
@@ -117,5 +114,5 @@ def _DrawLoss(ax: Axes, sent: np.ndarray, is_lost: np.ndarray, end: float) -> No
     share = np.divide(100.0 * lost, number, out=np.zeros(len(lost)), where=number > 0)
     ax.stairs(share, edges, color=COLORS[0], fill=True, alpha=0.6)
     if len(sent):
-        dashes: dict[str, Any] = {"color": style.GREY, "lw": 0.9, "linestyle": "--"}
+        dashes: Look = {"color": style.GREY, "lw": 0.9, "linestyle": "--"}
         ax.axhline(100.0 * is_lost.mean(), **dashes, label="lost in all")

@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from teleop_drake.arrays import Array, Interval
 from teleop_drake.blocks.environments import CONTACT, PUNCTURE
 from teleop_drake.figures import style
 from teleop_drake.figures.curves import Curve, CurveAt, RangeOf, SampleCurve, TimeLimits
@@ -26,7 +27,7 @@ from teleop_drake.figures.selection import (
     SelectRows,
     SelectTime,
 )
-from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure
+from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Look
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.panels import AxisName, AxisPanels, NormalOfRuns, SignalRow
@@ -45,7 +46,7 @@ _MAX_MULTIPLES = 10
 _MAX_NAMED_COMPONENTS = 4
 
 _EVENTS = {"puncture": ("^", "puncture"), "contact": ("s", "first contact")}
-_COMMAND_STYLE: dict[str, Any] = {"color": GREY, "linewidth": 0.8}
+_COMMAND_STYLE: Look = {"color": GREY, "linewidth": 0.8}
 
 __all__ = ["PlotComparison", "PlotRows", "PlotRun", "SaveFigure"]
 
@@ -55,7 +56,7 @@ def PlotComparison(
     *,
     task: Task[Any] | None = None,
     signals: Sequence[str] | None = None,
-    time: tuple[float, float] | None = None,
+    time: Interval | None = None,
     columns: int = 2,
 ) -> Figure:
     """Plots runs of a task together, as the thesis does (Fig. 4.1 to 5.20).
@@ -96,7 +97,7 @@ def PlotRun(
     *,
     task: Task[Any] | None = None,
     signals: Sequence[str] | None = None,
-    time: tuple[float, float] | None = None,
+    time: Interval | None = None,
     columns: int = 2,
 ) -> Figure:
     """Plots one run: what PlotComparison shows and, if it adapts, Psi and weights.
@@ -342,7 +343,7 @@ class _Runs:
             for run in self.runs
         ]
 
-    def _X(self, place: _Place, curve: Curve) -> np.ndarray:
+    def _X(self, place: _Place, curve: Curve) -> Array:
         return curve.x * self.x_scale if place.is_position else curve.time
 
     def _DrawRun(
@@ -378,7 +379,7 @@ class _Runs:
             ax.plot(end_x, end_y, **style.EndStyle(i), clip_on=False)
 
 
-def _PositionName(normal_W: np.ndarray) -> str:
+def _PositionName(normal_W: Array) -> str:
     """Returns what a position along a normal is called."""
     axis = int(np.argmax(np.abs(normal_W)))
     if abs(normal_W[axis]) != 1:
@@ -412,7 +413,7 @@ def _TelemetryRows(recording: Recording) -> list[SignalRow]:
     ]
 
 
-def _ComponentStyle(row: SignalRow, k: int) -> dict[str, Any]:
+def _ComponentStyle(row: SignalRow, k: int) -> Look:
     """Returns how component k of a signal is drawn."""
     count = len(row.components)
     if count <= _MAX_NAMED_COMPONENTS:

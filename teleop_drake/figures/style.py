@@ -13,8 +13,12 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.rcsetup import cycler
 
+from teleop_drake.arrays import Array, Interval
 from teleop_drake.signals import AxesOf
 from teleop_drake.validation import Refuse
+
+Look = dict[str, Any]
+"""How something is drawn: keywords of Matplotlib."""
 
 # Okabe and Ito, "Color universal design" (2008), without yellow, too pale for lines;
 # then a brown and a violet, which the colour-blind can tell from these and from grey.
@@ -31,7 +35,7 @@ COLUMN_WIDTH = 3.45  # inches; one of two columns
 FONT_SIZE = 8  # points
 SMALL_FONT_SIZE = 7  # points
 
-BOUNDARY_STYLE: dict[str, Any] = {
+BOUNDARY_STYLE: Look = {
     "color": GREY,
     "linestyle": (0, (1, 2)),
     "linewidth": 0.8,
@@ -88,7 +92,7 @@ def WidthOf(columns: int) -> float:
     return COLUMN_WIDTH if columns == 1 else WIDTH
 
 
-def Widen(limits: tuple[float, float], scale: float) -> tuple[float, float]:
+def Widen(limits: Interval, scale: float) -> Interval:
     """Returns the range in the unit shown, with a margin."""
     low, high = (limit * scale for limit in limits)
     # A constant stays a line, however little it varies; so does zero.
@@ -101,7 +105,7 @@ def UseStyle() -> None:
     rcParams.update(_STYLE)
 
 
-def ScaleAndUnit(limits: tuple[float, float], unit: str) -> tuple[float, str]:
+def ScaleAndUnit(limits: Interval, unit: str) -> tuple[float, str]:
     """Returns the scale and the unit with an SI prefix that suit a range."""
     largest = max(abs(limit) for limit in limits)
     if unit not in ("m", "m/s", "N") or largest == 0:
@@ -117,7 +121,7 @@ def RunColor(i: int) -> str:
     return COLORS[i % len(COLORS)]
 
 
-def RunStyle(i: int) -> dict[str, Any]:
+def RunStyle(i: int) -> Look:
     """Returns colour and line style of the i-th run of a figure."""
     return {
         "color": RunColor(i),
@@ -127,7 +131,7 @@ def RunStyle(i: int) -> dict[str, Any]:
     }
 
 
-def EndStyle(i: int) -> dict[str, Any]:
+def EndStyle(i: int) -> Look:
     """Returns how the end of run i is drawn that diverges."""
     return {
         "color": RunColor(i),
@@ -138,7 +142,7 @@ def EndStyle(i: int) -> dict[str, Any]:
     }
 
 
-def EventStyle(marker: str, color: str) -> dict[str, Any]:
+def EventStyle(marker: str, color: str) -> Look:
     """Returns how an event is drawn on a curve of a colour."""
     return {
         "marker": marker,
@@ -151,7 +155,7 @@ def EventStyle(marker: str, color: str) -> dict[str, Any]:
     }
 
 
-def Above(ax: Axes) -> dict[str, Any]:
+def Above(ax: Axes) -> Look:
     """Returns how marks are drawn above a panel: at their x, by its height in y."""
     return {
         "transform": ax.get_xaxis_transform(),
@@ -282,7 +286,7 @@ def ShortLabels(labels: Sequence[str]) -> list[str]:
     return [*labels[:1], *(label.partition(" = ")[2] for label in labels[1:])]
 
 
-def CellEdges(centres: np.ndarray) -> np.ndarray:
+def CellEdges(centres: Array) -> Array:
     """Returns the boundaries (N + 1) of cells around ascending centres (N)."""
     if len(centres) == 1:
         return np.asarray(centres[0] + np.array([-0.5, 0.5]))
@@ -292,7 +296,7 @@ def CellEdges(centres: np.ndarray) -> np.ndarray:
     return np.concatenate([[first], inner, [last]])
 
 
-def MapLimits(centres: Sequence[float] | np.ndarray) -> tuple[float, float]:
+def MapLimits(centres: Sequence[float] | np.ndarray) -> Interval:
     """Returns where a map ends: at the outermost values, which halves their cells.
 
     No cell then reaches to where nothing was looked at.

@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.lines import Line2D
 
+from teleop_drake.arrays import Array
 from teleop_drake.figures import style
-from teleop_drake.figures.layout import MakePanels
+from teleop_drake.figures.layout import MakePanels, Panels
 from teleop_drake.figures.style import FONT_SIZE, Figure, Key
 from teleop_drake.sweep import MetricUnits, SweepResult
 from teleop_drake.sweep.statistics import CONTROLLERS, SEED
@@ -93,11 +94,11 @@ class SweepGrid:
         """Whether two keys beside the controller and the seed are varied."""
         return bool(self.line_values) and not self.lines_are_controllers
 
-    def Arrange(self, values: np.ndarray) -> np.ndarray:
+    def Arrange(self, values: Array) -> Array:
         """Returns an array of the grid's shape as (rows, columns, lines, x, seeds)."""
         return values.transpose(self._order).reshape(self.shape)[..., self._x_order, :]
 
-    def MakePanels(self, num_metrics: int = 1) -> tuple[Figure, np.ndarray]:
+    def MakePanels(self, num_metrics: int = 1) -> tuple[Figure, Panels]:
         """Returns a figure and its panels (metrics, rows, columns).
 
         Metrics of one panel each stand side by side, others below each other.
@@ -125,7 +126,7 @@ class SweepGrid:
                 ax.tick_params(labelleft=False)
         return figure, panels
 
-    def AddTitles(self, panels: np.ndarray, num_marks: int = 0) -> None:
+    def AddTitles(self, panels: Panels, num_marks: int = 0) -> None:
         """Names the controllers, and the rows, above marks on as many levels."""
         for (_, i, j), ax in np.ndenumerate(panels):
             names = [style.ValueLabel(x) for x in self.column_values[j : j + 1]]
@@ -144,12 +145,13 @@ class SweepGrid:
         share = i / max(len(self.line_values) - 1, 1)
         return {"color": SEQUENCE(0.92 * share), "linewidth": 1.1}
 
-    def LineCoordinates(self) -> tuple[np.ndarray, list[str] | None]:
+    def LineCoordinates(self) -> tuple[Array, list[str] | None]:
         """Returns where the lines are on an axis, and their names if not numbers."""
         values = self.line_values
         if all(map(style.IsNumber, values)) and list(values) == sorted(values):
             return np.array(values, dtype=float), None
-        return np.arange(len(values)), [style.ValueLabel(value) for value in values]
+        places = np.arange(float(len(values)))
+        return places, [style.ValueLabel(value) for value in values]
 
     def LineHandles(self) -> list[Line2D]:
         """Returns what the legend says of the lines."""
@@ -168,7 +170,7 @@ class SweepGrid:
 
 
 def MetricScale(
-    result: SweepResult, metric: str, values: np.ndarray
+    result: SweepResult, metric: str, values: Array
 ) -> tuple[float, str, tuple[float, float]]:
     """Returns the scale of values of a metric, its label, and the limits unscaled."""
     finite = values[np.isfinite(values)]

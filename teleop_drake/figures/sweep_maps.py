@@ -9,7 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 
+from teleop_drake.arrays import Array
 from teleop_drake.figures import style
+from teleop_drake.figures.layout import Panels
 from teleop_drake.figures.style import FONT_SIZE, GREY, SMALL_FONT_SIZE, Figure, Key
 from teleop_drake.figures.sweep_grid import (
     SEQUENCE,
@@ -132,7 +134,7 @@ def _TwoKeys(result: SweepResult) -> SweepGrid:
     return grid
 
 
-def _DrawCells(ax: Axes, grid: SweepGrid, cells: np.ndarray, **options: Any) -> Any:
+def _DrawCells(ax: Axes, grid: SweepGrid, cells: Array, **options: Any) -> Any:
     """Colours the cells (lines, x) of a panel."""
     y, _ = grid.LineCoordinates()
     return ax.pcolormesh(style.CellEdges(grid.x), style.CellEdges(y), cells, **options)
@@ -140,7 +142,7 @@ def _DrawCells(ax: Axes, grid: SweepGrid, cells: np.ndarray, **options: Any) -> 
 
 def _Finish(
     figure: Figure,
-    panels: np.ndarray,
+    panels: Panels,
     grid: SweepGrid,
     handles: list[Any],
     boundaries: Boundaries,
@@ -181,7 +183,7 @@ def _BoundaryLabels(
     boundaries: Boundaries, limits: tuple[float, float]
 ) -> dict[str, str]:
     """Returns what each boundary is called, also one that lies beyond the map."""
-    ends: dict[str, list[np.ndarray]] = {}
+    ends: dict[str, list[Array]] = {}
     for boundary in itertools.chain(*boundaries.values()):
         ends.setdefault(boundary.point, []).append(boundary.ends)
     labels = {}

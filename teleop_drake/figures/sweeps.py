@@ -8,9 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
+from teleop_drake.arrays import Array
 from teleop_drake.figures import style
-from teleop_drake.figures.layout import MakePanels
-from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Key
+from teleop_drake.figures.layout import MakePanels, Panels
+from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Key, Look
 from teleop_drake.figures.sweep_grid import MAX_NAMED_LINES, MetricScale, SweepGrid
 from teleop_drake.sweep import SweepResult, VariesSeedsOnly
 from teleop_drake.sweep.statistics import CONTROLLERS, SEED, Bands, MedianInterval
@@ -18,7 +19,7 @@ from teleop_drake.validation import Refuse
 
 # The marks of runs that a line lacks.
 _MARKS = {"diverges": "x", "fails": "^", "has none": "o"}
-_MARK_STYLE: dict[str, Any] = {
+_MARK_STYLE: Look = {
     "markersize": 3.5,
     "markerfacecolor": "none",
     "markeredgewidth": 0.8,
@@ -71,7 +72,7 @@ def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
 
 
 def _DrawMetric(
-    grid: SweepGrid, result: SweepResult, metric: str, axes: np.ndarray
+    grid: SweepGrid, result: SweepResult, metric: str, axes: Panels
 ) -> set[str]:
     """Draws a metric into its panels; returns the names of the marks there."""
     values = grid.Arrange(result.Values(metric))
@@ -113,15 +114,13 @@ def _DrawMetric(
     return {name for name, where in marked.items() if where.any()}
 
 
-def _DrawBand(
-    ax: Axes, x: np.ndarray, values: np.ndarray, median: np.ndarray, color: Any
-) -> None:
+def _DrawBand(ax: Axes, x: Array, values: Array, median: Array, color: Any) -> None:
     """Draws how values (x, seeds) scatter, and how well their median is known."""
     low, high = (Bands(values, partial(np.quantile, q=q)) for q in (0.05, 0.95))
     ax.fill_between(x, low, high, color=color, alpha=0.2, linewidth=0)
     known = np.isfinite(values).sum(axis=1) > 1
     ends = np.array([MedianInterval(y[np.isfinite(y)]) for y in values[known]]).T
-    bars: dict[str, Any] = {"fmt": "none", "linewidth": 0.8, "capsize": 2}
+    bars: Look = {"fmt": "none", "linewidth": 0.8, "capsize": 2}
     if known.any():
         error = np.abs(ends - median[known])
         ax.errorbar(x[known], median[known], error, color=color, **bars)

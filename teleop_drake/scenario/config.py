@@ -5,7 +5,7 @@ checks raise a ScenarioError that names the first bad field, its value and what 
 allowed.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from typing import Any
 
 import numpy as np
@@ -40,6 +40,7 @@ from teleop_drake.validation import (
     CheckGain,
     CheckNumber,
     CheckVector,
+    Config,
     FixedFields,
     GainMatrix,
     Number,
@@ -70,7 +71,7 @@ INTEGRATION_SCHEMES = tuple(
 """Drake's integration schemes that can simulate a teleoperator."""
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class _ChosenKind(FixedFields):
     """The choice of a control architecture; it stands first in a scenario."""
 
@@ -78,7 +79,7 @@ class _ChosenKind(FixedFields):
     kind: str = REQUIRED
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class ControllerConfig(BacksteppingParameters, _ChosenKind):
     """The control architecture.
 
@@ -149,7 +150,7 @@ class ControllerConfig(BacksteppingParameters, _ChosenKind):
         chosen.Check(self.path, num_axes)
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class TrajectoryConfig(FixedFields):
     """r_d(t) = centre + amplitude sin(frequency t + phase) (thesis eq. 3.28)."""
 
@@ -183,7 +184,7 @@ class TrajectoryConfig(FixedFields):
                 ) from None
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class DisturbanceConfig(FixedFields):
     """The unknown force F_e on the tool (thesis eq. 3.7, 3.8)."""
 
@@ -205,7 +206,7 @@ class DisturbanceConfig(FixedFields):
             Refuse("disturbance.gain", self.gain, allowed)
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class TrackingControllerConfig(FixedFields):
     """The controller of chapter 3. A gain is a number or an n x n matrix."""
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from teleop_drake.arrays import Record
 from teleop_drake.kinds import KIND_KEYS, IsOwn
 from teleop_drake.scenario.overrides import DELAYS, Given, ParseOverrides, SetPath
 from teleop_drake.scenario.scenario import (
@@ -89,16 +90,14 @@ def Overridden(
     return changed, fields
 
 
-def _SetPaths(
-    tree: dict[str, Any], overrides: Mapping[str, Any] | Iterable[str]
-) -> list[str]:
+def _SetPaths(tree: Record, overrides: Mapping[str, Any] | Iterable[str]) -> list[str]:
     """Replaces values in a tree, and returns the paths with the numbers of elements."""
     return [SetPath(tree, path, value) for path, value in ParseOverrides(overrides)]
 
 
 def ReadScenario(
     name_or_path: str | os.PathLike[str], overrides: Iterable[str] = ()
-) -> tuple[dict[str, Any], dict[str, str]]:
+) -> tuple[Record, dict[str, str]]:
     """Returns what a scenario file and overrides say, without running any of it.
 
     Nothing is checked, and nothing that is left out is filled in: a kind of a user's
@@ -191,7 +190,7 @@ def ParseScenario(path: Path, text: str) -> dict[Any, Any]:
 
 
 @functools.lru_cache(maxsize=16)
-def _CompleteTree(path: Path, text: str) -> dict[str, Any]:
+def _CompleteTree(path: Path, text: str) -> Record:
     """Returns the tree of a scenario file.
 
     What the file leaves out has its default. A sweep comes here once for each run.
@@ -199,7 +198,7 @@ def _CompleteTree(path: Path, text: str) -> dict[str, Any]:
     tree = ParseScenario(path, text)
     tree.setdefault("name", path.stem)
     ResolveFiles(tree, path.parent)
-    complete: dict[str, Any] = ToTree(FromTree(tree, _SchemaOf(tree)))
+    complete: Record = ToTree(FromTree(tree, _SchemaOf(tree)))
     return complete
 
 

@@ -13,7 +13,7 @@ not state is marked "assumed" or "fitted" in the scenario files.
 import dataclasses
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,7 @@ from teleop_drake.validation import (
     CheckNumber,
     CheckVector,
     Choices,
+    Config,
     FixedFields,
     Refuse,
     Show,
@@ -82,7 +83,7 @@ CHANNELS = ("forward_channel", "return_channel")
 """The fields of a Scenario that are channels."""
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class _ScenarioBase(FixedFields):
     """What every scenario has."""
 
@@ -165,7 +166,7 @@ class _ScenarioBase(FixedFields):
             self.robot.Check("robot")
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class Scenario(_ScenarioBase):
     """One simulation of a teleoperation, completely described.
 
@@ -289,7 +290,7 @@ class Scenario(_ScenarioBase):
                 channel.Check(path, self.duration)
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class TrackingScenario(_ScenarioBase):
     """One simulation of the tracking task of chapter 3, completely described.
 

@@ -16,7 +16,7 @@ from typing import Any, NoReturn, TypeVar
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, Record
 from teleop_drake.kinds import KindConfig, KindTable, TableOf
 from teleop_drake.validation import Choices, Refuse, ScenarioError, Show
 
@@ -43,14 +43,14 @@ def _ReduceSimulator(config: SimulatorConfig) -> tuple[Any, tuple[()]]:
 copyreg.pickle(SimulatorConfig, _ReduceSimulator)
 
 
-def _FieldTypes(schema: Any) -> dict[str, Any]:
+def _FieldTypes(schema: Any) -> Record:
     """Returns the names and types of a config's fields."""
     if schema is SimulatorConfig:
         return _SIMULATOR_FIELDS
     return {item.name: item.type for item in dataclasses.fields(schema)}
 
 
-FieldTypes: Callable[[Any], dict[str, Any]] = functools.cache(_FieldTypes)
+FieldTypes: Callable[[Any], Record] = functools.cache(_FieldTypes)
 
 
 _PLAIN = {str, float, int, bool, type(None)}

@@ -26,6 +26,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from teleop_drake.arrays import Record
 from teleop_drake.files import Replacing
 from teleop_drake.scenario import ScenarioToYaml
 from teleop_drake.sweep.plan import SweepPlan
@@ -61,7 +62,7 @@ class SweepFolder:
         self._notice = notice
         self._plan = plan
         self._resume = resume
-        self.records: dict[int, dict[str, Any]] = {}
+        self.records: dict[int, Record] = {}
 
     def __enter__(self) -> "SweepFolder":
         """Locks the folder, checks its sweep, reads its records, opens its journal."""
@@ -85,7 +86,7 @@ class SweepFolder:
     def __exit__(self, *args: object) -> None:
         self._stack.close()
 
-    def Append(self, record: dict[str, Any]) -> None:
+    def Append(self, record: Record) -> None:
         """Adds a record by one system call, which a kill can hardly interrupt."""
         line = _JsonLine(record).encode()
         if self._journal.write(line) != len(line):
@@ -161,7 +162,7 @@ def Versions() -> dict[str, str]:
     return versions
 
 
-def _Parameters(plan: SweepPlan) -> dict[str, Any]:
+def _Parameters(plan: SweepPlan) -> Record:
     """Returns the parameters that identify a sweep, as JSON returns them."""
     parameters = {
         "scenario": plan.scenario.name,
@@ -196,7 +197,7 @@ def WriteTables(result: SweepResult, folder: Path, prefix: str = "") -> list[Pat
         folder: The folder of the files.
         prefix: The beginning of the files' names.
     """
-    makers: dict[str, Callable[[SweepResult], list[dict[str, Any]]]] = {
+    makers: dict[str, Callable[[SweepResult], list[Record]]] = {
         "runs.csv": SweepResult.Table,
         "statistics.csv": Statistics,
         "differences.csv": Differences,
@@ -208,7 +209,7 @@ def WriteTables(result: SweepResult, folder: Path, prefix: str = "") -> list[Pat
     return paths
 
 
-def WriteCsv(path: Path, table: list[dict[str, Any]]) -> Path:
+def WriteCsv(path: Path, table: list[Record]) -> Path:
     """Writes rows with equal keys as a CSV file; returns its path."""
     with (
         Replacing(path) as temporary,

@@ -4,12 +4,13 @@ import hashlib
 import itertools
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+from teleop_drake.arrays import Names
 from teleop_drake.scenario import (
     DELAYS,
     AnyScenario,
@@ -33,6 +34,7 @@ from teleop_drake.sweep.values import (
     GivenOverrides,
     Grid,
     OverridesOf,
+    Point,
     PointOverrides,
 )
 from teleop_drake.tasks import TaskOf
@@ -96,13 +98,13 @@ class SweepPlan:
     scenario: AnyScenario
     traces: dict[str, str]
     engine: str
-    loaded: dict[tuple[str, ...], AnyScenario]
+    loaded: dict[Names, AnyScenario]
 
-    def Overrides(self, point: Mapping[str, Any]) -> list[str]:
+    def Overrides(self, point: Point) -> list[str]:
         """Returns the overrides of the run at a point."""
         return [*self.overrides, *PointOverrides(point)]
 
-    def Load(self, point: Mapping[str, Any]) -> AnyScenario:
+    def Load(self, point: Point) -> AnyScenario:
         """Returns the scenario of the run at a point.
 
         Raises:
@@ -141,9 +143,9 @@ def PlanSweep(
         raise SweepError(f"grid = {num_runs} runs: must be at most {MAX_RUNS}")
 
     traces: dict[str, str] = {}
-    loaded: dict[tuple[str, ...], AnyScenario] = {}
+    loaded: dict[Names, AnyScenario] = {}
 
-    def Load(point: Mapping[str, Any]) -> AnyScenario:
+    def Load(point: Point) -> AnyScenario:
         """Returns the scenario of a point; error messages have the name given."""
         own = [*texts, *PointOverrides(point)]
         checked, replaced = LoadOverridden(scenario, own)
@@ -239,9 +241,7 @@ def _CheckPaths(
                 )
 
 
-def _CheckValues(
-    load: Callable[[Mapping[str, Any]], AnyScenario], axes: Grid
-) -> AnyScenario:
+def _CheckValues(load: Callable[[Point], AnyScenario], axes: Grid) -> AnyScenario:
     """Refuses values that are valid in no combination; returns a valid scenario."""
     first: AnyScenario | None = None
     good: set[tuple[str, int]] = set()
@@ -256,7 +256,7 @@ def _CheckValues(
 
 
 def _FindValid(
-    load: Callable[[Mapping[str, Any]], AnyScenario], axes: Grid, key: str, i: int
+    load: Callable[[Point], AnyScenario], axes: Grid, key: str, i: int
 ) -> tuple[dict[str, int], AnyScenario]:
     """Returns the indices of a valid point with value i of a key, and its scenario.
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from teleop_drake.arrays import Array, Record
 from teleop_drake.scenario import AnyScenario, ScenarioError
 from teleop_drake.tasks.metrics import FlattenMetrics, MetricUnits
 from teleop_drake.upper import UpperFunction
@@ -43,14 +44,14 @@ class SweepResult:
 
     scenario: AnyScenario
     axes: dict[str, list[Any]]
-    records: list[dict[str, Any]]
+    records: list[Record]
 
     @property
     def shape(self) -> tuple[int, ...]:
         """Number of values along each axis."""
         return tuple(len(values) for values in self.axes.values())
 
-    def Values(self, metric: str) -> np.ndarray:
+    def Values(self, metric: str) -> Array:
         """Returns a metric of each run, NaN for a run without a value.
 
         Args:
@@ -73,7 +74,7 @@ class SweepResult:
         names = SelectMetrics(self.scenario)
         return [name for name in names if np.isfinite(self.Values(name)).any()]
 
-    def Status(self) -> np.ndarray:
+    def Status(self) -> Array:
         """Returns the status of each run as an array of text in the grid's shape."""
         return np.array([record["status"] for record in self.records]).reshape(
             self.shape
@@ -92,7 +93,7 @@ class SweepResult:
         """
         return UpperFunction("PlotSweep")(self, *metrics)
 
-    def Table(self) -> list[dict[str, Any]]:
+    def Table(self) -> list[Record]:
         """Returns the rows of runs.csv, which `pandas.DataFrame` accepts.
 
         Each row has the same keys: run, the keys of the grid, status, reason and the
@@ -137,6 +138,6 @@ def SelectMetrics(
     return list(selected)
 
 
-def _RecordMetrics(record: Mapping[str, Any]) -> dict[str, Any]:
+def _RecordMetrics(record: Mapping[str, Any]) -> Record:
     """Returns the metrics of a run and of its channels by their names."""
     return FlattenMetrics((record["metrics"] or {}) | record.get("channels", {}))

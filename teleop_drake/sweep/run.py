@@ -16,8 +16,8 @@ from concurrent.futures import (
 )
 from functools import partial
 from pathlib import Path
-from typing import Any
 
+from teleop_drake.arrays import Record
 from teleop_drake.scenario import AnyScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.simulation.compiled_run import WhyNotCompiled
@@ -25,12 +25,16 @@ from teleop_drake.sweep.folder import SweepFolder, Versions
 from teleop_drake.sweep.plan import PlanSweep, Source, SweepPlan
 from teleop_drake.sweep.programs import Programs
 from teleop_drake.sweep.result import SweepError, SweepResult
-from teleop_drake.sweep.values import File, GivenGrid, GivenOverrides, Notice, Progress
+from teleop_drake.sweep.values import (
+    File,
+    GivenGrid,
+    GivenOverrides,
+    Notice,
+    Point,
+    Progress,
+)
 from teleop_drake.sweep.workers import Workers
 from teleop_drake.tasks.metrics import RunSummary
-
-Record = dict[str, Any]
-"""The record of a run; see SweepResult."""
 
 # The time in s that worker processes take to start and import. Compiled runs that take
 # no longer than this are simulated without workers.
@@ -336,7 +340,7 @@ def _Await(future: Future[list[Record]]) -> list[Record] | Exception:
 def _SimulateCall(
     source: Source,
     runs: Sequence[list[str]],
-    points: Sequence[Mapping[str, Any]],
+    points: Sequence[Point],
     engine: str,
     versions: Mapping[str, str],
 ) -> list[Record]:
@@ -365,7 +369,7 @@ def _SimulateCall(
 def _SimulateOne(
     programs: Programs,
     load: Callable[[], AnyScenario],
-    point: Mapping[str, Any],
+    point: Point,
     engine: str,
 ) -> Record:
     """Simulates one run and returns its outcome; see Programs.Simulate()."""

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from teleop_drake.arrays import Array, Interval, Record
 from teleop_drake.sweep.result import SweepError, SweepResult
 from teleop_drake.tasks.metrics import MetricUnits
 
@@ -41,7 +42,7 @@ def VariesSeedsOnly(result: SweepResult) -> bool:
     return HasSeeds(result) and varied <= {SEED, *CONTROLLERS}
 
 
-def MedianInterval(values: np.ndarray) -> tuple[float, float]:
+def MedianInterval(values: Array) -> Interval:
     """Returns the bootstrap interval of a median, NaN for fewer than two values."""
     if len(values) < 2:
         return math.nan, math.nan
@@ -59,7 +60,7 @@ def MedianInterval(values: np.ndarray) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
-def ShareInterval(count: int, total: int) -> tuple[float, float]:
+def ShareInterval(count: int, total: int) -> Interval:
     """Returns Wilson's interval of a share."""
     from scipy.stats import binomtest
 
@@ -67,7 +68,7 @@ def ShareInterval(count: int, total: int) -> tuple[float, float]:
     return float(interval.low), float(interval.high)
 
 
-def Statistics(result: SweepResult) -> list[dict[str, Any]]:
+def Statistics(result: SweepResult) -> list[Record]:
     """Returns the rows of statistics.csv: for each point of the grid, over its seeds.
 
     A row has these columns:
@@ -110,7 +111,7 @@ def Statistics(result: SweepResult) -> list[dict[str, Any]]:
     return rows
 
 
-def Differences(result: SweepResult) -> list[dict[str, Any]]:
+def Differences(result: SweepResult) -> list[Record]:
     """Returns the rows of differences.csv: each controller against the first one.
 
     A row has the columns of Statistics(). Its `value` is the median over the seeds of
@@ -147,7 +148,7 @@ def Differences(result: SweepResult) -> list[dict[str, Any]]:
     return rows
 
 
-def Bands(values: np.ndarray, estimate: Callable[[np.ndarray], Any]) -> np.ndarray:
+def Bands(values: Array, estimate: Callable[[Array], Any]) -> Array:
     """Returns a statistic of the finite numbers along the last axis.
 
     The result is NaN where there are no finite numbers.
@@ -164,7 +165,7 @@ def Bands(values: np.ndarray, estimate: Callable[[np.ndarray], Any]) -> np.ndarr
     return np.array(results, dtype=float).reshape(values.shape[:-1])
 
 
-def _Points(result: SweepResult) -> Iterator[tuple[dict[str, Any], tuple[Any, ...]]]:
+def _Points(result: SweepResult) -> Iterator[tuple[Record, tuple[Any, ...]]]:
     """Yields each point of the grid without its seed, and the indices of its runs."""
     if SEED not in result.axes:
         raise SweepError("result: must be of a grid with the key seed")
@@ -177,11 +178,11 @@ def _Points(result: SweepResult) -> Iterator[tuple[dict[str, Any], tuple[Any, ..
         )
 
 
-def _Others(point: dict[str, Any], key: str) -> str:
+def _Others(point: Record, key: str) -> str:
     return repr({k: value for k, value in point.items() if k != key})
 
 
-def _Medians(result: SweepResult) -> dict[str, tuple[str, np.ndarray]]:
+def _Medians(result: SweepResult) -> dict[str, tuple[str, Array]]:
     """Returns the unit and the values of each metric; NaN if a run ended early."""
     is_complete = result.Status() == "completed"
     return {
@@ -191,7 +192,7 @@ def _Medians(result: SweepResult) -> dict[str, tuple[str, np.ndarray]]:
     }
 
 
-def _Shares(result: SweepResult) -> dict[str, np.ndarray]:
+def _Shares(result: SweepResult) -> dict[str, Array]:
     """Returns for each event whether it happens in each run."""
     status = result.Status()
     shares = {"diverged": status == "diverged"}
@@ -201,7 +202,7 @@ def _Shares(result: SweepResult) -> dict[str, np.ndarray]:
     return shares
 
 
-def _MedianOf(values: np.ndarray) -> dict[str, Any]:
+def _MedianOf(values: Array) -> Record:
     if not values.size:
         return {"count": 0} | dict.fromkeys(("value", "low", "high", "p5", "p95"))
     return (
@@ -211,6 +212,6 @@ def _MedianOf(values: np.ndarray) -> dict[str, Any]:
     )
 
 
-def _Estimate(value: float, interval: tuple[float, float]) -> dict[str, Any]:
+def _Estimate(value: float, interval: Interval) -> Record:
     low, high = (None if math.isnan(x) else x for x in interval)
     return {"value": value, "low": low, "high": high}

@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from teleop_drake.arrays import Record
 from teleop_drake.scenario import ScenarioNames
 from teleop_drake.scenario.yaml_text import ParseFile, ReadText
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
@@ -124,9 +125,9 @@ def _PlanOf(common: Mapping[Any, Any], own: Any, folder: Path) -> SweepPlan:
 
 def _Joined(
     key: str, common: Mapping[Any, Any], own: Mapping[Any, Any], folder: Path
-) -> dict[str, Any]:
+) -> Record:
     """Returns the mapping of a key in the study, updated by the sweep's own."""
-    joined: dict[str, Any] = {}
+    joined: Record = {}
     for settings in (common, own):
         values = settings.get(key) or {}
         if key == "overrides" and isinstance(values, str):

@@ -18,6 +18,9 @@ from teleop_drake.validation import Refuse
 Grid = dict[str, list[Any]]
 """The values of each key; the last key varies fastest."""
 
+Point = Mapping[str, Any]
+"""A point of a grid: a value of each key."""
+
 GivenGrid = Mapping[str, Iterable[Any]]
 """A grid as users give it."""
 
@@ -166,7 +169,7 @@ def CheckAxis(key: str, values: Iterable[Any]) -> list[Any]:
     return plain
 
 
-def PointOverrides(point: Mapping[str, Any]) -> list[str]:
+def PointOverrides(point: Point) -> list[str]:
     """Returns the overrides, as PATH=VALUE, that set a point of the grid."""
     overrides = []
     for key, value in point.items():

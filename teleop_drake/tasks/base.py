@@ -4,10 +4,11 @@ import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar
 
 from pydrake.systems.framework import Diagram
 
+from teleop_drake.arrays import Names, Record
 from teleop_drake.blocks.channels import ChannelConfig
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import AnyScenario
@@ -55,8 +56,8 @@ class Task(ABC, Generic[_S]):
             metrics of this very class; empty: there is none, and a page states this.
     """
 
-    controllers: ClassVar[tuple[str, ...]] = ()
-    systems: ClassVar[tuple[str, ...]] = ("robot",)
+    controllers: ClassVar[Names] = ()
+    systems: ClassVar[Names] = ("robot",)
     units: ClassVar[Mapping[str, str]]
     page_metrics: ClassVar[str] = ""
 
@@ -102,7 +103,7 @@ class Task(ABC, Generic[_S]):
         """
 
     @abstractmethod
-    def Metrics(self, recording: Recording) -> dict[str, Any]:
+    def Metrics(self, recording: Recording) -> Record:
         """Returns the metrics of a run.
 
         Args:
@@ -114,7 +115,7 @@ class Task(ABC, Generic[_S]):
         """
 
     @abstractmethod
-    def Particulars(self, recording: Recording) -> dict[str, Any]:
+    def Particulars(self, recording: Recording) -> Record:
         """Returns the entries that this task adds to RunSummary beside the metrics.
 
         Args:

@@ -1,11 +1,12 @@
 """Insertion: a teleoperated tool is pushed into the layers of an environment."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Diagram
 
+from teleop_drake.arrays import Record
 from teleop_drake.blocks.environments import CONTACT, PUNCTURE, FindSurface
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import CONTROLLERS, Scenario
@@ -93,7 +94,7 @@ class Insertion(Task[Scenario]):
                 events.append(Event(name=name, time=crossing.time))
         return sorted(events, key=lambda event: event.time)
 
-    def Metrics(self, recording: Recording) -> dict[str, Any]:
+    def Metrics(self, recording: Recording) -> Record:
         """Returns the metrics of an insertion, which insertion_metrics defines.
 
         * start_velocity_overshoot.
@@ -128,7 +129,7 @@ class Insertion(Task[Scenario]):
             "diverged_at": float(recording.time[-1]) if has_diverged else None,
         }
 
-    def Particulars(self, recording: Recording) -> dict[str, Any]:
+    def Particulars(self, recording: Recording) -> Record:
         """Returns forward_delay and return_delay in s."""
         scenario = recording.teleoperation
         return {

@@ -408,7 +408,7 @@ UNITS = {
 """Scalar metrics of an insertion and their units; * stands for each task axis."""
 
 
-def FirstNormal(surfaces: tuple[Surface, ...], v_d: np.ndarray) -> np.ndarray:
+def FirstNormal(surfaces: tuple[Surface, ...], v_d: Array) -> Array:
     """Returns the normal of the puncture, contact or first surface, else of v_d."""
     named = [FindSurface(surfaces, name) for name in (PUNCTURE, CONTACT)]
     for surface in (*named, *surfaces):

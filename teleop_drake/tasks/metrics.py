@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+from teleop_drake.arrays import Record
 from teleop_drake.blocks.channels.packet_network import PacketStatistics
 from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.recording import Recording
@@ -20,9 +21,7 @@ CHANNEL_METRICS = {
 name begins with the name of the channel, as in `forward_channel.age_mean`."""
 
 
-def RunMetrics(
-    recording: Recording, *, task: Task[Any] | None = None
-) -> dict[str, Any]:
+def RunMetrics(recording: Recording, *, task: Task[Any] | None = None) -> Record:
     """Returns the metrics of a run, as its task defines them.
 
     Insertion.Metrics() describes the metrics of a teleoperation, Tracking.Metrics() the
@@ -43,9 +42,7 @@ def RunMetrics(
     return task.Metrics(_FinitePart(recording))
 
 
-def RunSummary(
-    recording: Recording, *, task: Task[Any] | None = None
-) -> dict[str, Any]:
+def RunSummary(recording: Recording, *, task: Task[Any] | None = None) -> Record:
     """Returns the object that `teleop-drake run --json` prints.
 
     Args:
@@ -74,7 +71,7 @@ def RunSummary(
     task = task or TaskOf(recording.scenario)
     recording = _FinitePart(recording)
     scenario = recording.scenario
-    statistics: dict[str, Any] = {}
+    statistics: Record = {}
     if recording.notes:
         statistics["notes"] = recording.notes
     if recording.channels:
@@ -117,9 +114,9 @@ def MetricUnits(scenario: AnyScenario) -> dict[str, str]:
     }
 
 
-def FlattenMetrics(metrics: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def FlattenMetrics(metrics: Mapping[str, Any], prefix: str = "") -> Record:
     """Returns metrics keyed by dotted names, as `puncture.time` and `rms_error.x`."""
-    flat: dict[str, Any] = {}
+    flat: Record = {}
     for key, value in metrics.items():
         if isinstance(value, Mapping):
             flat |= FlattenMetrics(value, f"{prefix}{key}.")

@@ -1,13 +1,13 @@
 """Tracking: the demonstration of chapter 3, in which an arm learns a disturbance."""
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Sine
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, Record
 from teleop_drake.blocks.robots import PlantRobotConfig
 from teleop_drake.blocks.systems.disturbance_force import DisturbanceForce
 from teleop_drake.blocks.systems.network_tracking_controller import (
@@ -96,7 +96,7 @@ class Tracking(Task[TrackingScenario]):
         """Returns no events: there is neither a surface nor an operator."""
         return []
 
-    def Metrics(self, recording: Recording) -> dict[str, Any]:
+    def Metrics(self, recording: Recording) -> Record:
         """Returns the metrics of a tracking: METRICS, each per task axis.
 
         Args:
@@ -105,7 +105,7 @@ class Tracking(Task[TrackingScenario]):
         run = TrackingRun(recording)
         return {name: f(run).tolist() for name, (f, _) in METRICS.items()}
 
-    def Particulars(self, recording: Recording) -> dict[str, Any]:
+    def Particulars(self, recording: Recording) -> Record:
         """Returns diverged, and diverged_at in s or None."""
         has_diverged = recording.termination == "diverged"
         return {

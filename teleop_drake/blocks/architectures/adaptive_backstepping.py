@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from typing import Any, ClassVar
 
 import numpy as np
@@ -27,6 +27,7 @@ from teleop_drake.validation import (
     CheckChoice,
     CheckGain,
     CheckVector,
+    Config,
     FixedFields,
     GainMatrix,
     Number,
@@ -209,7 +210,7 @@ MAX_BASIS_FUNCTIONS = 10_000
 memory."""
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class NetworkConfig(FixedFields):
     """Lattice of the Gaussian networks (thesis eq. 3.1)."""
 
@@ -276,7 +277,7 @@ class NetworkConfig(FixedFields):
 _GAINS = ("Lambda", "G1", "G2", "P")
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class BacksteppingParameters(FixedFields):
     """The parameters of chapters 4 and 5.
 
@@ -376,7 +377,7 @@ class BacksteppingParameters(FixedFields):
             )
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
     """Chapters 4 and 5 as one n-dimensional law; see laws.backstepping."""
 

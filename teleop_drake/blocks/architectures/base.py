@@ -17,11 +17,11 @@ import numpy as np
 from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
-from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.arrays import Array, ArrayLike, Names
 from teleop_drake.blocks.architectures.facts import Facts
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.kinds import KindConfig
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import Config, Refuse
 from teleop_drake.wiring import OutputNames, Wire
 
 LAW_INPUTS = (
@@ -44,7 +44,7 @@ class _Side(FixedBlock):
         state: The continuous state at first.
     """
 
-    inputs: tuple[str, ...] = ()
+    inputs: Names = ()
 
     def __init__(
         self,
@@ -113,7 +113,7 @@ class Architecture:
     initial_return_packet: Sequence[float]
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class ArchitectureConfig(KindConfig, ABC):
     """A control architecture as plain data.
 
@@ -130,8 +130,8 @@ class ArchitectureConfig(KindConfig, ABC):
             duration, of its facts.
     """
 
-    forward_parts: ClassVar[tuple[str, ...]] = ()
-    return_parts: ClassVar[tuple[str, ...]] = ()
+    forward_parts: ClassVar[Names] = ()
+    return_parts: ClassVar[Names] = ()
     derives_from_channels: ClassVar[bool] = True
 
     @property
@@ -161,7 +161,7 @@ class ArchitectureConfig(KindConfig, ABC):
         """Makes both sides, or refuses a parameter that this loop does not allow."""
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class ControlLawConfig(ArchitectureConfig):
     """An architecture with the thesis's packets: all of it is the law at the slave.
 

@@ -1,7 +1,7 @@
 """Direct force with local damping injection, against the ground or the command."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,7 +11,13 @@ from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig
 from teleop_drake.blocks.architectures.facts import Facts
 from teleop_drake.kernel import FixedBlock, Kernel, Term
 from teleop_drake.laws.proportional import braked_force, damper_force, velocity_error
-from teleop_drake.validation import CheckChoice, CheckGain, GainField, GainMatrix
+from teleop_drake.validation import (
+    CheckChoice,
+    CheckGain,
+    Config,
+    GainField,
+    GainMatrix,
+)
 
 AGAINST = ("ground", "command")
 """What the damper acts against: the ground, or the commanded velocity."""
@@ -97,7 +103,7 @@ class DampedForce(FixedBlock):
         )  # fmt: skip
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class DampedForceConfig(ControlLawConfig):
     """Direct force and a damper at the tool; see architectures.damped_force."""
 

@@ -1,11 +1,9 @@
 """The thesis's baseline: the haptic force acts on the tool as it arrives."""
 
-from dataclasses import dataclass
-
 from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig
 from teleop_drake.blocks.architectures.facts import Facts
 from teleop_drake.kernel import FixedBlock, Kernel
-from teleop_drake.validation import CheckNumber
+from teleop_drake.validation import CheckNumber, Config
 
 
 class DirectForce(FixedBlock):
@@ -43,7 +41,7 @@ class DirectForce(FixedBlock):
         )
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class DirectForceConfig(ControlLawConfig):
     """F_c(t) = F_h(t - T_f); it has no parameters."""
 

@@ -1,6 +1,6 @@
 """Lawrence's architecture: position and force travel both ways."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,6 +19,7 @@ from teleop_drake.laws.four_channel import Station, master_rate, slave_force
 from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,
+    Config,
     FixedFields,
     GainField,
     GainMatrix,
@@ -194,7 +195,7 @@ FOUR_CHANNEL_VARIANTS = {
 _ENDS = {"master": ("C_m", "C4", "C2", "C6"), "slave": ("C_s", "C1", "C3", "C5")}
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class LocalController(FixedFields):
     """C = damping + stiffness / s of a four-channel station."""
 
@@ -206,7 +207,7 @@ class LocalController(FixedFields):
     stiffness: np.ndarray | float | None = GainField(None, may_be_zero=True)
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class FourChannelConfig(ArchitectureConfig):
     """Lawrence's architecture; see architectures.four_channel."""
 

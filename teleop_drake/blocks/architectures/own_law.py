@@ -14,12 +14,12 @@ from typing import Any, ClassVar
 import numpy as np
 from pydrake.systems.framework import System
 
-from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.arrays import Array, ArrayLike, Record
 from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig
 from teleop_drake.blocks.architectures.facts import Facts
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.kernel.terms import WORDS
-from teleop_drake.validation import REQUIRED, CheckChoice, Refuse, ScenarioError
+from teleop_drake.validation import REQUIRED, CheckChoice, Config, Refuse, ScenarioError
 
 Law = Callable[..., ArrayLike]
 
@@ -81,7 +81,7 @@ class FunctionLaw(FixedBlock):
         )
 
 
-@dataclasses.dataclass(kw_only=True, eq=False)
+@Config
 class _OwnLawConfig(ControlLawConfig):
     """Base of the configs that LawConfig() makes.
 
@@ -113,7 +113,7 @@ class _OwnLawConfig(ControlLawConfig):
             raise ScenarioError(f"{path}: {self.kind} raised {reason}") from error
         return law
 
-    def _Values(self) -> dict[str, Any]:
+    def _Values(self) -> Record:
         """Returns the values of the law's own fields by their names."""
         names = [item.name for item in dataclasses.fields(self)]
         return {name: getattr(self, name) for name in names}
@@ -206,7 +206,7 @@ def _CheckArguments(law: Law, parameters: list[inspect.Parameter]) -> None:
             Refuse("control_law", gain.name, "another name for a gain")
 
 
-def _Gains(function: Law, given: Mapping[str, Any]) -> dict[str, Any]:
+def _Gains(function: Law, given: Mapping[str, Any]) -> Record:
     """Returns the gains of a function in the order of its arguments, as numbers."""
     gains = {}
     known = _ParametersOf(function)

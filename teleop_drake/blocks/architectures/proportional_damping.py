@@ -1,7 +1,7 @@
 """P+d: position-position control with a spring and damping injection."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,7 +17,7 @@ from teleop_drake.blocks.architectures.base import (
 from teleop_drake.blocks.architectures.facts import Facts
 from teleop_drake.kernel import Kernel
 from teleop_drake.laws.proportional import coupling_force, master_rate, slave_force
-from teleop_drake.validation import GainField, GainMatrix, Number, Refuse
+from teleop_drake.validation import Config, GainField, GainMatrix, Number, Refuse
 
 
 class ProportionalMaster(MasterSide):
@@ -164,7 +164,7 @@ class ProportionalSlave(SlaveSide):
         )  # fmt: skip
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class ProportionalDampingConfig(ArchitectureConfig):
     """P+d; see architectures.proportional_damping.ProportionalMaster."""
 

@@ -1,6 +1,6 @@
 """Adaptive backstepping with robust terms beside the networks."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import ClassVar
 
 import numpy as np
@@ -17,7 +17,7 @@ from teleop_drake.laws.robust_backstepping import (
     robust_errors,
     robust_rate,
 )
-from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
+from teleop_drake.validation import CheckNumber, Config, FixedFields, Number, Refuse
 
 
 class RobustBackstepping(AdaptiveBackstepping):
@@ -90,7 +90,7 @@ class RobustBackstepping(AdaptiveBackstepping):
         AdaptiveBackstepping.__init__(self, gains=gains, network=network, bounds=bounds)
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class RobustTermsConfig(FixedFields):
     """The bounds of the robust terms; all of their defaults are assumed.
 
@@ -134,7 +134,7 @@ class RobustTermsConfig(FixedFields):
         )
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class RobustBacksteppingConfig(AdaptiveBacksteppingConfig):
     """Adaptive backstepping with robust terms; see laws.robust_backstepping."""
 

@@ -1,7 +1,7 @@
 """Direct force with a model of the robot at the master: Smith's predictor."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,14 @@ from teleop_drake.blocks.architectures.damped_force import DampedForce
 from teleop_drake.blocks.architectures.direct_force import DirectForce
 from teleop_drake.blocks.architectures.facts import Facts
 from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.validation import CheckNumber, GainField, GainMatrix, Number, Refuse
+from teleop_drake.validation import (
+    CheckNumber,
+    Config,
+    GainField,
+    GainMatrix,
+    Number,
+    Refuse,
+)
 from teleop_drake.wiring import Wire
 
 
@@ -116,7 +123,7 @@ class SmithPredictorMaster(Diagram):
         )
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class SmithPredictorConfig(ArchitectureConfig):
     """Direct force with a model at the master; see SmithPredictorMaster."""
 

@@ -1,6 +1,6 @@
 """Direct force under passivity control in the time domain."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -25,6 +25,7 @@ from teleop_drake.laws.passivity import (
 from teleop_drake.laws.proportional import braked_force
 from teleop_drake.validation import (
     CheckNumber,
+    Config,
     GainField,
     GainMatrix,
     Number,
@@ -247,7 +248,7 @@ class PassivitySlave(_Idle, SlaveSide):
         )  # fmt: skip
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class TimeDomainPassivityConfig(ArchitectureConfig):
     """Direct force under passivity control; see architectures.time_domain_passivity."""
 

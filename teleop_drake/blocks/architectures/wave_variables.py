@@ -1,6 +1,6 @@
 """Wave variables: the channels carry waves, which delay cannot make active."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -26,6 +26,7 @@ from teleop_drake.laws.wave_variables import (
 )
 from teleop_drake.validation import (
     CheckNumber,
+    Config,
     GainField,
     GainMatrix,
     Number,
@@ -198,7 +199,7 @@ class WaveSlave(SlaveSide):
         )
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class WaveVariablesConfig(ArchitectureConfig):
     """The wave line; see architectures.wave_variables.WaveMaster."""
 

@@ -12,7 +12,7 @@ from pydrake.systems.framework import System
 from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.kernel import Delay, Kernel, KernelBlock
 from teleop_drake.kinds import KindConfig
-from teleop_drake.validation import CheckNumber, Refuse
+from teleop_drake.validation import CheckNumber, Config, Refuse
 
 SHORTEST_TIME = 1e-6
 """Shortest non-zero delay and sample period in s. The simulation steps at least as
@@ -32,7 +32,7 @@ class ConstantDelay:
     note: str | None = None
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class ChannelConfig(KindConfig, ABC):
     """One direction of the communication (thesis section 2.1, Fig. 2.1).
 

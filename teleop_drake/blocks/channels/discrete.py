@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from pydrake.systems.framework import Diagram, System
@@ -10,14 +9,14 @@ from pydrake.systems.primitives import Adder, ConstantVectorSource, DiscreteTime
 
 from teleop_drake.blocks.channels.base import ChannelConfig, ConstantDelay
 from teleop_drake.blocks.channels.sampled import CheckSamplePeriod
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import Config, Refuse
 from teleop_drake.wiring import Wire
 
 # How far from a whole number the number of periods may be, for rounding.
 _NEARLY_WHOLE = 1e-6
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class DiscreteChannelConfig(ChannelConfig):
     """Drake's DiscreteTimeDelay(h, n), with h = sample_period and n h = delay.
 

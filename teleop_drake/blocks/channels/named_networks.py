@@ -15,18 +15,19 @@ A round trip of mean m and standard deviation s is taken for two equal and indep
 ways, m / 2 and s / sqrt(2) each. What no source states is marked "assumed".
 """
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 
 from teleop_drake.blocks.channels.network import NetworkChannelConfig
 from teleop_drake.blocks.channels.packet_network import Jitter, Loss
+from teleop_drake.validation import Config
 
 # The correlation time and the order are assumed.
 _GAMMA = partial(Jitter, kind="gamma", correlation_time=1.0, keeps_order=True)
 _BURST = partial(Loss, kind="burst")
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class WifiChannelConfig(NetworkChannelConfig):
     """One hop of a large Wi-Fi with many users.
 
@@ -48,7 +49,7 @@ class WifiChannelConfig(NetworkChannelConfig):
     )
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class LteChannelConfig(NetworkChannelConfig):
     """A 4G connection with a good signal, from the mobile device to a server.
 
@@ -70,7 +71,7 @@ class LteChannelConfig(NetworkChannelConfig):
     )
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class LeoSatelliteChannelConfig(NetworkChannelConfig):
     """A constellation of satellites in low orbit, as seen by a user at home.
 
@@ -92,7 +93,7 @@ class LeoSatelliteChannelConfig(NetworkChannelConfig):
     )
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class GeoSatelliteChannelConfig(NetworkChannelConfig):
     """A satellite in geostationary orbit, up and down once.
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import ClassVar
 
 import numpy as np
@@ -24,6 +24,7 @@ from teleop_drake.kernel import Delay
 from teleop_drake.validation import (
     REQUIRED,
     CheckNumber,
+    Config,
     Refuse,
     ScenarioError,
     Within,
@@ -100,7 +101,7 @@ class NetworkDelay(ChannelBlock):
         )
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class NetworkChannelConfig(VaryingDelayConfig):
     """Sends a packet each sample period through a network that has its ways with it."""
 

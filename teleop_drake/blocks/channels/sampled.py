@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from teleop_drake.blocks.channels.base import (
     SHORTEST_TIME,
@@ -13,7 +12,7 @@ from teleop_drake.blocks.channels.base import (
 from teleop_drake.kernel import Delay
 from teleop_drake.kernel.ticks import DeclareTicks, Ticks
 from teleop_drake.numerics.instants import TIE
-from teleop_drake.validation import REQUIRED, CheckNumber, Refuse
+from teleop_drake.validation import REQUIRED, CheckNumber, Config, Refuse
 
 
 class SampledDelay(ChannelBlock):
@@ -99,7 +98,7 @@ def CheckSamplePeriod(path: str, sample_period: float, delay: float) -> None:
     CheckNumber(f"{path}.sample_period", sample_period, "s", minimum=minimum)
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class SampledChannelConfig(ChannelConfig):
     """Sends a packet each sample period, which arrives after `delay` and is held.
 

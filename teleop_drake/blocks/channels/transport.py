@@ -2,12 +2,12 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels.base import ChannelBlock, ChannelConfig
 from teleop_drake.kernel import Delay
 from teleop_drake.kernel.linear_part import LinearPart
+from teleop_drake.validation import Config
 
 
 class TransportDelay(ChannelBlock):
@@ -84,7 +84,7 @@ class TransportDelay(ChannelBlock):
         return LinearPart(delay=self.delay)
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class TransportChannelConfig(ChannelConfig):
     """Delays the signal exactly by `delay`; 0 passes it through."""
 

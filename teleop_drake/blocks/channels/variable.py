@@ -22,6 +22,7 @@ from teleop_drake.kernel import Delay
 from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,
+    Config,
     FixedFields,
     Number,
     Refuse,
@@ -163,7 +164,7 @@ class DelayProfile:
         return result
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class VaryingDelayConfig(ChannelConfig):
     """A channel whose delay varies; `delay` is the mean, on which the rest adds."""
 
@@ -296,7 +297,7 @@ class VariableDelay(ChannelBlock):
         self.DeclareDelay(delay_line)
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class VariableChannelConfig(VaryingDelayConfig):
     """Delays the signal exactly by T(t), which is continuous and keeps the order."""
 

@@ -1,7 +1,6 @@
 """Base of the configs of environments, and their stiffness and damping at a point."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 
 import numpy as np
 from pydrake.systems.framework import System
@@ -15,6 +14,7 @@ from teleop_drake.blocks.environments.surface import (
 )
 from teleop_drake.kinds import KindConfig
 from teleop_drake.numerics.differences import differentiate
+from teleop_drake.validation import Config
 
 # The longest steps of the differences, in m and m/s; the first at most as a share of
 # the way to the nearest surface.
@@ -23,7 +23,7 @@ _SPEED_STEP = 1e-3
 _STEP_SHARE = 1 / 50
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class EnvironmentConfig(KindConfig, ABC):
     """What the tool meets (thesis section 2.4).
 

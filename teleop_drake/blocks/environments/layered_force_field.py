@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import ClassVar
 
 import numpy as np
@@ -31,13 +31,14 @@ from teleop_drake.laws.layered_force import (
 from teleop_drake.validation import (
     REQUIRED,
     CheckNumber,
+    Config,
     FixedFields,
     Number,
     Refuse,
 )
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class LayerConfig(FixedFields):
     """One layer of the environment, from its start to the next one's (eq. 2.14).
 
@@ -60,7 +61,7 @@ class LayerConfig(FixedFields):
     lateral_stiffness: float = Number(0.0, "N/m", minimum=0)
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class LayersEnvironmentConfig(EnvironmentConfig):
     """Layers along an axis (eq. 2.14 to 2.16); no force in front of the first."""
 

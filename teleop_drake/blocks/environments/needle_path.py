@@ -1,7 +1,7 @@
 """Tissue that holds a needle on a path that bends: where the tool's rotation counts."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import ClassVar
 
 import numpy as np
@@ -13,10 +13,10 @@ from teleop_drake.blocks.environments.surface import PlaneSurface, Surface, Unit
 from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
 from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.needle import NeedlePath, needle_wrench
-from teleop_drake.validation import REQUIRED, CheckVector, Number, Refuse
+from teleop_drake.validation import REQUIRED, CheckVector, Config, Number, Refuse
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class NeedlePathConfig(EnvironmentConfig):
     """Tissue behind a plane, with a path that a straight needle has to follow.
 

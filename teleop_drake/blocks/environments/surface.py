@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.arrays import Array, ArrayLike, Record
 from teleop_drake.validation import CheckVector, Refuse, Show
 
 CONTACT = "contact"
@@ -96,7 +96,7 @@ class Surface:
         """
         return self.Along(p_WT) - self.Along(self.point_W)
 
-    def ToRecord(self) -> dict[str, Any]:
+    def ToRecord(self) -> Record:
         """Returns plain data, from which FromRecord() gives an equal surface."""
         return {
             "name": self.name,
@@ -106,7 +106,7 @@ class Surface:
         }
 
     @classmethod
-    def FromRecord(cls, record: dict[str, Any]) -> "Surface":
+    def FromRecord(cls, record: Record) -> "Surface":
         """Returns the surface that ToRecord() has written."""
         material = record["material"]
         return cls(**{**record, "material": material and Material(**material)})

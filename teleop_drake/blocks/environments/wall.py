@@ -1,6 +1,5 @@
 """Environments behind one plane: walls that push back, rub, or relax."""
 
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar
 
@@ -16,10 +15,10 @@ from teleop_drake.blocks.environments.surface import (
 )
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.laws.contact import creep_rate, solid_force, wall_force
-from teleop_drake.validation import REQUIRED, Number
+from teleop_drake.validation import REQUIRED, Config, Number
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class WallConfig(EnvironmentConfig):
     """Base of the environments behind one plane, which is the surface `contact`."""
 
@@ -71,7 +70,7 @@ class Wall(KernelBlock):
         return self._surfaces
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class HuntCrossleyConfig(WallConfig):
     """A wall with F = stiffness d^exponent (1 + 1.5 damping d') at the depth d > 0."""
 
@@ -90,7 +89,7 @@ class HuntCrossleyConfig(WallConfig):
         return ContactWall(self, start)
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class FrictionWallConfig(HuntCrossleyConfig):
     """A wall with Coulomb friction, F_t = friction F_n v_t/sqrt(v_t^2 + creep_speed^2).
 
@@ -164,7 +163,7 @@ class ContactWall(Wall):
         )
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class StandardLinearSolidConfig(WallConfig):
     """A spring beside a Maxwell branch, a spring in line with a dashpot.
 

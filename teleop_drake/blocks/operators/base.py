@@ -2,7 +2,6 @@
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,13 +10,13 @@ from pydrake.systems.framework import System
 from teleop_drake.arrays import ArrayLike
 from teleop_drake.blocks.environments import Surface
 from teleop_drake.kinds import KindConfig
-from teleop_drake.validation import REQUIRED, CheckVector, Number, Refuse
+from teleop_drake.validation import REQUIRED, CheckVector, Config, Number, Refuse
 
 # Of each axis, m/s; it leaves every hand far behind.
 _MOST_VELOCITY = 1000.0
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class OperatorConfig(KindConfig, ABC):
     """Who holds the haptic device (thesis section 2.5).
 

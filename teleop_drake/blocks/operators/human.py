@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -23,7 +23,7 @@ from teleop_drake.laws.operator import (
     rate_to_velocity,
 )
 from teleop_drake.numerics.transfer_function import all_pass_of_delay
-from teleop_drake.validation import CheckChoice, Number, Refuse
+from teleop_drake.validation import CheckChoice, Config, Number, Refuse
 from teleop_drake.wiring import Wire
 
 GOALS = ("position", "velocity")
@@ -162,7 +162,7 @@ class HumanStation(Diagram):
         )
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class HumanConfig(OperatorConfig):
     """A human who closes the loop: crossover model, reaction delay, yielding arm.
 

@@ -1,7 +1,7 @@
 """An operator who moves, and waits until the move is seen to have ended."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from teleop_drake.blocks.operators.base import OperatorConfig
 from teleop_drake.blocks.operators.modes import ModalOperator
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.laws.operator import operator_mode
-from teleop_drake.validation import CheckVector, Number, Refuse
+from teleop_drake.validation import CheckVector, Config, Number, Refuse
 
 # What the operator does: moves and looks for the motion, watches it, sees the tool at
 # rest, is at the goal.
@@ -209,7 +209,7 @@ def planned(mode: Array, time: float, felt_position: Array, habits: Habits) -> A
     return np.concatenate((mode[:2], [does, time, mode[4]], felt_position))
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class MoveAndWaitConfig(OperatorConfig):
     """Moves in parts of the remaining way, and waits after each; see the operator.
 

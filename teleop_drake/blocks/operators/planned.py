@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.arrays import Array, ArrayLike, Interval
 from teleop_drake.blocks.channels.base import SHORTEST_TIME
 from teleop_drake.blocks.environments import Surface
 from teleop_drake.blocks.operators.base import OperatorConfig
@@ -21,7 +21,7 @@ from teleop_drake.numerics.piecewise_polynomial import (
     linear_pieces,
     minimum_jerk_pieces,
 )
-from teleop_drake.validation import CheckVector, Number, Refuse
+from teleop_drake.validation import CheckVector, Config, Number, Refuse
 
 MAX_FREQUENCY = 1000.0
 """Highest frequency of a sine in rad/s."""
@@ -45,7 +45,7 @@ class Plan:
     velocity: Term
     parameters: Mapping[str, Any]
     jump_times: Sequence[float] = ()
-    ends: Sequence[tuple[float, float]] = ()
+    ends: Sequence[Interval] = ()
     longest_step: float = math.inf
 
 
@@ -53,7 +53,7 @@ def PlanOfPieces(
     breaks: Array,
     coefficients: Array,
     bends: Sequence[float] = (),
-    ends: Sequence[tuple[float, float]] | None = None,
+    ends: Sequence[Interval] | None = None,
     longest_step: float = math.inf,
 ) -> Plan:
     """Returns the plan of a velocity that is a polynomial of time, piece after piece.
@@ -189,7 +189,7 @@ class ConstantVelocityOperator(PlannedOperator):
         )
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class ConstantVelocityConfig(OperatorConfig):
     """v_d = velocity until contact is perceived (thesis section 2.5)."""
 
@@ -226,7 +226,7 @@ class PlannedConfig(OperatorConfig):
         return self.MakePlan().longest_step
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class TrapezoidConfig(PlannedConfig):
     """v_d = s(t) velocity, where s rises from 0 to 1, stays, and falls back to 0."""
 
@@ -250,7 +250,7 @@ class TrapezoidConfig(PlannedConfig):
         return PlanOfPieces(breaks, coefficients, bends)
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class SineConfig(PlannedConfig):
     """v_d = velocity sin(frequency t): to and fro, from rest."""
 
@@ -275,7 +275,7 @@ def swinging_velocity(time: float, velocity: Array, frequency: float) -> Array:
     return swinging
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class MinimumJerkConfig(PlannedConfig):
     """v_d is that of the path of least jerk through waypoints (Flash and Hogan 1985).
 

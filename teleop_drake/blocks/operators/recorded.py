@@ -1,7 +1,6 @@
 """An operator who repeats what a hand did."""
 
 import math
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -11,13 +10,13 @@ from teleop_drake.blocks.channels.base import SHORTEST_TIME
 from teleop_drake.blocks.operators.planned import Plan, PlannedConfig, PlanOfPieces
 from teleop_drake.files import ReadNumbers, ReadRows
 from teleop_drake.numerics.piecewise_polynomial import linear_pieces
-from teleop_drake.validation import REQUIRED, Refuse, ScenarioError, Show
+from teleop_drake.validation import REQUIRED, Config, Refuse, ScenarioError, Show
 
 MAX_UNEVEN = 100
 """Most rows of a file that are not at equal distances in time."""
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class RecordedConfig(PlannedConfig):
     """v_d(t) from a file: straight lines between its rows, zero before and after."""
 

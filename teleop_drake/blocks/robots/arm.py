@@ -4,7 +4,6 @@ For the two links of Appendix A it gives what (A.1) to (A.14) say, as two_link_a
 """
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -19,12 +18,12 @@ from teleop_drake.blocks.robots.inverse_kinematics import TOOL
 from teleop_drake.blocks.robots.model_file import NewPlant
 from teleop_drake.blocks.robots.robot_diagram import TOOL_BODY
 from teleop_drake.files import ReadText
-from teleop_drake.validation import REQUIRED, Refuse, ScenarioError, Show
+from teleop_drake.validation import REQUIRED, Config, Refuse, ScenarioError, Show
 
 _SUFFIXES = (".sdf", ".urdf")
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class ArmConfig(DrivenArmConfig):
     """An open chain of driven joints, its tool moved along the first n world axes.
 

@@ -1,7 +1,6 @@
 """Bases of the configs of robots."""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -18,10 +17,10 @@ from teleop_drake.blocks.robots.inverse_kinematics import (
 from teleop_drake.blocks.robots.robot_diagram import MakeRobotDiagram
 from teleop_drake.kinds import KindConfig
 from teleop_drake.laws.task_space import MAX_ROTATION
-from teleop_drake.validation import REQUIRED, CheckVector, Refuse, Within
+from teleop_drake.validation import REQUIRED, CheckVector, Config, Refuse, Within
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class RobotConfig(KindConfig, ABC):
     """The slave robot (thesis section 2.3).
 
@@ -82,7 +81,7 @@ class RobotConfig(KindConfig, ABC):
         return np.array(p_WT, dtype=float)
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class PlantRobotConfig(RobotConfig):
     """A robot that is a MultibodyPlant, driven by the forces on its tool.
 

@@ -1,7 +1,6 @@
 """An arm's own controller: weight, posture, limits."""
 
 from abc import abstractmethod
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -28,6 +27,7 @@ from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,
     CheckVector,
+    Config,
     Number,
     Refuse,
     Within,
@@ -44,7 +44,7 @@ MAX_FREQUENCY = 1000.0
 _NEAR, _DAMPING = 1e-3, 1e-2
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class DrivenArmConfig(PlantRobotConfig):
     """An arm whose own controller carries it and holds what the task leaves free.
 

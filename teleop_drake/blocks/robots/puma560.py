@@ -1,7 +1,7 @@
 """The Unimation Puma 560."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from importlib import resources
 from typing import ClassVar
 
@@ -14,7 +14,7 @@ from teleop_drake.blocks.robots.driven_arm import AddPayload, DrivenArmConfig
 from teleop_drake.blocks.robots.model_file import NewPlant
 from teleop_drake.blocks.robots.robot_diagram import JointDrive
 from teleop_drake.blocks.systems.joint_friction import JointFriction
-from teleop_drake.validation import Number
+from teleop_drake.validation import Config, Number
 
 # Coulomb friction at the motors while they turn forward and backward, N m: Corke and
 # Armstrong-Helouvry 1994, in the numbers of Corke's Robotics Toolbox. At the joints it
@@ -35,7 +35,7 @@ def _Nominal() -> np.ndarray:
     return np.array([0.0, math.pi / 4, -math.pi, 0.0, math.pi / 4, 0.0])
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class Puma560Config(DrivenArmConfig):
     """The thesis's future work (section 6.3): six joints, gears, weight and friction.
 

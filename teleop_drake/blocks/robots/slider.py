@@ -1,16 +1,14 @@
 """The thesis's robot on one axis."""
 
-from dataclasses import dataclass
-
 from pydrake.multibody.plant import MultibodyPlant
 
 from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.robots.base import PlantRobotConfig, PointOf
 from teleop_drake.blocks.robots.model_file import LoadModel, ReadModel
-from teleop_drake.validation import Number
+from teleop_drake.validation import Config, Number
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class SliderConfig(PlantRobotConfig):
     """A carriage on a rail along x (thesis eq. 2.12)."""
 

@@ -11,7 +11,6 @@ c21 of (A.4) is misprinted in the thesis; see thesis/errata. The angles of a poi
 
 import functools
 import math
-from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -21,7 +20,7 @@ from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.robots.base import PlantRobotConfig, PointOf
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL
 from teleop_drake.blocks.robots.model_file import LoadModel, ReadModel
-from teleop_drake.validation import CheckChoice, Number, Refuse
+from teleop_drake.validation import CheckChoice, Config, Number, Refuse
 
 # Sign of q2, the bend of the elbow. Stretched forward along x, `down` puts the elbow
 # at y < 0.
@@ -34,7 +33,7 @@ _OWN_LINK_MASS = 0.5  # kg, as the model file has it.
 _MINIMUM_ELBOW_SINE = 0.05
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class TwoLinkArmConfig(PlantRobotConfig):
     """Two equal links in the horizontal plane (thesis eq. 2.13; Appendix A)."""
 

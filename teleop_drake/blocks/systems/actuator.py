@@ -1,7 +1,6 @@
 """The drive of a robot, between the control law and the tool."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from pydrake.systems.framework import Diagram, System
@@ -9,11 +8,11 @@ from pydrake.systems.primitives import LinearSystem, PassThrough, Saturation
 
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.laws.actuators import delivered_force
-from teleop_drake.validation import CheckNumber, FixedFields, Number
+from teleop_drake.validation import CheckNumber, Config, FixedFields, Number
 from teleop_drake.wiring import Connections, Wire
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class ActuatorConfig(FixedFields):
     """The drive of the robot, in the task space. The thesis has an ideal one.
 

@@ -1,6 +1,6 @@
 """The haptic device in the operator's hand."""
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 from pydrake.systems.framework import Diagram
@@ -8,11 +8,11 @@ from pydrake.systems.primitives import Adder, Gain, LinearSystem
 
 from teleop_drake.arrays import ArrayLike
 from teleop_drake.numerics.transfer_function import realize_transfer_function
-from teleop_drake.validation import FixedFields, Number, Refuse, Within
+from teleop_drake.validation import Config, FixedFields, Number, Refuse, Within
 from teleop_drake.wiring import Wire
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class HapticDeviceConfig(FixedFields):
     """F_h = H(s) (v_d - v) on each axis (thesis eq. 2.1, 2.4, 2.5)."""
 

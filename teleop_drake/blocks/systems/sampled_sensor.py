@@ -1,13 +1,13 @@
 """A sensor that is read at a fixed rate."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from teleop_drake.kernel import Kernel, KernelBlock, Transition
 from teleop_drake.laws.actuators import next_sample
-from teleop_drake.validation import CheckNumber, FixedFields, Number, Refuse
+from teleop_drake.validation import CheckNumber, Config, FixedFields, Number, Refuse
 
 SHORTEST_PERIOD = 1e-6
 """Shortest time between samples in s. The simulation steps at least as often."""
@@ -90,7 +90,7 @@ class SampledSensor(KernelBlock):
         )
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class SamplingConfig(FixedFields):
     """How one sensor is read. The thesis has ideal ones."""
 
@@ -110,7 +110,7 @@ class SamplingConfig(FixedFields):
                 Refuse(f"{path}.{name}", value, "0 without a sample_period")
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class SensorConfig(FixedFields):
     """What the slave measures: an encoder at the tool, and the force sensor."""
 

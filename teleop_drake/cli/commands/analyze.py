@@ -2,10 +2,11 @@
 
 import argparse
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from teleop_drake.arrays import Record
 from teleop_drake.cli import options, output
 from teleop_drake.cli.exit_codes import BadInput
 from teleop_drake.cli.progress import SweepProgress
@@ -165,7 +166,7 @@ def _VariedNumber(item: str | None) -> tuple[str, list[float]]:
     return path, [float(x) for x in values]
 
 
-def _AnalysisTable(record: Mapping[str, Any]) -> str:
+def _AnalysisTable(record: Record) -> str:
     """Returns the margins of `analyze`: a row for each operating point."""
     points = _Loops(record)
     delay = record["forward_delay"] + record["return_delay"]
@@ -214,9 +215,9 @@ def _AnalysisTable(record: Mapping[str, Any]) -> str:
     return "\n".join(text + record["notes"])
 
 
-def _Loops(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+def _Loops(record: Record) -> list[Record]:
     """Returns the operating points, each followed by the loop of a held force."""
-    loops: list[Mapping[str, Any]] = []
+    loops: list[Record] = []
     for point in record["operating_points"]:
         loops.append(point)
         force_mode = point["force_mode"]
@@ -225,7 +226,7 @@ def _Loops(record: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return loops
 
 
-def _OperatorLine(points: Sequence[Mapping[str, Any]]) -> list[str]:
+def _OperatorLine(points: Sequence[Record]) -> list[str]:
     """Returns a sentence: what the operator does behind the contact surface."""
     names = [point["name"] for point in points if point["force_mode"] is not None]
     if not names:
@@ -237,7 +238,7 @@ def _OperatorLine(points: Sequence[Mapping[str, Any]]) -> list[str]:
     ]
 
 
-def _AbsoluteStability(points: Sequence[Mapping[str, Any]]) -> str:
+def _AbsoluteStability(points: Sequence[Record]) -> str:
     """Returns a sentence: whether operator and environment may be any passive ones."""
     failing = [point["name"] for point in points if not point["absolutely_stable"]]
     every = "stable with every passive operator and environment: Llewellyn's parameter"
@@ -246,7 +247,7 @@ def _AbsoluteStability(points: Sequence[Mapping[str, Any]]) -> str:
     return f"{every[0].upper() + every[1:]} is 1 or more everywhere."
 
 
-def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
+def _Verdict(points: Sequence[Record], delay: float) -> list[str]:
     """Returns sentences: where the loop fails first and why, and what it does now."""
     text = []
     # Where it fails without any delay.
@@ -283,7 +284,7 @@ def _Verdict(points: Sequence[Mapping[str, Any]], delay: float) -> list[str]:
     return text
 
 
-def _State(point: Mapping[str, Any]) -> str:
+def _State(point: Record) -> str:
     """Returns whether the loop is stable."""
     root = point["rightmost_root"]
     if root is not None and not point["stable"] and _IsOnAxis(root):
@@ -302,7 +303,7 @@ def _Root(real: float, imaginary: float) -> str:
     return f"{real:.4g}" + (f" ± {imaginary:.4g}j" if imaginary else "")
 
 
-def _ChartTable(chart: Mapping[str, Any]) -> str:
+def _ChartTable(chart: Record) -> str:
     """Returns the delay margins of `analyze --vary`: a row for each value."""
     names: dict[str, None] = {}
     for analysis in chart["analyses"]:
@@ -317,7 +318,7 @@ def _ChartTable(chart: Mapping[str, Any]) -> str:
     return "\n".join(["Delay margins", Align(lines), *words])
 
 
-def _Margin(point: Mapping[str, Any] | None) -> str:
+def _Margin(point: Record | None) -> str:
     """Returns the delay margin at an operating point, or why it has none."""
     if point is None:
         return "absent"

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, Interval
 from teleop_drake.scenario import AsTeleoperation, Scenario
 from teleop_drake.stations import ResolveController
 from teleop_drake.sweep.plan import SweepPlan
@@ -42,7 +42,7 @@ class TuningPlan:
 
     training: dict[str, SweepPlan]
     held_out: dict[str, SweepPlan]
-    ranges: dict[str, tuple[float, float]]
+    ranges: dict[str, Interval]
     weights: dict[str, float | None]
     margin: float | None
     evaluations: int
@@ -154,7 +154,7 @@ def _SetController(plan: SweepPlan, controller: str) -> SweepPlan:
     return replace(fixed, scenario=LoadChecked(fixed, fixed.points[0]))
 
 
-def _Range(scenario: Scenario, text: str) -> tuple[str, tuple[float, float]]:
+def _Range(scenario: Scenario, text: str) -> tuple[str, Interval]:
     """Returns the path and the range that NAME or NAME=LOW:HIGH stands for."""
     name, equals, given = text.strip().partition("=")
     path = name
@@ -173,7 +173,7 @@ def _Range(scenario: Scenario, text: str) -> tuple[str, tuple[float, float]]:
     return path, (float(f"{x / _DECADE:.4g}"), float(f"{x * _DECADE:.4g}"))
 
 
-def _ParseRange(name: str, text: str) -> tuple[float, float]:
+def _ParseRange(name: str, text: str) -> Interval:
     """Returns the bounds of LOW:HIGH."""
     try:
         low, high = map(float, text.split(":"))

@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, Record
 from teleop_drake.files import Replacing
 from teleop_drake.scenario.yaml_text import DumpYaml
 from teleop_drake.sweep.folder import WriteCsv
@@ -42,7 +41,7 @@ class TuningResult:
         """Returns the score of each metric (M), in multiples of the reference."""
         return trial.Scores(self.reference)
 
-    def Table(self) -> list[dict[str, Any]]:
+    def Table(self) -> list[Record]:
         """Returns the rows of tuning.csv: one for each set of gains and scenario.
 
         `bounded` is the number of runs that reach their end and have every metric. The
@@ -61,12 +60,12 @@ class TuningResult:
             return "own"
         return f"front-{i}" if len(self.front) > 1 else "best"
 
-    def _Rows(self, trial: Trial, i: int, runs: str) -> list[dict[str, Any]]:
+    def _Rows(self, trial: Trial, i: int, runs: str) -> list[Record]:
         """Returns the rows of a set of gains, one for each scenario."""
         rows = []
         for scenario, values in trial.values.items():
             good = values[np.isfinite(values).all(axis=1)]
-            row: dict[str, Any] = {"gains": self.Title(i), "runs": runs}
+            row: Record = {"gains": self.Title(i), "runs": runs}
             row |= dict.fromkeys(self.plan.ranges) | trial.gains
             row |= {"scenario": scenario, "count": len(values), "bounded": len(good)}
             for metric, x in zip(self.plan.weights, good.T, strict=True):

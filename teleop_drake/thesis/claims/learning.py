@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.multibody.tree import JacobianWrtVariable
 
+from teleop_drake.arrays import Array
 from teleop_drake.blocks.robots.base import PlantRobotConfig
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL, SolveInverseKinematics
 from teleop_drake.recording import Recording
@@ -19,7 +20,7 @@ INSIDE = np.stack(
 """Points in m (15, 2) inside of the way round of two_dof_learning."""
 
 
-def CommandedPath(recording: Recording) -> np.ndarray:
+def CommandedPath(recording: Recording) -> Array:
     """Returns where the command has led the tool, in m (T, n).
 
     That is the integral of the velocity command as it arrives at the slave of direct
@@ -32,7 +33,7 @@ def CommandedPath(recording: Recording) -> np.ndarray:
     return np.asarray(scenario.robot.start + way)
 
 
-def PathDistance(recording: Recording) -> np.ndarray:
+def PathDistance(recording: Recording) -> Array:
     """Returns how far the tool is from where the command has led it, in m (T,)."""
     error = recording["tool_position"] - CommandedPath(recording)
     return np.linalg.norm(error, axis=1)
@@ -68,7 +69,7 @@ def UnrepresentedShare(
     return float(np.linalg.norm(b - A @ weights) / np.linalg.norm(b))
 
 
-def WeightDrift(scenario: Scenario, points: ArrayLike) -> np.ndarray:
+def WeightDrift(scenario: Scenario, points: ArrayLike) -> Array:
     """Returns what gravity adds to ds/dt at points, in m/s^2 (M, n).
 
     That is (I + Lambda D_e) J M^-1 tau_g, which a law that knows nothing of gravity
@@ -101,9 +102,7 @@ def WeightDrift(scenario: Scenario, points: ArrayLike) -> np.ndarray:
     return np.array(drifts) @ (np.eye(n) + Lambda @ D_e).T
 
 
-def UnlearnedWeight(
-    recording: Recording, points: ArrayLike, drift: np.ndarray
-) -> float:
+def UnlearnedWeight(recording: Recording, points: ArrayLike, drift: Array) -> float:
     """Returns what the first network has not learned of the weight, as rms share.
 
     Its weights are those at the end of the run.

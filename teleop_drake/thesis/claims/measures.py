@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import CONTACT
 from teleop_drake.recording import Recording
 from teleop_drake.thesis.runs import Run
@@ -39,7 +40,7 @@ def During(recording: Recording, begin: float, end: float) -> np.ndarray:
     return (recording.time >= begin) & (recording.time <= end)
 
 
-def Amplitude(recording: Recording, begin: float, end: float) -> np.ndarray:
+def Amplitude(recording: Recording, begin: float, end: float) -> Array:
     """Returns the largest |v - v_d| per axis between two times."""
     v = recording["tool_velocity"][During(recording, begin, end)]
     v_d = np.asarray(recording.teleoperation.surgeon.velocity)
@@ -58,7 +59,7 @@ def RiseTime(recording: Recording) -> float:
     return float(recording.time[reached[0]]) if len(reached) else math.inf
 
 
-def PathError(recording: Recording) -> np.ndarray:
+def PathError(recording: Recording) -> Array:
     """Returns the largest position error before the contact, as a share of the way.
 
     The position asked for is where v_d leads from the start on as it arrives at the
@@ -74,7 +75,7 @@ def PathError(recording: Recording) -> np.ndarray:
     return np.asarray(error) / -float(surface.Depth(scenario.robot.start))
 
 
-def ForceRate(recording: Recording) -> np.ndarray:
+def ForceRate(recording: Recording) -> Array:
     """Returns dF_e/dt along x in N/s (N,), from the materials; jumps are left out.
 
     Args:
@@ -92,7 +93,7 @@ def ForceRate(recording: Recording) -> np.ndarray:
     return np.asarray(k * v + d * a)
 
 
-def BasisFunctions(recording: Recording, count: int | None = None) -> np.ndarray:
+def BasisFunctions(recording: Recording, count: int | None = None) -> Array:
     """Returns the networks' basis functions Phi (T, N) at the samples of a run.
 
     Args:
@@ -105,7 +106,7 @@ def BasisFunctions(recording: Recording, count: int | None = None) -> np.ndarray
     return np.array([network.evaluate(u) for u in recording["tool_position"]])
 
 
-def Rms(recording: Recording, values: np.ndarray) -> float:
+def Rms(recording: Recording, values: Array) -> float:
     """Returns the rms over time of a signal (T,)."""
     square = values**2
     steps = np.diff(recording.time)
@@ -113,7 +114,7 @@ def Rms(recording: Recording, values: np.ndarray) -> float:
     return math.sqrt(total / float(recording.time[-1] - recording.time[0]))
 
 
-def Late(recording: Recording, values: np.ndarray) -> np.ndarray:
+def Late(recording: Recording, values: Array) -> Array:
     """Returns the rms per axis of a signal (T, n) over the last quarter of a run."""
     kept = recording.time >= 0.75 * recording.time[-1]
     last = dataclasses.replace(recording, time=recording.time[kept])

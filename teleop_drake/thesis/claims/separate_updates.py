@@ -4,7 +4,6 @@ Each stage of backstepping adapts by its own error: W1 and Psi by P s, W3 by z. 
 tuning functions W1 and Psi adapt by P s + G1^T Psi^-T z instead (4.21, 5.20).
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from teleop_drake.laws.backstepping import (
     pack_state,
     unpack_state,
 )
+from teleop_drake.validation import Config
 
 
 def SeparateRate(gains: BacksteppingGains, *taken: Any) -> Array:
@@ -51,7 +51,7 @@ class SeparateUpdates(AdaptiveBackstepping):
     law = ("separate_updates", SeparateRate, adaptive_errors)
 
 
-@dataclass(kw_only=True, eq=False)
+@Config
 class SeparateUpdatesConfig(AdaptiveBacksteppingConfig):
     """Chapters 4 and 5 without tuning functions."""
 
