@@ -17,7 +17,9 @@ def delivered_force(friction: Array, F: Array, v: Array) -> Array:
         friction: [F_C in N, v_s in m/s, B in N s/m]; F_C, B >= 0, v_s > 0.
         v: Velocity of the tool in m/s (n).
     """
-    F_C, v_s, B = friction[0], friction[1], friction[2]
+    F_C = friction[0]
+    v_s = friction[1]
+    B = friction[2]
     return F - (F_C * v / np.sqrt(v * v + v_s**2) + B * v)
 
 
@@ -64,7 +66,8 @@ def next_random(generator: Array) -> tuple[Array, Array]:
         The numbers (n), and [x_1; x_2] (2n).
     """
     n = generator.size // 2
-    x_1, x_2 = 40014 * generator[:n], 40692 * generator[n:]
+    x_1 = 40014 * generator[:n]
+    x_2 = 40692 * generator[n:]
     x_1 = x_1 - 2147483563 * np.floor(x_1 / 2147483563)
     x_2 = x_2 - 2147483399 * np.floor(x_2 / 2147483399)
     difference = x_1 - x_2

@@ -307,7 +307,8 @@ def damped_rate(
         numpy.linalg.LinAlgError: If Psi is singular.
     """
     F_c, W1, Psi, W3 = state
-    G2, Psi_min = gains.G2, gains.Psi_min
+    G2 = gains.G2
+    Psi_min = gains.Psi_min
     Psi_inv = np.linalg.inv(Psi)
     dF = F_c - F_e
 
@@ -377,7 +378,8 @@ def known(
         F_e: Force the robot exerts on the environment in N (n).
         F_hd: The operator's force in N (n).
     """
-    state, r_dot = unpack_state(x, v.size), position_rate(r, v)
+    state = unpack_state(x, v.size)
+    r_dot = position_rate(r, v)
     if network.widths.size > r.size:
         r_dot = np.concatenate((r_dot, state.Psi @ (state.F_c - F_e)))
         r = np.concatenate((r, v))

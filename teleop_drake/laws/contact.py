@@ -75,12 +75,17 @@ def wall_force(
         p_WT: Position of the tool in m (n).
         v_WT: Its velocity in m/s (n).
     """
-    point, normal = plane[0], plane[1]
-    depth, speed = np.sum((p_WT - point) * normal), np.sum(v_WT * normal)
-    k, p, alpha = normal_law[0], normal_law[1], normal_law[2]
+    point = plane[0]
+    normal = plane[1]
+    depth = np.sum((p_WT - point) * normal)
+    speed = np.sum(v_WT * normal)
+    k = normal_law[0]
+    p = normal_law[1]
+    alpha = normal_law[2]
     F_n = hunt_crossley_force(k, p, alpha, depth, speed)
     v_t = translation(v_WT - speed * normal)
-    mu, v_s = friction_law[0], friction_law[1]
+    mu = friction_law[0]
+    v_s = friction_law[1]
     return F_n * (normal + mu / np.sqrt(np.sum(v_t * v_t) + v_s * v_s) * v_t)
 
 

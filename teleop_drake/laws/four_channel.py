@@ -50,10 +50,14 @@ def master_rate(
     station: Station, M: Array, x: Array, F_h: Array, packet: Array
 ) -> Array:
     """Returns d/dt [x_m; v_m] of the master (2n), with M in kg (n, n) of its handle."""
-    start, C4 = station.start, station.motion
+    start = station.start
+    C4 = station.motion
     n = F_h.size
-    x_m, v_m = x[:n], x[n:]
-    x_s, v_s, F_e = packet[:n], packet[n : 2 * n], packet[2 * n :]
+    x_m = x[:n]
+    v_m = x[n:]
+    x_s = packet[:n]
+    v_s = packet[n : 2 * n]
+    F_e = packet[2 * n :]
     F = (1 + station.local_force) * F_h - station.force * F_e
     F -= station.local_stiffness @ _stretch(C4, x_m, x_s, start)
     # The handle's own damping and the controller's act on the same velocity.
@@ -65,9 +69,12 @@ def slave_force(
     station: Station, packet: Array, p: Array, v: Array, F_e: Array
 ) -> Array:
     """Returns F_c of the slave in N (n)."""
-    start, C1 = station.start, station.motion
+    start = station.start
+    C1 = station.motion
     n = p.size
-    x_m, v_m, F_h = packet[:n], packet[n : 2 * n], packet[2 * n :]
+    x_m = packet[:n]
+    v_m = packet[n : 2 * n]
+    F_h = packet[2 * n :]
     F: Array = station.force * F_h - station.local_force * F_e
     F -= station.local_stiffness @ _stretch(C1, p, x_m, start)
     F += station.local_damping @ (C1 * v_m - v) + C1 * station.damping @ v_m

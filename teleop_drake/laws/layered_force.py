@@ -44,9 +44,11 @@ def layered_force(layer: Array, axis: Array, p_WT: Array, v_WT: Array) -> Array:
         p_WT: Position of the tool in m (n).
         v_WT: Its velocity in m/s (n).
     """
-    along, point = axis[0], axis[1]
+    along = axis[0]
+    point = axis[1]
     _, stiffness, reference, damping, lateral_stiffness = layer
-    x, v = np.sum(p_WT * along), np.sum(v_WT * along)
+    x = np.sum(p_WT * along)
+    v = np.sum(v_WT * along)
     F_x = stiffness * (x - reference) + damping * v
     offset = p_WT - point
     lateral = translation(offset - np.sum(offset * along) * along)

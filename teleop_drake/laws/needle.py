@@ -60,12 +60,14 @@ def needle_wrench(path: NeedlePath, mode: Array, r: Array, v: Array) -> Array:
         r: [p; theta] in m and rad (6).
         v: [v; w] in m/s and rad/s (6).
     """
-    a, u = path.inwards, rotated(r[3:], path.needle)
+    a = path.inwards
+    u = rotated(r[3:], path.needle)
     tip = r[:3] - path.entry
     along = np.sum(u * a)
     x = np.sum(tip * a)
     e = tip - x * a - x * x / 2 * path.bend
-    F, M = path.stiffness / 2 * np.sum(e * e) * a, np.zeros(3)
+    F = path.stiffness / 2 * np.sum(e * e) * a
+    M = np.zeros(3)
     for share in _POINTS:
         xi = share * x
         arm = (xi - x) / along * u

@@ -119,7 +119,9 @@ def _muscles_and_arm(
 ) -> Array:
     """Returns d/dt [v_i, y, w]."""
     n = human.velocity.size
-    v_i, y, w = state[:n], state[n : 2 * n], state[2 * n : 3 * n]
+    v_i = state[:n]
+    y = state[n : 2 * n]
+    w = state[2 * n : 3 * n]
     dv_i = (human.crossover * error - v_i) / human.lag
     dw = (-haptic_force - human.damping * w - human.stiffness * y) / human.mass
     return np.concatenate((dv_i, w, dw))

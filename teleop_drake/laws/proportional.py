@@ -29,7 +29,8 @@ def master_rate(
 ) -> Array:
     """Returns d/dt [x_m; v_m] of the master in m/s and m/s^2 (2n)."""
     n = F_h.size
-    x_m, v_m = x[:n], x[n:]
+    x_m = x[:n]
+    v_m = x[n:]
     F = F_h - coupling_force(x_m, x_s, K) - B @ v_m
     return np.concatenate((position_rate(x_m, v_m), np.linalg.solve(M, F)))
 

@@ -106,10 +106,12 @@ def robust_damping(
     gains: BacksteppingGains, bounds: RobustBounds, s: Array
 ) -> tuple[Array, Array]:
     """Returns h(s) in m/s^2 (n) and H(s) in 1/s (n, n) for the auxiliary error s."""
-    P, G1 = gains.P, gains.G1
+    P = gains.P
+    G1 = gains.G1
     u = P @ s
     norm = smooth_norm(u, bounds.eps1)
-    share, direction = bounds.rho1 / norm, u / norm
+    share = bounds.rho1 / norm
+    direction = u / norm
     slope = G1 + share * (P - direction[:, np.newaxis] * (P @ direction))
     return G1 @ s + share * u, slope
 

@@ -192,7 +192,8 @@ def orientation_torque(
     v: Array,
 ) -> Array:
     """Returns the torque that holds the tool's orientation, in N m or N (nv)."""
-    w, zeta = gains.frequency, gains.damping_ratio
+    w = gains.frequency
+    zeta = gains.damping_ratio
     omega = J_w @ v
     y = -w * w * orientation_error(R_0, R) - 2 * zeta * w * omega
     J, y = np.concatenate((J_v, J_w)), np.concatenate((np.zeros(len(J_v)), y))
@@ -208,7 +209,8 @@ def _torque(
     gains: PostureGains, M: Array, J: Array, y: Array, q_0: Array, q: Array, v: Array
 ) -> Array:
     """Returns M a + J^T Lambda (y - J a)."""
-    w, zeta = gains.frequency, gains.damping_ratio
+    w = gains.frequency
+    zeta = gains.damping_ratio
     a = w * w * (q_0 - q) - 2 * zeta * w * v
     # A = X^T X with X = L^-1 J^T, M = L L^T.
     X = _forward(_factor(M), J.T)

@@ -133,7 +133,8 @@ def tracking_force(
 ) -> Array:
     """Returns the control force F_c in N (n) (3.18); task_dynamics() has dynamics."""
     n = s.size
-    M_r, h_r = dynamics[: n * n].reshape(n, n), dynamics[n * n :]
+    M_r = dynamics[: n * n].reshape(n, n)
+    h_r = dynamics[n * n :]
     a = a_d - gains.Lambda @ (v - v_d) - gains.G1 @ s
     return disturbance_estimate(weights, Phi) + h_r + M_r @ a
 
@@ -143,7 +144,8 @@ def weights_rate(
 ) -> Array:
     """Returns dW/dt in N/s, row by row (3.27, its sign corrected)."""
     n = s.size
-    M_r, W = dynamics[: n * n].reshape(n, n), weights.reshape(n, Phi.size)
+    M_r = dynamics[: n * n].reshape(n, n)
+    W = weights.reshape(n, Phi.size)
     g = np.linalg.inv(M_r.T) @ s
     return np.ravel(-gains.beta * (np.outer(g, Phi) + gains.nu * W))
 
@@ -163,7 +165,8 @@ def coupled_disturbance(K: Array, r: Array, v: Array) -> Array:
 
     The terms have the units that make K times them N; K in N/m fits the first ones.
     """
-    (x, z), (x_dot, z_dot) = r, v
+    (x, z) = r
+    (x_dot, z_dot) = v
     terms = np.array(
         [
             x + x_dot * z + 2 * z_dot * x + z * z,

@@ -140,18 +140,22 @@ class AdaptiveBackstepping(FixedBlock):
         bounds: RobustBounds | None = None,
     ):
         name, rate, errors = self.law
-        n, N = gains.num_axes, network.num_functions
+        n = gains.num_axes
+        N = network.num_functions
         if network.num_inputs not in (n, 2 * n):
             allowed = f"{n} or {2 * n}, one or two for each task axis"
             Refuse("network.num_inputs", network.num_inputs, allowed)
-        self._n, self._psi_min = n, gains.Psi_min
+        self._n = n
+        self._psi_min = gains.Psi_min
         constants: dict[str, Any] = {} if bounds is None else {"bounds": bounds}
         constants |= {"gains": gains.as_numbers(), "network": network.as_numbers()}
         taken = (
             *constants, "state", "tool_position", "tool_velocity", "velocity_command",
             "environment_force", "haptic_force",
         )  # fmt: skip
-        W1, Psi, W3 = n, n + n * N, n + n * N + n * n
+        W1 = n
+        Psi = n + n * N
+        W3 = n + n * N + n * n
         FixedBlock.__init__(
             self,
             name,
@@ -180,7 +184,8 @@ class AdaptiveBackstepping(FixedBlock):
         """Returns whether Psi came to its limit in a run; a recording notes that."""
         if "psi" not in signals:
             return []
-        n, limit = self._n, (1 + _AT_LIMIT) * self._psi_min
+        n = self._n
+        limit = (1 + _AT_LIMIT) * self._psi_min
         psi = signals["psi"].reshape(-1, n, n)
         # A bound of Psi's smallest singular value, of which most are found without.
         size = np.sqrt((psi**2).sum(axis=(1, 2)) / max(n - 1, 1))
@@ -265,7 +270,9 @@ class NetworkConfig(FixedFields):
 
     def MakeNetwork(self) -> GaussianNetwork:
         """Makes the basis functions."""
-        lower, upper, count = self.lower, self.upper, self.count
+        lower = self.lower
+        upper = self.upper
+        count = self.count
         if self.has_velocity:
             assert self.velocity_range is not None
             speeds = np.full(len(count), self.velocity_range)
@@ -359,7 +366,8 @@ class BacksteppingParameters(FixedFields):
 
     def CheckInitialPsi(self, facts: Facts, path: str = "controller") -> None:
         """Refuses a Psi that cannot be inverted at time 0, or would not stay so."""
-        psi, n = self.InitialPsi(facts, path), facts.num_axes
+        psi = self.InitialPsi(facts, path)
+        n = facts.num_axes
         if (
             (isinstance(self.initial_psi, float) and self.initial_psi <= 0)
             or psi.shape != (n, n)
@@ -399,7 +407,8 @@ class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
     def Resolve(self, facts: Facts, path: str) -> BacksteppingGains:
         """Returns the gains with Psi at time 0, which can be inverted."""
         self.CheckInitialPsi(facts, path)
-        n, beta = facts.num_axes, self.adaptation_rate
+        n = facts.num_axes
+        beta = self.adaptation_rate
         return BacksteppingGains(
             **{name: GainMatrix(getattr(self, name), n) for name in _GAINS},
             beta1=beta if self.beta1 is None else self.beta1,

@@ -254,7 +254,8 @@ class FourChannelConfig(ArchitectureConfig):
 
     def Resolve(self, facts: Facts, path: str) -> Any:
         """Returns the config with every default derived."""
-        n, factors = facts.num_axes, FOUR_CHANNEL_VARIANTS[self.variant]
+        n = facts.num_axes
+        factors = FOUR_CHANNEL_VARIANTS[self.variant]
         variant = dict(zip(("C1", "C2", "C3", "C4"), factors, strict=True))
         derived: dict[str, Any] = {
             name: value
@@ -267,7 +268,8 @@ class FourChannelConfig(ArchitectureConfig):
                 setattr(config, local, exchanged - 1 if exchanged else 0.0)
         w = self.bandwidth
         if w is None:
-            w, T = facts.DevicePole(), facts.round_trip
+            w = facts.DevicePole()
+            T = facts.round_trip
             w = min(w, 1 / T) if T > 0 else w
         M_m = GainMatrix(self.master_mass, n)
         B_s = self.slave_damping

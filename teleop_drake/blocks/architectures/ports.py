@@ -74,7 +74,8 @@ def AsChannel(name: str, system: Any, size: int) -> System:
     if system.num_input_ports() != 1 or system.num_output_ports() != 1:
         counts = f"{system.num_input_ports()} and {system.num_output_ports()}"
         Refuse(f"{name}: inputs and outputs", counts, "one of each")
-    source, target = system.get_output_port(), system.get_input_port()
+    source = system.get_output_port()
+    target = system.get_input_port()
     CheckPorts(
         name,
         system,

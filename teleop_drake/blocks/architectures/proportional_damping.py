@@ -194,7 +194,8 @@ class ProportionalDampingConfig(ArchitectureConfig):
 
     def Resolve(self, facts: Facts, path: str) -> Any:
         """Returns the config with every default derived."""
-        n, B_m = facts.num_axes, self.master_damping
+        n = facts.num_axes
+        B_m = self.master_damping
         if B_m is None:
             B_m = facts.OperatorResistance(f"{path}.master_damping")
         B_m = GainMatrix(B_m, n)

@@ -77,10 +77,12 @@ class SmithPredictorMaster(Diagram):
         Diagram.__init__(self)
         n = num_axes
         M_inverse = np.linalg.inv(config.Gain("mass", n))
-        B, K = config.Gain("damping", n), config.Gain("stiffness", n)
+        B = config.Gain("damping", n)
+        K = config.Gain("stiffness", n)
         delay: Any = config.delay
         CheckNumber("delay", delay, "s", minimum=0)
-        nothing, one = np.zeros((n, n)), np.eye(n)
+        nothing = np.zeros((n, n))
+        one = np.eye(n)
         model = LinearSystem(
             np.block([[nothing, one], [-M_inverse @ K, -M_inverse @ B]]),
             np.vstack([nothing, M_inverse]),
@@ -146,7 +148,9 @@ class SmithPredictorConfig(ArchitectureConfig):
     def Resolve(self, facts: Facts, path: str) -> Any:
         """Returns the config with every default derived."""
         n = facts.num_axes
-        mass, damping, stiffness = self.mass, self.damping, self.stiffness
+        mass = self.mass
+        damping = self.damping
+        stiffness = self.stiffness
         local = GainMatrix(self.local_damping, n)
         if mass is None:
             mass = facts.Told("inertia", f"{path}.mass")
@@ -169,7 +173,8 @@ class SmithPredictorConfig(ArchitectureConfig):
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes both sides."""
         config = self.Resolve(facts, path)
-        n, local = facts.num_axes, config.local_damping
+        n = facts.num_axes
+        local = config.local_damping
         law = (
             DampedForce(num_axes=n, damping=local)
             if np.any(local)

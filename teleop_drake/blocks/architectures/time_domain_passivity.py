@@ -206,7 +206,8 @@ class PassivitySlave(_Idle, SlaveSide):
     }
 
     def __init__(self, config: "TimeDomainPassivityConfig", *, num_axes: int):
-        n, names = num_axes, ("horizon", "maximum_damping", "initial_energy")
+        n = num_axes
+        names = ("horizon", "maximum_damping", "initial_energy")
         F: Name = ("forward_packet", 0, n)
         SlaveSide.__init__(
             self,
@@ -311,7 +312,8 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes both sides."""
-        config, n = self.Resolve(facts, path), facts.num_axes
+        config = self.Resolve(facts, path)
+        n = facts.num_axes
         facts.CheckStrictlyProper(self.kind)
         return Architecture(
             master_side=PassivityMaster(config, num_axes=n),

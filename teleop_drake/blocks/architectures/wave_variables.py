@@ -87,7 +87,8 @@ class WaveMaster(MasterSide):
     def __init__(self, config: "WaveVariablesConfig", *, start: ArrayLike):
         start = CheckStart(start)
         n = start.size
-        b, D = config.Gain("impedance", n), config.Gain("master_damping", n)
+        b = config.Gain("impedance", n)
+        D = config.Gain("master_damping", n)
         CheckNumber("return_scaling", config.return_scaling, above=0, maximum=1)
         is_matched = np.allclose(D, b, rtol=1e-12, atol=0)
         # Where nothing is reflected the arriving wave must not be looked at: without a
@@ -221,7 +222,8 @@ class WaveVariablesConfig(ArchitectureConfig):
 
     def Resolve(self, facts: Facts, path: str) -> Any:
         """Returns the config with every default derived."""
-        n, impedance = facts.num_axes, self.impedance
+        n = facts.num_axes
+        impedance = self.impedance
         if impedance is None:
             impedance = facts.OperatorResistance(f"{path}.impedance")
         damping = impedance if self.master_damping is None else self.master_damping

@@ -247,7 +247,8 @@ def outside(before: Array, ends: Array, axis: Array, mode: Array, p_WT: Array) -
     Not negative from the end on, and from the last number before the begin back: at
     the begin, the tool is inside.
     """
-    x, layer = np.sum(p_WT * axis[0]), int(mode[0])
+    x = np.sum(p_WT * axis[0])
+    layer = int(mode[0])
     return np.array([max(x - ends[layer], before[layer] - x)])
 
 

@@ -17,7 +17,10 @@ from teleop_drake.validation import CheckVector, Config, Number, Refuse
 
 # What the operator does: moves and looks for the motion, watches it, sees the tool at
 # rest, is at the goal.
-_MOVES, _WATCHES, _SEES_REST, _IS_THERE = 0.0, 1.0, 2.0, 3.0
+_MOVES = 0.0
+_WATCHES = 1.0
+_SEES_REST = 2.0
+_IS_THERE = 3.0
 
 # A tool that covers less than this share of the tolerance in a reaction time rests.
 _REST = 0.1

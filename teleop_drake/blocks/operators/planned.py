@@ -218,7 +218,8 @@ class PlannedConfig(OperatorConfig):
         self, *, start: ArrayLike, contact_surface: Surface | None = None
     ) -> PlannedOperator:
         """Makes the block; see OperatorConfig.MakeOperator."""
-        n, modes = np.size(self.velocity), self.Modes(contact_surface)
+        n = np.size(self.velocity)
+        modes = self.Modes(contact_surface)
         return PlannedOperator(plan=self.MakePlan(), num_axes=n, **modes)
 
     def LongestStep(self) -> float:
@@ -261,7 +262,8 @@ class SineConfig(PlannedConfig):
 
     def MakePlan(self) -> Plan:
         """Returns the sine."""
-        v_d, w = np.asarray(self.velocity, dtype=float), float(self.frequency)
+        v_d = np.asarray(self.velocity, dtype=float)
+        w = float(self.frequency)
         return Plan(
             velocity=(swinging_velocity, "time", "velocity", "frequency"),
             parameters={"velocity": v_d, "frequency": w},
@@ -297,13 +299,15 @@ class MinimumJerkConfig(PlannedConfig):
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field; see OperatorConfig.Check."""
         super().Check(path, num_axes)
-        previous, name = [0.0] * num_axes, "start"
+        previous = [0.0] * num_axes
+        name = "start"
         for i, point in enumerate(self.waypoints):
             place = f"{path}.waypoints.{i}"
             CheckVector(place, point, num_axes, "m")
             if np.array_equal(point, previous):
                 Refuse(place, point, f"another point than the {name}")
-            previous, name = point, "waypoint before"
+            previous = point
+            name = "waypoint before"
         # The rate of a rotation vector is the angular velocity about a fixed axis.
         turns = np.array([point[3:] for point in self.waypoints])
         if turns.size and np.linalg.matrix_rank(turns) > 1:

@@ -59,7 +59,8 @@ class ArmConfig(DrivenArmConfig):
         except (RuntimeError, ValueError, SystemExit) as e:
             reason = " ".join(str(e).split())
             Refuse("file", self.file, f"a model of one open chain ({reason})")
-        nv, nu = plant.num_velocities(), plant.num_actuators()
+        nv = plant.num_velocities()
+        nu = plant.num_actuators()
         B = plant.MakeActuationMatrix()
         if B.shape != (nv, nv) or not np.array_equal(B @ B.T, np.eye(nv)):
             allowed = (

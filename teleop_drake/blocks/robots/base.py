@@ -114,8 +114,10 @@ class PlantRobotConfig(RobotConfig):
 
     def JointPositions(self, p_WT: ArrayLike) -> Array:
         """Returns the q with the tool at a point that is nearest to the posture."""
-        plant, r = self.LoadPlant(), np.asarray(p_WT, dtype=float)
-        posture, R_WT = self.Posture(plant), None
+        plant = self.LoadPlant()
+        r = np.asarray(p_WT, dtype=float)
+        posture = self.Posture(plant)
+        R_WT = None
         if r.size == 6:
             CheckRotation("start", r)
             R_WT = RotationOf(r) @ ToolRotation(plant, posture)

@@ -41,7 +41,8 @@ MAX_FREQUENCY = 1000.0
 
 # The measure det A of laws.task_space at which damping begins, and what it grows to;
 # assumed. The Puma's pose of the scenarios has 0.02.
-_NEAR, _DAMPING = 1e-3, 1e-2
+_NEAR = 1e-3
+_DAMPING = 1e-2
 
 
 @Config
@@ -123,7 +124,8 @@ class DrivenArmConfig(PlantRobotConfig):
         if self.hold != "orientation":
             return super().JointPositions(p_WT)
         plant = self.LoadPlant()
-        posture, nv = self.Posture(plant), plant.num_velocities()
+        posture = self.Posture(plant)
+        nv = plant.num_velocities()
         if nv < self.num_axes + 3 or self.num_axes == 6:
             allowed = f"none or posture for {self.num_axes} axes and {nv} joints"
             Refuse("hold", self.hold, allowed)
@@ -132,7 +134,8 @@ class DrivenArmConfig(PlantRobotConfig):
 
     def MakeRobot(self, *, gravity: ArrayLike | None = None) -> Diagram:
         """Makes the block; see robot_diagram.MakeRobotDiagram."""
-        plant, q = self.LoadPlant(gravity), self.JointPositions(self.start)
+        plant = self.LoadPlant(gravity)
+        q = self.JointPositions(self.start)
         return MakeRobotDiagram(
             plant=plant,
             num_axes=self.num_axes,

@@ -20,7 +20,9 @@ _MINIMUM_CONDITION = 0.01
 """Least ratio of the smallest to the largest singular value of the tool's Jacobian.
 Assumed; the two-link arm's own limit, |sin(q2)| >= 0.05, is about the same."""
 
-_MOST_STEPS, _LONGEST_STEP, _SHORTEST_STEP = 60, 0.3, 1e-15
+_MOST_STEPS = 60
+_LONGEST_STEP = 0.3
+_SHORTEST_STEP = 1e-15
 """Of Newton's method where a rotation is asked for, and how far one goes, rad or m."""
 
 _NUM_GUESSES = 12
@@ -99,7 +101,8 @@ class _Target:
 
     def __init__(self, plant: MultibodyPlant, p: Array, R: Array | None):
         self.p = p
-        self._plant, self._R = plant, R
+        self._plant = plant
+        self._R = R
         self._context = plant.CreateDefaultContext()
         self._tool = plant.GetFrameByName(TOOL)
 
@@ -113,8 +116,10 @@ class _Target:
         from pydrake.multibody.inverse_kinematics import InverseKinematics
 
         problem = InverseKinematics(self._plant)
-        program, world = problem.get_mutable_prog(), self._plant.world_frame()
-        n, origin = self.p.size, np.zeros(3)
+        program = problem.get_mutable_prog()
+        world = self._plant.world_frame()
+        n = self.p.size
+        origin = np.zeros(3)
         point = np.append(self.p, np.zeros(3 - n))
         if posture is None:
             C = np.diag([1.0] * n + [0.0] * (3 - n))

@@ -26,7 +26,8 @@ class _Compensation:
         self._Declare(other.model.ToAutoDiffXd())
 
     def _CalcTorque(self: Any, context: Any, output: Any) -> None:
-        model, model_context = self.model, self._model_context
+        model = self.model
+        model_context = self._model_context
         model.SetPositionsAndVelocities(model_context, self._state.Eval(context))
         output.SetFromVector(-model.CalcGravityGeneralizedForces(model_context))
 

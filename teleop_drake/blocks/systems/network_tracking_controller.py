@@ -44,7 +44,8 @@ class _Tracking:
         # Working memory only: every calculation sets its state before it is read.
         self._plant_context = plant.CreateDefaultContext()
         self._origin = np.zeros(3)
-        n, N = gains.num_axes, network.num_functions
+        n = gains.num_axes
+        N = network.num_functions
         sizes = dict.fromkeys(_DESIRED + _FELT, n)
         sizes["joint_position"] = plant.num_positions()
         sizes["joint_velocity"] = plant.num_velocities()
@@ -57,13 +58,15 @@ class _Tracking:
 
     def Mirror(self: Any, other: Any) -> None:
         """Declares the ports of another block, and takes its law."""
-        plant, name = other.plant.ToAutoDiffXd(), other.tool_frame.name()
+        plant = other.plant.ToAutoDiffXd()
+        name = other.tool_frame.name()
         self._Declare(other.gains, other.network, plant, name)
 
     def _DeclareOutputs(self: Any, n: int, N: int) -> None:
         """Declares the outputs, each with what it depends on, and what they share."""
         tickets = {name: {port.ticket()} for name, port in self._ports.items()}
-        state, position = {self.xc_ticket()}, tickets["tool_position"]
+        state = {self.xc_ticket()}
+        position = tickets["tool_position"]
         joints = tickets["joint_position"] | tickets["joint_velocity"]
         errors = set().union(*(tickets[name] for name in _DESIRED[:2] + _FELT))
 
@@ -112,11 +115,13 @@ class _Tracking:
         return context.get_continuous_state_vector().CopyToVector()
 
     def _CalcDynamics(self: Any, context: Any, output: Any) -> None:
-        plant, plant_context = self.plant, self._plant_context
+        plant = self.plant
+        plant_context = self._plant_context
         q, qdot = self._In(context, "joint_position", "joint_velocity")
         plant.SetPositions(plant_context, q)
         plant.SetVelocities(plant_context, qdot)
-        world, n = plant.world_frame(), self.gains.num_axes
+        world = plant.world_frame()
+        n = self.gains.num_axes
         of_tool = (plant.get_frame(self._tool_frame), self._origin, world, world)
         Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
             plant_context, JacobianWrtVariable.kV, *of_tool

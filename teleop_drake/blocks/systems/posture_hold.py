@@ -35,7 +35,8 @@ class _Hold:
 
     def Mirror(self: Any, other: Any) -> None:
         """Declares the ports of another block, and holds what it does."""
-        self.num_axes, self.gains = other.num_axes, other.gains
+        self.num_axes = other.num_axes
+        self.gains = other.gains
         self._q_0, self._R_0 = other.held
         self._keeps_orientation = self._R_0 is not None
         tool = other.plant.get_body(other._tool)
@@ -47,13 +48,15 @@ class _Hold:
         return np.array(pose.rotation().matrix())
 
     def _CalcTorque(self: Any, context: Any, output: Any) -> None:
-        plant, plant_context = self.plant, self._plant_context
+        plant = self.plant
+        plant_context = self._plant_context
         x = self._state.Eval(context)
         plant.SetPositionsAndVelocities(plant_context, x)
         q, v = np.split(x, 2)
         tool = plant.get_body(self._tool)
         J = SpatialJacobian(plant, plant_context, tool.body_frame())
-        J_w, J_v = J[:3], np.concatenate((J[3:], J[:3]))[: self.num_axes]
+        J_w = J[:3]
+        J_v = np.concatenate((J[3:], J[:3]))[: self.num_axes]
         M = plant.CalcMassMatrix(plant_context)
         if self._keeps_orientation:
             R = self._ToolRotation()
@@ -112,11 +115,13 @@ class PostureHold(_Hold, Convertible):
         keeps_orientation: bool,
     ):
         Convertible.__init__(self)
-        nv, rows = plant.num_velocities(), num_axes + 3 * keeps_orientation
+        nv = plant.num_velocities()
+        rows = num_axes + 3 * keeps_orientation
         CheckVector("joint_positions", joint_positions, nv, "rad or m")
         if rows > nv:
             Refuse("num_axes", num_axes, f"{nv - 3 * keeps_orientation} or less")
-        self.num_axes, self.gains = num_axes, gains
+        self.num_axes = num_axes
+        self.gains = gains
         self._keeps_orientation = keeps_orientation
         self._Declare(plant, tool_name)
         self._q_0 = np.array(joint_positions, dtype=float)

@@ -44,7 +44,8 @@ class _Interface:
         if T is float:
             self._tool_kinematics = CompiledLaw(tool_kinematics, n)
             self._joint_torques = CompiledLaw(joint_torques)
-        self.num_task_axes, self.R_WP = n, R_WP
+        self.num_task_axes = n
+        self.R_WP = R_WP
 
         self._plant_state = self.DeclareVectorInputPort(
             "plant_state", plant.num_multibody_states()
@@ -80,7 +81,8 @@ class _Interface:
 
     def _CalcKinematics(self, context: Any, output: Any) -> None:
         x = self._plant_state.Eval(context)
-        plant, plant_context = self.plant, self._plant_context
+        plant = self.plant
+        plant_context = self._plant_context
         plant.SetPositionsAndVelocities(plant_context, x)
         tool = plant.get_body(self._tool)
         X_WT = plant.EvalBodyPoseInWorld(plant_context, tool).GetAsMatrix34()
