@@ -53,9 +53,10 @@ class _ToolState(NamedTuple):
 
 def _at_tool(tool: Tool, q: Array, v: Array) -> _ToolState:
     """Returns the dynamics at a tool; the acceleration is that without v_dot."""
-    tree, link, point = tool.tree, tool.link, tool.pose[:, 3]
+    tree, link, pose = tool
+    point = pose[:, 3]
     motion = rigid_body.calc_motion(tree, q, v)
-    R = motion.R[link + 1] @ tool.pose[:, :3]
+    R = motion.R[link + 1] @ pose[:, :3]
     p, J = rigid_body.calc_jacobian(tree, motion, link, point)
     M, bias = rigid_body.calc_dynamics(tree, motion, v)
     rest = np.zeros(len(v))
@@ -154,7 +155,8 @@ def body_accelerations(
         rate: What plant_rate() returns.
     """
     q, v = np.split(state, 2)
-    motion, v_dot = rigid_body.calc_motion(tree, q, v), rate[len(v) :]
+    motion = rigid_body.calc_motion(tree, q, v)
+    v_dot = rate[len(v) :]
     a = rigid_body.calc_point_accelerations(tree, motion, links, points, v, v_dot)
     return a.ravel()
 
@@ -200,7 +202,8 @@ def hold_orientation(
     """Returns task_space.orientation_torque() of a plant whose state is [q; v]."""
     q, v = np.split(state, 2)
     at = _at_tool(tool, q, v)
-    J_v, J_w = at.J[3 : 3 + num_axes], at.J[:3]
+    J_v = at.J[3 : 3 + num_axes]
+    J_w = at.J[:3]
     return task_space.orientation_torque(gains, at.M, J_v, J_w, R_0, at.R, q_0, q, v)
 
 
@@ -219,9 +222,11 @@ def _ReadTool(
 
 def TrackingKernel(controller: NetworkTrackingController) -> Kernel:
     """Returns the kernel of the controller of chapter 3, which knows a plant."""
-    plant, frame, network = controller.plant, controller.tool_frame, controller.network
+    plant = controller.plant
+    frame = controller.tool_frame
+    network = controller.network
     X_BF = frame.CalcPoseInBodyFrame(plant.CreateDefaultContext())
-    n, N = network.num_inputs, network.num_functions
+    n = network.num_inputs
     motion = ("tool_position", "tool_velocity", "desired_position", "desired_velocity")
     law = ("gains", "dynamics", "state", "basis", "auxiliary_error")
     return Kernel(
@@ -243,15 +248,16 @@ def TrackingKernel(controller: NetworkTrackingController) -> Kernel:
             "disturbance_estimate": (tracking.disturbance_estimate, "state", "basis"),
             "weights_1": "state",
         },
-        sizes={"basis": N, "dynamics": n * n + n},
+        sizes={"basis": network.num_functions, "dynamics": n * n + n},
     )  # fmt: skip
 
 
 def ToolKernel(block: ToolInterface) -> Kernel:
     """Returns the kernel of the block between a plant and the task space."""
-    plant, body, num_axes = block.plant, block.tool_index, block.num_task_axes
+    body = block.tool_index
+    num_axes = block.num_task_axes
     return Kernel(
-        parameters={"tool": _ReadTool(plant, body), "R_WP": block.R_WP},
+        parameters={"tool": _ReadTool(block.plant, body), "R_WP": block.R_WP},
         outputs={
             "tool_kinematics": (tool_motion, "tool", num_axes, "R_WP", "plant_state"),
             "tool_acceleration": (
@@ -262,7 +268,7 @@ def ToolKernel(block: ToolInterface) -> Kernel:
                 "tool_kinematics",
             ),
         },
-        sizes={"body_spatial_accelerations": 6 * plant.num_bodies()},
+        sizes={"body_spatial_accelerations": 6 * block.plant.num_bodies()},
     )  # fmt: skip
 
 

@@ -110,7 +110,8 @@ class CompiledRun:
             first_step=0.1 * max_step,
             room=_CHUNK,
         )
-        self._times, self._rows = np.empty(0), np.empty((0, len(start.y)))
+        self._times = np.empty(0)
+        self._rows = np.empty((0, len(start.y)))
         self._num_rows = 0
         self._chunk = _CHUNK if is_checked else _FIRST_CHUNK
         self._integrate: Callable[..., Any] = integrator.advance
@@ -232,7 +233,8 @@ class CompiledRun:
             # What is not written takes no memory.
             times, rows = self.Rows()
             room = max(2 * len(times), _FIRST_CHUNK + 4 * _CHUNK)
-            self._times, self._rows = np.empty(room), np.empty((room, rows.shape[1]))
+            self._times = np.empty(room)
+            self._rows = np.empty((room, rows.shape[1]))
             self._times[:first] = times
             self._rows[:first] = rows
         self.memory = self.memory._replace(

@@ -141,11 +141,13 @@ class DelayLine:
                 return math.inf
             early = late
             late = min(late + delay(late), end)
-        while early < (middle := (early + late) / 2) < late:
+        middle = (early + late) / 2
+        while early < middle < late:
             if middle - delay(middle) < key:
                 early = middle
             else:
                 late = middle
+            middle = (early + late) / 2
         return late
 
     def _GetHistory(self, context: Context) -> SampleHistory:

@@ -29,6 +29,7 @@ from teleop_drake.recording import Recording
 from teleop_drake.scenario import AsTeleoperation, CheckSteps, Scenario, ScenarioLike
 from teleop_drake.scenario.tree import ToTree
 from teleop_drake.simulation.compiled_run import OutcomeOf
+from teleop_drake.simulation.run import Ending
 from teleop_drake.simulation.simulate import MakeRecording
 from teleop_drake.validation import CheckNumber
 
@@ -373,8 +374,7 @@ class Side(Half):
             self.run,
             (time, signals, straight_steps(time)),
             max(float(np.ptp(time)), 1e-9),
-            self._termination,
-            self.reason or "",
+            Ending(self._termination, self.reason or ""),
         )
         return MakeRecording(*self.model, outcome, [])
 

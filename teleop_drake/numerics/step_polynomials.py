@@ -94,7 +94,8 @@ def interpolate(times: Array, values: Array, steps: Indices, query: Array) -> Ar
     """
     if len(steps) == 0:
         return np.repeat(values[-1:], len(query), axis=0)
-    begin, end = times[steps[:, 0]], times[steps[:, -1]]
+    begin = times[steps[:, 0]]
+    end = times[steps[:, -1]]
     i = np.clip(np.searchsorted(begin, query) - 1, 0, None)
     at = np.clip((query - begin[i]) / (end[i] - begin[i]), 0.0, 1.0)
     weights = lagrange(at, steps.shape[1] - 1)
@@ -110,11 +111,13 @@ def part(series: Series, begin: float, end: float) -> Series:
         end: Until when, s, later.
     """
     times, signals, steps = series
-    starts, ends = times[steps[:, 0]], times[steps[:, -1]]
+    starts = times[steps[:, 0]]
+    ends = times[steps[:, -1]]
     kept = np.flatnonzero((ends > begin) & (starts < end))
     if len(kept) == 0:
         return times[:1], {name: x[:1] for name, x in signals.items()}, steps[:0]
-    i, j = kept[0], kept[-1]
+    i = kept[0]
+    j = kept[-1]
     # Both sides of a jump at an end are kept.
     first = min(steps[i, 0], np.searchsorted(times, begin))
     last = max(steps[j, -1], np.searchsorted(times, end, "right") - 1)

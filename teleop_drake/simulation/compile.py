@@ -179,7 +179,8 @@ class CompiledScenario:
         """Returns the scenario with changes, and what runs it."""
         scenario, fields = Overridden(self._scenario, changes)
         CheckSteps(scenario)
-        if why := WhyNotSolved(scenario.simulator):
+        why = WhyNotSolved(scenario.simulator)
+        if why:
             raise NeedsAnotherProgram(f"{_Named(changes)}: {why}")
         parts = self._Parts(scenario, fields)
         compiled = None if parts is None else _With(self._compiled, parts, scenario)
@@ -306,7 +307,8 @@ def _With(
     compiled: CompiledDiagram, parts: Mapping[str, System], scenario: Any
 ) -> CompiledDiagram | None:
     """Returns a model with other systems in its diagram's places, None if none fits."""
-    program, blocks = compiled.evaluator.program, list(compiled.evaluator.blocks)
+    program = compiled.evaluator.program
+    blocks = list(compiled.evaluator.blocks)
     kernels = list(program.kernels)
     start = Visited(compiled.start.t, *(array.copy() for array in compiled.start[1:]))
     for path, system in parts.items():
@@ -336,7 +338,8 @@ def _With(
     for delay, _, columns in changed.delays:
         start.y[columns] = delay.initial_value
     evaluator = copy.copy(compiled.evaluator)
-    evaluator.blocks, evaluator.program = blocks, changed
+    evaluator.blocks = blocks
+    evaluator.program = changed
     return dataclasses.replace(
         compiled, evaluator=evaluator, start=start, parts=dict(parts)
     )

@@ -23,7 +23,15 @@ from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import NameOf, SignalsOf
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
-from teleop_drake.simulation.run import Interruption, Job, Outcome, Pace
+from teleop_drake.simulation.run import (
+    COMPLETED,
+    INTERRUPTED,
+    Ending,
+    Interruption,
+    Job,
+    Outcome,
+    Pace,
+)
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep, SystemsIn
 from teleop_drake.tasks import TaskOf
@@ -138,7 +146,8 @@ def CompileDiagram(
     Raises:
         CannotCompile: If a block, or the solver, has no machine code.
     """
-    if why := WhyNotSolved(config):
+    why = WhyNotSolved(config)
+    if why:
         raise CannotCompile(why)
     context = StartOf(diagram, context, continues=continues)
     try:
@@ -205,7 +214,8 @@ def StartFed(
         diagram.GetInputPort(name).FixValue(context, values)
     compiled = CompileDiagram(diagram, config, context)
     compiled.Check()
-    blocks, fed = compiled.evaluator.blocks, compiled.evaluator.program.fed
+    blocks = compiled.evaluator.blocks
+    fed = compiled.evaluator.program.fed
     places = {blocks[i].system.get_name(): place for (i, _), place in fed.items()}
     return compiled.Start(config, end), compiled.places, places
 
@@ -223,7 +233,8 @@ def WhyNotCompiled(scenario: AnyScenario) -> str:
 
     Nothing is compiled for that.
     """
-    if why := WhyNotSolved(scenario.simulator):
+    why = WhyNotSolved(scenario.simulator)
+    if why:
         return why
     try:
         diagram = TaskOf(scenario).MakeDiagram(scenario)
@@ -240,16 +251,18 @@ def _Run(run: CompiledRun, job: Job, places: dict[str, slice]) -> Outcome:
         places: Where in a row the signals are that are recorded, by their names.
     """
     limit = job.speed_limit
-    begin, end = run.start.t, run.start.t + job.duration
+    begin = run.start.t
+    end = begin + job.duration
     pace = Pace(job.duration, begin)
     start = clock.monotonic()
     # Without a tool, whatever is computed has to stay finite.
     watched = places.get("tool_velocity", slice(None))
     steps: list[Indices] = []
-    termination, reason, is_too_fast = "completed", "", False
+    ending = COMPLETED
+    is_too_fast = False
     with Interruption() as interruption:
         while run.time < end - same_within(end) and not (
-            steps and (reason or interruption.has_come)
+            steps and (ending.reason or interruption.has_come)
         ):
             num_before = len(run.Rows()[0])
             _, rows, new_steps = run.Advance(end)
@@ -259,27 +272,26 @@ def _Run(run: CompiledRun, job: Job, places: dict[str, slice]) -> Outcome:
             too_fast = speeds[~(speeds <= limit.speed)]
             if too_fast.size > 0:
                 is_too_fast = bool(np.isfinite(too_fast[0]))
-                termination, reason = "diverged", limit.Reason(too_fast[0])
+                ending = Ending("diverged", limit.Reason(too_fast[0]))
                 del run.visited[-1:]  # Beyond the limit numbers are of any size.
             elif run.failure or run.error is not None:
-                termination, reason = "diverged", _ReasonOf(run)
+                ending = Ending("diverged", _ReasonOf(run))
             if job.progress is not None:
                 job.progress(run.time)
     if interruption.has_come:  # However it ended, as in Drake's Simulator.
-        termination, reason = "interrupted", "interrupted by the user"
+        ending = INTERRUPTED
     times, rows = run.Rows()
     signals = {name: rows[:, place] for name, place in places.items()}
     series = times, signals, np.concatenate(steps)
     wall_time = clock.monotonic() - start
-    return OutcomeOf(run, series, wall_time, termination, reason, is_too_fast)
+    return OutcomeOf(run, series, wall_time, ending, is_too_fast)
 
 
 def OutcomeOf(
     run: CompiledRun | None,
     series: Series,
     wall_time: float,
-    termination: str,
-    reason: str,
+    ending: Ending,
     is_too_fast: bool = False,
 ) -> Outcome:
     """Returns the outcome of a run; None: of a driver, nothing is simulated."""
@@ -290,8 +302,7 @@ def OutcomeOf(
         steps=int(counts[STEPS]),
         derivative_evaluations=int(counts[EVALUATIONS]),
         wall_time=wall_time,
-        termination=termination,
-        reason=reason,
+        ending=ending,
         is_too_fast=is_too_fast,
     )
 
@@ -313,8 +324,8 @@ def SignalPlaces(evaluator: Evaluator, diagram: System) -> dict[str, slice]:
     """
     places = {}
     for name, port in SignalsOf(diagram).items():
-        system, index = port.get_system(), int(port.get_index())
-        source = OutputOf(evaluator.blocks, system, index)
+        index = int(port.get_index())
+        source = OutputOf(evaluator.blocks, port.get_system(), index)
         if source not in evaluator.program.signals:
             block = evaluator.blocks[source.block].system
             raise UnsupportedSystem(block, f"its kernel has no output {source.port}")

@@ -26,7 +26,15 @@ from teleop_drake.simulation.failures import (
     NamingBlocks,
     ReasonOfDivergence,
 )
-from teleop_drake.simulation.run import Interruption, Job, Outcome, Pace
+from teleop_drake.simulation.run import (
+    COMPLETED,
+    INTERRUPTED,
+    Ending,
+    Interruption,
+    Job,
+    Outcome,
+    Pace,
+)
 from teleop_drake.simulation.simulator import (
     EVENT_ACCURACY,
     MakeSimulator,
@@ -61,13 +69,13 @@ def RunInDrake(job: Job) -> Outcome:
     simulator = _MakeSimulator(job)
     run = _DrakeRun(simulator, job)
     simulator.set_monitor(run.Monitor if _IsDense(job) else run.PlainMonitor)
-    termination, reason = "completed", ""
+    ending = COMPLETED
     start = clock.monotonic()
     with run.interruption as interruption:
         try:
             status = _Advance(simulator, run, job)
             if not run.is_over and _IsTerminated(simulator, status):
-                termination, reason = "terminated", status.message()
+                ending = Ending("terminated", status.message())
         except KeyboardInterrupt:
             if not run.has_begun:  # There is nothing to record.
                 raise
@@ -78,17 +86,17 @@ def RunInDrake(job: Job) -> Outcome:
                 raise
             is_controlled = not simulator.get_integrator().get_fixed_step_mode()
             reason = ReasonOfDivergence(error, has_error_control=is_controlled)
-            termination = "diverged"
+            ending = Ending("diverged", reason)
     if interruption.has_come:  # However it ended: more runs may be to come.
-        termination, reason = "interrupted", "interrupted by the user"
+        ending = INTERRUPTED
     elif run.failure:
-        termination, reason = "diverged", run.failure
+        ending = Ending("diverged", run.failure)
     wall_time = clock.monotonic() - start
     # The samples know the Context, and pydrake keeps the Simulator alive with that.
     simulator.clear_monitor()
     steps, evaluations, _ = _Counts(simulator)
     series = run.recorder.Finish()
-    if termination == "completed":
+    if ending == COMPLETED:
         series[0][-1] = job.end  # The last step ends there but for rounding.
     outcome = Outcome(
         engine="drake",
@@ -96,8 +104,7 @@ def RunInDrake(job: Job) -> Outcome:
         steps=steps,
         derivative_evaluations=evaluations,
         wall_time=wall_time,
-        termination=termination,
-        reason=reason,
+        ending=ending,
         is_too_fast=bool(run.failure),
         final_context=simulator.get_context().Clone(),
     )
@@ -212,7 +219,8 @@ class Recorder:
             self._rows.append((time, values))
             return values
         state = root.get_continuous_state_vector().CopyToVector()
-        rate, mode = self._RateIn(root), DiscreteState(root)
+        rate = self._RateIn(root)
+        mode = DiscreteState(root)
         if self._rows and time > self._rows[-1][0]:
             self._inner_context.SetTimeStateAndParametersFrom(root)
             if not np.array_equal(mode, self._mode):
@@ -220,7 +228,9 @@ class Recorder:
             self._SampleInside(time, state, rate)
             self._step_ends.append(len(self._rows))
         self._rows.append((time, values))
-        self._state, self._rate, self._mode = state, rate, mode
+        self._state = state
+        self._rate = rate
+        self._mode = mode
         return values
 
     def Last(self) -> tuple[float, list[np.ndarray]]:
@@ -278,7 +288,8 @@ class _DrakeRun:
     """
 
     def __init__(self, simulator: Simulator, job: Job):
-        self._simulator, self._job = simulator, job
+        self._simulator = simulator
+        self._job = job
         self._pace = Pace(job.duration, job.start)
         self._num_samples = 0
         self.recorder = Recorder(

@@ -11,7 +11,7 @@ from teleop_drake.arrays import Array
 from teleop_drake.laws.task_space import MAX_ROTATION
 from teleop_drake.numerics.pieces import Pieces, first_upwards
 from teleop_drake.numerics.step_polynomials import part
-from teleop_drake.simulation.run import Outcome
+from teleop_drake.simulation.run import Ending, Outcome
 from teleop_drake.tasks.base import SpeedLimit
 
 # How far a joint may be past its limit, rad or m: rounding errors of a pose at it.
@@ -102,8 +102,7 @@ def EndAtBound(diagram: Diagram, limit: SpeedLimit, run: Outcome) -> None:
     run.series = part(run.series, times[0], ends[first])
     # How fast the tool was is known to what ended the run.
     if first is not speed:
-        run.termination = "diverged"
-        run.reason = first.name + first.detail
+        run.ending = Ending("diverged", first.name + first.detail)
 
 
 def JointRanges(diagram: Diagram) -> dict[str, tuple[float, float]]:

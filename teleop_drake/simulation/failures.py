@@ -106,7 +106,8 @@ def NamingBlocks() -> Iterator[None]:
 
 def _BlockOf(error: BaseException) -> str:
     """Returns the path of the block whose Python raised an error; empty: none's."""
-    path, traceback = "", error.__traceback__
+    path = ""
+    traceback = error.__traceback__
     while traceback is not None:
         for name in ("self", "block"):  # A method's, and a KernelBlock's callback's.
             block = traceback.tb_frame.f_locals.get(name)

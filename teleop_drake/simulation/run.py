@@ -58,6 +58,23 @@ class Job(NamedTuple):
         return self.start + self.duration
 
 
+class Ending(NamedTuple):
+    """How a run has ended.
+
+    Attributes:
+        termination: As in Recording, and so is the reason.
+        reason: Why it did not complete.
+    """
+
+    termination: str
+    reason: str = ""
+
+
+COMPLETED = Ending("completed")
+INTERRUPTED = Ending("interrupted", "interrupted by the user")
+"""A run that was ended by Ctrl-C, whatever else was about to end it."""
+
+
 @dataclass(kw_only=True)
 class Outcome:
     """The outcome of a run.
@@ -68,8 +85,7 @@ class Outcome:
         steps: Number of steps taken.
         derivative_evaluations: Number of evaluations of the time derivatives.
         wall_time: Real time that it took, in s.
-        termination: As in Recording, and so is the reason.
-        reason: Why it did not complete.
+        ending: How it has ended.
         is_too_fast: Whether it ended because the tool was faster than allowed.
         channels: As in Recording.
         final_context: As in Recording.
@@ -80,8 +96,7 @@ class Outcome:
     steps: int
     derivative_evaluations: int
     wall_time: float
-    termination: str
-    reason: str
+    ending: Ending
     is_too_fast: bool
     channels: dict[str, PacketStatistics] = field(default_factory=dict)
     final_context: Context | None = None
@@ -120,9 +135,10 @@ class Pace:
         Raises:
             ScenarioError: If it would take more than 2 000 000 steps, as it goes on.
         """
-        steps, gone = num_steps - self._num_steps, time - self._time
+        steps = num_steps - self._num_steps
         if steps < _STRETCH:
             return
+        gone = time - self._time
         ahead = self._start + self._duration - time
         if num_steps * gone + steps * ahead > _MOST_STEPS * gone:
             allowed = f"at most {time - self._start:.3g} s here"
@@ -132,7 +148,8 @@ class Pace:
                 f"events, that the last {steps} steps came {gone:.2g} s further, and "
                 f"more than {_MOST_STEPS} would be needed"
             )
-        self._num_steps, self._time = num_steps, time
+        self._num_steps = num_steps
+        self._time = time
 
 
 class Interruption:

@@ -291,11 +291,11 @@ def NotesOnSinks(paths: Sequence[str]) -> list[str]:
 
 def _EndWhereFinite(run: Outcome) -> None:
     """Leaves out, in place, what a diverged run has after its last finite numbers."""
-    if run.termination != "diverged":
+    if run.ending.termination != "diverged":
         return
     run.series = finite_part(run.series)
     if len(run.series[0]) == 0:
-        raise ValueError(f"the run has no start: {run.reason}")
+        raise ValueError(f"the run has no start: {run.ending.reason}")
 
 
 def _CheckTeleoperator(
@@ -392,8 +392,8 @@ def MakeRecording(
             real_time_factor=float(time[-1] - time[0]) / run.wall_time,
         ),
         channels=run.channels,
-        termination=run.termination,
-        reason=run.reason,
+        termination=run.ending.termination,
+        reason=run.ending.reason,
         has_constant_command=model.has_constant_command,
     )
     recording.FindLater(events=find_events, notes=FindNotes)

@@ -170,7 +170,8 @@ class TeleoperatorSimulator(Simulator):
             status = self.Initialize()
             if self.IsEndedByOthers(status):
                 return status
-        stepping, context = self._stepping, self.get_context()
+        stepping = self._stepping
+        context = self.get_context()
         assert stepping is not None
         while True:
             if stepping.IsAtDiscreteUpdate(context.get_time()):

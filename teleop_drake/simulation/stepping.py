@@ -167,7 +167,8 @@ class Stepping:
             Whether AdvanceTo() has to end here.
         """
         time = root_context.get_time()
-        before, self._motions = self._motions, self._FindMotions(root_context)
+        before = self._motions
+        self._motions = self._FindMotions(root_context)
         for last, motion in zip(before, self._motions, strict=False):
             if (last.depth < 0) != (motion.depth < 0):
                 self._crossing_time = time
