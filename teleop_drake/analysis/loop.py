@@ -79,7 +79,7 @@ from teleop_drake.kernel.linear_part import (
     HeldForce,
     LinearPartOf,
 )
-from teleop_drake.numerics.delay_margin import closed_loop_matrix
+from teleop_drake.numerics.crossings import closed_loop_matrix
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.teleoperator import MakeTeleoperator

@@ -37,9 +37,8 @@ from numpy.typing import NDArray
 from teleop_drake.analysis.loop_model import CutLoop, LoopModel, Motion
 from teleop_drake.arrays import ComplexArray
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
+from teleop_drake.numerics.crossings import Crossing, closed_loop_matrix
 from teleop_drake.numerics.delay_margin import (
-    Crossing,
-    closed_loop_matrix,
     delay_margin,
     find_crossings,
     is_delay_robust,

@@ -26,7 +26,7 @@ from teleop_drake.blocks.environments import ShownNormal
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakePanels, NameAxes, NameColumns, Panels
 from teleop_drake.figures.style import GREY, WIDTH, AddLegend, Figure, Key
-from teleop_drake.numerics.delay_margin import eigenloci, sweep_frequencies
+from teleop_drake.numerics.crossings import eigenloci, sweep_frequencies
 from teleop_drake.scenario import Scenario
 from teleop_drake.signals import AxesOf
 from teleop_drake.validation import Refuse

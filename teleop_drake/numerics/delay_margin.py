@@ -35,25 +35,22 @@ as a polynomial times s^k g(s, T), it does where g(0, T), a polynomial in T, is 
 """
 
 import math
-from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from teleop_drake.arrays import Array, ComplexArray, Indices
+from teleop_drake.numerics.crossings import (
+    AXIS_TOLERANCE,
+    Crossing,
+    closed_loop_matrix,
+    crossings_between,
+    sweep_frequencies,
+)
 from teleop_drake.numerics.state_space import StateSpace
-from teleop_drake.validation import Refuse
-
-# Relative accuracy of what counts as on the imaginary axis.
-_AXIS_TOLERANCE = 1e-8
 
 # A mode this slow, relative to the norm of A, is at 0: several there, as one Jordan
 # block, are found no more accurately.
 _SLOW = 1e-6
-
-# A magnitude this close to 1 may be so by rounding.
-_MAGNITUDE_TOLERANCE = 1e-10
 
 # Points of the circle about 0 on which derivatives at s = 0 are taken, its radius as a
 # share of the slowest mode that is not neutral, and the largest radius times delay.
@@ -65,112 +62,6 @@ _LARGEST_TURN = 10.0
 # the imaginary part of one of its roots smaller than this, relative to the root.
 _NEGLIGIBLE_COEFFICIENT = 1e-9
 _NEGLIGIBLE_IMAGINARY = 1e-6
-
-# Points of the first sweep, and around each pole.
-_NUM_SWEEP_POINTS = 2000
-_NUM_POLE_POINTS = 80
-
-# Points of each finer sweep around one of them, and how many sweeps find an extremum.
-_NUM_INNER_POINTS = 17
-_NUM_EXTREMUM_SWEEPS = 12
-
-# An extremum of log |l| farther than this from 0 is no crossing in disguise.
-_NEAR_CROSSING = 0.5
-
-
-@dataclass(frozen=True, kw_only=True)
-class Crossing:
-    """A frequency at which roots cross the imaginary axis.
-
-    Attributes:
-        frequency: w >= 0 in rad/s, a gain crossover of an eigenlocus. 0: a real root
-            passes the neutral ones.
-        delay: The smallest delay >= 0 at which they do, in s; the others follow in
-            steps of 2 pi/w, if w > 0.
-        direction: +1: to the right, towards instability; -1: to the left.
-    """
-
-    frequency: float
-    delay: float
-    direction: int
-
-    @property
-    def phase_margin(self) -> float:
-        """Phase in rad, 0 to 2 pi, that the delay takes until the roots cross."""
-        return self.frequency * self.delay
-
-
-class Response(Protocol):
-    """What has a frequency response: a StateSpace, also with delays in it."""
-
-    def frequency_response(self, frequencies: Array) -> ComplexArray:
-        """Returns L(j w) (K, m, m)."""
-
-
-def eigenloci(loop: Response, frequencies: Array) -> ComplexArray:
-    """Returns the eigenvalues of L(j w) by descending magnitude (K, m).
-
-    Args:
-        loop: L, with as many inputs as outputs (m).
-        frequencies: w in rad/s (K).
-    """
-    response = loop.frequency_response(frequencies)
-    values = np.linalg.eigvals(response).astype(complex)
-    order = np.argsort(-np.abs(values), axis=1, kind="stable")
-    return np.take_along_axis(values, order, axis=1)
-
-
-def closed_loop_matrix(loop: StateSpace) -> Array:
-    """Returns A of the closed loop without delay: A - B (I + D)^-1 C.
-
-    Raises:
-        ValueError: If I + D is singular: the loop is not well posed without delay.
-    """
-    feedthrough = np.eye(len(loop.D)) + loop.D
-    if len(loop.D) and np.linalg.cond(feedthrough) > 1e12:
-        Refuse("loop.D", loop.D, "such that I + D is not singular")
-    return loop.A - loop.B @ np.linalg.solve(feedthrough, loop.C)
-
-
-def sweep_frequencies(loop: StateSpace, more_poles: ArrayLike = ()) -> Array:
-    """Returns ascending frequencies in rad/s on which L(j w) shows all it does.
-
-    They lie logarithmically, and close together around each pole near the axis, from
-    far below the slowest mode to where |L(j w)| has come within reach of D.
-
-    Args:
-        more_poles: Others near which the frequencies are to lie close together.
-    """
-    poles = np.concatenate([np.linalg.eigvals(loop.A), np.asarray(more_poles)])
-    closed_loop_modes = np.linalg.eigvals(closed_loop_matrix(loop))
-    modes = np.abs(np.concatenate([poles, closed_loop_modes]))
-    high = _highest_frequency(loop)
-    slow_modes = modes[modes > 1e-9 * high]
-    slowest = min(float(slow_modes.min(initial=high)), high)
-    low = 1e-4 * slowest
-    frequencies = [np.geomspace(low, high, _NUM_SWEEP_POINTS)]
-    for pole in poles[poles.imag > low]:
-        # The peak of a pole is as wide as the pole is far from the axis.
-        width = max(abs(pole.real), 1e-9 * abs(pole))
-        offsets = np.geomspace(width / 8, abs(pole), _NUM_POLE_POINTS)
-        frequencies.append(pole.imag + offsets)
-        frequencies.append(pole.imag - offsets)
-    # np.unique() imports all of numpy.ma.
-    result = np.sort(np.concatenate(frequencies))
-    is_new = np.diff(result, prepend=-np.inf) > 0
-    is_inside = (result >= low) & (result <= high)
-    return result[is_new & is_inside]
-
-
-def _highest_frequency(loop: StateSpace) -> float:
-    """Returns the frequency in rad/s from which on |L(j w)| < 1, if |D| < 1.
-
-    It follows from |C (j w - A)^-1 B| <= |B| |C|/(w - |A|).
-    """
-    gain = float(np.linalg.norm(loop.B) * np.linalg.norm(loop.C))
-    feedthrough = float(np.linalg.norm(loop.D, 2)) if loop.D.size else 0.0
-    left_over = max(1 - feedthrough, 0.01)
-    return 1.01 * (float(np.linalg.norm(loop.A)) + gain / left_over + 1e-3)
 
 
 def find_crossings(loop: StateSpace) -> list[Crossing]:
@@ -185,84 +76,12 @@ def find_crossings(loop: StateSpace) -> list[Crossing]:
     return sorted(crossings, key=lambda crossing: crossing.frequency)
 
 
-def crossings_between(loop: Response, grid: Array) -> list[Crossing]:
-    """Returns where the eigenloci of a response cross the unit circle.
-
-    Args:
-        grid: Ascending frequencies in rad/s, dense enough for all that it does.
-    """
-    gains = _gains(loop, grid)
-    return [
-        crossing
-        for locus in range(gains.shape[1])
-        for crossing in _crossings_of_locus(loop, grid, gains[:, locus], locus)
-    ]
-
-
-def _crossings_of_locus(
-    loop: Response, grid: Array, gains: Array, locus: int
-) -> list[Crossing]:
-    """Returns where an eigenlocus crosses the unit circle.
-
-    Args:
-        grid: Frequencies in rad/s (K).
-        gains: log |l| of the eigenlocus there (K).
-        locus: Its number among the eigenloci.
-    """
-    w, g = _add_extrema(loop, grid, gains, locus)
-    # A neutral root is where |l| tends to 1 for w to 0: no crossing.
-    is_sure = np.abs(g) > _MAGNITUDE_TOLERANCE
-    w = w[is_sure]
-    is_above = g[is_sure] > 0
-    crossings = []
-    for k in np.flatnonzero(is_above[:-1] != is_above[1:]):
-        starts_above = bool(is_above[k])
-        frequency = _find_crossing(loop, locus, w[k], w[k + 1], starts_above)
-        crossing = Crossing(
-            frequency=frequency,
-            delay=_phase_to_cross(loop, locus, frequency) / frequency,
-            direction=1 if starts_above else -1,
-        )
-        crossings.append(crossing)
-    return crossings
-
-
-def _find_crossing(
-    loop: Response, locus: int, low: float, high: float, starts_above: bool
-) -> float:
-    """Returns where |l| passes 1 between two frequencies, in rad/s, to the last digit.
-
-    Args:
-        starts_above: Whether |l| > 1 at the lower frequency; at the higher one it is on
-            the other side.
-    """
-    while low < np.nextafter(high, 0):
-        w = np.linspace(low, high, _NUM_INNER_POINTS)
-        is_above = _gains(loop, w)[:, locus] > 0
-        # Rounding must not move the ends to the other side.
-        is_above[0] = starts_above
-        is_above[-1] = not starts_above
-        first_changed = int(np.argmax(is_above != starts_above))
-        low = w[first_changed - 1]
-        high = w[first_changed]
-    return float(high)
-
-
-def _phase_to_cross(loop: Response, locus: int, frequency: float) -> float:
-    """Returns the phase in rad, 0 to 2 pi, by which a delay turns l(j w) to -1."""
-    value = complex(eigenloci(loop, np.array([frequency]))[0, locus])
-    phase = float(np.angle(value) + np.pi) % (2 * np.pi)
-    # Rounding must not make a whole turn of none.
-    is_whole_turn = phase > 2 * np.pi * (1 - _AXIS_TOLERANCE)
-    return 0.0 if is_whole_turn else phase
-
-
 def neutral_root_count(loop: StateSpace) -> int:
     """Returns the number of roots at s = 0, the same for every delay."""
     if loop.num_states == 0:
         return 0
     sizes = np.linalg.svd(closed_loop_matrix(loop), compute_uv=False)
-    return int(np.sum(sizes <= _AXIS_TOLERANCE * np.linalg.norm(loop.A)))
+    return int(np.sum(sizes <= AXIS_TOLERANCE * np.linalg.norm(loop.A)))
 
 
 def is_delay_robust(loop: StateSpace) -> bool:
@@ -277,7 +96,7 @@ def is_delay_robust(loop: StateSpace) -> bool:
     """
     if not loop.D.size:
         return True
-    return bool(np.max(np.abs(np.linalg.eigvals(loop.D))) < 1 - _AXIS_TOLERANCE)
+    return bool(np.max(np.abs(np.linalg.eigvals(loop.D))) < 1 - AXIS_TOLERANCE)
 
 
 def unstable_roots(
@@ -311,7 +130,7 @@ def unstable_roots(
         # A pair passes, at every delay that turns the phase as far.
         period = 2 * math.pi / crossing.frequency
         delay = crossing.delay
-        if delay < _AXIS_TOLERANCE * period:
+        if delay < AXIS_TOLERANCE * period:
             # The pair is on the axis without delay.
             count += 2 * (crossing.direction > 0)
             delay += period
@@ -338,7 +157,7 @@ def _unstable_without_delay(loop: StateSpace, slow: float) -> int:
     roots = np.linalg.eigvals(closed_loop_matrix(loop))
     roots = roots[np.abs(roots) > max(slow, _SLOW * size)]
     scale = np.maximum(np.abs(roots), 1e-3 * size)
-    return int(np.sum(roots.real > _AXIS_TOLERANCE * scale))
+    return int(np.sum(roots.real > AXIS_TOLERANCE * scale))
 
 
 def stable_delays(
@@ -404,7 +223,7 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
         is_real = abs(root.imag) <= _NEGLIGIBLE_IMAGINARY * abs(root)
         if not is_real or root.real < 0:
             continue
-        if root.real < _AXIS_TOLERANCE:
+        if root.real < AXIS_TOLERANCE:
             num_without_delay += 1
             continue
         delay = g.unit * float(root.real)
@@ -488,62 +307,3 @@ class _ReducedDeterminant:
         matrix[:, n:, :n] = loop.C
         matrix[:, n:, n:] = np.eye(m) + loop.D * z
         return matrix
-
-
-def _gains(loop: Response, frequencies: Array) -> Array:
-    """Returns log |l| of all eigenloci (K, m)."""
-    return np.log(np.maximum(np.abs(eigenloci(loop, frequencies)), 1e-300))
-
-
-def _add_extrema(loop: Response, w: Array, g: Array, locus: int) -> tuple[Array, Array]:
-    """Adds the extrema at which g = log |l| changes sign between two points.
-
-    Args:
-        w: Frequencies in rad/s, ascending (K).
-        g: log |l| of the eigenlocus there (K).
-        locus: Its number among the eigenloci.
-
-    Returns:
-        Frequencies, ascending, and log |l| there.
-    """
-    added_w = []
-    added_g = []
-    for k in _closest_points(g):
-        sign = 1.0 if g[k] > 0 else -1.0
-        frequency, value = _least_gain(loop, locus, w[k - 1], w[k + 1], sign)
-        if sign * value < 0:
-            added_w.append(frequency)
-            added_g.append(value)
-    all_w = np.concatenate([w, added_w])
-    all_g = np.concatenate([g, added_g])
-    order = np.argsort(all_w)
-    return all_w[order], all_g[order]
-
-
-def _closest_points(g: Array) -> Indices:
-    """Returns the inner points at which g comes closest to 0 without a crossing."""
-    before = g[:-2]
-    here = g[1:-1]
-    after = g[2:]
-    size = np.abs(here)
-    is_least = (size <= np.abs(before)) & (size <= np.abs(after))
-    is_above = here > 0
-    is_on_one_side = (is_above == (before > 0)) & (is_above == (after > 0))
-    # Where |l| is 1, as next to a neutral root, rounding makes extrema of its own.
-    is_sure = size > _MAGNITUDE_TOLERANCE
-    is_near = size < _NEAR_CROSSING
-    return np.flatnonzero(is_least & is_on_one_side & is_sure & is_near) + 1
-
-
-def _least_gain(
-    loop: Response, locus: int, low: float, high: float, sign: float
-) -> tuple[float, float]:
-    """Returns where sign * log |l| is least between two frequencies, and log |l|."""
-    for _ in range(_NUM_EXTREMUM_SWEEPS):
-        w = np.geomspace(low, high, _NUM_INNER_POINTS)
-        values = _gains(loop, w)[:, locus]
-        # Not one of the ends: the extremum is between its two neighbours.
-        least = int(np.clip(np.argmin(sign * values), 1, len(w) - 2))
-        low = w[least - 1]
-        high = w[least + 1]
-    return float(w[least]), float(values[least])

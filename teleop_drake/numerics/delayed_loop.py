@@ -21,7 +21,7 @@ import numpy as np
 
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
-from teleop_drake.numerics.delay_margin import (
+from teleop_drake.numerics.crossings import (
     Crossing,
     crossings_between,
     eigenloci,

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from delayed_systems import Retarded, Scalar
 from grids import Slow
 from scipy.linalg import eigvals
 
@@ -27,28 +28,6 @@ def stable_delays(loop, max_delay):
 
 def unstable_roots(loop, max_delay):
     return numerics.unstable_roots(loop, max_delay, find_crossings(loop))
-
-
-def Retarded(A0, A1):
-    """The loop of dx/dt = A0 x + A1 x(t - T)."""
-    A0, A1 = np.array(A0, dtype=float), np.array(A1, dtype=float)
-    U, sigma, Vt = np.linalg.svd(A1)
-    rank = int(np.sum(sigma > 1e-12))
-    return StateSpace(
-        A=A0, B=U[:, :rank] * sigma[:rank], C=-Vt[:rank], D=np.zeros((rank, rank))
-    )
-
-
-def Scalar(numerator, denominator):
-    """L(s) = numerator/denominator in controllable canonical form."""
-    den = np.array(denominator, dtype=float)
-    num = np.concatenate([np.zeros(len(den) - len(numerator)), numerator]) / den[0]
-    den = den / den[0]
-    n = len(den) - 1
-    A = np.eye(n, k=1)
-    A[-1] = -den[:0:-1]
-    C = (num[1:] - num[0] * den[1:])[::-1]
-    return StateSpace(A=A, B=np.eye(n)[:, -1:], C=C[None], D=[[num[0]]])
 
 
 @pytest.mark.parametrize(("a", "b"), [(0.0, 1.0), (0.5, 1.0), (-0.5, 1.0), (3.0, 4.0)])
@@ -170,30 +149,6 @@ def test_matrix_pencil_finds_the_same_frequencies(seed):
             loop.A, loop.B, -loop.C, -loop.D, delay=crossing.delay, count=40
         )
         assert np.min(np.abs(roots - 1j * crossing.frequency)) < 1e-6
-
-
-def test_narrow_resonance_is_not_overlooked():
-    """|L| exceeds 1 over 1e-6 of its frequency only."""
-    zeta = 1e-7
-    loop = Scalar([3e-7, 0.0], [1, 2 * zeta, 1])
-    crossings = find_crossings(loop)
-    # |j w g/(1 - w^2 + 2 j zeta w)| = 1: (1 - w^2)^2 = w^2 (g^2 - 4 zeta^2)
-    g = math.sqrt(9e-14 - 4 * zeta**2)
-    expected = [(math.sqrt(g**2 + 4) - g) / 2, (math.sqrt(g**2 + 4) + g) / 2]
-    assert [c.frequency for c in crossings] == [
-        pytest.approx(x, rel=1e-12) for x in expected
-    ]
-    assert [c.direction for c in crossings] == [-1, 1]
-
-
-def test_flat_top_between_two_points_of_the_sweep():
-    """|L| just exceeds 1 between two neighbours of the sweep."""
-    a = 0.6
-    # |1/(s^2 + a s + 1)| peaks at w^2 = 1 - a^2/2 with 1/(a sqrt(1 - a^2/4)).
-    peak = 1 / (a * math.sqrt(1 - a**2 / 4))
-    for share, num_crossings in ((1 + 1e-9, 2), (1 - 1e-9, 0)):
-        crossings = find_crossings(Scalar([share / peak], [1, a, 1]))
-        assert len(crossings) == num_crossings
 
 
 def test_identical_axes_cross_twice():

@@ -1,0 +1,32 @@
+"""Crossings of the unit circle that a sweep of the frequency could overlook."""
+
+import math
+
+import pytest
+from delayed_systems import Scalar
+
+from teleop_drake.numerics.delay_margin import find_crossings
+
+
+def test_narrow_resonance_is_not_overlooked():
+    """|L| exceeds 1 over 1e-6 of its frequency only."""
+    zeta = 1e-7
+    loop = Scalar([3e-7, 0.0], [1, 2 * zeta, 1])
+    crossings = find_crossings(loop)
+    # |j w g/(1 - w^2 + 2 j zeta w)| = 1: (1 - w^2)^2 = w^2 (g^2 - 4 zeta^2)
+    g = math.sqrt(9e-14 - 4 * zeta**2)
+    expected = [(math.sqrt(g**2 + 4) - g) / 2, (math.sqrt(g**2 + 4) + g) / 2]
+    assert [c.frequency for c in crossings] == [
+        pytest.approx(x, rel=1e-12) for x in expected
+    ]
+    assert [c.direction for c in crossings] == [-1, 1]
+
+
+def test_flat_top_between_two_points_of_the_sweep():
+    """|L| just exceeds 1 between two neighbours of the sweep."""
+    a = 0.6
+    # |1/(s^2 + a s + 1)| peaks at w^2 = 1 - a^2/2 with 1/(a sqrt(1 - a^2/4)).
+    peak = 1 / (a * math.sqrt(1 - a**2 / 4))
+    for share, num_crossings in ((1 + 1e-9, 2), (1 - 1e-9, 0)):
+        crossings = find_crossings(Scalar([share / peak], [1, a, 1]))
+        assert len(crossings) == num_crossings
