@@ -20,9 +20,8 @@ All functions here are in the part of Python that jit/typed_code compiles.
 import math
 from collections.abc import Callable
 
-import numpy as np
-
 from teleop_drake.arrays import Array
+from teleop_drake.engine.delays import NODES, arrival, fetch
 from teleop_drake.engine.dormand_prince import NUM_STAGES, A, C, E, P
 from teleop_drake.engine.problem import (
     BREAKS,
@@ -44,12 +43,8 @@ from teleop_drake.engine.transitions import (
     note_guards,
 )
 from teleop_drake.numerics.instants import SAME, same_within
-from teleop_drake.numerics.piecewise import NUM_COEFFICIENTS
 
 Evaluate = Callable[..., None]
-
-# Points of a step at which signals are recorded, as shares of the step.
-_NODES = np.array([0, 1 / 4, 1 / 2, 3 / 4, 1])
 
 # Each passage through an integrator makes a jump smoother by one derivative: echoes of
 # echoes beyond this are as smooth as the method needs.
@@ -64,143 +59,6 @@ FULL = 1
 STUCK = 2
 
 
-def _add_past(
-    s: float,
-    is_after: bool,
-    weight: float,
-    d: int,
-    column: int,
-    delays: Delays,
-    memory: Memory,
-) -> None:
-    """Adds a signal as it was at a time to what comes out of its delay."""
-    num = memory.counts[POLYNOMIALS]
-    first = delays.outputs[d]
-    size = delays.sizes[d]
-    # The last polynomial that begins before s, or at s.
-    low = -1
-    high = num - 1
-    while low < high:
-        middle = (low + high + 1) // 2
-        begin = memory.steps[middle, 0]
-        if begin < s - SAME or (is_after and begin <= s + SAME):
-            low = middle
-        else:
-            high = middle - 1
-    if low < 0:
-        for i in range(size):
-            memory.y[first + i] += weight * delays.initial_values[column + i]
-        return
-    begin = memory.steps[low, 0]
-    end = memory.steps[low, 1]
-    theta = min(max((s - begin) / (end - begin), 0.0), 1.0)
-    for a in range(5):
-        share = weight
-        for b in range(5):
-            if a != b:
-                share *= (theta - _NODES[b]) / (_NODES[a] - _NODES[b])
-        for i in range(size):
-            memory.y[first + i] += share * memory.values[low, a, column + i]
-
-
-def _add_sent(
-    s: float, weight: float, d: int, column: int, delays: Delays, memory: Memory
-) -> None:
-    """Adds the value of a signal before the events of an instant; see _add_past."""
-    if abs(s - memory.clock[2]) <= SAME:
-        for i in range(delays.sizes[d]):
-            value = memory.first_values[column + i]
-            memory.y[delays.outputs[d] + i] += weight * value
-    else:
-        _add_past(s, False, weight, d, column, delays, memory)
-
-
-def evaluate_pieces(
-    knots: Array, coefficients: Array, first: int, end: int, x: float
-) -> float:
-    """Returns the value at x of some pieces, beyond their ends that of the nearer end.
-
-    Args:
-        knots: As in piecewise.Pieces, and so are the coefficients.
-        first: The index of the first piece.
-        end: The index after the last piece.
-        x: Where.
-    """
-    low = first
-    high = end - 1
-    while low < high:
-        middle = (low + high + 1) // 2
-        if knots[middle, 0] <= x:
-            low = middle
-        else:
-            high = middle - 1
-    length = knots[low, 1] - knots[low, 0]
-    share = (2 * x - knots[low, 0] - knots[low, 1]) / length
-    share = min(max(share, -1.0), 1.0)
-    value = 0.0
-    for k in range(NUM_COEFFICIENTS):
-        value = value * share + coefficients[low, NUM_COEFFICIENTS - 1 - k]
-    return value
-
-
-def delay_at(t: float, d: int, delays: Delays) -> float:
-    """Returns a delay in s, infinity where packets are shown."""
-    first = delays.piece_ranges[d, 0]
-    end = delays.piece_ranges[d, 1]
-    if first == end:
-        return float(delays.times[d])
-    return evaluate_pieces(delays.knots, delays.coefficients, first, end, t)
-
-
-def _arrival(s: float, d: int, delays: Delays) -> float:
-    """Returns the time t in s at which a value sent at s arrives: t - T(t) = s."""
-    if delays.piece_ranges[d, 0] == delays.piece_ranges[d, 1]:
-        return s + float(delays.times[d])
-    low = s
-    high = s + delay_at(s, d, delays)
-    while high - delay_at(high, d, delays) < s:
-        low = high
-        high = high + delay_at(high, d, delays)
-    middle = (low + high) / 2
-    while low < middle < high:
-        if middle - delay_at(middle, d, delays) < s:
-            low = middle
-        else:
-            high = middle
-        middle = (low + high) / 2
-    return high
-
-
-def _fetch(t: float, delays: Delays, memory: Memory) -> None:
-    """Writes the outputs of the delays into y.
-
-    A jump at the start of the step is included, a later jump is not.
-    """
-    is_after = t <= memory.clock[0]
-    column = 0
-    for d in range(len(delays.times)):
-        first = delays.outputs[d]
-        size = delays.sizes[d]
-        for i in range(size):
-            memory.y[first + i] = 0.0
-        if delays.times[d] < math.inf:
-            s = t - delay_at(t, d, delays)
-            _add_past(s, is_after, 1.0, d, column, delays, memory)
-        elif memory.next_packets[d] == delays.packet_ranges[d, 0]:
-            _add_sent(-math.inf, 1.0, d, column, delays, memory)
-        else:
-            k = memory.next_packets[d] - 1
-            shown = delays.packets[k, 0]
-            sent = delays.packets[k, 1]
-            previous = delays.packets[k, 2]
-            slope = 0.0
-            if previous > -math.inf:
-                slope = (t - shown) / (sent - previous)
-                _add_sent(previous, -slope, d, column, delays, memory)
-            _add_sent(sent, 1.0 + slope, d, column, delays, memory)
-        column += size
-
-
 def _evaluate(
     everything: bool,
     evaluate: Evaluate,
@@ -211,7 +69,7 @@ def _evaluate(
     dx: Array,
 ) -> None:
     """Evaluates the rate and all signals, or those that it and the delays need."""
-    _fetch(t, problem.delays, memory)
+    fetch(t, problem.delays, memory)
     evaluate(t, x, memory.m, problem.p, problem.q, memory.y, dx, everything)
     memory.counts[EVALUATIONS] += 1
 
@@ -259,7 +117,7 @@ def _record_step(
     _write(row + 3, end, memory)
     _keep_node(4, delays, memory)
     for node in range(1, 4):
-        s = _NODES[node] * length
+        s = NODES[node] * length
         _interpolate(s / h, h, memory)
         _evaluate(True, evaluate, t + s, memory.x_stage, problem, memory, memory.dx)
         _write(row + node - 1, t + s, memory)
@@ -333,7 +191,7 @@ def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
                 if abs(after - before) > 1e-9 * (abs(after) + abs(before)):
                     echo = 1
         if echo <= _MAX_ECHO and delays.times[d] < math.inf:
-            _add_break(_arrival(t, d, delays), echo, memory)
+            _add_break(arrival(t, d, delays), echo, memory)
         column += delays.sizes[d]
 
 
@@ -452,8 +310,8 @@ def _find_moment(
     evaluate: Evaluate, h: float, problem: Problem, memory: Memory
 ) -> float:
     """Returns a share of the step at which a guard is due, 1 if there is none."""
-    for node in range(1, 2 * len(_NODES)):
-        share = node / (2 * len(_NODES))
+    for node in range(1, 2 * len(NODES)):
+        share = node / (2 * len(NODES))
         if _is_due_at(share, evaluate, h, problem, memory):
             return share
     t = memory.clock[0] + h

@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context
 from teleop_drake.arrays import Array, Indices
 from teleop_drake.engine import advance as integrator
 from teleop_drake.engine import problem
+from teleop_drake.engine.delays import delay_at, evaluate_pieces
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.source import Program
 from teleop_drake.jit.native import Evaluate, Packed
@@ -252,7 +253,7 @@ class CompiledRun:
         reached = self.time
         for d, time in enumerate(delays.times):
             if np.isfinite(time):
-                delay = integrator.delay_at(self.time, d, delays)
+                delay = delay_at(self.time, d, delays)
                 reached = min(reached, self.time - delay)
             elif delays.packet_ranges[d, 0] < memory.next_packets[d]:
                 # Those that are shown later were sent later.
@@ -350,7 +351,7 @@ def _Shortest(pieces: Pieces) -> float:
     """Returns the shortest of a delay that varies, or a little less."""
     times = np.linspace(pieces.knots[:, 0], pieces.knots[:, 1], 17).ravel().tolist()
     num = len(pieces.knots)
-    return 0.99 * min(integrator.evaluate_pieces(*pieces, 0, num, t) for t in times)
+    return 0.99 * min(evaluate_pieces(*pieces, 0, num, t) for t in times)
 
 
 def _Transitions(program: Program) -> problem.Transitions:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from teleop_drake.engine import advance
+from teleop_drake.engine import delays
 from teleop_drake.numerics.piecewise import fit_pieces
 
 
@@ -19,7 +19,7 @@ def bent(t):
 
 
 def evaluate_pieces(pieces, t):
-    return advance.evaluate_pieces(*pieces, 0, len(pieces.knots), t)
+    return delays.evaluate_pieces(*pieces, 0, len(pieces.knots), t)
 
 
 @pytest.mark.parametrize("function, nonsmooth_times", [(wave, ()), (bent, (0.5, 2.0))])
