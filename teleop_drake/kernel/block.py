@@ -1,6 +1,5 @@
 """Blocks whose computation is described once, by a kernel."""
 
-import itertools
 import math
 import re
 import weakref
@@ -12,35 +11,31 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.autodiffutils import AutoDiffXd, ExtractValue
-from pydrake.math import inv
+from pydrake.autodiffutils import AutoDiffXd
 from pydrake.systems.framework import (
     BasicVector,
     Context,
-    DependencyTicket,
     LeafSystem,
     LeafSystem_,
     WitnessFunction,
 )
 
 from teleop_drake.kernel.callbacks import Weakly
+from teleop_drake.kernel.context_reader import ContextReader, ValueIn
 from teleop_drake.kernel.convertible import Convertible
 from teleop_drake.kernel.delay_line import DelayLine
 from teleop_drake.kernel.events import Events
-from teleop_drake.kernel.kernel import Delay, Kernel, Law, Name, Part, Term
+from teleop_drake.kernel.kernel import Delay, Kernel, Term
 from teleop_drake.kernel.packet_line import PacketLine
 from teleop_drake.kernel.parameters import BlockParameters
-from teleop_drake.kernel.terms import WORDS, TermReader
 from teleop_drake.kernel.ticks import EndStep, Ticks
-from teleop_drake.validation import Choices, Refuse
-
-_Value = Callable[[Context], Any]
+from teleop_drake.validation import Refuse
 
 
 class _Rated:
     """The time derivatives of a block whose kernel has a rate."""
 
-    _kernel_rate: _Value | None = None
+    _kernel_rate: ValueIn | None = None
 
     def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
         """Evaluates the rate; called by Drake several times in every step."""
@@ -111,8 +106,8 @@ def _DeclareTerms(
 ) -> None:
     """Declares the output ports of a block, and the rate of its state."""
 
-    def Reader(place: str) -> _Reader:
-        return _Reader(block, kernel, place, is_compiled=block.is_compiled)
+    def Reader(place: str) -> ContextReader:
+        return ContextReader(block, kernel, place, is_compiled=block.is_compiled)
 
     values = {}
     tickets = {}
@@ -129,29 +124,6 @@ def _DeclareTerms(
         block.DeclareVectorOutputPort(port, size, callback, tickets[port])
     if kernel.rate is not None:
         block._kernel_rate = Reader("rate").Read(kernel.rate)
-
-
-class Duals(np.ndarray):
-    """An array of AutoDiffXd that NumPy can invert."""
-
-    __array_priority__ = 1.0
-
-    def __array_function__(
-        self, function: Any, types: Any, arguments: Any, options: Any
-    ) -> Any:
-        """Calls a function of NumPy, or Drake's inverse for its inverses."""
-        if function in (np.linalg.inv, np.linalg.solve):
-            matrix, *others = (np.asarray(x) for x in arguments)
-            inverse = np.linalg.inv if matrix.dtype == float else inv
-            result = inverse(matrix)
-            for other in others:
-                result = result @ other
-            return result.view(Duals)
-        return super().__array_function__(function, types, arguments, options)
-
-    def __array_wrap__(self, array: Any, *others: Any) -> Any:
-        """Returns numbers as such: NumPy would keep them as arrays without axes."""
-        return array.item() if array.ndim == 0 else array.view(Duals)
 
 
 def _NotingEvents(cls: type["KernelBlock"]) -> type["KernelBlock"]:
@@ -243,8 +215,8 @@ class KernelBlock(_Rated, Convertible):
         self.delays = tuple(lines.values())
         _DeclareTerms(self, kernel, sizes, lines)
 
-        def Read(term: Term, place: str) -> _Value:
-            return _Reader(self, kernel, place, is_compiled=False).Read(term)
+        def Read(term: Term, place: str) -> ValueIn:
+            return ContextReader(self, kernel, place, is_compiled=False).Read(term)
 
         self._kernel_events = Events(self, kernel, Read)
         self._is_declaring = False
@@ -372,7 +344,7 @@ class FixedBlock(KernelBlock):
         return self._kernel
 
 
-def _Callback(block: Any, value: _Value) -> Callable[[Context, BasicVector], None]:
+def _Callback(block: Any, value: ValueIn) -> Callable[[Context, BasicVector], None]:
     """Returns a callback that calculates an output port; its errors name the block."""
     of = weakref.ref(block)
 
@@ -380,134 +352,3 @@ def _Callback(block: Any, value: _Value) -> Callable[[Context, BasicVector], Non
         output.SetFromVector(value(context))
 
     return SetOutput
-
-
-def _ModeOf(context: Context) -> Any:
-    return context.get_discrete_state_vector().CopyToVector()
-
-
-def _ValuesOfMode(context: Any) -> Any:
-    """Returns the mode without derivatives, because a mode selects a law."""
-    return ExtractValue(_ModeOf(context)).ravel()
-
-
-def _CallOfValues(law: Law, arguments: Sequence[_Value]) -> _Value:
-    """Returns the function of a Context that calls a law with values of that Context.
-
-    Laws of one and two arguments are handled separately, which makes a run some per
-    cent faster.
-    """
-    if len(arguments) == 1:
-        (only,) = arguments
-        return lambda context: law(only(context))
-    if len(arguments) == 2:
-        first, second = arguments
-        return lambda context: law(first(context), second(context))
-    return lambda context: law(*[argument(context) for argument in arguments])
-
-
-class _Reader(TermReader[_Value]):
-    """Translates terms into functions of a Context.
-
-    Attributes:
-        tickets: The prerequisites of the values.
-
-    Args:
-        block: The block that the kernel describes.
-        kernel: The kernel.
-        place: The position of the terms in the kernel, for messages.
-        is_compiled: Whether to call functions as machine code.
-    """
-
-    def __init__(self, block: Any, kernel: Kernel, place: str, *, is_compiled: bool):
-        super().__init__(kernel)
-        self._block = block
-        self._place = place
-        self._is_compiled = is_compiled
-        self.tickets: set[DependencyTicket] = set()
-
-    def Number(self, number: int) -> _Value:
-        return lambda context: number
-
-    def Joined(self, parts: list[_Value]) -> _Value:
-        return lambda context: np.concatenate([part(context) for part in parts])
-
-    def Part(self, whole: _Value, part: Part) -> _Value:
-        elements = slice(*part[1:])
-        return lambda context: whole(context)[elements]
-
-    def Call(self, law: Law, arguments: Sequence[Name | int]) -> _Value:
-        """Returns the call of a law, whose leading parameters are read as constants."""
-        parameters = self.kernel.parameters
-        names: Any = tuple(itertools.takewhile(parameters.__contains__, arguments))
-        others = [self.Read(argument) for argument in arguments[len(names) :]]
-        if not names and not self._is_compiled:
-            return _CallOfValues(law, others)
-        self.tickets.add(self._block.kernel_parameters.ticket)
-        numbers_in = self._block.kernel_parameters.In
-        if self._is_compiled:
-            return lambda context: numbers_in(context).Compiled(law, names)(
-                *[other(context) for other in others]
-            )
-
-        def CallWithNumbers(context: Context) -> Any:
-            values = numbers_in(context).values
-            constants = [values[name] for name in names]
-            return law(*constants, *[other(context) for other in others])
-
-        return CallWithNumbers
-
-    def Word(self, word: str) -> _Value:
-        """Returns the time, the state or the mode, and adds its ticket."""
-        block = self._block
-        if word == "time":
-            self.tickets.add(block.time_ticket())
-            return lambda context: context.get_time()
-        if word == "state":
-            self.tickets.add(block.xc_ticket())
-            return self._Dual(lambda x: x.get_continuous_state_vector().CopyToVector())
-        self.tickets.add(block.xd_ticket())
-        mode = _ValuesOfMode if isinstance(block, DualBlock) else _ModeOf
-        if self.kernel.initial_mode is None:
-            return mode
-        self.tickets.add(block.accuracy_ticket())
-        reader = _Reader(block, self.kernel, "initial_mode", is_compiled=False)
-        initial = reader.Read(self.kernel.initial_mode)
-        self.tickets |= reader.tickets
-        return lambda x: initial(x) if x.get_accuracy() is None else mode(x)
-
-    def _Dual(self, value: _Value) -> _Value:
-        if isinstance(self._block, DualBlock):
-            return lambda context: value(context).view(Duals)
-        return value
-
-    def Parameter(self, name: str, value: Any) -> _Value:
-        numbers_in = self._block.kernel_parameters.In
-        self.tickets.add(self._block.kernel_parameters.ticket)
-        return lambda context: numbers_in(context).values[name]
-
-    def Rate(self, term: Term) -> _Value:
-        return self.Read(term)
-
-    def Port(self, name: str) -> _Value:
-        """Returns an input port's value or another output's term; refuses others."""
-        block = self._block
-        if not block.HasInputPort(name):
-            outputs = self.kernel.outputs
-            if name in outputs:
-                return self.Read(outputs[name])
-            inputs = [
-                block.get_input_port(i).get_name()
-                for i in range(block.num_input_ports())
-            ]
-            names = [*inputs, *outputs, *self.kernel.parameters, *WORDS]
-            owner = block.get_name() or type(block).__name__
-            Refuse(f"{owner}: {self._place}", name, Choices(name, names))
-        port = block.GetInputPort(name)
-        self.tickets.add(port.ticket())
-        evaluate = self._Dual(lambda context: port.Eval(context))
-        if name not in block.optional_inputs:
-            return evaluate
-        has_value = port.HasValue
-        nothing = np.zeros(port.size())
-        return lambda context: evaluate(context) if has_value(context) else nothing
