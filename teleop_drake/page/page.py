@@ -59,11 +59,14 @@ class Page:
 
     Attributes:
         html: The file.
+        data: The model in it; see _Data().
         notes: What it lacks, and why: a sentence each.
     """
 
-    def __init__(self, html: str, notes: list[str]):
-        self.html, self.notes = html, notes
+    def __init__(self, title: str, story: str, data: dict[str, Any], notes: list[str]):
+        self.html = _Html(title, story, data)
+        self.data = data
+        self.notes = notes
 
     def Save(self, path: str | os.PathLike[str]) -> None:
         """Writes the file; it appears complete or not at all."""
@@ -227,7 +230,7 @@ def MakePage(
         CheckChoice("signals", signal, sorted(known))
     data = {**_Data(title, models, inputs, choices, notes), "hand": hand}
     data |= {"scopes": list(signals), "period": PERIOD, "view": view}
-    return Page(_Html(title, story, data), notes)
+    return Page(title, story, data, notes)
 
 
 def DiagramPage(diagram: Diagram) -> Page:
@@ -236,7 +239,7 @@ def DiagramPage(diagram: Diagram) -> Page:
     shown: dict[str, Any] = {"kind": title, "title": title, "levels": Levels(diagram)}
     shown |= {"ports": {}, "signals": {}, "choice": {}}
     data = {"title": title, "notes": [], "inputs": [], "controllers": [shown]}
-    return Page(_Html(title, _FirstParagraph(diagram), data), [])
+    return Page(title, _FirstParagraph(diagram), data, [])
 
 
 def _FirstParagraph(system: System) -> str:
@@ -402,14 +405,19 @@ def _Html(title: str, story: str, data: dict[str, Any]) -> str:
         "title": html.escape(title),
         "story": html.escape(story),
         "version": html.escape(metadata.version("teleop-drake")),
-        "style": ReadPart("page.css"),
+        "style": ReadPart("base.css") + ReadPart("page.css"),
         "script": JoinModules("main.js"),
-        "model": base64.b64encode(Packed(_Bytes(data))).decode(),
+        "model": PackedData(data),
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda m: texts[m[1]], ReadPart("page.html"))
 
 
-def _Bytes(data: dict[str, Any]) -> bytes:
+def PackedData(data: Mapping[str, Any]) -> str:
+    """Returns data as the text that a page's script unpacks."""
+    return base64.b64encode(Packed(_Bytes(data))).decode()
+
+
+def _Bytes(data: Mapping[str, Any]) -> bytes:
     """Returns data as the size of its JSON, the JSON, and what stands in that by place.
 
     That are bytes, as {"$b": [begin, size]}, and arrays, as {"$f": [begin, count]}. The

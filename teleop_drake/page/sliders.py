@@ -137,6 +137,9 @@ def _FindChanges(
                 are_whole=one.key.rpartition(".")[2] in WHOLE,
             )
             one.changes.append(change)
+        if not any(change.names for change in one.changes):
+            words = "a number that changes something in the run"
+            Refuse(one.key, f"{one.low:g}:{one.high:g}", words)
     except ScenarioError as error:
         if one.is_wanted:
             raise

@@ -27,12 +27,17 @@ class ThesisFigure:
         title: What it shows, in a few words.
         caption: How to read it.
         make: Makes it: a matplotlib Figure, or the Diagram to be drawn.
+        task: The scenario whose runs it shows; "" if it shows no run.
+        live: The signals that the report plots of runs made there; none: it has a
+            picture.
     """
 
     number: str
     title: str
     caption: str
     make: Callable[[ThesisRuns], Figure | Diagram]
+    task: str = ""
+    live: Sequence[str] = ()
 
     @property
     def stem(self) -> str:
@@ -74,20 +79,16 @@ class _Kind:
     """What figures of several tasks show.
 
     Attributes:
-        title, caption: As in ThesisFigure; the caption does not tell the task.
+        title, caption, live: As in ThesisFigure; the caption does not tell the task.
         make: Makes the figure of a `task` from runs.
     """
 
     title: str
     caption: str
     make: Callable[..., Figure]
+    live: Sequence[str] = ()
 
 
-_BESIDE = (
-    "Left against time, right against the position along x; dotted lines mark "
-    "the end of the tissue and the surface of the bone. A cross is where a run "
-    "that diverges is ended."
-)
 _TRACKING = _Kind(
     title="Tracking",
     caption="Position of the tool and the trajectory that it is to follow.",
@@ -111,40 +112,44 @@ _DISTURBANCE = _Kind(
 _VELOCITY = _Kind(
     title="Velocity of the tool",
     caption="Velocity of the tool with either controller, and in grey what the surgeon "
-    "commands. " + _BESIDE,
+    "commands.",
     make=partial(
         plots.PlotBoth, signal="tool_velocity", label="velocity $v_{axis}$", unit="m/s"
     ),
+    live=["tool_velocity"],
 )
 _SENSED_FORCE = _Kind(
     title="Sensed force",
     caption="Force of the robot on its environment, as the sensor at the tool reads "
-    "it. " + _BESIDE,
+    "it.",
     make=partial(
         plots.PlotBoth,
         signal="environment_force",
         label="sensed force $F_{{e,{axis}}}$",
         unit="N",
     ),
+    live=["environment_force"],
 )
 _CONTROL_FORCE = _Kind(
     title="Control force",
     caption="Force that the controller asks of the robot: the delayed haptic force "
-    "under direct force, the state of the backstepping law otherwise. " + _BESIDE,
+    "under direct force, the state of the backstepping law otherwise.",
     make=partial(
         plots.PlotBoth,
         signal="control_force",
         label="control force $F_{{c,{axis}}}$",
         unit="N",
     ),
+    live=["control_force"],
 )
 _WEIGHTS_1 = _Kind(
     title="Weights of the first network",
     caption=(
         "Weights for the unknown dynamics of the robot and its environment, a curve"
-        " for each Gaussian; colour and line style tell where its centre is."
+        " for each Gaussian."
     ),
     make=partial(plots.PlotWeights, signal="weights_1"),
+    live=["weights_1"],
 )
 _PSI = _Kind(
     title="Estimate of the inverse inertia",
@@ -153,24 +158,24 @@ _PSI = _Kind(
         "far each is from its initial value."
     ),
     make=plots.PlotPsi,
+    live=["psi", "change of psi"],
 )
 _WEIGHTS_3 = _Kind(
     title="Weights of the third network",
     caption=(
         "Weights for the rate of change of the environment's force, a curve for "
-        "each Gaussian; colour and line style tell where its centre is."
+        "each Gaussian."
     ),
     make=partial(plots.PlotWeights, signal="weights_3"),
+    live=["weights_3"],
 )
 _POSITION = _Kind(
     title="Position of the tool",
-    caption=(
-        "Position of the tool with either controller against time; dotted lines "
-        "mark the end of the tissue and the surface of the bone."
-    ),
+    caption=("Position of the tool with either controller."),
     make=partial(
         plots.PlotBoth, signal="tool_position", label="position ${axis}$", unit="m"
     ),
+    live=["tool_position"],
 )
 _LEARNED = [_WEIGHTS_1, _PSI, _WEIGHTS_3]
 
@@ -190,6 +195,8 @@ def _Group(
             title=kind.title,
             caption=f"{about} {kind.caption}",
             make=partial(kind.make, task=task),
+            task=task,
+            live=kind.live,
         )
         for number, kind in enumerate(kinds, first)
     ]

@@ -25,6 +25,8 @@ from pathlib import Path
 from string import Template
 
 from teleop_drake.files import Replacing
+from teleop_drake.page.page import PackedData
+from teleop_drake.page.script import JoinModules, ReadPart
 from teleop_drake.thesis.claims import (
     chapter3,
     chapter4,
@@ -32,8 +34,9 @@ from teleop_drake.thesis.claims import (
     chapter5_tissue,
     conclusions,
 )
-from teleop_drake.thesis.claims.claim import VERDICTS, Row
+from teleop_drake.thesis.claims.claim import VERDICTS, Claim, Row
 from teleop_drake.thesis.figures import FIGURES, ThesisFigure, WritePicture
+from teleop_drake.thesis.live import FigureOf, Laboratory
 from teleop_drake.thesis.runs import ThesisRuns
 from teleop_drake.validation import Refuse
 
@@ -49,11 +52,15 @@ CLAIMS = [
 ]
 """All claims, in the thesis's order."""
 
-_CHAPTERS = {
-    "2": "The loop and the task",
-    "3": "A network that learns a disturbance",
-    "4": "One degree of freedom",
-    "5": "Two degrees of freedom",
+_PICTURED = {
+    "2": "Chapter 2: the loop and the task",
+    "3": "Chapter 3: a network that learns a disturbance",
+}
+_LIVE = {
+    "one_dof": "Chapter 4: one degree of freedom",
+    "two_dof_puncture": "Chapter 5, case I: the arm, through tissue",
+    "two_dof_collision": "Chapter 5, case II: the arm, on to bone",
+    "two_dof_combined": "Chapter 5, case III: the arm, through tissue and on to bone",
 }
 
 
@@ -142,53 +149,118 @@ def _LedgerCsv(records: Sequence[Mapping[str, str]]) -> str:
 
 def _Html(out: Path, rows: Sequence[Row], commands: Mapping[str, str]) -> str:
     """Returns the report, with the commands behind each figure by its number."""
-    sections = []
-    for chapter, title in _CHAPTERS.items():
-        figures = "\n".join(
-            _FigureHtml(out, figure, commands[number])
-            for number, figure in FIGURES.items()
-            if number.startswith(f"{chapter}.")
-        )
-        sections.append((f"chapter-{chapter}", f"Chapter {chapter}: {title}", figures))
-    links = [("ledger", "Ledger of claims"), *(section[:2] for section in sections)]
     counts = Counter(row.verdict for row in rows)
-    verdicts = ", ".join(f"{counts[x]} {x}" for x in VERDICTS if counts[x])
+    # Without the figures of a task there is nothing to be live.
+    tasks = [x for x in _LIVE if any(y.task == x for y in FIGURES.values())]
+    data = {"labs": [Laboratory(task, _ClaimsOf(task)) for task in tasks]}
+    figures = {
+        number: _LiveFigure(figure, rows, commands[number])
+        if figure.live
+        else _Picture(out, figure, commands[number])
+        for number, figure in FIGURES.items()
+    }
+    labs = [_LabHtml(task, figures) for task in tasks]
+    chapters = [_ChapterHtml(chapter, figures) for chapter in _PICTURED]
+    links = [
+        *((f"lab-{task}", _LIVE[task]) for task in tasks),
+        ("ledger", "Ledger of all claims"),
+        *((f"chapter-{chapter}", title) for chapter, title in _PICTURED.items()),
+    ]
+    buttons = {"": f"all {len(rows)} claims"}
+    buttons |= {x: f"{counts[x]} {x}" for x in VERDICTS if counts[x]}
     template = (resources.files(__package__) / "report.html").read_text("utf-8")
     return Template(template).substitute(
         package=version("teleop-drake"),
         drake=version("drake"),
+        style=ReadPart("base.css") + ReadPart("report.css"),
         contents=_Lines(f'<li><a href="#{a}">{title}</a></li>' for a, title in links),
-        summary=f"Of {len(rows)} claims: {verdicts}.",
-        rows=_Lines(map(_RowHtml, rows)),
-        chapters=_Lines(
-            f'<section id="{anchor}"><h2>{title}</h2>\n{html}\n</section>'
-            for anchor, title, html in sections
+        filter=_Lines(
+            f'<button value="{x}" aria-pressed="{not x!s}">{text}</button>'.lower()
+            for x, text in buttons.items()
         ),
+        labs=_Lines(labs),
+        rows=_Lines(map(_RowHtml, rows)),
+        chapters=_Lines(chapters),
+        data=PackedData(data),
+        script=JoinModules("report.js"),
     )
+
+
+def _ClaimsOf(task: str) -> list[Claim]:
+    """Returns the claims that stand beside the figures of a task."""
+    numbers = {number for number, figure in FIGURES.items() if figure.task == task}
+    return [claim for claim in CLAIMS if FigureOf(claim) in numbers]
 
 
 def _Lines(lines: Iterable[str]) -> str:
     return "\n".join(lines)
 
 
+def _LabHtml(task: str, figures: Mapping[str, str]) -> str:
+    """Returns the sliders' place and the figures of a task."""
+    own = [figures[number] for number, x in FIGURES.items() if x.task == task]
+    return (
+        f'<section class="lab" id="lab-{task}"><h2>{_LIVE[task]}</h2>\n'
+        '<div class="controls"></div>\n' + _Lines(own) + "</section>"
+    )
+
+
+def _ChapterHtml(chapter: str, figures: Mapping[str, str]) -> str:
+    """Returns the pictures of a chapter."""
+    own = [x for number, x in figures.items() if number.startswith(f"{chapter}.")]
+    title = _PICTURED[chapter]
+    return f'<section id="chapter-{chapter}"><h2>{title}</h2>{_Lines(own)}</section>'
+
+
 def _RowHtml(row: Row) -> str:
     texts = {name: escape(x) for name, x in dataclasses.asdict(row).items()}
     return (
-        '<tr id="{key}"><td>{place}</td><td>{claim}<br><small>{criterion}</small></td>'
+        '<tr id="{key}" data-verdict="{verdict}"><td>{place}</td>'
+        "<td>{claim}<br><small>{criterion}</small></td>"
         "<td>{thesis}</td><td>{ours}</td><td>{tolerance}</td>"
         '<td class="{style}">{verdict}</td><td>{reason}{commands}</td></tr>'
     ).format(style=row.verdict.split()[-1], commands=_RunsHtml(row.runs), **texts)
 
 
-def _FigureHtml(out: Path, figure: ThesisFigure, commands: str) -> str:
+def _LiveFigure(figure: ThesisFigure, rows: Sequence[Row], commands: str) -> str:
+    """Returns a figure's claims, and the place of its runs."""
+    figures = {claim.key: FigureOf(claim) for claim in CLAIMS}
+    own = [row for row in rows if figures[row.key] == figure.number]
+    return (
+        f'<figure id="{figure.stem}" data-signals="{",".join(figure.live)}">'
+        f'<div class="said">{_CaptionHtml(figure, commands)}<ul>'
+        + _Lines(map(_ClaimHtml, own))
+        + '</ul></div><div class="live"></div></figure>'
+    )
+
+
+def _ClaimHtml(row: Row) -> str:
+    """Returns a claim with its verdict, and the place of its verdict of now."""
+    texts = {name: escape(x) for name, x in dataclasses.asdict(row).items()}
+    return (
+        '<li id="claim-{key}" data-verdict="{verdict}">{claim} '
+        '<b class="{style}">{verdict}</b><br>'
+        '<small>Thesis: {thesis}. Ours: {ours}. <a href="#{key}">Why</a></small>'
+        '<p class="now"></p></li>'
+    ).format(style=row.verdict.split()[-1], **texts)
+
+
+def _Picture(out: Path, figure: ThesisFigure, commands: str) -> str:
     """Returns a figure that brings its own data, so that the page needs no files."""
     data = base64.b64encode((out / f"{figure.stem}.svg").read_bytes()).decode()
     title = escape(f"Figure {figure.number}: {figure.title}")
     return (
         f'<figure id="{figure.stem}"><img alt="{title}" '
         f'src="data:image/svg+xml;base64,{data}">\n'
+        f"{_CaptionHtml(figure, commands)}</figure>"
+    )
+
+
+def _CaptionHtml(figure: ThesisFigure, commands: str) -> str:
+    title = escape(f"Figure {figure.number}: {figure.title}")
+    return (
         f"<figcaption><strong>{title}.</strong> {escape(figure.caption)}"
-        f"{_RunsHtml(commands)}</figcaption></figure>"
+        f"{_RunsHtml(commands)}</figcaption>"
     )
 
 

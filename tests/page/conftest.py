@@ -1,56 +1,5 @@
 """A browser that runs the scripts of this folder in pages."""
 
-import time
-from pathlib import Path
+from browsers import browser, look
 
-import pytest
-from browsers import MakePictures
-
-SCRIPTS = Path(__file__).parent
-SIZE = 1280, 720
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    """Returns a browser for all tests of a file."""
-    empty = tmp_path_factory.mktemp("browser") / "empty.html"
-    empty.touch()
-    browser = MakePictures().Browser(empty, SIZE)
-    yield browser
-    browser.Close()
-
-
-@pytest.fixture(scope="module")
-def look(browser):
-    """Returns what a script finds in a page, opened in a window of a size."""
-
-    def Look(page, script, *, link="", size=SIZE, is_dark=False):
-        browser.Call(
-            "Emulation.setDeviceMetricsOverride",
-            width=size[0],
-            height=size[1],
-            deviceScaleFactor=1,
-            mobile=False,
-        )
-        scheme = {
-            "name": "prefers-color-scheme",
-            "value": "dark" if is_dark else "light",
-        }
-        browser.Call("Emulation.setEmulatedMedia", features=[scheme])
-        # Another state of a page that is open would be no new page.
-        browser.Call("Page.navigate", url="about:blank")
-        url = page.as_uri() + link
-        browser.Call("Page.navigate", url=url)
-        is_there = f"location.href == '{url}' && 'teleop' in window"
-        while not browser.Evaluate(is_there):
-            time.sleep(0.02)
-        answer = browser.Call(
-            "Runtime.evaluate",
-            expression=SCRIPTS.joinpath(script).read_text("utf-8"),
-            awaitPromise=True,
-            returnByValue=True,
-        )
-        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
-        return answer["result"].get("value")
-
-    return Look
+__all__ = ["browser", "look"]

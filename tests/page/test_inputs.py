@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from teleop_drake.page import MakePage
 from teleop_drake.page.inputs import Added, CheckSums, FindChange, NotSums, Stops
 from teleop_drake.page.model import ModelOf
 from teleop_drake.scenario import LoadScenario, ScenarioError
@@ -37,8 +38,16 @@ def test_another_one_has_stops():
 def test_what_changes_nothing_or_the_program_is_refused():
     with pytest.raises(ScenarioError, match="another one"):
         Change("forward_channel.delay", 0.0, 0.2, 0.1)
+    vary = {"controller.initial_psi": (1.0, 8.0)}
     with pytest.raises(ScenarioError, match="changes something"):
-        Change("environment.layers.free.damping", 0.0, 0.0, 0.0)
+        MakePage("one_dof", controllers=["direct_force"], vary=vary)
+
+
+def test_an_input_may_change_one_controller_of_two():
+    page = MakePage("one_dof", vary={"controller.initial_psi": (1.0, 8.0)})
+    direct, adaptive = (x["changes"] for x in page.data["controllers"])
+    assert not direct["controller.initial_psi"]["slopes"]
+    assert adaptive["controller.initial_psi"]["slopes"]
 
 
 def test_two_inputs_whose_product_enters_are_refused():

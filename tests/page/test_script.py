@@ -13,6 +13,9 @@ from teleop_drake.page.script import JoinModules
 
 MODULES = sorted(Path(teleop_drake.__file__).parent.joinpath("page/js").glob("*.js"))
 
+# The script of a page, and that of the report.
+MAINS = "main.js", "report.js"
+
 DECLARATION = re.compile(
     r"^(?:export )?(?:async )?(?:function|class|const|let) (\w+)", re.M
 )
@@ -22,16 +25,22 @@ FUNCTION = re.compile(
 )
 
 
-def test_each_module_is_joined_after_those_that_it_imports():
-    script = JoinModules("main.js")
-    begins = {
-        path.name: script.index(path.read_text("utf-8").splitlines()[0])
-        for path in MODULES
-    }
-    for path in MODULES:
-        for imported in re.findall(r'"\./(\w+\.js)"', path.read_text("utf-8")):
-            assert begins[imported] < begins[path.name], (path.name, imported)
+@pytest.mark.parametrize("main", MAINS)
+def test_each_module_is_joined_after_those_that_it_imports(main):
+    script = JoinModules(main)
+    texts = {path.name: path.read_text("utf-8") for path in MODULES}
+    begins = {name: script.find(text.splitlines()[0]) for name, text in texts.items()}
+    for name, begin in begins.items():
+        for imported in re.findall(r'"\./(\w+\.js)"', texts[name]):
+            assert begin < 0 or 0 <= begins[imported] < begin, (name, imported)
+    assert begins[main] > 0
     assert not re.search(r"^(import|export) ", script, re.M)
+
+
+def test_each_module_is_used():
+    scripts = "".join(map(JoinModules, MAINS))
+    for path in MODULES:
+        assert path.read_text("utf-8").splitlines()[0] in scripts, path.name
 
 
 def test_top_level_names_differ_between_modules():

@@ -3,12 +3,15 @@
 from types import SimpleNamespace
 
 import pytest
+from browsers import browser, look
 from runs import Simulated
 
 from teleop_drake.thesis import report
 from teleop_drake.thesis.figures import FIGURES
 from teleop_drake.thesis.report import Ledger
 from teleop_drake.thesis.runs import ThesisRuns
+
+__all__ = ["browser", "look"]
 
 
 @pytest.fixture(scope="session")
@@ -31,9 +34,9 @@ def ledger(thesis_runs):
 
 @pytest.fixture(scope="session")
 def reproduced(thesis_runs, ledger, tmp_path_factory):
-    """A folder with what `teleop-drake reproduce` writes, with two of the figures."""
+    """A folder with what `teleop-drake reproduce` writes, with three of the figures."""
     lines: list[str] = []
-    figures = {number: FIGURES[number] for number in ("2.1", "4.5")}
+    figures = {number: FIGURES[number] for number in ("2.1", "4.1", "4.5")}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(report, "FIGURES", figures)
         patch.setattr(report, "Ledger", lambda runs: ledger)

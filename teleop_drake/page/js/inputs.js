@@ -1,8 +1,8 @@
 // The inputs: sliders, numbers, and choices.
 
 import { $, make, say } from "./elements.js";
-import { show } from "./numbers.js";
 import { refresh } from "./simulate.js";
+import { makeSlider } from "./slider.js";
 import { state } from "./state.js";
 
 // Sets an input, at a stop if it has stops; both delays at once for `delay`.
@@ -38,7 +38,9 @@ const meanOf = (numbers) => numbers.reduce((sum, x) => sum + x, 0) / numbers.len
 // Makes a slider and a number for each input, or a list of choices.
 export function makeInputs() {
   for (const input of Object.values(state.inputs)) {
-    const fields = input.choices ? makeChoice(input) : makeSlider(input);
+    const fields = input.choices
+      ? makeChoice(input)
+      : makeSlider(input, (value) => setFromField(input.name, value));
     input.row = make("div", { className: "row" }, make("label", {}, input.label), ...fields);
     $("inputs").append(input.row);
     input.show();
@@ -63,19 +65,4 @@ function makeChoice(input) {
     list.value = input.value;
   };
   return [list];
-}
-
-// Makes the slider and the number of an input. With stops the slider has their numbers.
-function makeSlider(input) {
-  const { name, label: ariaLabel, stops, min, max } = input;
-  const bounds = stops ? { min: 0, max: stops.length - 1, step: 1 } : { min, max, step: "any" };
-  const slider = make("input", { type: "range", ariaLabel, ...bounds });
-  const number = make("input", { type: "number", ariaLabel, step: "any" });
-  slider.oninput = () => setFromField(name, stops ? stops[slider.value] : Number(slider.value));
-  number.onchange = () => setFromField(name, Number(number.value));
-  input.show = () => {
-    slider.value = stops ? stops.indexOf(input.value) : input.value;
-    if (document.activeElement !== number) number.value = show(input.value);
-  };
-  return [slider, number];
 }

@@ -24,8 +24,8 @@ export const state = {
   pull: [], // and how far a pointer pulls, along each axis.
 };
 
-// Reads the model; see page.py's _Bytes().
-export async function unpack() {
+// Returns what stands packed in the page; see page.py's PackedData().
+export async function unpackData() {
   const text = atob($("model").textContent);
   const packed = Uint8Array.from(text, (c) => c.charCodeAt());
   const plain = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -38,7 +38,12 @@ export async function unpack() {
     if (value?.$f) return new Float64Array(bytes, base + value.$f[0], value.$f[1]);
     return value;
   };
-  state.data = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 8, size)), revive);
+  return JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 8, size)), revive);
+}
+
+// Reads the model of the page.
+export async function unpack() {
+  state.data = await unpackData();
   state.inputs = Object.fromEntries(state.data.inputs.map((input) => [input.name, { ...input }]));
   state.loops = state.data.controllers.map((x) => new Loop(x, state.data.inputs));
 }

@@ -189,7 +189,7 @@ CLAIMS = [
     ),
     Claim(
         key="4-overshoot-reduction",
-        place="section 4.2; 1 - 0.26/0.472 is 44.9 %",
+        place="section 4.2, Fig. 4.1; 1 - 0.26/0.472 is 44.9 %",
         claim="The adaptive controller reduces that overshoot by 44 %.",
         printed=44,
         unit="%",
@@ -232,7 +232,7 @@ CLAIMS = [
     ),
     Claim(
         key="4-rebound-reduction",
-        place="section 4.2; 1 - 0.658/0.72 is 8.6 %",
+        place="section 4.2, Fig. 4.1; 1 - 0.658/0.72 is 8.6 %",
         claim="The adaptive controller reduces the rebound by 9 %.",
         printed=9,
         unit="%",
@@ -269,7 +269,7 @@ CLAIMS = [
     ),
     Claim(
         key="4-force-reduction",
-        place="section 4.2; 1 - 9.42/11.3 is 16.6 %",
+        place="section 4.2, Fig. 4.2; 1 - 9.42/11.3 is 16.6 %",
         claim="The adaptive controller reduces the largest force by 16 %.",
         printed=16,
         unit="%",

@@ -109,20 +109,10 @@ def _LargerGains(runs: ThesisRuns) -> Found:
     )
 
 
-def _TracksBetter(runs: ThesisRuns, case: str) -> Found:
-    return IsLess(runs, task=CASES[case], of="velocity_rms_error", than=0.5, unit="m/s")
-
-
-def _LessForce(runs: ThesisRuns, case: str) -> Found:
-    return IsLess(runs, task=CASES[case], of="control_force_peak", unit="N")
-
-
-def _LessVariation(runs: ThesisRuns, case: str) -> Found:
-    return IsLess(runs, task=CASES[case], of="control_force_variation", unit="N")
-
-
-def _NoJumps(runs: ThesisRuns, case: str) -> Found:
-    return IsLess(runs, task=CASES[case], of="largest jump", than=0.01, unit="N")
+def _IsLess(
+    runs: ThesisRuns, case: str, of: str, unit: str, than: float = 1.0
+) -> Found:
+    return IsLess(runs, task=CASES[case], of=of, unit=unit, than=than)
 
 
 # Texts of several claims.
@@ -173,14 +163,18 @@ CLAIMS = [
             "the collision."
         ),
         criterion=_HALF_THE_ERROR,
-        measure=partial(_TracksBetter, case="II"),
+        measure=partial(
+            _IsLess, of="velocity_rms_error", than=0.5, unit="m/s", case="II"
+        ),
     ),
     Claim(
         key="5-III-tracking",
         place="section 5.2, case III, Fig. 5.14",
         claim="Adaptive tracks the velocity well on both axes.",
         criterion=_HALF_THE_ERROR,
-        measure=partial(_TracksBetter, case="III"),
+        measure=partial(
+            _IsLess, of="velocity_rms_error", than=0.5, unit="m/s", case="III"
+        ),
     ),
     *_InBothCases(
         "direct-never-converges",
@@ -270,7 +264,7 @@ CLAIMS = [
     *_InBothCases(
         "less-force",
         ("5.10", "5.17"),
-        _LessForce,
+        partial(_IsLess, of="control_force_peak", unit="N"),
         claim="Adaptive needs less control force.",
         criterion="lower peak on every axis",
         reason=(
@@ -281,14 +275,14 @@ CLAIMS = [
     *_InBothCases(
         "less-variation",
         ("5.10", "5.17"),
-        _LessVariation,
+        partial(_IsLess, of="control_force_variation", unit="N"),
         claim="The adaptive controller's force is the smoother one: it moves less.",
         criterion="lower total variation on every axis",
     ),
     *_InBothCases(
         "no-jumps",
         ("5.10", "5.17"),
-        _NoJumps,
+        partial(_IsLess, of="largest jump", than=0.01, unit="N"),
         claim=(
             "The adaptive controller's force is smooth; that of direct force is abrupt."
         ),

@@ -121,11 +121,16 @@ class Claim:
             runs="\n".join(runs.used),
         )
 
-    def _VerdictOf(self, number: float, is_in_kind: bool) -> str:
+    @property
+    def width(self) -> float:
+        """By how much our number may differ from the thesis's, in `unit`."""
         assert self.printed is not None
         size, kind = self.tolerance.split()
-        width = float(size) * (abs(self.printed) / 100 if kind == "%" else 1.0)
-        if abs(number - self.printed) <= width:
+        return float(size) * (abs(self.printed) / 100 if kind == "%" else 1.0)
+
+    def _VerdictOf(self, number: float, is_in_kind: bool) -> str:
+        assert self.printed is not None
+        if abs(number - self.printed) <= self.width:
             return IN_KIND if self.fitted else REPRODUCED
         return IN_KIND if is_in_kind else REFUTED
 

@@ -1,0 +1,194 @@
+// The laboratory of a task: its sliders, its runs, and the figures and claims that these decide.
+
+import { $, keyOf, make, makeButton } from "./elements.js";
+import { Evidence, isJudged, judge } from "./judge.js";
+import { Loop } from "./loop.js";
+import { MOST_LINES, placeOf, plot, samplesOf } from "./plot.js";
+import { makeSlider } from "./slider.js";
+
+const BEFORE = 0.6; // s, shown before an event
+const AFTER = 2.4; // s, and after it
+
+const CHANGE = /^change of /; // of a signal since its start
+
+// Waits until the browser has drawn, and has heard of what was dragged meanwhile.
+const rest = () => new Promise((go) => setTimeout(go));
+
+// A task's sliders and what they decide.
+export class Lab {
+  constructor(data) {
+    const { name, inputs, controllers, claims, network } = data;
+    const parts = inputs.flatMap((input) => input.parts ?? []);
+    Object.assign(this, { name, claims, network, runs: [], pinned: [], window: [0, 1] });
+    this.all = inputs;
+    this.inputs = inputs.filter((input) => !parts.includes(input.name)).map((x) => ({ ...x }));
+    this.loops = controllers.map((x) => new Loop(x, inputs));
+    this.section = $(`lab-${name}`);
+    this.figures = [...this.section.querySelectorAll("figure[data-signals]")];
+    this.shown = "whole";
+    this.version = 0;
+    this.makeControls();
+    this.figures.forEach((figure) => this.makeScopes(figure));
+  }
+
+  // The values of all inputs: those of the sliders, for both ways where one slider is for both.
+  values() {
+    const pairs = this.all.map(({ name, value }) => [name, value]);
+    const set = this.inputs.flatMap(({ name, value, parts = [name] }) =>
+      [name, ...parts].map((part) => [part, value]),
+    );
+    return Object.fromEntries([...pairs, ...set]);
+  }
+
+  // Whether the sliders stand where the thesis has them.
+  isAsPublished() {
+    const first = Object.fromEntries(this.all.map(({ name, value }) => [name, value]));
+    return this.inputs.every(({ name, value }) => value === first[name]);
+  }
+
+  // Makes the sliders and buttons.
+  makeControls() {
+    const controls = this.section.querySelector(".controls");
+    const rows = this.inputs.map((input) => {
+      const fields = makeSlider(input, (value) => this.set({ [input.name]: value }));
+      return make("div", { className: "row" }, make("label", {}, input.label), ...fields);
+    });
+    const first = Object.fromEntries(this.inputs.map(({ name, value }) => [name, value]));
+    this.back = makeButton("As in the thesis", () => this.set(first), { disabled: true });
+    this.windows = ["whole", "puncture", "contact"].map((shown) =>
+      makeButton(shown === "whole" ? "whole run" : shown, () => this.look(shown), { value: shown }),
+    );
+    this.status = make("span", { className: "status", role: "status" });
+    const bar = make("div", { className: "bar" }, this.back, "Show", ...this.windows, this.status);
+    controls.append(...rows, bar);
+    this.inputs.forEach((input) => input.show());
+  }
+
+  // Makes the pictures of a figure's signals.
+  makeScopes(figure) {
+    const live = figure.querySelector(".live");
+    for (const signal of figure.dataset.signals.split(",")) {
+      const scope = make("div", { className: "scope" }, make("div", { className: "head" }));
+      const label = `${signal.replaceAll("_", " ")} over time`;
+      scope.insertAdjacentHTML("beforeend", `<svg role="img" aria-label="${label}"></svg>`);
+      scope.dataset.signal = signal;
+      live.append(scope);
+    }
+  }
+
+  // Sets inputs, and simulates.
+  set(values) {
+    for (const input of this.inputs) {
+      if (!(input.name in values)) continue;
+      const { min, max } = input;
+      const wanted = values[input.name];
+      if (wanted >= min && wanted <= max) input.value = wanted;
+      input.show();
+    }
+    return this.refresh();
+  }
+
+  // Simulates with the values of now, again if they change meanwhile.
+  refresh() {
+    ++this.version;
+    this.busy ??= this.simulate().finally(() => {
+      this.busy = null;
+    });
+    return this.busy;
+  }
+
+  // Simulates until no input has changed meanwhile.
+  async simulate() {
+    let version;
+    do {
+      version = this.version;
+      const isStale = () => this.version !== version;
+      const begin = performance.now();
+      const runs = [];
+      for (const loop of this.loops) {
+        const run = await loop.simulate(this.values(), isStale);
+        if (!run) break;
+        runs.push(run);
+        await rest();
+      }
+      if (runs.length === this.loops.length) this.show(runs, performance.now() - begin);
+      await rest();
+    } while (version !== this.version);
+  }
+
+  // Shows runs that took some milliseconds.
+  show(runs, wall) {
+    this.runs = runs;
+    this.published ??= runs;
+    this.pinned = this.isAsPublished() ? [] : this.published;
+    this.back.disabled = this.isAsPublished();
+    this.status.textContent = `${runs.length} runs simulated in ${wall.toFixed(0)} ms`;
+    this.look(this.shown);
+    this.judge();
+  }
+
+  // Shows the whole run or what is around an event.
+  look(shown) {
+    this.shown = shown;
+    for (const button of this.windows) button.ariaPressed = button.value === shown;
+    const times = this.runs.flatMap(({ events }) => events.filter(({ name }) => name === shown));
+    const [first] = times.map(({ time }) => time).sort((a, b) => a - b);
+    const end = this.runs[0].duration;
+    this.window = first === undefined ? [0, end] : [Math.max(0, first - BEFORE), first + AFTER];
+    this.figures.forEach((figure) => figure.classList.add("stale"));
+    this.draw();
+  }
+
+  // Draws the figures that are in view, or all.
+  draw(isAll = false) {
+    if (!this.runs.length) return;
+    for (const figure of this.figures) {
+      const { top, bottom } = figure.getBoundingClientRect();
+      const isInView = bottom > -100 && top < innerHeight + 100;
+      if (!figure.classList.contains("stale") || !(isInView || isAll)) continue;
+      figure.querySelectorAll(".scope").forEach((scope) => this.drawScope(scope));
+      figure.classList.remove("stale");
+    }
+  }
+
+  // Draws a signal of all runs.
+  drawScope(scope) {
+    const { signal } = scope.dataset;
+    const name = signal.replace(CHANGE, "");
+    const port = this.loops.map(({ signals }) => signals[name]).find((x) => x);
+    const [head, svg] = scope.children;
+    const { size } = placeOf(this, port);
+    const width = svg.clientWidth;
+    const height = svg.clientHeight;
+    const view = { ...this, mostLines: size, isChange: CHANGE.test(signal) };
+    const { svg: content, unit } = plot(view, port, width, height);
+    svg.innerHTML = content;
+    // On paper the picture takes the width that there is.
+    svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    const keys = this.runs.filter((run) => run.columns(port)).map(({ loop }) => keyOf(loop));
+    const components = size <= MOST_LINES ? samplesOf(port, size) : [];
+    const title = signal.replaceAll("_", " ");
+    const pale = this.pinned.length ? "pale: as in the thesis" : "";
+    head.replaceChildren(make("b", {}, unit ? `${title} [${unit}]` : title));
+    head.append(...components, ...keys, pale);
+  }
+
+  // Judges the claims on the runs of now, and says so where a slider has moved.
+  judge() {
+    const evidence = new Evidence(this.runs, this);
+    for (const claim of this.claims) {
+      const item = $(`claim-${claim.key}`);
+      const now = item.querySelector(".now");
+      now.hidden = this.isAsPublished();
+      if (!isJudged(claim)) {
+        now.textContent = "Judged at the thesis's own numbers only.";
+        continue;
+      }
+      const { verdict, ours } = judge(evidence, claim);
+      const word = make("b", { className: verdict.split(" ").at(-1) }, verdict);
+      now.replaceChildren("With these sliders: ", word, ` (${ours})`);
+      item.classList.toggle("turned", verdict !== item.dataset.verdict);
+      item.dataset.now = verdict;
+    }
+  }
+}

@@ -1,0 +1,186 @@
+// The picture of a signal over time, for all runs of a view.
+//
+// A view has `runs`, `pinned` runs, which are drawn pale, the `window` of time that is shown, the
+// `loops` of the runs, `mostLines`, the number of components that are drawn, and `isChange` where
+// the values at the start of a run are subtracted.
+
+import { make, safe } from "./elements.js";
+import { clamp, extent, range, show } from "./numbers.js";
+import { componentsOf, scaleAndUnit } from "./units.js";
+
+const DASHES = ["", "7 4", "2 3", "9 3 2 3"]; // Of the components of a vector.
+export const MOST_LINES = 6;
+export const LEFT = 58; // px, room for the numbers of the vertical axis
+export const RIGHT = 18;
+const TOP = 4;
+const BELOW = 18;
+const EVENT_LETTER = 6.2; // px, the width of a letter in the name of an event
+
+// The size and the unit of a port, of the first loop that has it.
+export function placeOf({ loops }, port) {
+  const [, size, unit] = loops.map((loop) => loop.ports[port]).find((place) => place);
+  return { size, unit };
+}
+
+// Ticks of an axis between two values.
+function ticks(low, high, most) {
+  const least = (high - low) / most;
+  const power = 10 ** Math.floor(Math.log10(least));
+  const step = [1, 2, 5, 10].find((x) => x * power >= least) * power;
+  const first = Math.ceil(low / step);
+  return range(Math.floor(high / step) - first + 1).map((i) => (first + i) * step);
+}
+
+// Points [t, value - offset] of a signal in the window: the ends of steps, and between them where
+// these are far from each other.
+function curve(run, column, width, [low, high], offset = 0) {
+  const spacing = ((high - low) / width) * 3;
+  const points = [];
+  for (let s = run.step(low + 1e-12); s < run.ends.length; ++s) {
+    const last = run.ends[s];
+    if (run.time[last - 4] > high) break;
+    const begin = Math.max(run.time[last - 4], low);
+    const end = Math.min(run.time[last], high);
+    const count = clamp(Math.ceil((end - begin) / spacing), 1, 60);
+    // Where nothing jumps, a step begins with the end of the one before.
+    const isKnown = points.length > 0 && last - run.ends[s - 1] === 4;
+    for (let j = isKnown ? 1 : 0; j <= count; ++j) {
+      const t = begin + (j * (end - begin)) / count;
+      points.push([t, run.vector([column], t, s)[0] - offset]);
+    }
+  }
+  return points;
+}
+
+// The line of the velocity that the operator commands, for a scope of the tool's velocity.
+function commandOf({ runs, window }, port, width) {
+  const run = runs.find((x) => x.loop.signals.tool_velocity === port);
+  const columns =
+    run?.signal("velocity_command") ?? run?.columns("master/surgeon:velocity_command");
+  if (!columns) return [];
+  return columns.map((column, component) => ({
+    points: curve(run, column, width, window),
+    color: "currentColor",
+    dashes: DASHES[component % DASHES.length],
+    className: "command",
+  }));
+}
+
+// The colour of a component's line: of its own where there are many.
+function colorOf({ color }, component, count) {
+  if (count <= MOST_LINES) return color;
+  const hue = (300 * component) / count;
+  return `light-dark(hsl(${hue} 70% 35%), hsl(${hue} 70% 65%))`;
+}
+
+// The lines of a port: of each run, pinned ones first, and each component.
+function linesOf(view, port, width) {
+  const { runs, pinned, window, mostLines = MOST_LINES, isChange } = view;
+  const lines = [...pinned, ...runs].flatMap((run, i) => {
+    const columns = (run.columns(port) ?? []).slice(0, mostLines);
+    return columns.map((column, component) => ({
+      points: curve(run, column, width, window, isChange ? run.rows[column] : 0),
+      color: colorOf(run.loop, component, columns.length),
+      dashes: DASHES[component % DASHES.length],
+      className: i < pinned.length ? "pale" : "",
+    }));
+  });
+  return [...commandOf(view, port, width), ...lines];
+}
+
+// What maps a time and a value to pixels, with the range of the values, for lines in a picture.
+function axesOf(lines, [begin, end], unit, width, height) {
+  const known = extent(lines.flatMap(({ points }) => points.map(([, value]) => value)));
+  const [least, most] = known[0] > known[1] ? [-1, 1] : known;
+  const [scale, shownUnit] = scaleAndUnit([least, most], unit);
+  const gap = 0.06 * (most - least) || 0.01 * Math.abs(most) || 0.5;
+  const low = least - gap;
+  const high = most + gap;
+  const wide = width - LEFT - RIGHT;
+  const tall = height - BELOW - TOP - 2;
+  return {
+    low,
+    high,
+    scale,
+    unit: shownUnit,
+    bottom: height - BELOW,
+    x: (t) => (((t - begin) / (end - begin)) * wide).toFixed(1),
+    y: (value) => (TOP + ((high - value) / (high - low)) * tall).toFixed(1),
+  };
+}
+
+// The marks of the vertical axis with their lines, and those of time.
+function drawAxes({ low, high, scale, x, y }, window, width, height) {
+  const values = ticks(low, high, 5).map(
+    (v) =>
+      `<text x="${LEFT - 6}" y="${y(v)}" dy="4" text-anchor="end">${show(scale * v)}</text>
+      <path class="${v ? "" : "zero"}" d="M${LEFT} ${y(v)}H${width}"/>`,
+  );
+  const times = ticks(...window, width / 90).map(
+    (t) =>
+      `<text x="${LEFT + Number(x(t))}" y="${height - 4}" text-anchor="middle">
+      ${show(t)} s</text>`,
+  );
+  return values.join("") + times.join("");
+}
+
+// The lines of events, each with its name at the first of that name.
+function drawEvents({ runs, window }, { x, bottom }, width) {
+  const all = runs.flatMap(({ events, loop }) =>
+    events.map((event) => ({ ...event, color: loop.color })),
+  );
+  const isShown = ({ time }) => time >= window[0] && time <= window[1];
+  const firsts = new Map();
+  for (const event of all.filter(isShown)) {
+    if (!firsts.has(event.name)) firsts.set(event.name, event);
+  }
+  const lines = all.map(
+    ({ time, color }) => `<path class="event" d="M${x(time)} 0v${bottom}" stroke="${color}"/>`,
+  );
+  // Names that would overlap are left out.
+  let right = -Infinity;
+  const names = [...firsts.values()].sort((a, b) => a.time - b.time);
+  for (const { name, time } of names) {
+    const text = name.replaceAll("_", " ");
+    const wide = EVENT_LETTER * text.length;
+    const left = Math.min(Number(x(time)) + 3, width - LEFT - RIGHT - wide);
+    if (left < right) continue;
+    lines.push(`<text class="name" x="${left}" y="11">${safe(text)}</text>`);
+    right = left + wide + 6;
+  }
+  return lines.join("");
+}
+
+// The scope of a port: its SVG, the scale and the unit of its axis, and whether it has a command.
+export function plot(view, port, width, height) {
+  const { window } = view;
+  const lines = linesOf(view, port, width);
+  const axes = axesOf(lines, window, placeOf(view, port).unit, width, height);
+  const { x, y, bottom } = axes;
+  const curves = lines.map(({ points, color, dashes, className }) => {
+    const places = points.map(([t, value]) => `${x(t)},${y(value)}`).join(" ");
+    return `<polyline class="${className}" points="${places}" stroke="${color}"
+      stroke-dasharray="${dashes}"/>`;
+  });
+  const cursor = `<path class="cursor" d="M0 0v${bottom}"/>`;
+  const svg = `${drawAxes(axes, window, width, height)}
+    <svg x="${LEFT}" width="${width - LEFT}" height="${bottom}">
+    ${drawEvents(view, axes, width)}${curves.join("")}${cursor}</svg>`;
+  const hasCommand = lines.some(({ className }) => className === "command");
+  return { svg, scale: axes.scale, unit: axes.unit, hasCommand };
+}
+
+// A sample of a line with the name of what it shows.
+export function sampleOf(name, dashes, className = "") {
+  const sample = make("span", {}, `${name} `);
+  const line = `<line class="${className}" x2="26" y1="3" y2="3" stroke-dasharray="${dashes}"/>`;
+  sample.insertAdjacentHTML("beforeend", `<svg aria-hidden="true">${line}</svg>`);
+  return sample;
+}
+
+// Samples of the lines of a port's components; one has none.
+export function samplesOf(port, size) {
+  if (size === 1) return [];
+  const names = componentsOf(port, size).slice(0, MOST_LINES);
+  return names.map((name, i) => sampleOf(name, DASHES[i % DASHES.length]));
+}

@@ -1,0 +1,88 @@
+"""The live figures of the report: what simulates them, and what judges their claims.
+
+The figures of a task share two modules of WebAssembly, one for each controller.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from teleop_drake.page.page import MakePage
+from teleop_drake.scenario import AsTeleoperation, LoadScenario
+from teleop_drake.thesis.claims.claim import Claim
+
+_BONE_DAMPING = "environment.layers.bone.damping"
+_END_OF_TISSUE = "environment.layers.free.start"
+
+SLIDERS: dict[str, dict[str, tuple[float, float]]] = {
+    "one_dof": {
+        "controller.initial_psi": (0.5, 8.0),
+        "controller.adaptation_rate": (0.0, 20.0),
+        "robot.damping": (0.0, 1.0),
+    },
+    "two_dof_puncture": {
+        "controller.G1": (1.0, 10.0),
+        "controller.adaptation_rate": (0.0, 20.0),
+        _END_OF_TISSUE: (1.0, 1.25),
+    },
+    "two_dof_collision": {
+        "controller.G1": (1.0, 10.0),
+        "controller.G2": (5.0, 80.0),
+        _BONE_DAMPING: (0.0, 5.0),
+    },
+    "two_dof_combined": {
+        "controller.adaptation_rate": (0.0, 20.0),
+        _END_OF_TISSUE: (0.9, 1.08),
+        _BONE_DAMPING: (0.0, 5.0),
+    },
+}
+"""Of each task the numbers, beside the delays, on which its verdicts depend."""
+
+# The first figure of what a claim's key begins with, for claims that name no figure.
+_FIRST_FIGURES = {"4-": "4.1", "5-II-": "5.7", "5-III-": "5.14", "5-": "5.1"}
+
+
+def FigureOf(claim: Claim) -> str:
+    """Returns the number of the figure beside which a claim stands; "" if none."""
+    named = re.search(r"Fig\. (\d\.\d+)", claim.place)
+    if named is not None:
+        return named[1]
+    firsts = (x for key, x in _FIRST_FIGURES.items() if claim.key.startswith(key))
+    return next(firsts, "")
+
+
+def Laboratory(task: str, claims: Sequence[Claim]) -> dict[str, Any]:
+    """Returns what the report's script takes of a task: what page.py's _Data() has of
+    its inputs and controllers, its network, and the claims beside its figures.
+    """
+    kinds = ["direct_force", "adaptive_backstepping"]
+    data = MakePage(task, controllers=kinds, vary=SLIDERS[task]).data
+    network = AsTeleoperation(LoadScenario(task)).controller.network.MakeNetwork()
+    return {
+        "name": task,
+        "inputs": data["inputs"],
+        # The report shows no block diagrams.
+        "controllers": [{**kind, "levels": []} for kind in data["controllers"]],
+        "network": {
+            "centres": network.centres.tolist(),
+            "widths": network.widths.tolist(),
+        },
+        "claims": [*map(_Criterion, claims)],
+    }
+
+
+def _Criterion(claim: Claim) -> Mapping[str, Any]:
+    """Returns what the page's judge.js takes of a claim.
+
+    It has a function of the measure's name, which takes the arguments of that.
+    """
+    measure: Any = claim.measure
+    return {
+        "unit": claim.unit,
+        **getattr(measure, "keywords", {}),
+        "measure": getattr(measure, "func", measure).__name__,
+        "key": claim.key,
+        "printed": claim.printed,
+        "width": None if claim.printed is None else claim.width,
+        "is_fitted": claim.fitted,
+    }

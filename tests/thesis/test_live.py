@@ -1,0 +1,119 @@
+"""The executable thesis: its figures simulate, and its claims are judged as here."""
+
+import re
+
+import pytest
+
+from teleop_drake.cli import main
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.thesis.figures import FIGURES
+from teleop_drake.thesis.live import SLIDERS, FigureOf
+from teleop_drake.thesis.report import CLAIMS, Reproduce
+from teleop_drake.thesis.runs import Delay, Run, ThesisRuns
+
+pytestmark = pytest.mark.xdist_group("thesis")
+
+PHONE = 390, 844
+
+# Of each task sliders that are moved, far enough to turn verdicts.
+MOVED = {
+    "one_dof": {"delay": 0.2, "controller.initial_psi": 2.0, "robot.damping": 0.7},
+    "two_dof_puncture": {"delay": 0.04, "controller.G1": 8.0},
+    "two_dof_collision": {
+        "delay": 0.2,
+        "controller.G2": 60.0,
+        "environment.layers.bone.damping": 3.0,
+    },
+    "two_dof_combined": {"delay": 0.02, "environment.layers.bone.damping": 5.0},
+}
+
+
+class MovedRuns(ThesisRuns):
+    """Runs of a task at the numbers of sliders."""
+
+    def __init__(self, task, values):
+        super().__init__()
+        self._task = task
+        self._change = {key: x for key, x in values.items() if key != "delay"}
+        self._change |= Delay(values["delay"])
+
+    def __call__(self, name, *changes) -> Run:
+        own = [self._change] if name == self._task else []
+        return super().__call__(name, *changes, *own)
+
+
+def Verdicts(keys, runs):
+    """The verdicts of some claims."""
+    claims = [claim for claim in CLAIMS if claim.key in keys]
+    return {claim.key: claim.Judge(runs).verdict for claim in claims}
+
+
+@pytest.fixture(scope="module")
+def seen(look, reproduced):
+    return look(reproduced.folder / "report.html", "thesis.js")
+
+
+def test_claims_stand_beside_their_figures():
+    figures = {claim.key: FigureOf(claim) for claim in CLAIMS}
+    assert figures["4-adaptive-overshoot"] == "4.1"
+    assert figures["5-III-lower-first-impact"] == "5.15"
+    assert figures["5-II-larger-gains"] == "5.7"
+    assert figures["6-outperforms"] == ""
+    beside = {FIGURES[number].task for number in figures.values() if number}
+    assert beside >= set(SLIDERS)
+
+
+@pytest.mark.parametrize("task", SLIDERS)
+def test_sliders_are_numbers_of_the_scenario(task):
+    scenario = LoadScenario(task)
+    for key, (low, high) in SLIDERS[task].items():
+        assert low <= scenario.Value(key) < high
+
+
+def test_a_figure_of_a_run_is_live(seen):
+    assert seen["inputs"] == ["delay", *SLIDERS["one_dof"]]
+    assert seen["scopes"] == ["tool_velocity", "psi", "change of psi"]
+    assert min(seen["curves"]) > 10
+
+
+def test_a_slider_changes_curves_and_returns(seen):
+    assert seen["isMoved"] and seen["isBack"]
+
+
+def test_the_filter_shows_refuted_claims(seen):
+    assert seen["refuted"] == seen["shown"] > 0
+    assert seen["all"] > seen["shown"]
+
+
+@pytest.mark.parametrize("is_dark", [False, True], ids=["light", "dark"])
+def test_it_fits_a_phone(look, reproduced, is_dark):
+    path = reproduced.folder / "report.html"
+    seen = look(path, "thesis.js", size=PHONE, is_dark=is_dark)
+    assert seen["width"] <= PHONE[0]
+    assert min(seen["targets"]) >= 44
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", MOVED)
+def test_a_page_judges_as_the_ledger(look, tmp_path_factory, thesis_runs, task):
+    """At the thesis's numbers and where sliders have moved."""
+    folder = tmp_path_factory.getbasetemp() / "thesis"
+    if not folder.exists():
+        folder.mkdir()
+        Reproduce(folder, formats=["svg"], runs=thesis_runs)
+    page = folder / "report.html"
+    assert page.stat().st_size < 4e6
+    expression = f"#{task}&" + "&".join(f"{k}={x}" for k, x in MOVED[task].items())
+    seen = look(page, "judge.js", link=expression)
+    assert len(seen["published"]) > 8
+    assert seen["published"] == Verdicts(seen["published"], thesis_runs)
+    runs = MovedRuns(task, MOVED[task])
+    assert seen["moved"] == Verdicts(seen["moved"], runs)
+    assert seen["moved"] != seen["published"]
+    # At least one number of both is printed: they are those of the runs here.
+    assert re.search(r"\d", seen["texts"][0])
+
+
+def test_only_some_figures_make_no_report(tmp_path):
+    assert main(["reproduce", "--only", "2.4", "--quiet", "--out", str(tmp_path)]) == 0
+    assert not (tmp_path / "report.html").exists()
