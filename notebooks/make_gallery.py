@@ -10,6 +10,7 @@ Then README.md is written anew.
 import base64
 import hashlib
 import io
+import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -33,6 +34,7 @@ PICTURES = {
     "07_stability": 4,
     "08_drive": 1,
     "09_arm_in_space": 2,
+    "10_classic_results": 0,
 }
 
 WIDTH = 900  # pixels
@@ -78,6 +80,7 @@ def MakePicture(path: Path) -> None:
     with tempfile.TemporaryDirectory() as temporary:
         for file in [*FOLDER.glob("*.py"), *FOLDER.glob("*.csv")]:
             Path(temporary, file.name).write_bytes(file.read_bytes())
+        shutil.copytree(FOLDER / "classics", Path(temporary, "classics"))
         resources = {"metadata": {"path": temporary}}
         NotebookClient(notebook, timeout=600, resources=resources).execute()
     text = PngImagePlugin.PngInfo()

@@ -77,6 +77,7 @@ def test_runs(path, tmp_path):
     notebook = Read(path)
     for file in [*path.parent.glob("*.py"), *path.parent.glob("*.csv")]:
         shutil.copy(file, tmp_path)
+    shutil.copytree(path.parent / "classics", tmp_path / "classics")
     Execute(notebook, tmp_path)
     cells = CodeCells(notebook)
     shown = [
