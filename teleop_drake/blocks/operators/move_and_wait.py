@@ -265,6 +265,10 @@ class MoveAndWaitConfig(OperatorConfig):
         """Makes the block; see OperatorConfig.MakeOperator."""
         return MoveAndWaitOperator(self, start, contact_surface)
 
+    def LinearNote(self) -> str:
+        """Returns what the linear model leaves out."""
+        return "The operator moves or waits: the plan of a next move is not modelled."
+
     def LongestStep(self) -> float:
         """Returns a quarter of the shortest move in s: no step passes over one."""
         return self.shortest_move / 4

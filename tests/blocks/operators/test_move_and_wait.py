@@ -10,7 +10,13 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Integrator
 
-from teleop_drake import LoadScenario, MoveAndWaitConfig, TransportDelay, simulate
+from teleop_drake import (
+    AnalyzeStability,
+    LoadScenario,
+    MoveAndWaitConfig,
+    TransportDelay,
+    simulate,
+)
 from teleop_drake.blocks.environments import Surface
 from teleop_drake.scenario import ScenarioError
 
@@ -120,6 +126,14 @@ def test_contact_and_stop_end_the_moves():
     np.testing.assert_allclose(modes, [0, 1, 2], rtol=1e-12)
     after = recording.time > 3.0
     assert np.all(recording["velocity_command"][after] == 0)
+
+
+def test_the_analysis_says_what_it_leaves_out():
+    scenario = LoadScenario("one_dof", {"surgeon.kind": "move_and_wait"})
+    (note,) = (x for x in AnalyzeStability(scenario).notes if "operator" in x)
+    assert (
+        note == "The operator moves or waits: the plan of a next move is not modelled."
+    )
 
 
 def test_it_is_a_kind_of_scenarios():
