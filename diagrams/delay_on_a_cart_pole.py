@@ -1,11 +1,11 @@
 """A delay in the loop of a cart-pole: Drake's LQR, 50 ms late.
 
 How long may the measured state be under way until the pole falls? DelayMargin() says
-so, and simulate() confirms it on both sides.
+so, and simulate() confirms it on both sides. In the page the delay is a slider.
 
 Run `python diagrams/delay_on_a_cart_pole.py`: it draws the diagram beside this file (or
-into the file given as an argument), and prints the margin and what a small push becomes
-a little inside and outside of it.
+into the file given as an argument), writes the page into a second file if one is given,
+and prints the margin and what a small push becomes a little inside and outside of it.
 """
 
 import sys
@@ -18,7 +18,7 @@ from pydrake.systems.controllers import LinearQuadraticRegulator
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import AffineSystem
 
-from teleop_drake import DelayMargin, TransportDelay, WriteDiagram, simulate
+from teleop_drake import DelayMargin, TransportDelay, WriteDiagram, WritePage, simulate
 
 CART_POLE = "package://drake/examples/multibody/cart_pole/cart_pole.sdf"
 
@@ -75,9 +75,13 @@ def MakePushed(diagram: Diagram, push: float) -> Context:
     return context
 
 
-def main(picture: Path) -> None:
+def main(picture: Path, page: Path | None) -> None:
     diagram = MakeDiagram(0.05)
     WriteDiagram(diagram, picture, max_depth=1)
+    if page is not None:
+        WritePage(
+            diagram, page, context=MakePushed(diagram, 0.1), vary={"delay": (0, 0.2)}
+        )
     sensor = diagram.GetSubsystemByName("sensor")
     context = diagram.CreateDefaultContext()
     more = DelayMargin(diagram, context, sensor.get_output_port())
@@ -93,4 +97,8 @@ def main(picture: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if sys.argv[1:] else Path(__file__).with_suffix(".svg"))
+    files = [Path(name) for name in sys.argv[1:3]]
+    main(
+        files[0] if files else Path(__file__).with_suffix(".svg"),
+        files[1] if files[1:] else None,
+    )

@@ -20,7 +20,7 @@ from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.simulation import simulate
 
 
-def MakeDiagram(delay: float) -> Diagram:
+def MakeDiagram(delay: float = 0.4) -> Diagram:
     """Makes y' = 2 (1 - y(t - delay))."""
     builder = DiagramBuilder()
     reference = builder.AddNamedSystem("reference", ConstantVectorSource([1.0]))

@@ -3,10 +3,13 @@
 A name is the path of a system, a dot and the name of a parameter, as
 `controller/law.damping`. One element of a parameter that is an array has its place
 behind it, as `law.G1(0,1)` of a matrix, or its name, as `environment.stiffness(bone)`.
+
+A state at the begin of a run is named by the path of its system, a slash and the name
+of the state, as `plant/theta(0)`. `delay` stands for all delays of blocks together.
 """
 
-from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +19,7 @@ from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.validation import Choices, Refuse
+from teleop_drake.validation import CheckNumber, Choices, Refuse
 
 
 class ParameterValue(NamedTuple):
@@ -30,9 +33,9 @@ class ParameterValue(NamedTuple):
 
 
 class _Parameter(NamedTuple):
-    """A parameter of one system: how to read it from a Context, and how to set it.
+    """A number of one system: how to read it from a Context, and how to set it.
 
-    Its elements may have names.
+    Its elements may have names. It may be a delay of a signal.
     """
 
     name: str
@@ -40,6 +43,7 @@ class _Parameter(NamedTuple):
     read: Callable[[], Array]
     write: Callable[[Array], None]
     elements: tuple[str, ...] = ()
+    is_delay: bool = False
 
 
 def NamedParameters(
@@ -64,35 +68,78 @@ def NamedParameters(
     }
 
 
-def SetParameter(
-    diagram: System, context: Context, name: str, value: ArrayLike
+def SetNumbers(
+    diagram: System, context: Context, numbers: Mapping[str, ArrayLike]
 ) -> None:
-    """Sets a parameter, or one element of it, in a Context.
+    """Sets parameters, elements of them, or states in a Context.
 
     Args:
-        name: As NamedParameters() has it, or with the place of an element behind it.
-        value: A number, which an array takes for each of its elements; or an array of
-            the parameter's shape.
+        numbers: New values, by the names of NamedParameters() and InitialStates(),
+            perhaps with the place of an element behind it, or `delay`. A parameter of
+            several elements takes one number for all of them, or an array of its shape.
 
     Raises:
-        ScenarioError: If there is no such parameter, or the value does not fit.
+        ScenarioError: If there is no such number, or the value does not fit.
     """
-    parameters = _ParametersIn(diagram, context)
-    whole, bracket, place = name.partition("(")
-    if whole not in parameters:
-        Refuse("parameter", name, Choices(name, list(parameters)))
-    parameter = parameters[whole]
+    known = _ParametersIn(diagram, context) | _StatesIn(diagram, context)
+    for name, value in numbers.items():
+        number = np.asarray(value, dtype=float)
+        if not np.isfinite(number).all():
+            Refuse(name, value, "finite")
+        delays = DelayNames(diagram, context) if name == "delay" else []
+        for each in delays or [name]:
+            _Set(known, each, number)
+
+
+def DelayNames(diagram: System, context: Context) -> list[str]:
+    """Returns the names of the parameters that are constant delays of blocks."""
+    return [
+        name
+        for name, parameter in _ParametersIn(diagram, context).items()
+        if parameter.is_delay
+    ]
+
+
+def InitialStates(diagram: System, context: Context | None = None) -> dict[str, float]:
+    """Returns the states of a Context by name, as `system/path/theta(0)`.
+
+    They are the continuous states, or of a system without any the first group of
+    discrete ones. A state of Drake's has the name that Drake gives it; of the others
+    the first one is x0.
+    """
+    context = context or diagram.CreateDefaultContext()
+    states = _StatesIn(diagram, context)
+    return {name: state.read().item() for name, state in states.items()}
+
+
+def ScalarsIn(diagram: System, context: Context) -> dict[str, tuple[float, str]]:
+    """Returns value and unit of every element of every parameter by name."""
+    scalars = {}
+    for name, parameter in _ParametersIn(diagram, context).items():
+        array = np.asarray(parameter.read())
+        for place in np.ndindex(array.shape):
+            inside = ",".join(map(str, place))
+            if len(place) == 1 and parameter.elements:
+                inside = parameter.elements[place[0]]
+            key = f"{name}({inside})" if array.size > 1 else name
+            scalars[key] = array[place].item(), parameter.unit
+    return scalars
+
+
+def _Set(known: Mapping[str, "_Parameter"], name: str, number: Array) -> None:
+    """Sets one parameter, or one element of it."""
+    whole, bracket, place = (name, "", "") if name in known else name.partition("(")
+    if whole not in known:
+        Refuse("parameter", name, Choices(name, list(known)))
+    parameter = known[whole]
     array = np.array(parameter.read(), dtype=float)
-    number = np.asarray(value, dtype=float)
-    if not np.isfinite(number).all():
-        Refuse(name, value, "finite")
     if bracket:
         if number.ndim:
-            Refuse(name, value, "a number")
+            Refuse(name, number, "a number")
         array[_PlaceIn(name, place, parameter, array.shape)] = number
     else:
         if number.shape not in ((), array.shape):
-            Refuse(name, value, f"a number or an array of shape {array.shape}")
+            Refuse(name, number, f"a number or an array of shape {array.shape}")
         array[...] = number
     parameter.write(array)
 
@@ -136,6 +183,49 @@ def _PathIn(diagram: System, system: System) -> str:
     return inside.strip(":").replace("::", "/")
 
 
+def _StatesIn(diagram: System, context: Context) -> dict[str, _Parameter]:
+    """Returns the states of all systems in a diagram by their full names."""
+    found = {}
+    for system, own in ContextsIn(diagram, context).items():
+        if isinstance(system, Diagram):
+            continue
+        path = _PathIn(diagram, system)
+        for state in _StatesOf(system, own):
+            found[f"{path}/{state.name}" if path else state.name] = state
+    return found
+
+
+def _StatesOf(system: System, context: Context) -> Iterator[_Parameter]:
+    """Yields the states of a system that is no diagram."""
+    vector = context.get_mutable_continuous_state_vector()
+    if vector.size() == 0 and context.num_discrete_state_groups() > 0:
+        if hasattr(system, "Kernel"):
+            return  # A mode.
+        vector = context.get_mutable_discrete_state_vector()
+    for i, name in enumerate(_StateNames(system, vector)):
+
+        def Read(i: int = i) -> Array:
+            return np.array(vector.GetAtIndex(i))
+
+        def Write(value: Array, i: int = i) -> None:
+            vector.SetAtIndex(i, float(value))
+
+        yield _Parameter(f"{name}(0)", "", Read, Write)
+
+
+def _StateNames(system: System, vector: Any) -> list[str]:
+    """Returns the names of a system's states."""
+    if isinstance(system, MultibodyPlant):
+        names: list[str] = system.GetStateNames(add_model_instance_prefix=False)
+        if len(set(names)) < len(names):
+            return cast(list[str], system.GetStateNames())
+        return names
+    if type(vector).__module__ == "pydrake.examples":
+        fields = _FieldsOf(vector)
+        return sorted(fields, key=lambda name: fields[name])
+    return [f"x{i}" for i in range(vector.size())]
+
+
 def _ParametersOf(system: System, context: Context) -> Iterator[_Parameter]:
     if isinstance(system, MultibodyPlant):
         yield from _ParametersOfPlant(system, context)
@@ -147,9 +237,12 @@ def _ParametersOf(system: System, context: Context) -> Iterator[_Parameter]:
 
 def _ParametersOfKernel(block: Any, context: Context) -> Iterator[_Parameter]:
     """Yields the parameters of one of this package's blocks."""
+    delays = block.Kernel().delays
     for name, number, unit, shape in block.kernel_parameters.named:
-        elements = tuple(block.element_names.get(name, ()))
-        yield _InContext(context, number, name, unit, shape)._replace(elements=elements)
+        yield _InContext(context, number, name, unit, shape)._replace(
+            elements=tuple(block.element_names.get(name, ())),
+            is_delay=bool(delays) and name.partition(".")[0] == "delay",
+        )
 
 
 def _NumericParameters(context: Context) -> Iterator[_Parameter]:
@@ -224,6 +317,7 @@ def _ParametersOfPlant(plant: MultibodyPlant, context: Context) -> Iterator[_Par
             return np.array(body.get_mass(context))
 
         def WriteMass(value: Array, body: Any = body) -> None:
+            CheckNumber("mass", float(value), "kg", minimum=0)  # Drake would exit.
             body.SetMass(context, float(value))
 
         yield _Parameter(f"{body.name()}.mass", "kg", ReadMass, WriteMass)
@@ -236,6 +330,8 @@ def _ParametersOfPlant(plant: MultibodyPlant, context: Context) -> Iterator[_Par
             return np.array(joint.GetDampingVector(context))
 
         def WriteDamping(value: Array, joint: Any = joint) -> None:
+            for number in value:
+                CheckNumber("damping", float(number), "", minimum=0)
             joint.SetDampingVector(context, value)
 
         name = f"{joint.name()}.damping"

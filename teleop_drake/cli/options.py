@@ -1,12 +1,17 @@
 """Options that several commands share, and the scenario that they describe."""
 
 import argparse
+import inspect
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from teleop_drake.cli.exit_codes import BadInput
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from pydrake.systems.framework import System
+
     from teleop_drake.scenario import AnyScenario
 
 
@@ -34,13 +39,16 @@ def AddScenarioOptions(
     *,
     has_controller: bool = True,
     is_sweep: bool = False,
+    has_diagrams: bool = False,
 ) -> None:
     """Adds the scenario and the options that stand for its fields."""
     parser.add_argument(
         "scenario",
         metavar="SCENARIO",
         help="a built-in name or a YAML file; a file that names kinds of its own "
-        "(module:Class) is a program, to be trusted like one",
+        "(module:Class) is a program, to be trusted like one"
+        + ", or module:Make, a function that makes a Diagram"
+        * has_diagrams,
     )
     delay = "VALUES" if is_sweep else "S"
     if has_controller:
@@ -309,6 +317,31 @@ def Load(args: argparse.Namespace, *more: str, is_run: bool = False) -> "AnyScen
     except ValueError as e:  # ScenarioError is one.
         raise BadInput(e) from None
     return scenario
+
+
+def MakerOf(args: argparse.Namespace) -> "Callable[[], System] | None":
+    """Returns the function that the scenario names as module:Make; None: it is a file.
+
+    Raises:
+        BadInput: If there is no such function, or an option is for scenarios only.
+    """
+    from teleop_drake.kinds import ImportOwn
+
+    if ":" not in args.scenario or Path(args.scenario).exists():
+        return None
+    if OverridesOf(args) != [f"duration={args.duration}"] * (args.duration is not None):
+        allowed = "left out, because a Diagram takes no options of a scenario"
+        raise BadInput(f"options of {args.scenario!r}: must be {allowed}")
+    try:
+        maker = ImportOwn(args.scenario, "SCENARIO")
+    except ValueError as e:
+        raise BadInput(e) from None
+    try:
+        inspect.signature(maker).bind()
+    except (TypeError, ValueError):
+        allowed = "a function without arguments that returns a Diagram"
+        raise BadInput(f"SCENARIO = {args.scenario!r}: must be {allowed}") from None
+    return cast("Callable[[], System]", maker)
 
 
 def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[str]:

@@ -190,7 +190,7 @@ def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
                 after = memory.y[delays.signals[d] + i]
                 if abs(after - before) > 1e-9 * (abs(after) + abs(before)):
                     echo = 1
-        if echo <= _MAX_ECHO and delays.times[d] < math.inf:
+        if echo <= _MAX_ECHO and 0.0 < delays.times[d] < math.inf:
             _add_break(arrival(t, d, delays), echo, memory)
         column += delays.sizes[d]
 
@@ -405,7 +405,8 @@ def advance(
     delays = problem.delays
     longest = max_step
     for d in range(len(delays.times)):
-        longest = min(longest, delays.times[d])
+        if delays.times[d] > 0.0:
+            longest = min(longest, delays.times[d])
     if counts[IS_STARTED] == 0:
         _start(evaluate, problem, memory)
     last_try = counts[TRIES] + _MOST_TRIES

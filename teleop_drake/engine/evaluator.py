@@ -20,6 +20,7 @@ from teleop_drake.engine.flatten import Flatten, UnsupportedSystem
 from teleop_drake.engine.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
 from teleop_drake.engine.primitives import IsSink, PrimitiveKernel
 from teleop_drake.engine.source import Program
+from teleop_drake.engine.zero_delay import HasZeroDelay, PassAtZero
 from teleop_drake.jit.cache import Kept
 from teleop_drake.jit.native import Evaluate, Library
 from teleop_drake.jit.scalar_code import MakeCode, TraceProgram
@@ -98,6 +99,8 @@ class Evaluator:
         context: Its context, whose parameters and fixed inputs are taken over.
         as_machine_code: Whether to compile it.
         like: Another one, whose machine code is used if it would be the same.
+        has_zero_delays: Whether each constant delay may become 0 in the program.
+            Otherwise those may that are 0 in the context.
 
     Attributes:
         system: The diagram.
@@ -108,6 +111,7 @@ class Evaluator:
 
     Raises:
         UnsupportedSystem: If a block cannot be compiled; it is named.
+        AlgebraicLoop: If a signal would depend on itself where a delay is 0.
     """
 
     function: Callable[..., Any]
@@ -119,6 +123,7 @@ class Evaluator:
         *,
         as_machine_code: bool = False,
         like: "Evaluator | None" = None,
+        has_zero_delays: bool = False,
     ):
         self.blocks = Flatten(system)
         self.system = system
@@ -132,6 +137,8 @@ class Evaluator:
                 self.left_out.append(block.path)
             else:
                 CheckEvents(block.system, kernel, own)
+            if has_zero_delays or HasZeroDelay(kernel):
+                kernel = PassAtZero(block.system, kernel)
             kernels.append(kernel)
         self.program = Program(self.blocks, kernels)
         if like is not None and self.program.HasCodeOf(like.program):

@@ -24,6 +24,10 @@ class UnsupportedSystem(ValueError):
         super().__init__(f"{name} cannot be compiled: {reason}")
 
 
+class AlgebraicLoop(UnsupportedSystem):
+    """A signal that depends on itself at the same instant."""
+
+
 class Source(NamedTuple):
     """Where a signal comes from.
 

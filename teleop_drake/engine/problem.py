@@ -13,7 +13,7 @@ class Delays(NamedTuple):
 
     Attributes:
         times: The delays in s (d), > 0; infinity for a delay of packets, and the
-            shortest delay for one that varies.
+            shortest delay for one that varies. 0: what comes out has no effect.
         signals: The index in y at which each delay's signal begins (d).
         outputs: The index in y at which each delay's output begins (d).
         sizes: The width of each signal (d).

@@ -18,7 +18,12 @@ from pydrake.systems.framework import System
 
 from teleop_drake.arrays import Array, Indices
 from teleop_drake.contexts import DiscreteState
-from teleop_drake.engine.flatten import Block, Source, UnsupportedSystem
+from teleop_drake.engine.flatten import (
+    AlgebraicLoop,
+    Block,
+    Source,
+    UnsupportedSystem,
+)
 from teleop_drake.kernel import Delay, Kernel, Name, Term, Transition
 from teleop_drake.kernel.kernel import Law, Part
 from teleop_drake.kernel.terms import TermReader
@@ -245,7 +250,7 @@ class Program:
                 size = system.GetOutputPort(name).size()
             self._DeclareSignal(Source(i, name), size, term)
         for delay in kernel.delays:
-            size = system.GetOutputPort(delay.output).size()
+            size = len(delay.initial_value)
             self._DeclareSignal(Source(i, delay.output), size, None)
         num_modes = self.modes[i].stop - self.modes[i].start
         for name, transition in kernel.transitions.items():
@@ -286,7 +291,7 @@ class Program:
             return
         block = self._blocks[output.block]
         if output in self._under_way:
-            raise UnsupportedSystem(block.system, f"{output.port} depends on itself")
+            raise AlgebraicLoop(block.system, f"{output.port} depends on itself")
         array, part, term = self._terms[output]
         self._under_way.append(output)
         expressions = self._readers[output.block].Read(term)

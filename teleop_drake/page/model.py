@@ -25,7 +25,7 @@ from teleop_drake.blocks.operators.hand import HandOperator
 from teleop_drake.blocks.robots import PlantRobotConfig, RobotConfig
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL
 from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import OutputOf, Source
+from teleop_drake.engine.flatten import AlgebraicLoop, OutputOf, Source
 from teleop_drake.engine.run import CompiledRun
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.page.wasm import MakeModule
@@ -77,6 +77,7 @@ class Model:
             axis of each joint, and the tool), and `forward` and `return` (how long what
             is sent every PERIOD is under way, s; if that is constant, once).
         surfaces: Of the environment.
+        has_zero_delays: Whether constant delays may be 0 in the program.
         reasons: Why a run ends at each of the bounds.
         metrics: What computes metrics in the page, see Task.page_metrics.
         labels: Of the metrics, by their names.
@@ -84,10 +85,11 @@ class Model:
         joints: Of the arm, from its base to its tool; see _Arm().
     """
 
-    diagram: Diagram
+    diagram: System
     run: CompiledRun
     numbers: dict[str, Array]
     surfaces: tuple[Surface, ...]
+    has_zero_delays: bool
     reasons: list[str] = field(default_factory=lambda: ["the run is not finite"])
     metrics: str = ""
     labels: dict[str, str] = field(default_factory=dict)
@@ -349,7 +351,7 @@ def _Arm(robot: RobotConfig) -> tuple[list[dict[str, Any]], list[Any]]:
 
 
 def MakeModel(
-    diagram: Diagram,
+    diagram: System,
     config: SimulatorConfig,
     duration: float,
     context: Context | None = None,
@@ -367,17 +369,23 @@ def MakeModel(
         CannotCompile: If a signal is under way in a delay of the Context.
     """
     context = StartOf(diagram, context)
+    try:
+        evaluator = Evaluator(diagram, context, has_zero_delays=True)
+        has_zero_delays = True
+    except AlgebraicLoop:
+        evaluator = Evaluator(diagram, context)
+        has_zero_delays = False
     end = context.get_time() + duration
     max_step = min(config.max_step_size, LongestStep(diagram, context, of_delays=False))
     run = CompiledRun(
-        Evaluator(diagram, context),
+        evaluator,
         context,
         end=end,
         accuracy=config.accuracy,
         max_step=max_step,
     )
     surfaces: tuple[Surface, ...] = ()
-    if diagram.HasSubsystemNamed("environment"):
+    if isinstance(diagram, Diagram) and diagram.HasSubsystemNamed("environment"):
         surfaces = SurfacesOf(diagram.GetSubsystemByName("environment")) or ()
     # Whatever is computed has to stay finite.
     width = run.evaluator.program.sizes[0]
@@ -396,6 +404,7 @@ def MakeModel(
     return Model(
         diagram=diagram,
         run=run,
+        has_zero_delays=has_zero_delays,
         numbers={name: np.array(x, float).ravel() for name, x in numbers.items()},
         surfaces=surfaces,
     )

@@ -11,17 +11,19 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.framework import Context, System
 
 from teleop_drake.blocks.environments import Surface
 from teleop_drake.files import Replacing
 from teleop_drake.page.colors import PageColor
+from teleop_drake.page.diagram_inputs import DiagramNumbers, MakeDiagramInputs
 from teleop_drake.page.levels import Levels
-from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf
+from teleop_drake.page.model import PERIOD, Model, ModelOf
+from teleop_drake.page.plants import PlantsIn, ViewOf
 from teleop_drake.page.script import JoinModules, ReadPart
 from teleop_drake.page.sliders import (
     WHOLE,
@@ -42,16 +44,25 @@ from teleop_drake.scenario import (
 from teleop_drake.scenario.overrides import GetPath, ParseOverrides, SetPath
 from teleop_drake.scenario.tree import ToTree
 from teleop_drake.scenario.yaml_text import DumpYaml
+from teleop_drake.signals import NameOf
+from teleop_drake.simulation.inputs import CheckInputs
 from teleop_drake.sweep import ALIASES
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.insertion_metrics import FirstNormal
-from teleop_drake.validation import CheckChoice, CheckNames, Refuse
+from teleop_drake.validation import CheckChoice, CheckNames, CheckNumber, Refuse
+
+DURATION = 10.0
+"""How long the runs of a diagram are, s."""
 
 # The longest drive, s.
 _LONGEST_DRIVE = 600.0
 
 # The fastest that a hand commands, in multiples of |surgeon.velocity|.
 _FULL_SPEED = 2.0
+
+
+# A scenario, its name or file; a system; or a function that makes one.
+Shown: TypeAlias = str | os.PathLike[str] | AnyScenario | System | Callable[[], System]
 
 
 class Page:
@@ -82,7 +93,7 @@ class Page:
 
 
 def Explore(
-    scenario_or_diagram: str | os.PathLike[str] | AnyScenario | Diagram,
+    scenario_or_diagram: Shown,
     overrides: Mapping[str, Any] | Sequence[str] = (),
     *,
     controllers: Sequence[str] | None = None,
@@ -115,14 +126,15 @@ def Explore(
 
 
 def WritePage(
-    scenario_or_diagram: str | os.PathLike[str] | AnyScenario | Diagram,
+    scenario_or_diagram: Shown,
     path: str | os.PathLike[str],
     *,
     controllers: Sequence[str] | None = None,
     signals: Sequence[str] = (),
     vary: Ranges | None = None,
     overrides: Mapping[str, Any] | Sequence[str] = (),
-    duration: float = 10.0,
+    duration: float = DURATION,
+    context: Context | None = None,
     has_hand: bool = False,
 ) -> list[str]:
     """Writes a living diagram.
@@ -142,6 +154,7 @@ def WritePage(
         vary=vary,
         overrides=overrides,
         duration=duration,
+        context=context,
         has_hand=has_hand,
     )
     page.Save(path)
@@ -149,13 +162,13 @@ def WritePage(
 
 
 def MakePage(
-    scenario_or_diagram: str | os.PathLike[str] | AnyScenario | Diagram,
+    scenario_or_diagram: Shown,
     *,
     controllers: Sequence[str] | None = None,
     signals: Sequence[str] = (),
     vary: Ranges | None = None,
     overrides: Mapping[str, Any] | Sequence[str] = (),
-    duration: float = 10.0,
+    duration: float = DURATION,
     context: Context | None = None,
     has_hand: bool = False,
 ) -> Page:
@@ -165,8 +178,8 @@ def MakePage(
     outside of itself.
 
     Args:
-        scenario_or_diagram: A scenario, its name or file; or any diagram whose blocks
-            have kernels.
+        scenario_or_diagram: A scenario, its name or file; any system whose blocks have
+            kernels; or a function that makes one, whose docstring is the page's story.
         controllers: Kinds that are shown side by side; None: those that the task
             compares. A diagram has none.
         signals: That are in the scopes at first, by the names that recordings have;
@@ -174,7 +187,9 @@ def MakePage(
         vary: Numbers of the scenario that can be changed, with the least and the
             largest value of each. The delays, where they are constant, are always
             among them. Of what is no number, as `surgeon.kind`, the values to choose
-            from: each has a program of its own.
+            from: each has a program of its own. Of a diagram, parameters and initial
+            states by their names, or `delay`; see SetNumbers(). None: all delays, and
+            four parameters. The other parameters have fields in the boxes of blocks.
         overrides: For the scenario, as LoadScenario takes them.
         duration: Of a diagram's runs, s.
         context: Where a diagram's runs begin, with their parameters and fixed inputs;
@@ -187,66 +202,132 @@ def MakePage(
             a number together.
     """
     notes: list[str] = []
-    inputs: list[Input] = []
-    choices: dict[str, list[str]] = {}
-    models: dict[tuple[str, ...], Model]
-    hand = None
-    if isinstance(scenario_or_diagram, Diagram):
-        if controllers or vary:
-            Refuse("vary", [*(controllers or ()), *(vary or ())], "none of a diagram")
-        config = SimulatorConfig(integration_scheme="runge_kutta5", accuracy=1e-8)
-        config.use_error_control = True
-        title = scenario_or_diagram.get_name()
-        story = _FirstParagraph(scenario_or_diagram)
-        view = np.eye(2, 3).tolist()
-        model = MakeModel(scenario_or_diagram, config, duration, context)
-        models = {(title,): model}
-        if model.run.evaluator.left_out:
-            left_out = ", ".join(model.run.evaluator.left_out)
-            notes.append(f"{left_out}: left out, as nothing depends on them")
+    if isinstance(scenario_or_diagram, System) or callable(scenario_or_diagram):
+        if controllers or overrides or has_hand:
+            Refuse("controllers, overrides, has_hand", "given", "left out of a diagram")
+        content = _OfDiagram(scenario_or_diagram, vary, duration, context, notes)
     else:
         if context is not None:
             Refuse("context", "a Context", "left out where a page is of a scenario")
         load = _Loader(scenario_or_diagram, overrides)
-        scenario = load({})
-        title, story = scenario.title or scenario.name, scenario.story
-        kinds = TaskOf(scenario).controllers if controllers is None else controllers
-        kinds = list(kinds) or [scenario.controller.kind]
-        if has_hand:
-            hand = _Hand(AsTeleoperation(scenario), kinds)
-        choices, vary = _Choices(scenario, vary or {}, has_hand)
-        makers: dict[tuple[str, ...], Callable[[Mapping[str, float]], Model]] = {}
-        for which in itertools.product(kinds, *choices.values()):
-            choice = dict(zip(choices, which[1:], strict=True))
-            makers[which] = _Maker(load, which[0], choice, has_hand)
-        models = {which: make({}) for which, make in makers.items()}
-        view = _View(scenario, next(iter(models.values())).surfaces)
-        inputs = MakeInputs(scenario, vary, makers, models, notes)
-        if not next(iter(models.values())).metrics:
-            notes.append("the metrics of this task are its own: `run` prints them")
-    known = set().union(*(model.Signals() for model in models.values()))
+        content = _OfScenario(load, controllers, vary or {}, has_hand, notes)
+    known = set().union(*(model.Signals() for model in content.models.values()))
     CheckNames("signals", signals)
     for signal in signals:
         CheckChoice("signals", signal, sorted(known))
-    data = {**_Data(title, models, inputs, choices, notes), "hand": hand}
-    data |= {"scopes": list(signals), "period": PERIOD, "view": view}
-    return Page(title, story, data, notes)
+    data = _Data(content, notes) | {"scopes": list(signals), "period": PERIOD}
+    return Page(content.title, content.story, data, notes)
 
 
-def DiagramPage(diagram: Diagram) -> Page:
+class _Content(NamedTuple):
+    """What a page shows.
+
+    Attributes:
+        title: Its name.
+        story: What it is.
+        models: The runs, by controller and choices.
+        inputs: The numbers that can be changed.
+        choices: What is chosen among programs.
+        view: What points to the right and upwards in the drawing of the task.
+        plants: What is drawn of a diagram; see PlantsIn().
+        hand: What it takes for a hand; None: no hand drives it.
+        is_diagram: Whether it is of anybody's diagram, which has no controllers.
+    """
+
+    title: str
+    story: str
+    models: Models
+    inputs: list[Input]
+    choices: Mapping[str, list[str]]
+    view: list[list[float]]
+    plants: Sequence[dict[str, Any]] = ()
+    hand: dict[str, Any] | None = None
+    is_diagram: bool = False
+
+
+def _OfDiagram(
+    source: System | Callable[[], System],
+    vary: Ranges | None,
+    duration: float,
+    context: Context | None,
+    notes: list[str],
+) -> _Content:
+    """Returns what a diagram's page shows."""
+    system = source if isinstance(source, System) else source()
+    if not isinstance(system, System):
+        Refuse("scenario_or_diagram", source, "a function that returns a System")
+    CheckNumber("duration", duration, "s", above=0)
+    config = SimulatorConfig(integration_scheme="runge_kutta5", accuracy=1e-8)
+    config.use_error_control = True
+    if context is None:
+        context = system.CreateDefaultContext()
+    CheckInputs(system, context)
+    numbers = DiagramNumbers(system, context, config, duration)
+    model = numbers.Make({})
+    if model.run.evaluator.left_out:
+        left_out = ", ".join(model.run.evaluator.left_out)
+        notes.append(f"{left_out}: left out, as nothing depends on them")
+    title = NameOf(system)
+    models: Models = {(title,): model}
+    plants = PlantsIn(system, context)
+    return _Content(
+        title=title.replace("_", " "),
+        story=_Story(source),
+        models=models,
+        inputs=MakeDiagramInputs(numbers, models, vary, notes),
+        choices={},
+        view=ViewOf(plants),
+        plants=plants,
+        is_diagram=True,
+    )
+
+
+def _OfScenario(
+    load: Callable[[Mapping[str, Any]], AnyScenario],
+    controllers: Sequence[str] | None,
+    vary: Ranges,
+    has_hand: bool,
+    notes: list[str],
+) -> _Content:
+    """Returns what a scenario's page shows."""
+    scenario = load({})
+    kinds = TaskOf(scenario).controllers if controllers is None else controllers
+    kinds = list(kinds) or [scenario.controller.kind]
+    choices, ranges = _Choices(scenario, vary, has_hand)
+    makers: dict[tuple[str, ...], Callable[[Mapping[str, float]], Model]] = {}
+    for which in itertools.product(kinds, *choices.values()):
+        choice = dict(zip(choices, which[1:], strict=True))
+        makers[which] = _Maker(load, which[0], choice, has_hand)
+    models = {which: make({}) for which, make in makers.items()}
+    first = next(iter(models.values()))
+    if not first.metrics:
+        notes.append("the metrics of this task are its own: `run` prints them")
+    return _Content(
+        title=scenario.title or scenario.name,
+        story=scenario.story,
+        models=models,
+        inputs=MakeInputs(scenario, ranges, makers, models, notes),
+        choices=choices,
+        view=_View(scenario, first.surfaces),
+        hand=_Hand(AsTeleoperation(scenario), kinds) if has_hand else None,
+    )
+
+
+def DiagramPage(diagram: System) -> Page:
     """Makes a page that shows any block diagram of Drake and simulates nothing."""
-    title = diagram.get_name() or "diagram"
+    title = NameOf(diagram)
     shown: dict[str, Any] = {"kind": title, "title": title, "levels": Levels(diagram)}
     shown |= {"ports": {}, "signals": {}, "choice": {}}
     data = {"title": title, "notes": [], "inputs": [], "controllers": [shown]}
-    return Page(title, _FirstParagraph(diagram), data, [])
+    return Page(title, _Story(diagram), data, [])
 
 
-def _FirstParagraph(system: System) -> str:
-    """Returns the first paragraph of the docstring of a system's own class."""
-    if type(system).__module__.startswith("pydrake."):
+def _Story(source: System | Callable[[], System]) -> str:
+    """Returns the first paragraph of the docstring of a class or a function."""
+    documented = type(source) if isinstance(source, System) else source
+    if documented.__module__.startswith("pydrake."):
         return ""
-    return " ".join((inspect.getdoc(type(system)) or "").partition("\n\n")[0].split())
+    return " ".join((inspect.getdoc(documented) or "").partition("\n\n")[0].split())
 
 
 def _Hand(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Any]:
@@ -347,19 +428,18 @@ def _Maker(
     return Make
 
 
-def _Data(
-    title: str,
-    models: Models,
-    inputs: Sequence[Input],
-    choices: Mapping[str, list[str]],
-    notes: list[str],
-) -> dict[str, Any]:
+def _Data(content: _Content, notes: list[str]) -> dict[str, Any]:
     """Returns all that the page's script takes."""
+    title, _, models, inputs, choices, view, plants, hand, is_diagram = content
     kinds = list(dict.fromkeys(which[0] for which in models))
     return {
         "title": title,
         "version": metadata.version("teleop-drake"),
         "notes": notes,
+        "view": view,
+        "plants": list(plants),
+        "isDiagram": is_diagram,
+        "hand": hand,
         "inputs": DataOfInputs(inputs, choices),
         "controllers": [
             {

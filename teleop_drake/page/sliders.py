@@ -13,8 +13,11 @@ from teleop_drake.validation import Refuse
 
 _DELAYS = ("forward_delay", "return_delay")
 
-# The least delay of a slider, s: without any the program is another one.
+# The least delay of a slider, s, where a loop without any is another program.
 _LEAST_DELAY = 0.005
+
+# What stands for no delay where programs are compared, s.
+_ALMOST_ZERO = 1e-6
 
 # The largest one is at least this, s, and at least twice that of the scenario.
 _LARGE_DELAY = 0.5
@@ -44,6 +47,10 @@ class Input:
         key: Dotted path in the scenario, or an alias of several.
         low, high, value: Its range, and its value in the scenario.
         is_wanted: Whether it is an error if it cannot be changed.
+        label: Its name in the page, with its unit in brackets.
+        owners: Paths of the blocks to which it belongs.
+        is_delay: Whether it is one.
+        is_field: Whether it is shown only in the opened box of its block.
         changes: Of each controller.
     """
 
@@ -52,7 +59,19 @@ class Input:
     high: float
     value: float
     is_wanted: bool
+    label: str
+    owners: list[str]
+    is_delay: bool = False
+    is_field: bool = False
     changes: list[Change] = field(default_factory=list)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The ends of its range at which runs are compared.
+
+        A block that is made without a delay has another program.
+        """
+        return _ALMOST_ZERO if self.is_delay and self.low == 0 else self.low, self.high
 
     @property
     def stops(self) -> list[float]:
@@ -87,10 +106,10 @@ def MakeInputs(
     if len(others) == len(vary):
         choices.append(())
     for delays in choices:
-        inputs = [_MakeInput(key, scenario, vary) for key in (*delays, *others)]
-        found = [x for x in inputs if x is not None and _FindChanges(x, makers, notes)]
+        inputs = [_MakeInput(key, scenario, vary, models) for key in (*delays, *others)]
+        found = [x for x in inputs if x and FindChanges(x, makers, models, notes)]
         try:
-            _CheckInputs(found, makers, models)
+            CheckInputs(found, makers, models)
             if not delays:
                 notes.append(f"the delays have no sliders: {reason}")
             return found
@@ -99,7 +118,9 @@ def MakeInputs(
     raise ScenarioError(f"vary = {reason}") from None
 
 
-def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges) -> Input | None:
+def _MakeInput(
+    key: str, scenario: AnyScenario, vary: Ranges, models: Models
+) -> Input | None:
     """Returns an input with its range; None if it is a delay that there is not."""
     is_delay = key in ("delay", *_DELAYS)
     wanted = vary.get(key, vary.get("delay") if is_delay else None)
@@ -111,66 +132,87 @@ def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges) -> Input | None:
         raise
     if isinstance(value, bool) or not isinstance(value, int | float):
         Refuse(key, value, "a number in the scenario, to be varied")
-    low, high = wanted or (_LEAST_DELAY, max(_LARGE_DELAY, 2 * value))
+    low, high = RangeWith(key, wanted or DelayRange(value, models), value)
+    return Input(
+        key=key,
+        low=low,
+        high=high,
+        value=value,
+        is_wanted=wanted is not None,
+        label=AxisLabel(key),
+        owners=_OwnersOf(key),
+        is_delay=is_delay,
+    )
+
+
+def DelayRange(value: float, models: Models) -> tuple[float, float]:
+    """Returns the range of a delay's slider if none is given, s."""
+    least = 0.0 if _MayBeZero(models) else _LEAST_DELAY
+    return least, max(_LARGE_DELAY, 2 * value)
+
+
+def RangeWith(key: str, ends: Sequence[Any], value: float) -> tuple[float, float]:
+    """Returns a range that has a value in it, too."""
+    low, high = ends
     if not low < high:
         Refuse(key, f"{low:g}:{high:g}", "LO:HI, the larger one behind")
-    low, high = min(low, value), max(high, value)
-    return Input(key=key, low=low, high=high, value=value, is_wanted=wanted is not None)
+    return min(low, value), max(high, value)
 
 
-def _FindChanges(
-    one: Input,
-    makers: Makers,
-    notes: list[str],
-) -> bool:
+def FindChanges(one: Input, makers: Makers, models: Models, notes: list[str]) -> bool:
     """Finds out what an input changes; returns whether it can be one."""
     try:
-        _CheckDelay(one)
-        for make in makers.values():
-            change = FindChange(
+        if one.is_delay and one.low <= 0:
+            _CheckZero(one, models)
+        one.changes = [
+            FindChange(
                 one.key,
-                one.low,
-                one.high,
+                *one.ends,
                 one.value,
                 lambda v, make=make: make({one.key: v}),  # type: ignore[misc]
                 one.stops,
                 are_whole=one.key.rpartition(".")[2] in WHOLE,
             )
-            one.changes.append(change)
+            for make in makers.values()
+        ]
         if not any(change.names for change in one.changes):
             words = "a number that changes something in the run"
             Refuse(one.key, f"{one.low:g}:{one.high:g}", words)
     except ScenarioError as error:
         if one.is_wanted:
             raise
+        if one.is_delay and one.low == 0:
+            one.low = _LEAST_DELAY
+            return FindChanges(one, makers, models, notes)
         notes.append(f"{one.key} has no slider: {error}")
         return False
     return True
 
 
-def _CheckDelay(one: Input) -> None:
-    """Refuses a delay that can become 0."""
-    if one.key in ("delay", *_DELAYS) and one.low <= 0:
-        Refuse(
-            one.key,
-            f"{one.low:g}:{one.high:g}",
-            f"{_LEAST_DELAY:g} s or more, because a loop without delay is another "
-            "program; `--delay 0` makes a page of that, without this slider",
-        )
+def _CheckZero(one: Input, models: Models) -> None:
+    """Refuses a delay that is negative, or is 0 where a loop needs it."""
+    if one.low == 0 and _MayBeZero(models):
+        return
+    allowed = "0 s or more"
+    if one.low == 0:
+        allowed = "above 0 s, because without it a signal depends on itself"
+    Refuse(one.key, f"{one.low:g}:{one.high:g}", allowed)
 
 
-def _CheckInputs(
-    inputs: Sequence[Input],
-    makers: Makers,
-    models: Models,
-) -> None:
+def _MayBeZero(models: Models) -> bool:
+    """Returns whether constant delays may be 0 in all programs."""
+    return all(model.has_zero_delays for model in models.values())
+
+
+def CheckInputs(inputs: Sequence[Input], makers: Makers, models: Models) -> None:
+    """Checks that the runs are the sum of what each input changes; see CheckSums()."""
     for i, (which, make) in enumerate(makers.items()):
         CheckSums(
             models[which].numbers,
             {
                 one.key: (
                     one.value,
-                    (one.low, one.high) if one.is_continuous else one.stops,
+                    one.ends if one.is_continuous else one.stops,
                     one.changes[i],
                 )
                 for one in inputs
@@ -186,9 +228,10 @@ def DataOfInputs(
     result: list[dict[str, Any]] = [
         {
             "name": one.key,
-            "label": AxisLabel(one.key),
-            "unit": AxisLabel(one.key).partition("[")[2].rstrip("]"),
-            "owners": _OwnersOf(one.key),
+            "label": one.label,
+            "unit": one.label.partition("[")[2].rstrip("]"),
+            "owners": one.owners,
+            "isField": one.is_field,
             "value": one.value,
             "min": one.low if one.is_continuous else one.stops[0],
             "max": one.high if one.is_continuous else one.stops[-1],

@@ -4,7 +4,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.parameters import SetParameter
+from teleop_drake.parameters import SetNumbers
 from teleop_drake.recording import Recording
 from teleop_drake.simulation.compiled_run import CompiledDiagram, CompileDiagram
 from teleop_drake.simulation.inputs import CheckInputs
@@ -45,7 +45,8 @@ class CompiledSystem:
 
         Args:
             duration: How long, s; None: as it was compiled.
-            numbers: New values of parameters by the names of NamedParameters().
+            numbers: New values by the names of NamedParameters() and InitialStates(),
+                or `delay`: of all delays.
 
         Raises:
             ScenarioError: If there is no such parameter, or a value does not fit.
@@ -54,8 +55,7 @@ class CompiledSystem:
         compiled = self._compiled
         if numbers:
             job = job._replace(context=job.context.Clone())
-            for name, value in numbers.items():
-                SetParameter(job.diagram, job.context, name, value)
+            SetNumbers(job.diagram, job.context, numbers)
             compiled = self._Compiled(job.context)
             program = self._compiled.evaluator.program
             if not compiled.evaluator.program.HasTextOf(program):

@@ -24,7 +24,7 @@ from teleop_drake import (
     TransportDelay,
     simulate,
 )
-from teleop_drake.parameters import SetParameter
+from teleop_drake.parameters import SetNumbers
 
 
 def MakeLoop(A, B, C, K, *, inner=0.0, side=None):
@@ -145,7 +145,7 @@ def test_an_unstable_loop_has_no_margin_and_a_small_gain_any():
 def test_the_delay_is_that_of_the_context():
     diagram = MakeLoop(*INTEGRATOR, [[2.0]], inner=0.3)
     context = diagram.CreateDefaultContext()
-    SetParameter(diagram, context, "delay.delay", 0.1)
+    SetNumbers(diagram, context, {"delay.delay": 0.1})
     port = diagram.GetSubsystemByName("law").get_output_port()
     margin = DelayMargin(diagram, context, port)
     assert margin == pytest.approx(math.pi / 4 - 0.1, rel=1e-9)

@@ -55,7 +55,7 @@ def test_inputs_are_those_of_the_scenario(seen):
     assert list(seen["inputs"]) == ["delay", "forward_delay", "return_delay", STIFFNESS]
     assert seen["inputs"]["delay"]["value"] == 0.1
     assert seen["inputs"][STIFFNESS]["unit"] == "N/m"
-    assert seen["wrong"][0] == "delay = 9: must be from 0.005 to 0.5"
+    assert seen["wrong"][0] == "delay = 9: must be from 0 to 0.5"
     assert seen["wrong"][1].startswith("input stiff: must be one of delay,")
 
 

@@ -26,7 +26,7 @@ from pydrake.systems.primitives import (
 
 from teleop_drake.blocks.channels.sampled import SampledDelay
 from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.parameters import SetParameter
+from teleop_drake.parameters import SetNumbers
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.scenario.config import DefaultSimulator
 from teleop_drake.simulation import simulate
@@ -79,7 +79,7 @@ def test_numeric_parameters_are_those_of_the_context(engine):
     diagram = decay(delay=1.0)
     context = diagram.CreateDefaultContext()
     diagram.GetInputPort("u").FixValue(context, 0.0)
-    SetParameter(diagram, context, "delay.delay", 0.5)
+    SetNumbers(diagram, context, {"delay.delay": 0.5})
     recording = simulate(diagram, context=context, duration=1.0, engine=engine)
     assert recording.solver.engine == engine
     # Method of steps: x' = -1 until 0.5, then x' = -(1 - (t - 0.5)).

@@ -6,7 +6,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator
 
 from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.parameters import SetParameter
+from teleop_drake.parameters import SetNumbers
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import MakeDiagram, compiled_run, simulate
 from teleop_drake.simulation.compile import Compile
@@ -54,7 +54,7 @@ def test_a_number_in_a_context_is_that_number_in_a_scenario(key, value, names, e
     diagram = MakeDiagram(scenario)
     context = diagram.CreateDefaultContext()
     for name in names:
-        SetParameter(diagram, context, name, value)
+        SetNumbers(diagram, context, {name: value})
     changed = simulate(
         diagram,
         context=context,
@@ -136,3 +136,11 @@ def test_a_compiled_system_refuses_unknown_names():
         Compile(late_growth())
     with pytest.raises(ScenarioError, match=r"^context, duration, simulator = "):
         Compile("one_dof", duration=1.0)
+
+
+@pytest.mark.parametrize("name", ["carriage.mass", "rail.damping"])
+def test_a_negative_number_of_a_plant_does_not_end_the_process(name):
+    diagram = MakeDiagram(LoadScenario("one_dof"))
+    context = diagram.CreateDefaultContext()
+    with pytest.raises(ScenarioError, match=r"= -1\.0: must be a finite number >= 0"):
+        SetNumbers(diagram, context, {f"robot/plant.{name}": -1.0})

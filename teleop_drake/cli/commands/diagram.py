@@ -1,14 +1,18 @@
 """The command `teleop-drake diagram`."""
 
 import argparse
+from typing import TYPE_CHECKING
 
 from teleop_drake.cli.exit_codes import FAILED, BadInput, Fail
-from teleop_drake.cli.options import AddScenarioOptions, Load
+from teleop_drake.cli.options import AddScenarioOptions, Load, MakerOf
+
+if TYPE_CHECKING:
+    from pydrake.systems.framework import System
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
-    AddScenarioOptions(parser)
+    AddScenarioOptions(parser, has_diagrams=True)
     parser.add_argument(
         "-o",
         "--output",
@@ -26,15 +30,14 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Draws the block diagram of the scenario."""
+    """Draws the block diagram of the scenario, or of a function that makes one."""
     if args.depth < 0:
         raise BadInput(f"--depth = {args.depth}: must be 0 or positive")
-    scenario = Load(args)
+    maker = MakerOf(args)
+    diagram = _DiagramOfScenario(args) if maker is None else maker()
 
     from teleop_drake.figures.block_diagram import DiagramDot, WriteDiagram
-    from teleop_drake.simulation import MakeDiagram
 
-    diagram = MakeDiagram(scenario)
     if args.output is None:
         print(DiagramDot(diagram, max_depth=args.depth), end="")
         return 0
@@ -46,3 +49,12 @@ def Execute(args: argparse.Namespace) -> int:
         # Nothing here can lay out a diagram; the message says what to install.
         return Fail(FAILED, e)
     return 0
+
+
+def _DiagramOfScenario(args: argparse.Namespace) -> "System":
+    """Returns the diagram of the scenario."""
+    scenario = Load(args)
+
+    from teleop_drake.simulation import MakeDiagram
+
+    return MakeDiagram(scenario)

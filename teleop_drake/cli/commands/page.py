@@ -11,7 +11,7 @@ from teleop_drake.cli.output import CheckHtml, OpenInBrowser
 def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of both commands."""
     has_hand = parser.prog.endswith(" drive")
-    options.AddScenarioOptions(parser)
+    options.AddScenarioOptions(parser, has_diagrams=not has_hand)
     parser.add_argument(
         "-o",
         "--output",
@@ -30,7 +30,8 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="KEY=LO:HI",
         help="a number of the scenario that has a slider; KEY=A,B,...: values that can "
-        "be chosen, as surgeon.kind=sine,trapezoid; repeatable",
+        "be chosen, as surgeon.kind=sine,trapezoid; of a Diagram a parameter, an "
+        "initial state as plant/theta(0), or delay; repeatable",
     )
     parser.add_argument("--quiet", action="store_true", help="print no notes")
     parser.set_defaults(has_hand=has_hand)
@@ -39,7 +40,9 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 def Execute(args: argparse.Namespace) -> int:
     """Writes the page, and opens it if it has no name."""
     CheckHtml(args.output, "--output")
-    options.Load(args, is_run=True)
+    maker = options.MakerOf(args)
+    if maker is None:
+        options.Load(args, is_run=True)
     kinds = options.ControllersOf(args)
 
     from teleop_drake.engine.flatten import UnsupportedSystem
@@ -47,10 +50,11 @@ def Execute(args: argparse.Namespace) -> int:
 
     try:
         page = MakePage(
-            args.scenario,
+            args.scenario if maker is None else maker,
             controllers=kinds or None,
-            vary=dict(map(_Range, args.vary)),
-            overrides=options.OverridesOf(args),
+            vary=dict(map(_Range, args.vary)) or None,
+            overrides=options.OverridesOf(args) if maker is None else (),
+            duration=_Duration(args.duration),
             has_hand=args.has_hand,
         )
     except (ValueError, UnsupportedSystem) as e:
@@ -67,6 +71,16 @@ def Execute(args: argparse.Namespace) -> int:
         page.Save(args.output)
         print(f"Written: {args.output}")
     return 0
+
+
+def _Duration(text: str | None) -> float:
+    """Returns the duration of a diagram's runs, s."""
+    from teleop_drake.page.page import DURATION
+
+    try:
+        return DURATION if text is None else float(text)
+    except ValueError:
+        raise BadInput(f"--duration = {text!r}: must be a number (s)") from None
 
 
 def _Range(text: str) -> tuple[str, list[float] | list[str]]:

@@ -3,6 +3,7 @@
 import { onCursor } from "./clock.js";
 import { $, safe } from "./elements.js";
 import { clamp, dot, extent, range } from "./numbers.js";
+import { drawPlants } from "./plants.js";
 import { state } from "./state.js";
 
 const RAIL = 14; // px, for the packets of a run
@@ -156,7 +157,10 @@ function ahead(surfaces, place) {
 function drawScene() {
   const shown = state.runs.filter((run) => run.signal("tool_position"));
   $("task").hidden = !shown.length;
-  if (!shown.length) return;
+  if (!shown.length) {
+    drawPlants();
+    return;
+  }
   const { clientWidth: width, clientHeight: height } = $("scene");
   const floor = height - RAIL * shown.length - 8;
   const isPlane = state.data.view[1].some((x) => x);

@@ -10,16 +10,17 @@ const NUMBERS = ["no controller", "one controller", "two controllers", "three co
 
 // How late packets are, in words.
 function latenessOf({ forward_delay: forward, return_delay: back, delay }) {
-  if (!forward || !back) return delay ? `, ${show(delay.value)} s late` : "";
-  if (forward.value === back.value) return `, ${show(forward.value)} s late`;
-  return `, ${show(forward.value)} s late there and ${show(back.value)} s back`;
+  if (!forward || !back) return delay ? `${show(delay.value)} s late` : "";
+  if (forward.value === back.value) return `${show(forward.value)} s late`;
+  return `${show(forward.value)} s late there and ${show(back.value)} s back`;
 }
 
-// Shows how many controllers there are and how late packets are.
+// Shows how many controllers there are, unless it is anybody's diagram, and how late packets are.
 function showSubtitle() {
   const count = chosen().length;
-  const controllers = NUMBERS[count] ?? `${count} controllers`;
-  $("subtitle").textContent = `: ${controllers}${latenessOf(state.inputs)}`;
+  const controllers = state.data.isDiagram ? "" : (NUMBERS[count] ?? `${count} controllers`);
+  const words = [controllers, latenessOf(state.inputs)].filter((text) => text);
+  $("subtitle").textContent = words.length ? `: ${words.join(", ")}` : "";
 }
 
 // Three things to try: what a button sets, by the names of inputs.

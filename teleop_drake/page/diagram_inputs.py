@@ -1,0 +1,193 @@
+"""The inputs of a Diagram's page: numbers of its Context, as sliders and as fields."""
+
+from collections.abc import Mapping, Sequence
+
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import Context, System
+
+from teleop_drake.page.inputs import NotSums
+from teleop_drake.page.model import MakeModel, Model
+from teleop_drake.page.sliders import (
+    CheckInputs,
+    DelayRange,
+    FindChanges,
+    Input,
+    Makers,
+    Models,
+    Ranges,
+    RangeWith,
+)
+from teleop_drake.parameters import (
+    DelayNames,
+    InitialStates,
+    ScalarsIn,
+    SetNumbers,
+)
+from teleop_drake.validation import Choices, Refuse, ScenarioError
+
+# Parameters that have sliders if no ranges are given.
+_NUM_SLIDERS = 4
+
+# Parameters that have fields in the opened boxes of their blocks, at most.
+_MOST_FIELDS = 40
+
+# The range of a field, as multiples of the parameter's value; and those that are tried
+# where it is 0.
+_FIELD = (0.25, 4.0)
+_FIELDS_AT_ZERO = ((-1.0, 1.0), (0.0, 1.0))
+
+
+class DiagramNumbers:
+    """The numbers of a diagram's Context, and its runs with others.
+
+    Args:
+        diagram: The diagram.
+        context: Where runs begin; it is not changed.
+        config: How accurately.
+        duration: How long, s.
+    """
+
+    def __init__(
+        self,
+        diagram: System,
+        context: Context,
+        config: SimulatorConfig,
+        duration: float,
+    ):
+        self._diagram = diagram
+        self._context = context
+        self._config = config
+        self._duration = duration
+        self.scalars = ScalarsIn(diagram, context)
+        self.delays = DelayNames(diagram, context)
+        self.values = {name: value for name, (value, _) in self.scalars.items()}
+        self.values |= InitialStates(diagram, context)
+        if len({self.values[name] for name in self.delays}) == 1:
+            self.values["delay"] = self.values[self.delays[0]]
+
+    def Make(self, numbers: Mapping[str, float]) -> Model:
+        """Returns the run with other numbers."""
+        context = self._context.Clone()
+        SetNumbers(self._diagram, context, numbers)
+        return MakeModel(self._diagram, self._config, self._duration, context)
+
+    def Input(
+        self,
+        key: str,
+        ends: Sequence[float],
+        *,
+        is_wanted: bool = False,
+        is_field: bool = False,
+    ) -> Input:
+        """Returns an input for a number; the box of a field has its block's path."""
+        low, high = RangeWith(key, ends, self.values[key])
+        unit = self.scalars[key][1] if key in self.scalars else "s" * (key == "delay")
+        name = key.rpartition("/")[2] if is_field else key
+        return Input(
+            key=key,
+            low=low,
+            high=high,
+            value=self.values[key],
+            is_wanted=is_wanted,
+            label=f"{name} [{unit}]" if unit else name,
+            owners=[_PathOf(x) for x in (self.delays if key == "delay" else [key])],
+            is_delay=key in (*self.delays, "delay"),
+            is_field=is_field,
+        )
+
+
+def MakeDiagramInputs(
+    numbers: DiagramNumbers, models: Models, vary: Ranges | None, notes: list[str]
+) -> list[Input]:
+    """Returns the inputs of a diagram's page.
+
+    Args:
+        models: The run with the numbers of the Context.
+        vary: The least and the largest value of numbers by name; see SetNumbers().
+            None: all delays, and some parameters.
+        notes: Gets what has no slider, and why.
+
+    Raises:
+        ScenarioError: If a number of `vary` does not exist or cannot be changed.
+    """
+    makers = dict.fromkeys(models, numbers.Make)
+    wanted = _DefaultRanges(numbers, models) if vary is None else vary
+    inputs = []
+    for key, ends in wanted.items():
+        if key not in numbers.values:
+            Refuse("vary", key, Choices(key, list(numbers.values)))
+        one = numbers.Input(key, ends, is_wanted=vary is not None)
+        if FindChanges(one, makers, models, notes):
+            inputs.append(one)
+    try:
+        CheckInputs(inputs, makers, models)
+    except NotSums as error:
+        raise ScenarioError(f"vary = {error}") from None
+    return inputs + _Fields(numbers, inputs, makers, models, notes)
+
+
+def _DefaultRanges(numbers: DiagramNumbers, models: Models) -> Ranges:
+    """Returns ranges of the delays, and of the first parameters that have a size."""
+    values = numbers.values
+    ranges: dict[str, Sequence[float]] = {
+        name: DelayRange(values[name], models) for name in numbers.delays
+    }
+    others = [x for x in numbers.scalars if x not in ranges and values[x] != 0]
+    for name in others[:_NUM_SLIDERS]:
+        ranges[name] = sorted((0.5 * values[name], 2 * values[name]))
+    return ranges
+
+
+def _Fields(
+    numbers: DiagramNumbers,
+    inputs: Sequence[Input],
+    makers: Makers,
+    models: Models,
+    notes: list[str],
+) -> list[Input]:
+    """Returns the parameters that can be changed in the boxes of their blocks."""
+    known = {one.key for one in inputs}
+    if "delay" in known:
+        known |= {*numbers.delays}
+    rest = [name for name in numbers.scalars if name not in known]
+    if len(rest) > _MOST_FIELDS:
+        more = len(rest) - _MOST_FIELDS
+        notes.append(f"{more} more parameters have no field: name them in `vary`")
+    fields: list[Input] = []
+    for name in rest[:_MOST_FIELDS]:
+        one = _Field(numbers, name, makers, models)
+        if one is None:
+            continue
+        met = [x for x in (*inputs, *fields) if x.changes[0].Meets(one.changes[0])]
+        try:
+            if met:
+                CheckInputs([*met, one], makers, models)
+            fields.append(one)
+        except NotSums:
+            continue
+    return fields
+
+
+def _Field(
+    numbers: DiagramNumbers, name: str, makers: Makers, models: Models
+) -> Input | None:
+    """Returns the field of a parameter; None if no range has a linear effect."""
+    value = numbers.values[name]
+    ranges: Sequence[Sequence[float]] = _FIELDS_AT_ZERO
+    if name in numbers.delays:
+        ranges = [DelayRange(value, models)]
+    elif value != 0:
+        ranges = [sorted(share * value for share in _FIELD)]
+    for ends in ranges:
+        one = numbers.Input(name, ends, is_field=True)
+        if FindChanges(one, makers, models, []) and one.is_continuous:
+            return one
+    return None
+
+
+def _PathOf(key: str) -> str:
+    """Returns the path of a number's block, as `robot/plant` of `robot/plant.mass`."""
+    folder, slash, name = key.rpartition("/")
+    if name.endswith("(0)") and "." not in name:
+        return folder
+    return f"{folder}{slash}{name.partition('.')[0]}"

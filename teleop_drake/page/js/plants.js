@@ -1,0 +1,103 @@
+// The plants of a diagram: their frames and links. See plants.py.
+
+import { $ } from "./elements.js";
+import { dot, extent, range } from "./numbers.js";
+import { state } from "./state.js";
+
+const NUM_TIMES = 60; // At which the picture has to hold all.
+const MARGIN = 20; // px
+const AXIS = 0.12; // Length of a frame's axes, as a share of the picture.
+
+// The matrix of a pose [R, p].
+function matrixOf([[a, b, c, x], [d, e, f, y], [g, h, i, z]]) {
+  return new DOMMatrix([a, d, g, 0, b, e, h, 0, c, f, i, 0, x, y, z, 1]);
+}
+
+// How a joint moves its link.
+function motionOf({ turns, axis }, q) {
+  const still = new DOMMatrix();
+  if (turns) return still.rotateAxisAngle(...axis, (q * 180) / Math.PI);
+  return still.translate(...axis.map((x) => x * q));
+}
+
+// A point of a frame in the plane of the picture.
+function seen(frame, point) {
+  const { x, y, z } = frame.transformPoint(new DOMPoint(...point));
+  return state.data.view.map((axis) => dot(axis, [x, y, z]));
+}
+
+// The frames of a plant's links at a time, behind that of the world.
+function framesAt(run, { state: port, links }, time) {
+  const q = run.vector(run.columns(port), time);
+  const frames = [new DOMMatrix()];
+  links.forEach((link, i) => {
+    const joint = frames[link.parent + 1].multiply(matrixOf(link.frame));
+    frames.push(joint.multiply(motionOf(link, q[i])));
+  });
+  return frames;
+}
+
+// Lines of a plant at a time: from each joint to the next one, and to the centre of mass.
+function linesAt(run, plant, time) {
+  const frames = framesAt(run, plant, time);
+  return plant.links.flatMap(({ parent, centre }, i) => {
+    const begin = seen(frames[parent + 1], [0, 0, 0]);
+    const joint = seen(frames[i + 1], [0, 0, 0]);
+    return [
+      [begin, joint],
+      [joint, seen(frames[i + 1], centre)],
+    ];
+  });
+}
+
+// What maps the plane to pixels such that all lines of a run are in the picture.
+function fit(lines, width, height) {
+  const [[left, right], [bottom, top]] = [0, 1].map((k) => extent(lines.flat().map((p) => p[k])));
+  const size = Math.max(right - left, top - bottom) || 1;
+  const wide = (width - 2 * MARGIN) / Math.max(right - left, 0.2 * size);
+  const tall = (height - 2 * MARGIN) / Math.max(top - bottom, 0.2 * size);
+  const scale = Math.min(wide, tall);
+  const toPixels = ([x, y]) => [
+    (width / 2 + (x - (left + right) / 2) * scale).toFixed(1),
+    (height / 2 - (y - (bottom + top) / 2) * scale).toFixed(1),
+  ];
+  return { toPixels, size };
+}
+
+// The axes of each link's frame: x, y and z.
+function drawFrames(run, plant, { toPixels, size }) {
+  const frames = framesAt(run, plant, state.cursor).slice(1);
+  return frames.flatMap((frame) => {
+    const origin = toPixels(seen(frame, [0, 0, 0]));
+    return ["x", "y", "z"].map((name, k) => {
+      const point = range(3).map((i) => (i === k ? AXIS * size : 0));
+      return `<path class="axis ${name}" d="M${origin}L${toPixels(seen(frame, point))}"/>`;
+    });
+  });
+}
+
+// A plant of a run at the cursor.
+function drawPlant(run, plant, picture) {
+  const lines = linesAt(run, plant, state.cursor);
+  const path = lines.map(([a, b]) => `M${picture.toPixels(a)}L${picture.toPixels(b)}`);
+  const joints = lines.filter((_, i) => i % 2 === 0).map(([, joint]) => picture.toPixels(joint));
+  const dots = joints.map(([x, y]) => `<circle cx="${x}" cy="${y}" r="3"/>`);
+  return `${drawFrames(run, plant, picture).join("")}<g stroke="${run.loop.color}"
+    fill="${run.loop.color}"><path class="link" d="${path.join("")}"/>${dots.join("")}</g>`;
+}
+
+// Draws the plants of all runs at the cursor.
+export function drawPlants() {
+  const { plants = [] } = state.data;
+  const shown = state.runs.flatMap((run) =>
+    plants.filter(({ state: port }) => run.columns(port)).map((plant) => [run, plant]),
+  );
+  $("task").hidden = !shown.length;
+  if (!shown.length) return;
+  const { clientWidth: width, clientHeight: height } = $("scene");
+  const everywhere = shown.flatMap(([run, plant]) =>
+    range(NUM_TIMES + 1).flatMap((k) => linesAt(run, plant, (run.duration * k) / NUM_TIMES)),
+  );
+  const picture = fit(everywhere, width, height);
+  $("scene").innerHTML = shown.map(([run, plant]) => drawPlant(run, plant, picture)).join("");
+}

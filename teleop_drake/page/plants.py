@@ -1,0 +1,74 @@
+"""The MultibodyPlants of a diagram as a page draws them: frames and links."""
+
+from typing import Any
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context, System
+
+from teleop_drake.arrays import Array
+from teleop_drake.contexts import ContextsIn
+from teleop_drake.engine.plant_tree import ReadPlantTree
+from teleop_drake.page.model import Systems
+
+# What points to the right and upwards where all joints turn about x, y, or z.
+_ACROSS = (
+    [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+    [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+)
+
+# The same where they turn about several axes: from the side and from above.
+_OBLIQUE = [[0.866, -0.5, 0.0], [0.25, 0.433, 0.866]]
+
+_PARALLEL = 1e-6
+
+
+def PlantsIn(diagram: System, context: Context) -> list[dict[str, Any]]:
+    """Returns the links of each plant, and the port with its state.
+
+    Each link has its `parent` (-1: the world), the `frame` of its joint in the
+    parent's frame as [R, p] (3, 4), the joint's `axis`, whether it `turns` about that,
+    and the `centre` of its mass.
+    """
+    contexts = ContextsIn(diagram, context)
+    plants = []
+    for system, path in Systems(diagram):
+        if not isinstance(system, MultibodyPlant):
+            continue
+        tree = ReadPlantTree(system, contexts[system]).tree
+        masses = np.where(tree.masses > 0, tree.masses, np.inf)
+        centres = tree.moments / masses[:, np.newaxis]
+        links = [
+            {
+                "parent": int(tree.parents[i]),
+                "turns": not tree.is_prismatic[i],
+                "frame": tree.frames[i].tolist(),
+                "axis": tree.axes[i].tolist(),
+                "centre": centres[i].tolist(),
+            }
+            for i in range(len(masses))
+        ]
+        plants.append({"state": f"{path}:state", "links": links})
+    return plants
+
+
+def ViewOf(plants: list[dict[str, Any]]) -> list[list[float]]:
+    """Returns what points to the right and upwards in the drawing of plants."""
+    axes = [axis for plant in plants for axis in _AxesOf(plant["links"])]
+    for k, view in enumerate(_ACROSS):
+        if all(abs(abs(axis[k]) - 1) < _PARALLEL for axis in axes):
+            return view if axes else _ACROSS[1]
+    return _OBLIQUE
+
+
+def _AxesOf(links: list[dict[str, Any]]) -> list[Array]:
+    """Returns the axes about which joints turn, in the world, at q = 0."""
+    rotations = [np.eye(3)]
+    axes = []
+    for link in links:
+        R = rotations[link["parent"] + 1] @ np.array(link["frame"])[:, :3]
+        rotations.append(R)
+        if link["turns"]:
+            axes.append(R @ link["axis"])
+    return axes

@@ -1,0 +1,241 @@
+"""The page of anybody's Diagram: numbers of its Context as inputs, and its plants."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from foreign.wiring import SerialArm
+from pydrake.examples import PendulumPlant
+from pydrake.systems.controllers import PidController
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain
+from wasm_runs import DataOf
+
+from teleop_drake import Compile, TransportDelay, WritePage, simulate
+from teleop_drake.cli import main
+from teleop_drake.page.page import MakePage
+from teleop_drake.page.plants import PlantsIn, ViewOf
+from teleop_drake.parameters import SetNumbers
+from teleop_drake.scenario import LoadScenario, ScenarioError
+
+
+def MakePendulum():
+    """A pendulum that is held late.
+
+    This paragraph is not shown.
+    """
+    builder = DiagramBuilder()
+    plant = builder.AddNamedSystem("plant", PendulumPlant())
+    pid = builder.AddNamedSystem("pid", PidController([10.0], [1.0], [1.0]))
+    aim = builder.AddNamedSystem("aim", ConstantVectorSource([1.0, 0.0]))
+    sensor = builder.AddNamedSystem("sensor", TransportDelay(0.05, 2))
+    builder.Connect(aim.get_output_port(), pid.get_input_port_desired_state())
+    builder.Connect(plant.get_output_port(), sensor.get_input_port())
+    builder.Connect(sensor.get_output_port(), pid.get_input_port_estimated_state())
+    builder.Connect(pid.get_output_port(), plant.get_input_port())
+    builder.ExportOutput(plant.get_output_port(), "state")
+    diagram = builder.Build()
+    diagram.set_name("held_pendulum")
+    return diagram
+
+
+VARY = {"plant.length": (0.2, 2.0), "delay": (0.0, 0.3), "plant/theta(0)": (-1, 1)}
+
+
+def test_numbers_of_a_context_are_inputs(look, tmp_path):
+    page = tmp_path / "page.html"
+    assert WritePage(MakePendulum, page, vary=VARY, duration=5.0) == []
+    found = look(page, "anybody.js")
+    assert found["title"] == "held pendulum: 0 s late"
+    assert found["story"] == "A pendulum that is held late."
+    assert found["shown"] == ["plant.length", "delay [s]", "plant/theta(0)"]
+    assert found["box"][:2] == ["plant.length", "plant/theta(0)"]
+    assert set(found["box"][2:]) == {"plant.damping", "plant.gravity", "plant.mass"}
+    assert sorted(found["after"]) == sorted(found["shown"])
+    assert found["inputs"]["delay"]["min"] == 0
+    diagram = MakePendulum()
+    numbers = {}
+    for (name, value), states in zip(
+        [
+            ("delay", 0.12),
+            ("delay", 0.0),
+            ("plant.length", 0.8),
+            ("plant/theta(0)", 0.4),
+            ("plant.damping", 0.3),
+        ],
+        found["samples"],
+        strict=True,
+    ):
+        numbers[name] = value
+        context = diagram.CreateDefaultContext()
+        SetNumbers(diagram, context, numbers)
+        recording = simulate(diagram, context=context, duration=5.0)
+        expected = recording.Interpolate("state", np.array([0.5, 1.0, 2.0, 4.0]))
+        np.testing.assert_allclose(np.transpose(states), expected, atol=2e-6)
+
+
+def test_without_ranges_delays_and_four_parameters_have_sliders():
+    diagram = MakePendulum()
+    page = MakePage(diagram)
+    assert page.notes == []
+    shown = [name for name in _Inputs(page) if not _Inputs(page)[name]["isField"]]
+    assert shown == [
+        "sensor.delay",
+        *("plant.damping", "plant.gravity", "plant.length", "plant.mass"),
+    ]
+
+
+def _Inputs(page):
+    """Returns the inputs of a page by their names."""
+    return {one["name"]: one for one in DataOf(page.html)["inputs"]}
+
+
+def test_a_kept_program_takes_all_delays_and_initial_states():
+    diagram = MakePendulum()
+    context = diagram.CreateDefaultContext()
+    numbers = {"delay": 0.1, "plant/theta(0)": 0.4, "aim.parameter0(0)": 0.2}
+    program = Compile(diagram, context=context, duration=1.0)
+    SetNumbers(diagram, context, numbers)
+    expected = simulate(diagram, context=context, duration=1.0)
+    assert expected["state"][0, 0] == 0.4
+    np.testing.assert_array_equal(program.Run(**numbers)["state"], expected["state"])
+
+
+@pytest.mark.parametrize(
+    ("vary", "message"),
+    [
+        ({"plant.lenght": (0.5, 2)}, "did you mean 'plant.length'"),
+        ({"plant.length": (2, 0.5)}, "LO:HI, the larger one behind"),
+        ({"delay": (-0.1, 0.5)}, "delay = '-0.1:0.5': must be 0 s or more"),
+        ({"plant/psi(0)": (0, 1)}, "vary = 'plant/psi.0.': must be one of"),
+    ],
+    ids=["unknown", "reversed", "negative", "no state"],
+)
+def test_what_cannot_be_varied_is_refused(vary, message):
+    with pytest.raises(ScenarioError, match=message):
+        MakePage(MakePendulum(), vary=vary)
+
+
+def MakeEcho():
+    """Returns y(t) = 0.5 y(t - T) + 1, which needs its delay."""
+    builder = DiagramBuilder()
+    delay = builder.AddNamedSystem("echo", TransportDelay(0.1, 1))
+    half = builder.AddNamedSystem("half", Gain(0.5, 1))
+    one = builder.AddNamedSystem("one", ConstantVectorSource([1.0]))
+    total = builder.AddNamedSystem("total", Adder(2, 1))
+    builder.Connect(one.get_output_port(), total.get_input_port(0))
+    builder.Connect(half.get_output_port(), total.get_input_port(1))
+    builder.Connect(total.get_output_port(), delay.get_input_port())
+    builder.Connect(delay.get_output_port(), half.get_input_port())
+    builder.ExportOutput(total.get_output_port(), "y")
+    return builder.Build()
+
+
+def test_a_delay_that_a_loop_needs_does_not_become_0():
+    page = MakePage(MakeEcho())
+    assert _Inputs(page)["echo.delay"]["min"] == pytest.approx(0.005)
+    with pytest.raises(ScenarioError, match="a signal depends on itself"):
+        MakePage(MakeEcho(), vary={"echo.delay": (0, 1)})
+
+
+def test_a_scenario_has_a_program_with_and_without_delays(look, tmp_path):
+    """Its runs are those of blocks that are made with the delay, or without."""
+    overrides = {"duration": 1.0}
+    page = tmp_path / "page.html"
+    WritePage("one_dof", page, vary={"delay": (0, 0.2)}, overrides=overrides)
+    found = look(page, "nolag.js")
+    assert found["min"] == 0
+    assert len(found["runs"]) == 4
+    for run in found["runs"]:
+        numbers = {"delay": run["delay"], "controller.kind": run["kind"]}
+        recording = simulate(LoadScenario("one_dof", numbers | overrides))
+        expected = recording.Interpolate("tool_velocity", np.array([0.3, 0.6, 0.9]))
+        np.testing.assert_allclose(run["velocity"][0], expected[:, 0], atol=1e-8)
+
+
+def test_a_delay_of_a_context_may_be_0():
+    diagram = MakePendulum()
+    context = diagram.CreateDefaultContext()
+    SetNumbers(diagram, context, {"delay": 0.0})
+    recording = simulate(diagram, context=context, duration=1.0)
+    assert recording.termination == "completed"
+
+
+def test_plants_are_drawn_as_frames_and_links(look, tmp_path):
+    builder = DiagramBuilder()
+    plant = builder.AddSystem(SerialArm([0.5, 0.3]))
+    diagram = builder.Build()
+    diagram.set_name("arm")
+    context = diagram.CreateDefaultContext()
+    state = np.array([0.7, 0.4, 0.0, 0.0])
+    plant.GetMyMutableContextFromRoot(context).SetContinuousState(state)
+    WritePage(diagram, tmp_path / "arm.html", context=context, duration=2.0)
+    found = look(tmp_path / "arm.html", "plants.js")
+    assert found["isShown"] and found["num"] == 1 and found["axes"] == 6
+    own = plant.GetMyContextFromRoot(context)
+    world = [
+        [0.0, 0.0, 0.0],
+        *(
+            plant.GetBodyByName(f"rod {i}").EvalPoseInWorld(own) @ [0, 0, -length / 2]
+            for i, length in enumerate((0.5, 0.3))
+        ),
+    ]
+    # World and joint 0, its centre, joint 1, its centre; in pixels x right, z down.
+    lines = np.array(found["before"]).reshape(-1, 2, 2)
+    drawn = np.array([lines[0, 1], lines[1, 1], lines[3, 1]])
+    points = np.array(world)[:, [0, 2]] * [1, -1]
+    shape = (drawn - drawn[0]) / np.linalg.norm(drawn[1] - drawn[0])
+    expected = points / np.linalg.norm(points[1])
+    np.testing.assert_allclose(shape, expected, atol=0.02)
+    assert found["after"] != found["before"]
+
+
+def test_the_view_shows_the_plane_in_which_joints_turn():
+    plant = SerialArm([0.5])
+    plants = PlantsIn(plant, plant.CreateDefaultContext())
+    assert ViewOf(plants) == [[1, 0, 0], [0, 0, 1]]
+    plants[0]["links"][0]["axis"] = [0, 0, 1]
+    assert ViewOf(plants) == [[1, 0, 0], [0, 1, 0]]
+    plants[0]["links"][0]["axis"] = [0.6, 0, 0.8]
+    right, up = np.array(ViewOf(plants))
+    assert right @ up == pytest.approx(0, abs=1e-3)
+
+
+@pytest.fixture
+def with_diagrams(monkeypatch):
+    """Lets modules of the folder diagrams/ be imported, as if one worked there."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "diagrams"))
+
+
+def test_commands_take_a_function_that_makes_a_diagram(with_diagrams, tmp_path, capsys):
+    page = tmp_path / "page.html"
+    options = ["--vary", "sensor.delay=0:0.6", "--duration", "3", "-o", str(page)]
+    assert main(["page", "own_diagram:MakeDiagram", *options]) == 0
+    html = page.read_text(encoding="utf-8")
+    assert "<title>late feedback</title>" in html
+    assert "Makes y&#x27; = 2 (1 - y(t - delay))." in html
+    shown = [one for one in DataOf(html)["inputs"] if not one["isField"]]
+    assert [(one["name"], one["max"]) for one in shown] == [("sensor.delay", 0.6)]
+    capsys.readouterr()
+    assert main(["diagram", "own_diagram:MakeDiagram"]) == 0
+    assert "<B>TransportDelay</B>" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["own_diagram:main"], "must be a function without arguments"),
+        (["own_diagram:Nothing"], "must be importable"),
+        (["own_diagram:MakeDiagram", "--delay", "1"], "takes no options of a scenario"),
+        (["own_diagram:MakeDiagram", "--duration", "x"], "--duration = 'x'"),
+        (["own_diagram:MakeDiagram", "--duration", "-1"], "duration = -1.0: must be"),
+        (["collections:Counter"], "must be a function that returns a System"),
+    ],
+    ids=["arguments", "name", "option", "text", "negative", "no diagram"],
+)
+def test_what_makes_no_page_is_refused(
+    with_diagrams, tmp_path, capsys, arguments, message
+):
+    assert main(["page", *arguments, "-o", str(tmp_path / "page.html")]) == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
