@@ -111,10 +111,9 @@ def Compare(
 
 def _CompareVector(path: str, name: str, value: Array, expected: Array) -> None:
     """Raises KernelDisagrees unless two vectors agree; `path` is that of the block."""
-    scale = max(1.0, np.abs(expected).max(initial=0.0))
-    is_equal = value == expected  # Also of infinite numbers.
-    is_near = np.abs(value - expected) <= _TOLERANCE * scale
-    if not (is_equal | is_near).all():
+    scale = max(1.0, np.nanmax(np.abs(expected), initial=0.0))
+    tolerance = _TOLERANCE * scale
+    if not np.isclose(value, expected, rtol=0, atol=tolerance, equal_nan=True).all():
         raise KernelDisagrees(
             f"{path}: its kernel says {name} = {value.tolist()}, the block "
             f"{np.array(expected).tolist()}"

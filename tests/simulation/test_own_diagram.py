@@ -12,12 +12,18 @@ from pydrake.systems.framework import (
     UnrestrictedUpdateEvent,
     WitnessFunctionDirection,
 )
-from pydrake.systems.primitives import Gain, Integrator, Sine
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    Gain,
+    Integrator,
+    Sine,
+)
 
 from teleop_drake.blocks.channels.sampled import SampledDelay
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.figures.runs import PlotRun
 from teleop_drake.figures.scene import MakeReplay
+from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.recording import UnknownSignal
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
@@ -174,6 +180,24 @@ def test_numbers_that_leave_the_finite_end_a_run():
     recording = simulate(builder.Build(), duration=9.0, simulator=config)
     assert recording.reason == "a signal is not finite"
     assert np.isfinite(recording["x"]).all() and recording["x"][-1] > 1e300
+
+
+def no_number(u):
+    return (u - 1) / (u - 1)
+
+
+@pytest.mark.filterwarnings("ignore:invalid value encountered")
+@pytest.mark.parametrize("engine", ["compiled", "drake"])
+def test_a_law_without_a_number_at_the_start_is_refused_in_both_engines(engine):
+    """In machine code as well: two results that are no numbers agree."""
+    kernel = Kernel(outputs={"y": (no_number, "u")})
+    law = FixedBlock("law", kernel, inputs={"u": 1}, outputs={"y": 1})
+    builder = DiagramBuilder()
+    source = builder.AddNamedSystem("source", ConstantVectorSource([1.0]))
+    builder.AddSystem(law)
+    builder.Connect(source.get_output_port(), law.get_input_port())
+    with pytest.raises(ValueError, match="the run has no start: a signal is not fin"):
+        simulate(builder.Build(), duration=0.1, engine=engine)
 
 
 def test_the_duration_of_a_scenario_can_be_given():
