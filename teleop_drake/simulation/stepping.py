@@ -320,8 +320,9 @@ def NotesOnSamples(diagram: System, context: Context) -> list[str]:
     return [
         f"Drake's Simulator takes no step between samples that are {min(periods):g} s "
         "apart, so a delay smooths the bends of its signal there, whatever the "
-        "accuracy: metrics may differ by some tenths of a per cent from those of the "
-        "compiled engine, which converges."
+        "accuracy: metrics may differ by some tenths of a per cent, where samples are "
+        "quantised by several per cent, from those of the compiled engine, which "
+        "converges."
     ]
 
 
