@@ -292,10 +292,16 @@ def test_each_fault_that_is_written_is_described_and_used():
 # Simulators. Those that have to be installed for it are measured by the benchmark.
 
 OFFERED = {
-    "compiled": set(tasks.TASKS) - {"delay_sawtooth", "delay_switch"},
-    "drake": set(tasks.TASKS) - {"delay_sawtooth", "delay_switch"},
-    "discrete": {"delay_echo", "delay_vector", "delay_half_step", "delay_decay"},
-    "ring_buffer": {"delay_echo", "delay_vector", "delay_decay", "delay_tie"},
+    "compiled": set(tasks.TASKS),
+    "drake": set(tasks.TASKS),
+    "discrete": {
+        *("delay_echo", "delay_vector", "delay_half_step", "delay_decay"),
+        "delay_bounce",
+    },
+    "ring_buffer": {
+        *("delay_echo", "delay_vector", "delay_decay", "delay_tie", "delay_switch"),
+        *("delay_packets", "delay_stale_command"),
+    },
 }
 RUNS = [(key, name) for key, names in OFFERED.items() for name in sorted(names)]
 

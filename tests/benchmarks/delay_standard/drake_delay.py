@@ -4,7 +4,12 @@ import numpy as np
 from benchmarks.delay_standard.simulator import Input, Simulator
 from pydrake.systems.analysis import ApplySimulatorConfig, SimulatorConfig
 from pydrake.systems.analysis import Simulator as DrakeSimulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import (
+    DiagramBuilder,
+    LeafSystem,
+    UnrestrictedUpdateEvent,
+    WitnessFunctionDirection,
+)
 from pydrake.systems.primitives import (
     AffineSystem,
     DiscreteTimeDelay,
@@ -23,6 +28,43 @@ class Source(LeafSystem):
             lambda context, output: output.SetFromVector(signal(context.get_time())),
             prerequisites_of_calc={self.time_ticket()},
         )
+
+
+class Ball(LeafSystem):
+    """x'' = -9.81 - 0.5 u; at x = 0 the velocity v becomes -0.8 v."""
+
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorInputPort("u", 1)
+        state = self.DeclareContinuousState(1, 1, 0)
+        self.DeclareStateOutputPort("state", state)
+        self.DeclareVectorOutputPort(
+            "velocity",
+            1,
+            lambda context, output: output.set_value([self._state(context)[1]]),
+            prerequisites_of_calc={self.xc_ticket()},
+        )
+        self._hit = self.MakeWitnessFunction(
+            "hit",
+            WitnessFunctionDirection.kPositiveThenNonPositive,
+            lambda context: self._state(context)[0],
+            UnrestrictedUpdateEvent(self._Bounce),
+        )
+
+    @staticmethod
+    def _state(context):
+        return context.get_continuous_state_vector().CopyToVector()
+
+    def DoGetWitnessFunctions(self, context):
+        return [self._hit]
+
+    def DoCalcTimeDerivatives(self, context, derivatives):
+        (u,) = self.get_input_port().Eval(context)
+        derivatives.SetFromVector([self._state(context)[1], -9.81 - 0.5 * u])
+
+    def _Bounce(self, context, event, state):
+        v = self._state(context)[1]
+        state.get_mutable_continuous_state().SetFromVector([0.0, -0.8 * v])
 
 
 def values_at(port, simulator, diagram, times):
@@ -86,6 +128,35 @@ class DiscreteDelay(Simulator):
             size = own.get_discrete_state_vector().size()
             own.SetDiscreteState(np.tile(history, size // len(history)))
         return values_at(plant.get_output_port(), simulator, diagram, times)[:, 0]
+
+    def bounce(self, times):
+        """A sample each 0.1 ms; the second delay samples the first one a step late."""
+        step = 1e-4
+        builder = DiagramBuilder()
+        ball = builder.AddNamedSystem("ball", Ball())
+        port = ball.GetOutputPort("velocity")
+        ways = []
+        for name in ("to_hand", "to_ball"):
+            late = DiscreteTimeDelay(step, round(0.15 / step), 1)
+            builder.AddNamedSystem(name, late)
+            builder.Connect(port, late.get_input_port())
+            port = late.get_output_port()
+            ways.append(port)
+        builder.Connect(port, ball.get_input_port())
+        simulator = DrakeSimulator(builder.Build())
+        context = simulator.get_mutable_context()
+        context.SetAccuracy(1e-8)
+        context.SetContinuousState([1.0, 0.0])
+        simulator.get_mutable_integrator().set_maximum_step_size(step)
+        rows = []
+        for t in times:
+            simulator.AdvanceTo(round(t / 0.01) * 0.01)
+            simulator.AdvancePendingEvents()
+            root = simulator.get_context()
+            felt = ways[0].Eval(ways[0].get_system().GetMyContextFromRoot(root))
+            state = ball.GetMyContextFromRoot(root).get_continuous_state_vector()
+            rows.append([*state.CopyToVector(), *felt])
+        return np.array(rows)
 
     def scalar_loop(self, k, T, times):
         plant = LinearSystem([[0.0]], [[1.0]], [[1.0]], [[0.0]])

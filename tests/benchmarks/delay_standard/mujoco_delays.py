@@ -6,6 +6,9 @@ import mujoco
 import numpy as np
 from benchmarks.delay_standard.simulator import Input, NotOffered, Simulator
 
+# The longest delay that changes, s.
+LONGEST = 0.16
+
 MODEL = """
 <mujoco>
   <option timestep="{step}" gravity="0 0 0"/>
@@ -43,11 +46,17 @@ class MuJoCo(Simulator):
         return mujoco.MjModel.from_xml_string(text)
 
     @staticmethod
-    def _forces(model, data, signal: Input, times):
-        """Returns the forces that commands make, at the instants of the commands."""
+    def _forces(model, data, signal: Input, times, delay=None):
+        """Returns the forces that commands make, at the instants of the commands.
+
+        Args:
+            delay: Of the time in s, if the delay of the actuators varies.
+        """
         step = model.opt.timestep
         rows = []
         for k in range(round(times[-1] / step) + 1):
+            if delay is not None:
+                model.actuator_delay[:] = delay(k * step)
             data.ctrl[:] = signal(k * step)
             mujoco.mj_forward(model, data)
             rows.append(data.actuator_force.copy())
@@ -59,6 +68,10 @@ class MuJoCo(Simulator):
             raise NotOffered("delays in series")
         model = self._motors(signal.size, path[0], 0.01)
         return self._forces(model, mujoco.MjData(model), signal, times)
+
+    def varying_echo(self, signal: Input, T, times):
+        model = self._motors(signal.size, LONGEST, 0.01)
+        return self._forces(model, mujoco.MjData(model), signal, times, delay=T)
 
     def switched_echo(self, signal: Input, delays, times):
         model = self._motors(1, max(delays), 0.01)

@@ -8,16 +8,22 @@ from benchmarks.delay_standard.packet_tasks import (
     jittered_packets,
     stale_packets,
 )
-from benchmarks.delay_standard.simulator import Input, NotOffered, Simulator
+from benchmarks.delay_standard.simulator import Input, Simulator
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator
 
+from teleop_drake import Compile
 from teleop_drake.blocks.channels.transport import TransportDelay
+from teleop_drake.blocks.channels.variable import DelayProfile, VariableDelay
 from teleop_drake.kernel import Delay, FixedBlock, Kernel, Transition
+from teleop_drake.parameters import SetParameter
 from teleop_drake.simulation import simulate
 
 STALE = stale_packets()
+
+# The first fall of the sawtooth, and how long after the one before each other is, s.
+FIRST_FALL, SAW_PERIOD = 0.195, 0.2
 
 
 def source(signal: Input) -> FixedBlock:
@@ -29,6 +35,19 @@ def source(signal: Input) -> FixedBlock:
         transitions={"jump": jump},
     )
     block = FixedBlock("source", kernel, inputs={}, outputs={"u": signal.size})
+    block.DeclareDiscreteState([0.0])
+    return block
+
+
+def take_turns() -> FixedBlock:
+    """Returns a block that shows `even` and `odd` by turns, from each fall on."""
+    turn = Transition(
+        mode=(lambda mode: 1 - mode, "mode"), period=SAW_PERIOD, offset=FIRST_FALL
+    )
+    shown = (lambda m, even, odd: (1 - m) * even + m * odd, "mode", "even", "odd")
+    kernel = Kernel(outputs={"shown": shown}, transitions={"turn": turn})
+    inputs = {"even": 1, "odd": 1}
+    block = FixedBlock("turns", kernel, inputs=inputs, outputs={"shown": 1})
     block.DeclareDiscreteState([0.0])
     return block
 
@@ -186,7 +205,51 @@ class Package(Simulator):
         return self._simulate(builder, watchdog.get_output_port(), times)
 
     def varying_echo(self, signal, T, times):
-        raise NotOffered("delays must be continuous in time")
+        """Delays have to be continuous in time: two that take turns are.
+
+        T rises for 0.2 s and falls at once; the one that is not shown falls slowly.
+        """
+        falls = FIRST_FALL + SAW_PERIOD * np.arange(6)
+        highest = T(FIRST_FALL - 1e-12)
+        lowest = T(FIRST_FALL + 1e-12)
+        # At the falls; the one that is shown first is high at the first fall.
+        high_first = [highest, lowest] * 3
+        low_first = [lowest, highest] * 3
+        delays = {
+            "even": [T(0.0), *high_first],
+            "odd": [highest + lowest - T(0.0), *low_first],
+        }
+        builder = DiagramBuilder()
+        port = builder.AddSystem(source(signal)).get_output_port()
+        turns = builder.AddSystem(take_turns())
+        for name, values in delays.items():
+            trace = ([0.0, *falls], values)
+            late = VariableDelay(profile=DelayProfile(delay=0.0, trace=trace), size=1)
+            builder.AddNamedSystem(name, late)
+            builder.Connect(port, late.get_input_port())
+            builder.Connect(late.get_output_port(), turns.GetInputPort(name))
+        return self._simulate(builder, turns.get_output_port(), times)
+
+    def switched_echo(self, signal, delays, times):
+        """Runs of one program, or of one Diagram with another Context each."""
+        builder = DiagramBuilder()
+        sender = builder.AddSystem(source(signal))
+        late = builder.AddNamedSystem("late", TransportDelay(delays[0], 1))
+        builder.Connect(sender.get_output_port(), late.get_input_port())
+        builder.ExportOutput(late.get_output_port(), "answer")
+        diagram = builder.Build()
+        end = times[-1] + 0.01
+        if self._engine == "compiled":
+            program = Compile(diagram, duration=end)
+            runs = [program.Run(**{"late.delay": T}) for T in delays]
+        else:
+            runs = []
+            for T in delays:
+                context = diagram.CreateDefaultContext()
+                SetParameter(diagram, context, "late.delay", T)
+                run = simulate(diagram, context=context, duration=end, engine="drake")
+                runs.append(run)
+        return np.column_stack([run.Interpolate("answer", times) for run in runs])
 
     def bounce(self, times):
         """The mode is what impacts have added to the velocity, and 1 before the next.

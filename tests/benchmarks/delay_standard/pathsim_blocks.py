@@ -6,7 +6,8 @@ import numpy as np
 from benchmarks.delay_standard.simulator import Input, Simulator
 from pathsim import Connection, Simulation
 from pathsim.blocks import ODE, Delay, Function, Scope, Source
-from pathsim.solvers import RK4
+from pathsim.events import ZeroCrossingDown
+from pathsim.solvers import RK4, RKDP54
 
 STEP = 0.01
 
@@ -29,6 +30,57 @@ class PathSim(Simulator):
             chain = [source, *(Delay(T) for T in path), Scope()]
             columns.append(self._run(chain, times))
         return np.column_stack(columns)
+
+    def switched_echo(self, signal: Input, delays, times):
+        """A Delay whose tau is set anew is made anew; reset() clears the others."""
+        chain = [Source(lambda t: signal(t)[0]), Delay(delays[0]), Scope()]
+        links = [Connection(a, b) for a, b in pairwise(chain)]
+        simulation = Simulation(chain, links, dt=STEP, log=False)
+        columns = []
+        for T in delays:
+            simulation.reset()
+            chain[1].tau = T
+            simulation.run(times[-1] + STEP)
+            columns.append(recorded(chain[-1], times))
+        return np.column_stack(columns)
+
+    def bounce(self, times):
+        """The ball is PathSim's example; its velocity returns through two Delays."""
+        late = [Delay(0.15), Delay(0.15)]
+
+        def impact(_):
+            x, v = ball.engine.get()
+            ball.engine.set(np.array([abs(x), -0.8 * v]))
+
+        ball = ODE(
+            lambda x, u, t: np.array([x[1], -9.81 - 0.5 * u[0]]), np.array([1.0, 0])
+        )
+        scope = Scope()
+        links = [
+            Connection(ball[1], late[0]),
+            Connection(late[0], late[1], scope[2]),
+            Connection(late[1], ball),
+            Connection(ball[:2], scope[:2]),
+        ]
+        hits = ZeroCrossingDown(
+            func_evt=lambda _: ball.engine.get()[0], func_act=impact, tolerance=1e-10
+        )
+        blocks = [ball, *late, scope]
+        step = 2e-4
+        simulation = Simulation(
+            blocks,
+            links,
+            events=[hits],
+            dt=step,
+            dt_max=step,
+            Solver=RKDP54,
+            log=False,
+            tolerance_lte_abs=1e-8,
+            tolerance_lte_rel=1e-8,
+        )
+        simulation.run(times[-1] + 0.01, adaptive=True)
+        instants, values = scope.read()
+        return np.column_stack([np.interp(times, instants, row) for row in values])
 
     @staticmethod
     def _run(chain, times):
