@@ -321,6 +321,7 @@ def test_a_simulator_is_inside(key, name):
     [
         ("discrete", "delay_tie", "chain", "one_step_late"),
         ("ring_buffer", "delay_half_step", "ramp_echo", "rounded_down"),
+        ("ring_buffer", "delay_sawtooth", "ramp_echo", "rounded"),
     ],
 )
 def test_the_fault_of_a_simulator_is_named(key, name, signal, fault):

@@ -240,6 +240,10 @@ def sawtooth() -> Task:
         """The delay is what it was a step ago."""
         return float(max(t - sawtooth_delay(t - STEP), 0))
 
+    def rounded(t: Fraction) -> float:
+        """The delay is the nearest whole number of steps."""
+        return float(max(t - round(sawtooth_delay(t) / STEP) * STEP, 0))
+
     def at_sending(t: Fraction) -> float:
         """What is sent at s arrives at s + T(s); the newest is shown."""
         sent = [k * STEP / 20 for k in range(int(t / STEP) * 20 + 1)]
@@ -248,6 +252,7 @@ def sawtooth() -> Task:
     faults = {
         "delay_at_sending": at_sending,
         "delay_of_last_step": before,
+        "rounded": rounded,
         "delay_of_start": echo(ramp, sawtooth_delay(Fraction(0))),
         "mean_delay": echo(ramp, Fraction("0.1")),
         "one_step_early": lambda t: read(t) + float(STEP) if read(t) else 0.0,
