@@ -259,6 +259,10 @@ class KernelBlock(_Rated, Convertible):
         """Whether a transition of the kernel has a guard."""
         return self._kernel_events.has_guards
 
+    def Guards(self, context: Context) -> list[float]:
+        """Returns the values of the transitions' guards, in their order."""
+        return self._kernel_events.Guards(context)
+
     @property
     def ticks(self) -> Sequence[Ticks]:
         """The instants of the periodic transitions that are not discrete updates."""

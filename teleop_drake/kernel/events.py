@@ -81,6 +81,10 @@ class Events:
         """Whether a transition has a guard."""
         return bool(self._guards)
 
+    def Guards(self, context: Context) -> list[float]:
+        """Returns the values of the guards."""
+        return [float(guard(context)[0]) for guard, _ in self._guards]
+
     def Witnesses(self, context: Context) -> list[WitnessFunction]:
         """Returns the witnesses, if events are to be located."""
         return self._witnesses if context.get_accuracy() is not None else []

@@ -1,24 +1,25 @@
 """Ends and longest lengths of the steps of a run.
 
-The blocks say what there is to know, each by a member that it has or has not:
+The blocks announce what limits a step through optional attributes:
 
-| member          | of             | says                                 |
-|-----------------|----------------|--------------------------------------|
-| longest_step    | a delay, an operator | no step may be longer, s       |
-| delays          | a delay        | what is under way                    |
-| NextJumpTime()  | a channel, a sensor | when its output jumps next, s   |
-| jump_times      | an operator    | when its outputs jump or are not smooth, s |
-| contact_surface | an operator    | where it perceives contact           |
-| Surfaces()      | an environment | where its force jumps or bends       |
+| attribute       | of                   | meaning                                    |
+|-----------------|----------------------|--------------------------------------------|
+| longest_step    | a delay, an operator | no step may be longer, s                   |
+| delays          | a delay              | what is under way                          |
+| NextJumpTime()  | a channel, a sensor  | when its output jumps next, s              |
+| jump_times      | an operator          | when its outputs jump or are not smooth, s |
+| Guards()        | a block with events  | an event happens where one becomes positive |
+| Surfaces()      | an environment without guards | where its force jumps or bends    |
+| contact_surface | an operator without guards    | where it perceives contact        |
 """
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import IntegratorBase
-from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.framework import Context, Diagram, InputPort, System
 
 from teleop_drake.blocks.environments.surface import Surface, SurfacesOf
 from teleop_drake.contexts import ContextsIn
@@ -68,38 +69,12 @@ def LongestStepOf(system: System, context: Context) -> float:
     return getattr(system, "longest_step", math.inf)
 
 
-class _Motion(NamedTuple):
-    """Something that moves towards a surface: its depth in m, and its rates."""
-
-    depth: float
-    velocity: float
-    acceleration: float
-
-
-class _Boundaries:
-    """Surfaces that something may cross."""
-
-    def __init__(self, surfaces: Sequence[Surface]):
-        # What is infinitely far away is never crossed.
-        surfaces = [x for x in surfaces if np.isfinite(x.point_W).all()]
-        self._normals = np.array([x.normal_W for x in surfaces])
-        self._points = np.array([x.Along(x.point_W) for x in surfaces])
-
-    def Motions(self, p: np.ndarray, v: np.ndarray, a: np.ndarray) -> list[_Motion]:
-        """Returns how a point moves relative to each surface."""
-        if not self._points.size:
-            return []
-        moves = np.stack((p, v, a)) @ self._normals.T
-        moves[0] -= self._points
-        return [_Motion(*motion) for motion in moves.T.tolist()]
-
-
 class Stepping:
-    """Says at the end of each step where the next ones should end.
+    """Determines at the end of each step where the next steps end.
 
-    The simulator runs by itself except near a jump. There it stops, so that both
-    sides can be recorded. It is led up to a boundary by short steps, because finding
-    the crossing by bisection would cost a hundred times more.
+    The simulator runs by itself except near a jump. There it stops, so that both sides
+    can be recorded. Before an event its steps become short, because Drake would find
+    the event by bisection, with many more steps.
 
     It belongs to one run, and keeps no Context: that would keep the Simulator alive.
 
@@ -125,26 +100,21 @@ class Stepping:
             for system in systems
             for line in getattr(system, "delays", ())
         )
-        self._environments = [
-            (x, _Boundaries(SurfacesOf(x) or ())) for x in systems if _IsEnvironment(x)
-        ]
-        self._operators = [
-            (x, _Boundaries([x.contact_surface]))
-            for x in With("contact_surface")
-            if x.contact_surface is not None
-        ]
         self._jump_times = {time for x in With("jump_times") for time in x.jump_times}
+        self._guarded = [x for x in With("has_guards") if x.has_guards]
         self._discrete_updates: list[Ticks] = []
-        has_guards = any(x.has_guards for x in With("has_guards"))
-        if self._has_delay_lines or has_guards:
+        if self._has_delay_lines or self._guarded:
             self._discrete_updates = _DiscreteUpdates(systems)
-        accelerating = [x for x in systems if x.HasOutputPort("tool_acceleration")]
-        feeling = [x for x in systems if x.HasInputPort("felt_velocity")]
-        self._accelerating = next(iter(accelerating), None)
-        self._felt = next(iter(feeling), None)
+        self._surfaces = [
+            surface
+            for system in systems
+            if not getattr(system, "has_guards", False)
+            for surface in _SurfacesSeenBy(system)
+        ]
+        # The last two instants, with the values of all guards then.
+        self._guards: list[tuple[float, np.ndarray]] = []
         self.longest_step = longest_step
         self.step_limit = longest_step
-        self._motions: list[_Motion] = []
         self._last_jump = start
         self._crossing_time = -math.inf
         self._next_jump = math.inf
@@ -167,11 +137,7 @@ class Stepping:
             Whether AdvanceTo() has to end here.
         """
         time = root_context.get_time()
-        before = self._motions
-        self._motions = self._FindMotions(root_context)
-        for last, motion in zip(before, self._motions, strict=False):
-            if (last.depth < 0) != (motion.depth < 0):
-                self._crossing_time = time
+        self._NoteGuards(time, self._GuardsIn(root_context))
         is_at_jump = self.IsAtJump(time)
         self._LimitStep(time, is_at_jump, integrator)
         return (
@@ -214,6 +180,7 @@ class Stepping:
         """Makes steps after a jump or a failure short, and then longer and longer."""
         if is_at_jump:
             self._last_jump = time
+            self._guards = self._guards[-1:]
         step = self.longest_step
         if self._has_delay_lines:
             step = min(
@@ -238,57 +205,47 @@ class Stepping:
             default=math.inf,
         )
 
-    def _FindMotions(self, root_context: Context) -> list[_Motion]:
-        """Returns what moves towards which boundaries.
+    def _GuardsIn(self, root_context: Context) -> np.ndarray:
+        """Returns the values of all guards; an event happens where one is positive."""
+        values: list[float] = []
+        for block in self._guarded:
+            values += block.Guards(block.GetMyContextFromRoot(root_context))
+        for position, surface in self._surfaces:
+            context = position.get_system().GetMyContextFromRoot(root_context)
+            depth = float(surface.Depth(position.Eval(context)))
+            values += [depth, -depth]
+        return np.array(values)
 
-        Only the steps towards a boundary depend on velocity and acceleration, so they
-        may be off.
-        """
-        motions = []
-        for environment, boundaries in self._environments:
-            p, v = (
-                _Input(environment, name, root_context)
-                for name in ("tool_position", "tool_velocity")
-            )
-            a = np.zeros_like(p)
-            if self._accelerating is not None:
-                context = self._accelerating.GetMyContextFromRoot(root_context)
-                a = self._accelerating.GetOutputPort("tool_acceleration").Eval(context)
-            motions += boundaries.Motions(p, v, a)
-        for operator, boundaries in self._operators:
-            context = operator.GetMyContextFromRoot(root_context)
-            if operator.GetOutputPort("mode").Eval(context).item(0) != 0:
-                continue
-            p = _Input(operator, "felt_position", root_context)
-            v = np.zeros_like(p)
-            if self._felt is not None:
-                v = _Input(self._felt, "felt_velocity", root_context)
-            motions += boundaries.Motions(p, v, np.zeros_like(p))
-        return motions
+    def _NoteGuards(self, time: float, values: np.ndarray) -> None:
+        """Adds the values of the guards at the end of a step, and finds crossings."""
+        if self._guards:
+            last_time, last = self._guards[-1]
+            if np.any((last < 0) & (values >= 0)):
+                self._crossing_time = time
+            if last_time == time:
+                self._guards.pop()
+        self._guards = [*self._guards[-1:], (time, values)]
 
     def _ApproachTime(self) -> float:
-        """Returns the length of a step towards a boundary ahead, infinity if none is.
+        """Returns the length of a step towards an event ahead, infinity if none is.
 
         It covers most of the way, or a little more than the whole if that is short
-        enough for Drake to accept the step as the location of the crossing.
+        enough for Drake to accept the step as the location of the event. The guards
+        are taken to go on as in the last step.
         """
-        horizon = 1.5 * self.longest_step
-        shortest = math.inf
-        for depth, v, a in self._motions:
-            reach = (abs(v) + abs(a) * horizon / 2) * horizon
-            if abs(depth) > reach:
-                continue
-            time = _TimeToCross(-depth, v, a)
-            if time >= horizon:
-                continue
-            # What the acceleration's change does to the time is of third order.
-            margin = 0.1 * time * (time / horizon) ** 2
-            if margin > _EVENT_WINDOW:
-                time -= margin
-            else:
-                time += _EVENT_WINDOW
-            shortest = min(shortest, time)
-        return shortest
+        if len(self._guards) < 2:
+            return math.inf
+        (before, first), (now, last) = self._guards
+        with np.errstate(invalid="ignore"):  # A guard may be infinite.
+            rates = (last - first) / (now - before)
+        is_coming = (last < 0) & (rates > 0) & np.isfinite(rates)
+        times = -last[is_coming] / rates[is_coming]
+        time = float(times.min(initial=math.inf))
+        if time >= 1.5 * self.longest_step:
+            return math.inf
+        if 0.1 * time > _EVENT_WINDOW:
+            return 0.9 * time
+        return time + _EVENT_WINDOW
 
 
 def SystemsIn(diagram: System) -> Iterator[System]:
@@ -343,26 +300,10 @@ def _DiscreteUpdates(systems: Sequence[System]) -> list[Ticks]:
     return list(ticks)
 
 
-def _IsEnvironment(system: System) -> bool:
-    has_ports = system.HasInputPort("tool_position")
-    return bool(has_ports and system.HasOutputPort("environment_force"))
-
-
-def _Input(system: System, name: str, root_context: Context) -> np.ndarray:
-    context = system.GetMyContextFromRoot(root_context)
-    return system.GetInputPort(name).Eval(context)
-
-
-def _TimeToCross(gap: float, v: float, a: float) -> float:
-    """Returns the smallest t > 0 with gap = v t + a t^2 / 2, or infinity."""
-    if not math.isfinite(gap) or gap == 0:
-        return math.inf
-    discriminant = v * v + 2 * a * gap
-    if discriminant < 0:
-        return math.inf
-    # Both roots in the form that does not cancel.
-    q = v + math.copysign(math.sqrt(discriminant), v)
-    roots = [2 * gap / q] if q != 0 else []
-    if a != 0:
-        roots.append(q / a)
-    return min((root for root in roots if root > 0), default=math.inf)
+def _SurfacesSeenBy(system: Any) -> Iterator[tuple[InputPort, Surface]]:
+    """Yields surfaces of an environment or operator, and the input that crosses one."""
+    for surface in SurfacesOf(system) or ():
+        yield system.GetInputPort("tool_position"), surface
+    contact = getattr(system, "contact_surface", None)
+    if contact is not None:
+        yield system.GetInputPort("felt_position"), contact
