@@ -179,7 +179,6 @@ class CutDiagram:
         sizes = [x.size for x in states] + [port.size() for port in seen]
         self._value_ends = np.cumsum(sizes)[:-1]
         self._ports = _PortsOfEach(cuts)
-        self._last_point: Array | None = None
         self._originals = {x: _Twin(x, context) for x, context in contexts.items()}
         self.by_differences: tuple[str, ...] = ()
         self._root = contexts[diagram]
@@ -213,7 +212,7 @@ class CutDiagram:
             return exact
         steps = step * np.maximum(1.0, np.abs(point))
         slopes = differentiate(self._Values, point, steps)
-        # Last, because it leaves the Contexts at the operating point.
+        # Evaluated last, so that the Contexts stay at the operating point.
         values = self._Values(point)
         return values, slopes
 
@@ -265,7 +264,6 @@ class CutDiagram:
 
     def _Point(self) -> Array:
         """Returns states and inputs at the operating point (N)."""
-        self._last_point = None
         for system, context in self._contexts.items():
             if context.get_accuracy() is None and SurfacesOf(system):
                 # The position decides then, not the region that is held.
@@ -294,25 +292,13 @@ class CutDiagram:
 
     def _Values(self, point: Array) -> Array:
         """Returns the values at a point (K), by the diagram itself."""
-        last = self._last_point
-        self._last_point = point
-        return self._Evaluate(self._originals, point, last)
+        return self._Evaluate(self._originals, point)
 
-    def _Evaluate(
-        self, twins: Mapping[System, _Twin], point: Array, last: Array | None = None
-    ) -> Array:
-        """Returns the values at a point (K), of the same scalar type.
-
-        Args:
-            twins: The diagram of this scalar type.
-            last: At which point it was evaluated before. Drake evaluates again only
-                what depends on a change. None: no such point is known.
-        """
+    def _Evaluate(self, twins: Mapping[System, _Twin], point: Array) -> Array:
+        """Returns the values at a point (K), of the scalar type of the twins."""
         parts = self._Parts(point)
-        last_parts = {} if last is None else self._Parts(last)
         for x, value in parts.items():
-            if x not in last_parts or np.any(value != last_parts[x]):
-                self._Set(twins, x, value)
+            self._Set(twins, x, value)
         rates = []
         for states in self._states:
             twin = twins[states.system]

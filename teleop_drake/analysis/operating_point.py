@@ -21,6 +21,7 @@ from teleop_drake.blocks.environments.surface import (
     SurfacesOf,
 )
 from teleop_drake.blocks.robots import FactsOfRobot
+from teleop_drake.numerics.bisection import halve
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.validation import CheckNumber, Refuse, ScenarioError
@@ -171,17 +172,7 @@ def _DepthWhere(Function: Callable[[float], float], value: float) -> float | Non
             return None
         low = high
         high = 2 * high
-    return _Bisect(lambda depth: Function(depth) < value, low, high)[1]
-
-
-def _Bisect(
-    Holds: Callable[[float], bool], low: float, high: float
-) -> tuple[float, float]:
-    """Returns the last point at which a condition holds, and the first it does not."""
-    for _ in range(60):
-        middle = (low + high) / 2
-        low, high = (middle, high) if Holds(middle) else (low, middle)
-    return low, high
+    return halve(lambda depth: Function(depth) < value, low, high)[1]
 
 
 def PointOfRest(
@@ -325,4 +316,4 @@ def _ReachableTime(
 
     if IsReachable(end_time):
         return end_time
-    return _Bisect(IsReachable, 0.0, end_time)[0]
+    return halve(IsReachable, 0.0, end_time)[0]

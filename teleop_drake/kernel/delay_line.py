@@ -18,6 +18,7 @@ from teleop_drake.arrays import Array
 from teleop_drake.kernel.callbacks import Weakly
 from teleop_drake.kernel.kernel import Delay
 from teleop_drake.kernel.ticks import DeclareTicks, Ticks
+from teleop_drake.numerics.bisection import halve
 from teleop_drake.numerics.sample_history import SampleHistory
 from teleop_drake.validation import Refuse
 
@@ -141,14 +142,7 @@ class DelayLine:
                 return math.inf
             early = late
             late = min(late + delay(late), end)
-        middle = (early + late) / 2
-        while early < middle < late:
-            if middle - delay(middle) < key:
-                early = middle
-            else:
-                late = middle
-            middle = (early + late) / 2
-        return late
+        return halve(lambda time: time - delay(time) < key, early, late)[1]
 
     def _GetHistory(self, context: Context) -> SampleHistory:
         return context.get_abstract_state(self._history).get_value()

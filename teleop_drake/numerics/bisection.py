@@ -15,6 +15,28 @@ ROUNDS = 17
 """Rounds that leave 2^-51 of an interval."""
 
 
+def halve(
+    holds: Callable[[float], bool], low: float, high: float, num_halves: int = 60
+) -> tuple[float, float]:
+    """Returns the last place at which a condition holds, and the first it does not.
+
+    Args:
+        holds: Whether the condition holds at a place.
+        low: Where it holds.
+        high: Where it does not.
+        num_halves: How often the interval is halved, unless its ends are neighbours.
+    """
+    for _ in range(num_halves):
+        middle = (low + high) / 2
+        if not low < middle < high:
+            break
+        if holds(middle):
+            low = middle
+        else:
+            high = middle
+    return low, high
+
+
 def bisect(
     holds: Callable[[Array], Array],
     low: ArrayLike,

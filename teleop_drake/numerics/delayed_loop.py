@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from teleop_drake.arrays import Array, ComplexArray
+from teleop_drake.numerics.bisection import halve
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.crossings import (
     Crossing,
@@ -39,8 +40,7 @@ _MAX_POINTS = 100_000
 # Where all that goes around is weaker than this, nothing is looked for.
 _LEAST_GAIN = 1e-2
 
-# How many bisections find where an eigenvalue is real, and how real it has to be.
-_NUM_BISECTIONS = 60
+# How real an eigenvalue has to be.
 _REAL = 1e-6
 
 # What it may differ by from its value at the frequency 0, far below all modes.
@@ -190,13 +190,12 @@ class DelayedLoop:
         def value_at(frequency: float) -> complex:
             return -complex(eigenloci(self, np.array([frequency]))[0, locus])
 
-        is_below = math.copysign(1.0, value_at(low).imag)
-        for _ in range(_NUM_BISECTIONS):
-            middle = (low + high) / 2
-            if math.copysign(1.0, value_at(middle).imag) == is_below:
-                low = middle
-            else:
-                high = middle
+        is_below = np.signbit(value_at(low).imag)
+        _, high = halve(
+            lambda frequency: np.signbit(value_at(frequency).imag) == is_below,
+            low,
+            high,
+        )
         value = value_at(high)
         return value.real if abs(value.imag) < _REAL * abs(value) else 0.0
 
