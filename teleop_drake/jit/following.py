@@ -21,7 +21,13 @@ from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 import numpy as np
 
 from teleop_drake.jit.contents import Contents, Opaque
-from teleop_drake.jit.symbols import AsNumbers, Table, Untraceable
+from teleop_drake.jit.symbolic_arrays import (
+    AsNumbers,
+    Table,
+)
+from teleop_drake.jit.symbols import (
+    Untraceable,
+)
 from teleop_drake.jit.traced_numpy import BUILTINS, REPLACED, OfNumpy, Refusing
 from teleop_drake.jit.tracing import Graph, MustJoinCaller
 

@@ -12,12 +12,14 @@ import numpy as np
 
 from teleop_drake.arrays import Indices
 from teleop_drake.jit.following import Follow, Traced
+from teleop_drake.jit.symbolic_arrays import (
+    Numbers,
+    Table,
+)
 from teleop_drake.jit.symbols import (
     AsReal,
     Number,
-    Numbers,
     Ref,
-    Table,
     Untraceable,
 )
 from teleop_drake.jit.tracing import BOOLEAN, Graph, Node

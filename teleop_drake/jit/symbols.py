@@ -1,7 +1,7 @@
-"""Symbolic numbers and arrays of them: each records the operation that made it.
+"""Symbolic numbers: each records the operation that made it.
 
-`tracing` makes a graph of these operations. `traced_numpy` defines numpy's functions on
-symbolic numbers and arrays.
+`tracing` makes a graph of these operations. `symbolic_arrays` has arrays of symbolic
+numbers, and `traced_numpy` defines numpy's functions on both.
 """
 
 import math
@@ -9,12 +9,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
-
-UFUNCS: dict[Any, Any] = {}
-"""The functions that compute the ufuncs of numpy on arrays of objects."""
-
-FUNCTIONS: dict[Any, Callable[..., Any]] = {}
-"""The replacements of other functions of numpy."""
 
 
 class Untraceable(Exception):
@@ -88,10 +82,11 @@ def IsSame(column: Sequence[Any]) -> bool:
 
 def CheckPrecision(value: Any) -> None:
     """Refuses arrays and numbers that round in another way than Python's floats."""
-    if isinstance(value, Numbers) or not isinstance(value, (np.ndarray, np.generic)):
+    if not isinstance(value, (np.ndarray, np.generic)):
         return
-    if value.dtype.kind in "fc" and value.dtype != np.float64:
-        raise Untraceable(f"numbers of the type {value.dtype}")
+    dtype = np.asarray(value).dtype
+    if dtype.kind in "fc" and dtype != np.float64:
+        raise Untraceable(f"numbers of the type {dtype}")
 
 
 def _AsFloat(value: Any) -> float:
@@ -237,19 +232,34 @@ def Either(a: Any, b: Any) -> Any:
     return Apply("or", a, b)
 
 
-class _Dispatched:
-    """A value that numpy hands back to this module."""
+def WithLimitOf(result: Any, a: Any, b: Any) -> Any:
+    """Returns the choice between two numbers, as a whole number if both are."""
+    first = LimitOf(a)
+    second = LimitOf(b)
+    if first is None or second is None:
+        return result
+    return AsWhole(result, max(first, second))
+
+
+NUMPY: dict[str, Callable[..., Any]] = {}
+"""What calls functions of numpy: `ufunc` and `function`, see symbolic_arrays."""
+
+
+class Dispatched:
+    """A value whose functions of numpy are called by those of NUMPY."""
 
     __slots__ = ()
 
     def __array_ufunc__(self, *arguments: Any, **keywords: Any) -> Any:
-        return CallUfunc(*arguments, **keywords)
+        """Calls a ufunc of numpy."""
+        return NUMPY["ufunc"](*arguments, **keywords)
 
     def __array_function__(self, *arguments: Any) -> Any:
-        return CallFunction(*arguments)
+        """Calls another function of numpy."""
+        return NUMPY["function"](*arguments)
 
 
-class Number(_Dispatched):
+class Number(Dispatched):
     """A value that a graph computes.
 
     Attributes:
@@ -367,237 +377,3 @@ class Number(_Dispatched):
     __mod__ = __rmod__ = __floordiv__ = __rfloordiv__ = _RefuseRemainder
     __divmod__ = __rdivmod__ = _RefuseRemainder
     __round__ = __floor__ = __ceil__ = _RefuseRemainder
-
-
-class Table(np.ndarray):
-    """An array whose indices may be Numbers and arrays of them."""
-
-    def __getitem__(self, key: Any) -> Any:
-        keys = key if isinstance(key, tuple) else (key,)
-        if any(isinstance(item, Number) for item in keys):
-            return self._Selected(keys)
-        return super().__getitem__(_Masked(key))
-
-    def _Selected(self, keys: tuple[Any, ...]) -> Any:
-        """Returns the row that a Number says; nothing finite if there is none."""
-        index, *others = keys
-        is_number = isinstance(index, Number) and not index.is_boolean
-        if not is_number:
-            raise Untraceable("an index behind another one depends on numbers")
-        plain = np.asarray(self)
-        if plain.dtype.kind in "iu" and plain.dtype != np.int64:
-            raise Untraceable("an element of whole numbers of a few bits")
-        rows = [self[(i, *others)] for i in range(len(self))]
-        index = AsReal(index)
-        index = Where(index < 0.0, index + float(len(self)), index)
-        result: Any = np.nan
-        for i in reversed(range(len(rows))):
-            result = Where(index == float(i), rows[i], result)
-        if plain.dtype == np.int64 and isinstance(result, Number):
-            return AsWhole(result, float(abs(plain).max()))
-        return result
-
-
-def _Masked(key: Any) -> Any:
-    """Returns an index with the answers for yes or no; each is a way of its own."""
-    if isinstance(key, tuple):
-        return tuple(_Masked(item) for item in key)
-    if not HasNumbers(key):
-        return key
-    items = Objects(key)
-    if not all(map(IsBoolean, items.flat)):
-        raise Untraceable("an array of indices depends on numbers")
-    return np.array([bool(x) for x in items.flat], bool).reshape(items.shape)
-
-
-def _NoType(array: Any) -> Any:
-    raise Untraceable("it asks for the type, the memory or the order of numbers")
-
-
-class Numbers(_Dispatched, Table):
-    """An array of `Number`s."""
-
-    dtype = astype = tobytes = data = base = property(_NoType)
-    sort = argsort = partition = argpartition = property(_NoType)
-    argmax = argmin = searchsorted = property(_NoType)
-
-    def __setitem__(self, key: Any, value: Any) -> None:
-        keys = key if isinstance(key, tuple) else (key,)
-        if any(isinstance(item, Number) for item in keys):
-            raise Untraceable("it writes at an index that depends on numbers")
-        if HasNumbers(key) and np.shape(key) == self.shape and np.ndim(value) == 0:
-            value = Where(key, value, self)
-            key = ...
-        key = _Masked(key)
-        old = list(Objects(np.asarray(self)[key]).flat)
-        new = list(Objects(value).flat)
-        # An array of yes and no stays one, and so do whole numbers and others.
-        if any(map(IsBoolean, old)):
-            if not all(map(IsBoolean, new)):
-                raise Untraceable("it writes numbers where yes or no was")
-        elif any(LimitOf(x) is not None for x in old):
-            if any(LimitOf(x) is None for x in new):
-                raise Untraceable("it writes numbers where whole numbers were")
-        else:
-            value = _REAL(Objects(value))
-        super().__setitem__(key, value)
-
-
-_REAL = np.frompyfunc(AsReal, 1, 1)
-_BOOLEAN = np.frompyfunc(AsBoolean, 1, 1)
-
-
-def Objects(value: Any) -> Any:
-    """Returns a value as an array that numpy takes for one of objects."""
-    CheckPrecision(value)
-    if isinstance(value, np.generic):  # Else its operators call numpy's functions.
-        value = value.item()
-    return np.asarray(np.asarray(value, object))
-
-
-def AsNumbers(value: Any) -> Numbers:
-    """Returns an array as one that Numbers can be written into."""
-    CheckPrecision(value)
-    return np.asarray(value, object).view(Numbers)
-
-
-def _Result(value: Any) -> Any:
-    """Returns what numpy made of arrays of objects."""
-    if isinstance(value, (tuple, list)):
-        return type(value)(_Result(item) for item in value)
-    if not isinstance(value, np.ndarray) or value.dtype != object:
-        return value
-    return AsNumbers(value) if value.ndim else value.item()
-
-
-def Unified(array: Any) -> Any:
-    """Returns an array of one kind of numbers: of yes and no, whole ones, or floats.
-
-    It is the same array where that is so.
-    """
-    if not isinstance(array, Numbers):
-        return array
-    kinds = {(IsBoolean(x), LimitOf(x) is None) for x in array.flat}
-    return array if len(kinds) < 2 else AsFloats(array)
-
-
-def AsFloats(array: Any) -> Numbers:
-    """Returns a copy of an array in which yes and no and whole numbers are floats."""
-    return AsNumbers(_REAL(np.asarray(array)))
-
-
-# What numpy's own code hands to a ufunc although it means nothing.
-_DEFAULTS = {"dtype": None, "where": True, "keepdims": False}
-
-
-def CallUfunc(
-    ufunc: Any, method: str, *inputs: Any, out: Any = None, **keywords: Any
-) -> Any:
-    """Calls a ufunc of numpy, as __array_ufunc__ has it."""
-    if method == "reduce":
-        result = _Reduced(ufunc, inputs[0], **keywords)
-    elif method == "__call__" and ufunc in UFUNCS and not keywords:
-        result = _Result(UFUNCS[ufunc](*map(Objects, inputs)))
-    else:
-        raise _IsUnknown(ufunc, keywords)
-    if out is None:
-        return result
-    out[0][...] = result
-    return out[0]
-
-
-def _Reduced(ufunc: Any, value: Any, **keywords: Any) -> Any:
-    """Returns what a ufunc makes of the elements along an axis."""
-    given = {
-        name: option
-        for name, option in keywords.items()
-        if name not in _DEFAULTS or option is not _DEFAULTS[name]
-    }
-    axis = given.pop("axis", 0)
-    array = Objects(value)
-    if ufunc in (np.logical_and, np.logical_or):
-        given.pop("dtype", None)
-        reduce = ufunc.reduce  # It asks no more elements than it has to, one by one.
-        array = _BOOLEAN(array)
-    elif ufunc in UFUNCS:
-        reduce = UFUNCS[ufunc].reduce
-    else:
-        raise _IsUnknown(ufunc, keywords)
-    if given:
-        raise _IsUnknown(ufunc, given)
-    if ufunc is np.add:  # The sum of yes and no is their number.
-        array = _REAL(array)
-    if axis is None:
-        return _Result(reduce(array.ravel()))
-    return _Result(reduce(array, axis=axis))
-
-
-def _IsUnknown(ufunc: Any, keywords: dict[str, Any]) -> Untraceable:
-    names = ", ".join([*keywords, "..."])
-    return Untraceable(f"np.{ufunc.__name__}({names}) is not known")
-
-
-def CallFunction(
-    function: Any, types: Any, arguments: Sequence[Any], keywords: dict[str, Any]
-) -> Any:
-    """Calls another function of numpy, as __array_function__ has it."""
-    if function not in FUNCTIONS:
-        raise Untraceable(f"np.{function.__name__}() is not known")
-    return FUNCTIONS[function](*arguments, **keywords)
-
-
-def Structural(function: Any) -> Callable[..., Any]:
-    """Returns a function of numpy that does not care what is in an array."""
-
-    def Call(*arguments: Any, **keywords: Any) -> Any:
-        arguments = tuple(_Plain(value) for value in arguments)
-        keywords = {name: _Plain(value) for name, value in keywords.items()}
-        return Unified(_Result(function(*arguments, **keywords)))
-
-    return Call
-
-
-def _Plain(value: Any) -> Any:
-    if isinstance(value, (tuple, list)):
-        if any(isinstance(item, (tuple, list, np.ndarray)) for item in value):
-            return [_Plain(item) for item in value]
-        return Objects(value) if HasNumbers(value) else value
-    return Objects(value) if isinstance(value, (Number, Numbers)) else value
-
-
-def HasNumbers(value: Any) -> bool:
-    """Returns whether a value is a Number, or may have one in it."""
-    if isinstance(value, np.ndarray):
-        return isinstance(value, Numbers) or bool(value.dtype == object)
-    if isinstance(value, dict):
-        return any(map(HasNumbers, value.values()))
-    if isinstance(value, (list, tuple, set)):
-        return any(map(HasNumbers, value))
-    return isinstance(value, Number)
-
-
-def Where(condition: Any, a: Any, b: Any) -> Any:
-    """Returns a where a condition holds and b elsewhere, element by element."""
-    if any(isinstance(item, (np.ndarray, list, tuple)) for item in (condition, a, b)):
-        return Unified(_Result(_WHERE(*map(Objects, (condition, a, b)))))
-    if not isinstance(condition, Number):
-        return a if condition else b
-    if IsSame((a, b)):
-        return a
-    condition = AsBoolean(condition)
-    if IsBoolean(a) and IsBoolean(b):
-        return (condition & a) | (Not(condition) & b)
-    result = condition.graph.Add("select", condition, AsReal(a), AsReal(b))
-    return WithLimitOf(result, a, b)
-
-
-def WithLimitOf(result: Any, a: Any, b: Any) -> Any:
-    """Returns the choice between two numbers, as a whole number if both are."""
-    first = LimitOf(a)
-    second = LimitOf(b)
-    if first is None or second is None:
-        return result
-    return AsWhole(result, max(first, second))
-
-
-_WHERE = np.frompyfunc(Where, 3, 1)

@@ -12,27 +12,29 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.jit.symbols import (
+from teleop_drake.jit.symbolic_arrays import (
     FUNCTIONS,
     UFUNCS,
-    Apply,
-    AsBoolean,
     AsFloats,
     AsNumbers,
-    AsReal,
-    AsWhole,
     CallFunction,
     CallUfunc,
     HasNumbers,
-    LimitOf,
-    Not,
-    Number,
     Numbers,
     Objects,
     Structural,
     Unified,
-    Untraceable,
     Where,
+)
+from teleop_drake.jit.symbols import (
+    Apply,
+    AsBoolean,
+    AsReal,
+    AsWhole,
+    LimitOf,
+    Not,
+    Number,
+    Untraceable,
 )
 
 # Functions of single numbers.

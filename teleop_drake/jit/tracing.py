@@ -28,15 +28,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from teleop_drake.jit.contents import AreShared, Contents, Reshaped
-from teleop_drake.jit.symbols import (
+from teleop_drake.jit.symbolic_arrays import (
     AsNumbers,
+    Objects,
+    Where,
+)
+from teleop_drake.jit.symbols import (
     AsReal,
     IsBoolean,
     Number,
-    Objects,
     Ref,
     Untraceable,
-    Where,
 )
 
 # Operations whose value is a boolean.
