@@ -78,9 +78,10 @@ def MakePicture(path: Path) -> None:
     """Runs a notebook and writes its picture."""
     notebook = nbformat.read(path, as_version=4)
     with tempfile.TemporaryDirectory() as temporary:
-        for file in [*FOLDER.glob("*.py"), *FOLDER.glob("*.csv")]:
+        for file in FOLDER.glob("*.py"):
             Path(temporary, file.name).write_bytes(file.read_bytes())
-        shutil.copytree(FOLDER / "classics", Path(temporary, "classics"))
+        for name in ("classics", "league"):
+            shutil.copytree(FOLDER / name, Path(temporary, name))
         resources = {"metadata": {"path": temporary}}
         NotebookClient(notebook, timeout=600, resources=resources).execute()
     text = PngImagePlugin.PngInfo()

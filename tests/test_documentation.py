@@ -3,7 +3,6 @@
 import re
 import shlex
 
-import league
 import numpy as np
 import pytest
 import yaml
@@ -170,108 +169,6 @@ def test_what_adaptation_changes_most_on_the_bone():
     assert f"of case II falls from {before:.2f} to {after:.2f} s" in page
 
 
-def test_the_league_on_the_page():
-    """The table is that of the runs, which are those of the study."""
-    rows = league.ReadTable()
-    page = (ROOT / "teleop_drake/docs/architectures.md").read_text(encoding="utf-8")
-    lines = ["| " + " | ".join(cells) + " |" for cells in league.PageRows(rows)]
-    (table,) = re.findall(r"^\| \| bounded .*\n.*\n((?:\|.*\n)+)", page, re.MULTILINE)
-    assert table.splitlines() == lines
-    sizes = dict.fromkeys(league.GROUPS, 0)
-    for name, plan in LoadStudy("league_held_out").plans.items():
-        for group in (name.rpartition("-")[2], "all"):
-            sizes[group] += len(plan.points)
-    for row in rows:
-        assert row["count"] == sizes[row["runs"]] >= row["bounded"] >= row["at_rest"]
-    assert list(dict.fromkeys(row["architecture"] for row in rows)) == [*league.ENTRIES]
-
-
-def test_what_is_told_of_the_league_is_in_its_table():
-    rows = {
-        (row["architecture"], row["member"]): row
-        for row in league.ReadTable()
-        if row["runs"] == "all"
-    }
-    four, four_found = rows["four channels", 0], rows["four channels", 1]
-    force, force_found = rows["position-force", 0], rows["position-force", 1]
-    adaptive, adaptive_found = rows["adaptive", 0], rows["adaptive", 3]
-    command, ground = rows["damped to command", 0], rows["damped force", 0]
-    told = (
-        f"The four channels rest in {four_found['at_rest']:g} runs instead of "
-        f"{four['at_rest']:g}, position-force in {force_found['at_rest']:g} instead of "
-        f"{force['at_rest']:g}.",
-        f"rests after {adaptive_found['rest']:.2g} s, where the rule takes "
-        f"{adaptive['rest']:.3g} s.",
-        f"against the ground, {command['impact']:.3g} against {ground['impact']:.3g}, "
-        f"and more softly than the adaptive controller, {adaptive['impact']:.3g}.",
-    )
-    page = Sentences(LEAGUE)
-    for sentence in told:
-        assert sentence in page
-    told = (
-        f"after {command['rest']:.3g} s on average, and arrives there after "
-        f"{command['arrival']:.3g} times the commanded time",
-        f"after {adaptive['rest']:.3g} s, and arrives after {adaptive['arrival']:.3g} ",
-        f"the damper arrives after {ground['arrival']:.3g} times the commanded time",
-        f"rest in {four_found['at_rest']:g} runs instead of {four['at_rest']:g} ",
-        f"{1 - rows['waves', 0]['softness']:.0%}".replace("%", " %") + " of k is felt",
-    )
-    readme = Sentences("README.md")
-    for sentence in told:
-        assert sentence in readme
-    assert command["at_rest"] == 39 and adaptive["at_rest"] == 37
-
-
-CLOSE = ["damped force", "damped to command", "waves", "passivity + damper"]
-
-
-@pytest.mark.parametrize("name", [*CLOSE, "Smith + damper"])
-def test_the_search_ends_close_to_the_rule(name):
-    """Rest is 6 to 15 % sooner, other goals are up to 1.4 % worse."""
-    rows = [row for row in league.ReadTable() if row["runs"] == "all"]
-    rule, found, *_ = (row for row in rows if row["architecture"] == name)
-    ratios = {key: found[key] / rule[key] for key in league.NUMBERS[:4]}
-    assert 0.85 <= ratios.pop("rest") <= 0.94
-    assert max(ratios.values()) <= 1.0145
-
-
-@pytest.mark.slow
-def test_a_stronger_damper_against_the_command_beats_the_tuned_law():
-    """With 4 N s/m in all four goals, as the page reports."""
-    damping = {"controller.damped_force.damping": 4.0}
-    found = league.HeldOut("damped to command", damping, "all")
-    (tuned,) = [
-        row
-        for row in league.ReadTable()
-        if (row["architecture"], row["member"], row["runs"]) == ("adaptive", 3, "all")
-    ]
-    goals = league.NUMBERS[:4]
-    assert tuned["at_rest"] == found["at_rest"] == 39
-    for goal in goals:
-        assert found[goal] < tuned[goal]
-    rest, *others = (f"{found[goal]:.3g}" for goal in goals)
-    text = f"{rest} s, {others[0]}, {others[1]} and {others[2]}."
-    assert text in Sentences(LEAGUE)
-
-
-def test_the_table_of_felt_stiffness():
-    page = (ROOT / LEAGUE).read_text(encoding="utf-8")
-    (table,) = re.findall(
-        r"^\| one_dof \| at 1 .*\n.*\n((?:\|.*\n)+)", page, re.MULTILINE
-    )
-    lines = ["| " + " | ".join(cells) + " |" for cells in league.FeltRows()]
-    assert table.splitlines() == lines
-
-
-@pytest.mark.slow
-def test_the_figure_of_felt_stiffness(tmp_path):
-    committed = imread(league.FELT_PICTURE)
-    SaveFigure(league.DrawFelt(), tmp_path / "now.png")
-    now = imread(tmp_path / "now.png")
-    assert now.shape == committed.shape
-    assert np.mean(np.abs(now - committed)) < 0.01
-
-
 @pytest.mark.parametrize(
     ("page", "sentence"),
     [
@@ -308,26 +205,6 @@ def test_the_robust_law_on_bone(name, adaptive, robust):
         found = RunMetrics(run)["collision"]["settling_time"]
         assert found == pytest.approx(expected, abs=0.005)
     assert f"{robust:.2f} s instead of {adaptive:.2f} s" in Sentences(LEAGUE)
-
-
-@pytest.mark.parametrize(
-    ("name", "group"),
-    Slow(
-        [
-            ("damped force", "mass"),
-            ("Smith + damper", "network"),
-            ("adaptive", "all"),
-            ("damped to command", "all"),
-        ]
-    ),
-)
-def test_the_leagues_rows_are_those_of_the_runs(name, group):
-    """The member that was best in training, or the rule where there is none."""
-    mine = {"architecture": name, "runs": group}
-    rows = [row for row in league.ReadTable() if mine.items() <= row.items()]
-    row = max((row for row in rows if row["member"] < 2), key=lambda row: row["member"])
-    now = league.HeldOut(name, row["gains"], group)
-    assert now == pytest.approx({key: row[key] for key in now}, rel=1e-3)
 
 
 def test_channel_example_is_valid():

@@ -75,9 +75,10 @@ def Execute(notebook, directory):
 @pytest.mark.parametrize("path", Slow(NOTEBOOKS, but=[]), ids=lambda path: path.stem)
 def test_runs(path, tmp_path):
     notebook = Read(path)
-    for file in [*path.parent.glob("*.py"), *path.parent.glob("*.csv")]:
+    for file in path.parent.glob("*.py"):
         shutil.copy(file, tmp_path)
-    shutil.copytree(path.parent / "classics", tmp_path / "classics")
+    for name in ("classics", "league"):
+        shutil.copytree(path.parent / name, tmp_path / name)
     Execute(notebook, tmp_path)
     cells = CodeCells(notebook)
     shown = [

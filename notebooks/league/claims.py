@@ -1,0 +1,245 @@
+"""The sentences about the league, each with its rows, which have to support it."""
+
+from collections.abc import Callable, Mapping
+from types import SimpleNamespace
+from typing import NamedTuple
+
+from league.statistics import ReadTable, Row
+
+Key = tuple[str, ...]
+"""Architecture, member and group of runs of a row of league.csv; architecture and
+member of a row of league_felt.csv; the architecture of all rows of league_search.csv.
+"""
+
+
+class Claim(NamedTuple):
+    """A sentence, the rows that it speaks of, and what has to be true of them.
+
+    Attributes:
+        text: A format string with the fields of the rows.
+        rows: The rows by the names in the text.
+        holds: Whether the words of the sentence are right.
+    """
+
+    text: str
+    rows: Mapping[str, Key]
+    holds: Callable[[SimpleNamespace], bool]
+
+    def Rows(self) -> SimpleNamespace:
+        """Returns the rows, whose cells are attributes."""
+        return SimpleNamespace(
+            **{name: SimpleNamespace(**FindRow(key)) for name, key in self.rows.items()}
+        )
+
+    def Render(self) -> str:
+        """Returns the sentence with its numbers, and after it the rows."""
+        keys = dict.fromkeys(", ".join(key) for key in self.rows.values())
+        sentence = self.text.format(**vars(self.Rows())).replace("%", " %")
+        return f"{sentence} *[{'; '.join(keys)}]*"
+
+
+def FindRow(key: Key) -> Row:
+    """Returns the row of a key; for searches the `least` and the `most` cost."""
+    columns = ("architecture", "member", "runs")[: len(key)]
+    table = ReadTable(("league_search", "league_felt", "league")[len(key) - 1])
+    rows = [row for row in table if tuple(row[column] for column in columns) == key]
+    if len(key) == 1:
+        costs = [row["cost"] for row in rows]
+        return {"least": min(costs), "most": max(costs)} | {
+            name: min(row[name] for row in rows)
+            for name in rows[0]
+            if name.startswith("cost_2_")
+        }
+    (row,) = rows
+    return row
+
+
+def _All(architecture: str, member: str = "compromise", runs: str = "all") -> Key:
+    """Returns the key of a row of league.csv."""
+    return architecture, member, runs
+
+
+def _Least(column: str, table: str = "league") -> float:
+    """Returns the least number of all compromises in a column of a table."""
+    return min(
+        row[column]
+        for row in ReadTable(table)
+        if row["member"] == "compromise" and row.get("runs", "all") == "all"
+    )
+
+
+_DIRECT = _All("direct force")
+_GROUND = _All("damper to ground")
+_COMMAND = _All("damper to command")
+_ADAPTIVE = _All("adaptive")
+_CORE = _All("linear core")
+_WAVES = _All("waves")
+
+CLAIMS = (
+    Claim(
+        "**A plain damper does most of it.** Direct force comes to rest in "
+        "{direct.at_rest:.0%} of the held-out runs. With a damper against the "
+        "command it does in {command.at_rest:.0%}, after {command.rest:.2f} s in "
+        "the median, and gets there after {command.arrival:.2f} times the commanded"
+        " time.",
+        {"direct": _DIRECT, "command": _COMMAND},
+        lambda r: r.direct.at_rest < 0.05 and r.command.at_rest > 0.97,
+    ),
+    Claim(
+        "**Braking against the ground costs time.** The damper against the ground "
+        "gets there after {ground.arrival:.2f} times the commanded time. It hits "
+        "less hard, with {ground.impact:.2f} against {command.impact:.2f} times a "
+        "free mass's force.",
+        {"ground": _GROUND, "command": _COMMAND},
+        lambda r: (
+            r.ground.arrival_low > r.command.arrival_high
+            and r.ground.impact_high < r.command.impact_low
+        ),
+    ),
+    Claim(
+        "**A search brings the adaptive controller close to the damper against the "
+        "command.** With the gains by rule, the thesis's, it rests after "
+        "{rule.rest:.2f} s in the median; its compromise after {adaptive.rest:.2f} "
+        "s, in {adaptive.at_rest:.0%} of the runs. It costs {cost.least:.2f} to "
+        "{cost.most:.2f} points in training, the damper {other.least:.2f} to "
+        "{other.most:.2f}. Run by run it rests sooner than the damper in "
+        "{adaptive.rests_sooner:.0%}, and hits with {adaptive.impact:.2f} against "
+        "{command.impact:.2f}.",
+        {
+            "rule": _All("adaptive", "rule"),
+            "adaptive": _ADAPTIVE,
+            "command": _COMMAND,
+            "cost": ("adaptive",),
+            "other": ("damper to command",),
+        },
+        lambda r: (
+            r.cost.least > r.other.most
+            and r.rule.rest > 2 * r.adaptive.rest
+            and r.adaptive.rests_sooner < 0.5
+        ),
+    ),
+    Claim(
+        "**Where the drive is ideal, the linear core is the best.** Of all "
+        "compromises it rests soonest, after {core.rest:.2f} s in the median, and "
+        "hits least, with {core.impact:.2f} times a free mass's force. It gets "
+        "there after {core.arrival:.2f} times the commanded time, and loses "
+        "{felt.loss_at_1:.1%} of the bone's stiffness at 1 rad/s. It has neither a "
+        "network nor Psi.",
+        {"core": _CORE, "felt": _CORE[:2]},
+        lambda r: (
+            r.core.rest == _Least("rest")
+            and r.core.impact == _Least("impact")
+            and r.core.arrival < 1.05
+        ),
+    ),
+    Claim(
+        "**That is bought from the drive and the force sensor.** Of the runs with "
+        "hardware that is not ideal, it comes to rest in {core.at_rest:.0%}, and "
+        "the damper against the command, which needs no force sensor, in "
+        "{command.at_rest:.0%}.",
+        {
+            "core": _All("linear core", runs="hardware"),
+            "command": _All("damper to command", runs="hardware"),
+        },
+        lambda r: r.core.at_rest < r.command.at_rest == 1,
+    ),
+    Claim(
+        "**What is absolutely stable does not let feel the bone.** Of the stiffness"
+        " at 1 rad/s waves lose {waves.loss_at_1:.0%}, P+d {pd.loss_at_1:.0%} and "
+        "position-position {pp.loss_at_1:.0%}; for these three Llewellyn's "
+        "parameter is at least 1. Direct force, the dampers and the adaptive "
+        "controller lose less than a tenth, and each of them has a port that is "
+        "active at some frequency.",
+        {
+            "waves": _WAVES[:2],
+            "pd": ("P+d", "compromise"),
+            "pp": ("position-position", "compromise"),
+            "direct": _DIRECT[:2],
+            "ground": _GROUND[:2],
+            "command": _COMMAND[:2],
+            "adaptive": _ADAPTIVE[:2],
+        },
+        lambda r: (
+            min(x.llewellyn for x in (r.waves, r.pd, r.pp)) >= 0.9999
+            and all(
+                x.llewellyn < 0 and x.loss_at_1 < 0.1
+                for x in (r.direct, r.ground, r.command, r.adaptive)
+            )
+        ),
+    ),
+    Claim(
+        "**The order does not hang on the weights.** Whichever term counts twice, "
+        "the linear core costs least, then the damper against the command, then the"
+        " adaptive controller; with equal weights they cost {core.least:.2f}, "
+        "{command.least:.2f} and {adaptive.least:.2f} points at least, waves "
+        "{waves.least:.2f}, the four channels {four.least:.2f}.",
+        {
+            "core": ("linear core",),
+            "command": ("damper to command",),
+            "adaptive": ("adaptive",),
+            "waves": ("waves",),
+            "four": ("four channels",),
+        },
+        lambda r: all(
+            getattr(r.core, f"cost_2_{term}")
+            < getattr(r.command, f"cost_2_{term}")
+            < getattr(r.adaptive, f"cost_2_{term}")
+            < min(getattr(x, f"cost_2_{term}") for x in (r.waves, r.four))
+            for term in ("rest", "late", "impact", "loss")
+        ),
+    ),
+    Claim(
+        "**Waves always come to rest, gently and late.** They rest in "
+        "{waves.at_rest:.0%}, after {waves.rest:.2f} s, hit with {waves.impact:.2f}"
+        " times a free mass's force and get there after {waves.arrival:.2f} times "
+        "the commanded time.",
+        {"waves": _WAVES, "command": _COMMAND},
+        lambda r: (
+            r.waves.at_rest == 1
+            and r.waves.impact_high < r.command.impact_low
+            and r.waves.arrival_low > 1.2
+        ),
+    ),
+    Claim(
+        "**A model of the bone makes the Smith predictor transparent.** Its "
+        "compromise, whose model is almost as stiff as the bone, loses "
+        "{smith.loss_in_band:.0%} of the stiffness from 0.3 to 10 rad/s, less than "
+        "any other; its gentlest, whose model has next to no bone, "
+        "{gentle.loss_in_band:.0%}. On other bones the compromise rests in "
+        "{bone.at_rest:.0%}.",
+        {
+            "smith": ("Smith + damper", "compromise"),
+            "gentle": ("Smith + damper", "gentlest"),
+            "bone": _All("Smith + damper", runs="bone"),
+        },
+        lambda r: (
+            r.smith.loss_in_band == _Least("loss_in_band", "league_felt")
+            and r.gentle.loss_in_band > 0.8
+        ),
+    ),
+    Claim(
+        "**Passivity control on a damper is the damper.** It rests after "
+        "{passive.rest:.2f} s and hits with {passive.impact:.2f}, the damper "
+        "against the ground after {ground.rest:.2f} s and with {ground.impact:.2f}.",
+        {"passive": _All("passivity + damper"), "ground": _GROUND},
+        lambda r: (
+            abs(r.passive.rest - r.ground.rest) < 0.02
+            and abs(r.passive.impact - r.ground.impact) < 0.02
+        ),
+    ),
+    Claim(
+        "**PD at the slave, P+d and the four channels do not always rest.** They do"
+        " in {pd.at_rest:.0%}, {p_d.at_rest:.0%} and {four.at_rest:.0%}, after "
+        "{pd.rest:.2f}, {p_d.rest:.2f} and {four.rest:.2f} s. At other delays PD at"
+        " the slave and the four channels rest in {pd_delay.at_rest:.0%} and "
+        "{four_delay.at_rest:.0%}.",
+        {
+            "pd": _All("PD at the slave"),
+            "p_d": _All("P+d"),
+            "four": _All("four channels"),
+            "pd_delay": _All("PD at the slave", runs="delay"),
+            "four_delay": _All("four channels", runs="delay"),
+        },
+        lambda r: max(x.at_rest for x in (r.pd, r.p_d, r.four)) < 1,
+    ),
+)

@@ -1,0 +1,64 @@
+"""Who takes part in the league: an entry of entries.yaml."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from teleop_drake.arrays import Array
+from teleop_drake.scenario import AsTeleoperation, LoadScenario, Scenario
+from teleop_drake.sweep.values import PointOverrides
+
+ENTRIES = Path(__file__).with_name("entries.yaml")
+
+Gains = dict[str, float]
+"""Values of the gains by their paths."""
+
+
+class Entry(NamedTuple):
+    """Who takes part.
+
+    Attributes:
+        name: The architecture's name in the table.
+        settings: Fields of the scenario by their paths.
+        gains: The ranges of the gains by their paths; empty: nothing is searched.
+        passive: Whether it is passive by design, in words.
+    """
+
+    name: str
+    settings: Mapping[str, Any]
+    gains: Mapping[str, tuple[float, float]]
+    passive: str
+
+    @property
+    def overrides(self) -> list[str]:
+        """The settings as overrides of a scenario."""
+        return PointOverrides(self.settings)
+
+    def GainsAt(self, place: Array) -> Gains:
+        """Returns the gains at a place, 0 to 1 along each logarithmic range."""
+        values = (
+            low * (high / low) ** share
+            for (low, high), share in zip(self.gains.values(), place, strict=True)
+        )
+        return {
+            path: float(f"{value:.4g}")
+            for path, value in zip(self.gains, values, strict=True)
+        }
+
+
+def ReadEntries(file: Path = ENTRIES) -> dict[str, Entry]:
+    """Reads the entries of a file by their names."""
+    tree = yaml.safe_load(file.read_text(encoding="utf-8"))
+    return {
+        name: Entry(name, item["set"], item["gains"] or {}, str(item["passive"]))
+        for name, item in tree.items()
+    }
+
+
+def OneAxis(entry: Entry, gains: Gains, delay: float) -> Scenario:
+    """Returns one_dof with an entry, the delay in s each way."""
+    values = {**gains, "delay": delay}
+    scenario = LoadScenario("one_dof", [*entry.overrides, *PointOverrides(values)])
+    return AsTeleoperation(scenario)
