@@ -35,7 +35,9 @@ STILL = 2.6  # s: one tool has bounced off the bone, and still feels as if it we
 BEGIN, END = 2.25, 2.85  # s, of the animated picture
 NUM_FRAMES, FRAME_MS = 40, 120
 SIZE, ANIMATED_SIZE = (1280, 720), (960, 540)
-PAGE_SIZE = (1280, 860)
+# A README shows it 830 px wide: the names of ports are 9 px high there.
+PAGE_SIZE = (900, 1000)
+PAGE_SCALE = 2
 
 PATIENCE = 120  # s, with a browser that does not answer
 
@@ -46,7 +48,7 @@ class Browser:
     It is spoken to as its developer tools do, in JSON through a pair of pipes.
     """
 
-    def __init__(self, page: Path, size: tuple[int, int] = SIZE):
+    def __init__(self, page: Path, size: tuple[int, int] = SIZE, scale: int = 1):
         program = shutil.which("chromium") or shutil.which("google-chrome")
         if program is None:
             raise SystemExit("no browser: `apt-get install chromium` brings one")
@@ -81,7 +83,7 @@ class Browser:
             "Emulation.setDeviceMetricsOverride",
             width=width,
             height=height,
-            deviceScaleFactor=1,
+            deviceScaleFactor=scale,
             mobile=False,
         )
         # Before the page there is an empty one, which is complete at once.
@@ -149,7 +151,7 @@ def MakePagePicture(path: Path) -> None:
     with tempfile.TemporaryDirectory() as temporary:
         page = Path(temporary) / "page.html"
         WritePage(SCENARIO, page, controllers=CONTROLLERS)
-        browser = Browser(page, PAGE_SIZE)
+        browser = Browser(page, PAGE_SIZE, PAGE_SCALE)
         try:
             browser.Evaluate(
                 f"teleop.ready.then(() => {{ setCursor({STILL}); say('') }})"

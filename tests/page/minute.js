@@ -19,6 +19,7 @@
     names: [...velocity.querySelectorAll("text.name")].map((x) => x.textContent),
     labels: [...document.querySelectorAll("#scene > text")].map((x) => x.textContent),
     main: document.querySelectorAll("#metrics > table tr").length,
+    table: document.querySelector("#metrics > table").textContent,
     isFolded: !document.querySelector("#metrics details").open,
     box: [...document.querySelectorAll("[data-box='forward_channel'] text")].map((x) => [
       x.textContent,

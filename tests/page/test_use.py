@@ -52,6 +52,7 @@ def test_a_minute_without_instruction(look, page):
     assert seen["names"] == ["puncture", "contact"]
     assert {"bone", "free"} <= set(seen["labels"])
     assert seen["main"] == 1 + 6 and seen["isFolded"]
+    assert "peak force [mN]15.74" in seen["table"]
     (name, large), (kind, small) = seen["box"][:2]
     assert (name, kind) == ("forward channel", "TransportDelay")
     assert large > 1.5 * small

@@ -1,8 +1,9 @@
 // The table of metrics.
 
 import { $, keyOf, make } from "./elements.js";
-import { show } from "./numbers.js";
+import { extent, show } from "./numbers.js";
 import { state } from "./state.js";
+import { scaleAndUnit } from "./units.js";
 
 // The metrics that stand first, if a task has them; others fill up.
 const MAIN = [
@@ -16,11 +17,18 @@ const MAIN = [
 
 const rowOf = (tag, ...cells) => make("tr", {}, ...cells.map((cell) => make(tag, {}, cell)));
 
+// The row of a metric, in a unit that suits its values.
+function rowOfMetric(name, label) {
+  const values = state.runs.map((run) => run.metrics[name]);
+  const [, title, unit = ""] = /^(.*?)(?: \[(.*)\])?$/.exec(label);
+  const [scale, shownUnit] = scaleAndUnit(extent(values.filter(Number.isFinite)), unit);
+  const texts = values.map((value) => show(value === undefined ? value : scale * value));
+  return rowOf("td", shownUnit ? `${title} [${shownUnit}]` : title, ...texts);
+}
+
 // The rows of some metrics.
 function rowsOf(names, labels) {
-  return names.map((name) =>
-    rowOf("td", labels[name], ...state.runs.map((run) => show(run.metrics[name]))),
-  );
+  return names.map((name) => rowOfMetric(name, labels[name]));
 }
 
 // When and why runs have ended early.

@@ -81,4 +81,5 @@ def test_the_pictures_of_the_readme_can_be_made(tmp_path, monkeypatch):
     module.main(tmp_path)
     names = "page.png", "scene.png", "scene.webp"
     sizes = [Image.open(tmp_path / name).size for name in names]
-    assert sizes == [module.PAGE_SIZE, module.SIZE, module.ANIMATED_SIZE]
+    page = tuple(module.PAGE_SCALE * x for x in module.PAGE_SIZE)
+    assert sizes == [page, module.SIZE, module.ANIMATED_SIZE]
