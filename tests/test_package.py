@@ -84,7 +84,7 @@ diagram one_dof -o loop.html
 page one_dof -o page.html
 drive one_dof -o drive.html
 docs
-docs --out site
+docs --out site --parts live,api
 """
 
 

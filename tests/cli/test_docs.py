@@ -1,14 +1,16 @@
 """The command `teleop-drake docs`."""
 
+import html
 import re
 import sys
 from pathlib import Path
 
 import pytest
+from nbformat.v4 import new_code_cell, new_markdown_cell, new_output
 
 import teleop_drake
 from teleop_drake.cli import main
-from teleop_drake.cli.commands.docs import PAGES
+from teleop_drake.cli.site import PAGES, WriteSite, _CellHtml
 
 
 def Broken(folder: Path) -> list[str]:
@@ -58,16 +60,53 @@ def test_the_site_needs_pdoc(tmp_path, capsys, monkeypatch):
     assert "pip install 'teleop-drake[docs]'" in line
 
 
+def test_each_page_has_a_side_bar_with_all_titles(tmp_path):
+    """A site without what takes long; it opens under any path."""
+    WriteSite(tmp_path, parts=[], progress=lambda line: None)
+    titles = [re.escape(html.escape(page.read_text("utf-8").splitlines()[0][2:]))
+              for page in PAGES[1:]]  # fmt: skip
+    for page in PAGES[1:]:
+        text = (tmp_path / f"{page.stem}.html").read_text("utf-8")
+        assert re.search(".*".join(titles), text, re.S)
+        assert text.count('aria-current="page"') == 1
+    assert Broken(tmp_path) == []
+    # Nothing comes from elsewhere, and nothing is told from the root of a server.
+    for path in tmp_path.glob("*.html"):
+        assert not re.search(r'(?:src|<link[^>]* href)="(?:/|\w+:)', path.read_text())
+
+
+def test_a_cell_of_a_notebook_has_its_outputs():
+    code = new_code_cell("1 < 2")
+    code.outputs = [new_output("execute_result", {"text/plain": "1 < 2"})]
+    assert "<pre>1 &lt; 2</pre>" in _CellHtml(code)
+    code.outputs = [new_output("display_data", {"image/png": "QUJD"})]
+    assert 'src="data:image/png;base64,QUJD"' in _CellHtml(code)
+    code.outputs = [new_output("display_data", {"text/html": "<b>x</b>"})]
+    assert "<b>x</b>" in _CellHtml(code)
+
+
+def test_formulas_of_notebooks_are_mathml():
+    pytest.importorskip("latex2mathml")
+    assert "<mfrac>" in _CellHtml(new_markdown_cell(r"$\frac{1}{2}$"))
+
+
+def test_an_unknown_part_is_refused(tmp_path, capsys):
+    assert main(["docs", "--out", str(tmp_path), "--parts", "live,films"]) == 2
+    assert "--parts = 'films': must be one of live, api" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_the_site(tmp_path, capsys):
     """Every link of the pages and of the reference leads somewhere."""
     site = tmp_path / "site"
-    assert main(["docs", "--out", str(site)]) == 0
+    options = ["--parts", "live,api", "--quiet"]
+    assert main(["docs", "--out", str(site), *options]) == 0
     assert capsys.readouterr().out == f"{site / 'index.html'}\n"
-    laws = (site / "teleop_drake/laws/backstepping.html").read_text("utf-8")
-    assert "5.31" in laws
+    laws = (site / "api/teleop_drake/laws/backstepping.html").read_text("utf-8")
+    assert "5.31" in laws and 'href="../../../index.html"' in laws
     pages = (site / "stability.html").read_text("utf-8")
     assert "<table>" in pages and 'href="index.html"' in pages
+    assert (site / "live/drive.html").stat().st_size > 100_000
     assert Broken(site) == []
     (site / "index.html").write_text('<a href="nowhere.html">', "utf-8")
     assert Broken(site) == ["index.html: nowhere.html"]

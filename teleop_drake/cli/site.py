@@ -1,0 +1,264 @@
+"""The documentation as a static site: pages, reference, living diagrams and notebooks.
+
+All links are relative, so that the site works from the disk and under any path.
+"""
+
+import html
+import os
+import pkgutil
+import re
+import shutil
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import teleop_drake
+
+_PACKAGE = Path(teleop_drake.__file__).parent
+_DOCS = _PACKAGE / "docs"
+_TEMPLATES = _DOCS / "site"
+
+# Of a repository; an installed package has none.
+_NOTEBOOKS = _PACKAGE.parent / "notebooks"
+
+_INDEX = _DOCS / "index.md"
+
+# The pages, the index first, in its order. The misprints of the thesis stand beside its
+# claims.
+PAGES = [
+    _INDEX,
+    *(_DOCS / name for name in re.findall(r"\((\w+\.md)\)", _INDEX.read_text("utf-8"))),
+    _PACKAGE / "thesis" / "errata.md",
+]
+
+# Living diagrams by the names of their files: title, scenario, and whether who opens
+# it drives.
+_LIVE = {
+    "one_dof": ("Tissue, then bone", "one_dof", False),
+    "two_dof_combined": ("The same with an arm", "two_dof_combined", False),
+    "drive": ("Drive an arm on to bone", "two_dof_collision", True),
+}
+
+PARTS = ("live", "api", "thesis", "notebooks")
+"""What a site has beside its pages."""
+
+Progress = Callable[[str], None]
+
+
+def Title(page: Path) -> str:
+    """Returns the heading of a page."""
+    return page.read_text(encoding="utf-8").splitlines()[0].removeprefix("# ")
+
+
+class Site:
+    """Writes a site into a folder; see WriteSite()."""
+
+    def __init__(self, out: Path, parts: Iterable[str], progress: Progress):
+        import jinja2
+        import pdoc
+
+        self._pdoc = pdoc
+        self._out = out
+        self._parts = set(parts)
+        self._progress = progress
+        self._notebooks = sorted(_NOTEBOOKS.glob("[0-9]*.ipynb"))
+        if "notebooks" not in self._parts:
+            self._notebooks = []
+        loader = jinja2.FileSystemLoader(_TEMPLATES)
+        environment = jinja2.Environment(loader=loader)
+        self._page = environment.get_template("page.html")
+        self._start = environment.get_template("start.html")
+
+    def Write(self) -> None:
+        """Writes all parts; whatever takes long comes last."""
+        shutil.copy(_TEMPLATES / "site.css", self._out)
+        has_reference = "api" in self._parts
+        for page in PAGES[1:]:
+            body = _Markdown(_TextOnSite(page, has_reference))
+            self._Save(f"{page.stem}.html", Title(page), body)
+        for picture in _DOCS.glob("*.png"):
+            shutil.copy(picture, self._out)
+        start = self._start.render(
+            parts=self._parts, has_notebooks=bool(self._notebooks)
+        )
+        contents = _Markdown(_TextOnSite(_INDEX, has_reference).partition("\n")[2])
+        self._Save("index.html", "Teleoperation under delay", start + contents)
+        writers = (
+            self._WriteLive,
+            self._WriteReference,
+            self._WriteThesis,
+            self._WriteNotebooks,
+        )
+        for part, write in zip(PARTS, writers, strict=True):
+            if part in self._parts:
+                self._progress(part)
+                write()
+
+    def _Save(self, name: str, title: str, body: str) -> None:
+        """Writes a page with the side bar, in which it is the current one."""
+        path = self._out / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        text = self._page.render(
+            title=title,
+            body=body,
+            here=name,
+            up="../" * name.count("/"),
+            groups=self._Groups(),
+            version=teleop_drake.__version__,
+        )
+        path.write_text(text, encoding="utf-8")
+
+    def _Groups(self) -> Mapping[str, Mapping[str, str]]:
+        """Returns the groups of the side bar: titles by the names of files."""
+        pages = {f"{page.stem}.html": Title(page) for page in PAGES[1:]}
+        groups = {"": {"index.html": "Start"}, "Pages": pages}
+        if "thesis" in self._parts:
+            groups["Thesis"] = {"thesis/report.html": "The executable thesis"}
+        if "live" in self._parts:
+            groups["Live"] = {f"live/{x}.html": live[0] for x, live in _LIVE.items()}
+        if self._notebooks:
+            groups["Notebooks"] = {"notebooks/index.html": "Gallery"} | {
+                f"notebooks/{path.stem}.html": _NotebookTitle(path)
+                for path in self._notebooks
+            }
+        if "api" in self._parts:
+            groups["Reference"] = {"api/teleop_drake.html": "Python API"}
+        return groups
+
+    def _WriteLive(self) -> None:
+        from teleop_drake.page import WritePage
+
+        folder = self._out / "live"
+        folder.mkdir(exist_ok=True)
+        for name, (_, scenario, has_hand) in _LIVE.items():
+            WritePage(scenario, folder / f"{name}.html", has_hand=has_hand)
+
+    def _WriteReference(self) -> None:
+        """Writes the reference of every module of the package."""
+        pdoc = self._pdoc
+        pdoc.render.configure(
+            docformat="google", show_source=False, template_directory=_TEMPLATES
+        )
+        modules = {}
+        found = pkgutil.walk_packages([str(_PACKAGE)], "teleop_drake.")
+        for name in ["teleop_drake", *(module.name for module in found)]:
+            if not name.endswith("__main__"):
+                modules[name] = pdoc.doc.Module.from_name(name)
+        # pdoc does not see that the package's own names are imported on demand.
+        warnings.filterwarnings("ignore", "Found .* in teleop_drake.__all__")
+        folder = self._out / "api"
+        for name, documented in modules.items():
+            file = folder / f"{name.replace('.', '/')}.html"
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(pdoc.render.html_module(documented, modules), "utf-8")
+        (folder / "search.js").write_text(pdoc.render.search_index(modules), "utf-8")
+
+    def _WriteThesis(self) -> None:
+        from teleop_drake.thesis.report import Reproduce
+
+        folder = self._out / "thesis"
+        folder.mkdir(exist_ok=True)
+        Reproduce(folder, formats=["svg"], progress=self._progress)
+
+    def _WriteNotebooks(self) -> None:
+        """Runs the notebooks, and writes them with their outputs and a gallery."""
+        import nbformat
+        from nbclient import NotebookClient
+
+        cards = []
+        for path in self._notebooks:
+            self._progress(path.name)
+            notebook = nbformat.read(path, as_version=4)
+            where = {"metadata": {"path": str(path.parent)}}
+            NotebookClient(notebook, timeout=600, resources=where).execute()
+            body = "\n".join(map(_CellHtml, notebook.cells))
+            title = _NotebookTitle(path)
+            self._Save(f"notebooks/{path.stem}.html", title, body)
+            picture = path.parent / "gallery" / f"{path.stem}.png"
+            image = ""
+            if picture.exists():
+                shutil.copy(picture, self._out / "notebooks")
+                image = f'<img src="{picture.name}" alt="">'
+            cards.append(f'<a class="card" href="{path.stem}.html">{image}{title}</a>')
+        body = f'<h1>Notebooks</h1><div class="cards">{"".join(cards)}</div>'
+        self._Save("notebooks/index.html", "Notebooks", body)
+
+
+def WriteSite(out: Path, *, parts: Iterable[str] = PARTS, progress: Progress) -> None:
+    """Writes the documentation as a site that needs no server and no network.
+
+    Args:
+        out: An existing folder; `index.html` in it is the first page.
+        parts: Which of PARTS it has. The notebooks are those of a repository, and
+            left out where there are none.
+        progress: Called with a line of text before each part.
+
+    Raises:
+        ModuleNotFoundError: If pdoc is not installed, or nbclient for notebooks.
+    """
+    Site(out, parts, progress).Write()
+
+
+def _Markdown(text: str, *extras: str) -> str:
+    """Returns Markdown as HTML."""
+    import markdown2
+
+    usual = ["fenced-code-blocks", "header-ids", "tables", "cuddled-lists"]
+    return str(markdown2.markdown(text, extras=[*usual, *extras]))
+
+
+def _NotebookTitle(path: Path) -> str:
+    """Returns the first heading of a notebook."""
+    import nbformat
+
+    first = nbformat.read(path, as_version=4).cells[0].source
+    return str(first).splitlines()[0].removeprefix("# ")
+
+
+def _CellHtml(cell: Any) -> str:
+    """Returns a cell of a notebook that has run, its outputs below it."""
+    if cell.cell_type != "code":
+        return _Markdown(cell.source, "latex")  # Formulas become MathML.
+    source = _Markdown(f"```python\n{cell.source}\n```")
+    return source + "".join(map(_OutputHtml, cell.outputs))
+
+
+def _OutputHtml(output: Any) -> str:
+    """Returns an output in the richest form that it has."""
+    data = output.get("data", {})
+    rich = data.get("text/html") or data.get("image/svg+xml")
+    if rich is None and "image/png" in data:
+        rich = f'<img src="data:image/png;base64,{data["image/png"]}" alt="">'
+    if rich is None:
+        text = output.get("text") or data.get("text/plain", "")
+        rich = f"<pre>{html.escape(text)}</pre>"
+    return f'<div class="output">{rich}</div>'
+
+
+def _TextOnSite(page: Path, has_reference: bool) -> str:
+    """Returns the text of a page, in which the links to files are those of the site.
+
+    A link to a file of the repository that the site does not have becomes plain text.
+    """
+
+    def Link(match: re.Match[str]) -> str:
+        text, file, anchor = match.groups()
+        path = Path(os.path.normpath(page.parent / file))
+        if path in PAGES:
+            return f"{text}({path.stem}.html{anchor})"
+        is_module = path.is_relative_to(_PACKAGE) and path.suffix in ("", ".py")
+        if is_module and has_reference:
+            module = path.relative_to(_PACKAGE.parent).with_suffix("")
+            return f"{text}(api/{module.as_posix()}.html{anchor})"
+        return text[1:-1]
+
+    return re.sub(
+        r"(?<!!)(\[[^]]+\])\(([^):#]+)(#[^)]*|)\)", Link, page.read_text("utf-8")
+    )
+
+
+def PrintProgress(line: str) -> None:
+    """Prints what is made now to standard error."""
+    print(line, file=sys.stderr, flush=True)
