@@ -90,7 +90,7 @@ class KindTable(Generic[_T]):
         """The kinds of the package."""
         return tuple(self._kinds.values())
 
-    def Find(self, name: Any, path: str) -> type[_T]:
+    def Find(self, name: Any, path: str) -> type[_T]:  # noqa: RET503
         """Returns a kind by its name, or refuses it.
 
         Args:
@@ -103,7 +103,8 @@ class KindTable(Generic[_T]):
             places = [name] if ":" in name else _EntryPoints(name)
             if places:
                 return self._FromObject(ImportOwn(places[0], path), name, path)
-        Refuse(path, name, f"{Choices(name, self._kinds)}, or module:Class of your own")
+        allowed = f"{Choices(name, self._kinds)}, or module:Class of your own"
+        Refuse(path, name, allowed)
 
     def _FromObject(self, found: Any, name: str, path: str) -> type[_T]:
         """Returns the kind that an imported object is or stands for."""

@@ -144,7 +144,7 @@ def _Set(known: Mapping[str, "_Parameter"], name: str, number: Array) -> None:
     parameter.write(array)
 
 
-def _PlaceIn(
+def _PlaceIn(  # noqa: RET503
     name: str, place: str, parameter: _Parameter, shape: tuple[int, ...]
 ) -> tuple[int, ...]:
     """Returns the indices of the element that is named behind a parameter's name."""

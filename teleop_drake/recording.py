@@ -361,7 +361,7 @@ def LoadRecording(path: str | Path) -> Recording:
         found = description.get("format")
     except OSError:
         raise
-    except Exception:  # zipfile, zlib, numpy and json have errors of many kinds.
+    except Exception:  # noqa: BLE001 - zipfile, zlib, numpy and json raise many kinds.
         raise ValueError(f"{path}: must be a recording of teleop-drake") from None
     try:
         if found != FORMAT:

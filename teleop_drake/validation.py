@@ -134,6 +134,11 @@ def Show(value: Any) -> str:
     return _SHORT.repr(value)
 
 
+def IsGiven(value: object) -> bool:
+    """Returns whether a value is there: neither null in YAML nor left at REQUIRED."""
+    return value is not None
+
+
 def Refuse(path: str, value: Any, allowed: str) -> NoReturn:
     """Raises a ScenarioError that ends in "must be" and what is allowed."""
     raise ScenarioError(f"{path} = {Show(value)}: must be {allowed}")

@@ -152,7 +152,8 @@ def Blocks() -> Rows:
     for robot, diagram, run in Scenes():
         inside = {path: system for system, path in Systems(diagram)}
         in_page = InPage(run)
-        for path, system in inside.items():
+        for path, part in inside.items():
+            system = part
             module, name = type(system).__module__, type(system).__name__
             if name == "ToolInterface":  # By itself nothing tells it accelerations.
                 system = inside[path.rpartition("/")[0]]

@@ -1,9 +1,13 @@
 """Tests of what `import teleop_drake` offers."""
 
 import os
+import re
+import shutil
 import subprocess
 import sys
 import sysconfig
+import tarfile
+import tomllib
 import venv
 from pathlib import Path
 
@@ -70,6 +74,17 @@ def test_the_name_of_a_scenario_stands_for_it():
         dut.simulate("1dof")
 
 
+def test_every_dependency_has_a_lower_bound():
+    """`.ci/run` runs the tests with these versions."""
+    root = Path(__file__).parent.parent
+    project = tomllib.loads((root / "pyproject.toml").read_text("utf-8"))
+    for requirement in project["project"]["dependencies"]:
+        assert re.fullmatch(r"[\w-]+>=\d+(\.\d+)*", requirement), requirement
+    extras = project["project"]["optional-dependencies"]
+    for group, (extra,) in project["dependency-groups"].items():
+        assert extra == f"teleop-drake[{group}]" and group in extras
+
+
 INSTALLED = """
 list
 show one_dof --delay 0.05
@@ -83,40 +98,84 @@ reproduce --help
 diagram one_dof -o loop.html
 page one_dof -o page.html
 drive one_dof -o drive.html
+reproduce --check --only 3-effects-of-delay
 docs
 docs --out site --parts live,api
 """
 
 
-@pytest.mark.slow
-def test_an_installed_package_has_all_that_its_commands_need(tmp_path):
-    """From a wheel, beside the libraries of the tests, outside the source tree."""
-    root, python = Path(__file__).parent.parent, tmp_path / "env/bin/python"
-    subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path],
-        cwd=root,
-        check=True,
-    )
-    venv.create(tmp_path / "env")
-    (wheel,) = tmp_path.glob("*.whl")
+# What the tests of the source archive are tried on, to be short.
+SOME_TESTS = ("tests/numerics/test_pieces.py", "tests/cli/test_tables.py")
+
+
+def _Build(kind, folder, source):
+    """Builds a wheel or an sdist, and returns its path."""
+    build = [sys.executable, "-m", "hatchling", "build", "-t", kind, "-d", folder]
+    subprocess.run(build, cwd=source, check=True)
+    (path,) = folder.glob("*.whl" if kind == "wheel" else "*.tar.gz")
+    return path
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """The Python of an environment with a wheel of the sdist, and the unpacked sdist.
+
+    The libraries are those of these tests. The sdist lacks the package itself, so that
+    its tests meet the wheel.
+    """
+    folder = tmp_path_factory.mktemp("installed")
+    sdist = _Build("sdist", folder, Path(__file__).parent.parent)
+    with tarfile.open(sdist) as archive:
+        archive.extractall(folder, filter="data")
+    (source,) = (path for path in folder.iterdir() if path.is_dir())
+    wheel = _Build("wheel", folder, source)
+    shutil.rmtree(source / "teleop_drake")
+    python = folder / "env/bin/python"
+    venv.create(folder / "env")
     pip = [sys.executable, "-m", "pip", "--python", python, "install", "--no-index"]
     subprocess.run([*pip, "--no-deps", wheel], check=True)
-    (packages,) = tmp_path.glob("env/lib/*/site-packages")
+    (packages,) = folder.glob("env/lib/*/site-packages")
     (packages / "tests.pth").write_text(sysconfig.get_path("purelib"))
+    return python, source
+
+
+def _RunOutside(command, folder):
+    """Runs a command where only what is installed can be imported."""
+    return subprocess.run(
+        command,
+        cwd=folder,
+        env={x: y for x, y in os.environ.items() if x != "PYTHONPATH"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.slow
+def test_an_installed_package_has_all_that_its_commands_need(installed, tmp_path):
+    """From a wheel of the source archive, outside the source tree."""
+    python, _ = installed
     folder = tmp_path / "empty"
     folder.mkdir()
     for command in INSTALLED.strip().splitlines():
-        run = subprocess.run(
-            [python.with_name("teleop-drake"), *command.split()],
-            cwd=folder,
-            env={x: y for x, y in os.environ.items() if x != "PYTHONPATH"},
-            capture_output=True,
-            text=True,
-        )
+        words = [python.with_name("teleop-drake"), *command.split()]
+        run = _RunOutside(words, folder)
         assert run.returncode == 0, f"{command}: {run.stderr}"
         if command == "docs":
-            assert run.stdout.startswith(str(packages))
+            assert str(python.parent.parent) in run.stdout
     assert {path.name for path in folder.iterdir()} == {
         *("run", "run.html", "compare", "sweep", "loop.svg", "replay.html"),
         *("loop.html", "page.html", "drive.html", "site"),
     }
+
+
+@pytest.mark.slow
+def test_the_source_archive_passes_its_tests(installed):
+    """Against the wheel that is made of it."""
+    python, source = installed
+    code = "import teleop_drake; print(teleop_drake.__file__)"
+    file = _RunOutside([python, "-P", "-c", code], source).stdout
+    assert file.startswith(str(python.parent.parent))
+    tests = [python, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", *SOME_TESTS]
+    run = _RunOutside(tests, source)
+    assert run.returncode == 0, run.stdout + run.stderr

@@ -82,7 +82,7 @@ def test_html_of_a_run_without_a_number_says_so():
 def test_a_notebook_shows_the_figure_of_a_run():
     figure = PlotRun(ShortRun("one_dof"), signals=["tool_velocity"])
     # A notebook shows it without pyplot.
-    assert figure._repr_png_().startswith(b"\x89PNG")
+    assert figure._repr_png_()[0].startswith(b"\x89PNG")
     labels = [ax.get_ylabel() for ax in figure.axes]
     assert any("velocity" in label for label in labels)
 

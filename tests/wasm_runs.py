@@ -49,11 +49,11 @@ class Instance:
         for group, fields in model.Headers().items():
             header = []
             for name, shape, is_whole, grows in fields:
-                shape = [_ROOM, *shape[1:]] if grows else shape
+                sizes = [_ROOM, *shape[1:]] if grows else shape
                 values = model.numbers.get(f"{group}.{name}")
-                place = self._Allocate(8 * math.prod(shape))
-                self._places[name] = place, shape, is_whole
-                header += [place, *shape]
+                place = self._Allocate(8 * math.prod(sizes))
+                self._places[name] = place, sizes, is_whole
+                header += [place, *sizes]
                 if values is not None:
                     kind = np.int64 if is_whole else np.float64
                     self._Write(place, values.astype(kind))

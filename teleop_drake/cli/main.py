@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         exit_code: int = args.command(args)
         sys.stdout.flush()
         return exit_code
-    except (Exception, KeyboardInterrupt) as e:
+    except (Exception, KeyboardInterrupt) as e:  # noqa: BLE001
         return _ExitCodeOf(e)
 
 

@@ -131,7 +131,7 @@ def _ValueOf(port: InputPort, context: Context) -> Array:
     """Returns the value of an input; zeros if it depends on an unconnected port."""
     try:
         value: Array = port.Eval(context)
-    except Exception:
+    except Exception:  # noqa: BLE001 - Drake has no type of its own for this.
         return np.zeros(port.size())
     return value
 

@@ -153,7 +153,7 @@ class CompiledRun:
         status = integrator.DONE
         try:
             status = self._integrate(self.evaluator.function, *arguments)
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - A law may raise anything.
             status = integrator.FULL
             if not self._MakesStepShorter(error):
                 self.error = error

@@ -300,11 +300,10 @@ class Program:
         self._lines.append(f"    # {block.path}: {output.port}")
         first = part.start
         for expression, size in expressions:
-            if size is None:
-                size = part.stop - first
-            target, _ = _Elements(array, slice(first, first + size))
+            last = part.stop if size is None else first + size
+            target, _ = _Elements(array, slice(first, last))
             self._lines.append(f"    put({target}, {expression})")
-            first += size
+            first = last
         if first != part.stop:
             raise UnsupportedSystem(
                 block.system,

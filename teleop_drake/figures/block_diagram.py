@@ -112,8 +112,8 @@ def _Dot(system: System, max_depth: int | None, numbers: dict[str, int]) -> str:
         # The connections of one diagram stand together.
         text += _Connections(edges)
         edges = []
-        line = _NUMBERED_LINE.sub(lambda m: f"{m[1]}{Number(m[2])}{m[3]}", line)
-        text.append(_PYTHON_CLASS.sub(r"<B>\1</B>", line))
+        numbered = _NUMBERED_LINE.sub(lambda m: f"{m[1]}{Number(m[2])}{m[3]}", line)
+        text.append(_PYTHON_CLASS.sub(r"<B>\1</B>", numbered))
         if line == "rankdir=LR":
             text.append(_STYLE)
     return "\n".join(_WithoutIdlePorts(text, used)).rstrip() + "\n"
@@ -377,7 +377,7 @@ def _RunDot(program: str, dot: str, file_format: str) -> bytes:
     command = [program, f"-T{file_format}"]
     if file_format == "png":
         command.append(f"-Gdpi={_PNG_DPI}")
-    run = subprocess.run(command, input=dot.encode(), capture_output=True)
+    run = subprocess.run(command, input=dot.encode(), capture_output=True, check=False)
     if run.returncode != 0 or not run.stdout:
         reason = run.stderr.decode(errors="replace").strip()
         raise RuntimeError(f"{program} wrote no {file_format}: {reason}")

@@ -31,7 +31,7 @@ from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Look
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.panels import AxisName, AxisPanels, NormalOfRuns, SignalRow
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import IsGiven, Refuse
 
 _ROW_HEIGHT = 1.2  # inches
 _LOW_ROW_HEIGHT = 0.9  # Where there are runs below others.
@@ -108,7 +108,7 @@ def PlotRun(
     those of PlotComparison.
     """
     recording = SelectTime(recording, time)
-    if recording.scenario is None and task is None:
+    if not IsGiven(recording.scenario) and task is None:
         names = list(recording) if signals is None else signals
         if not names:
             Refuse("signals", [], "the name of one signal or more")
@@ -464,11 +464,12 @@ def _RunKeys(recordings: Mapping[str, Recording]) -> list[Line2D]:
     keys = []
     names = style.ShortLabels(list(recordings))
     for i, (name, run) in enumerate(zip(names, recordings.values(), strict=True)):
+        label = name
         line = style.RunStyle(i)
         if run.termination == "diverged":
             line |= {**style.EndStyle(i), "linestyle": line["linestyle"]}
-            name = f"{name} (diverges at {run.time[-1]:.3g} s)"
-        keys.append(style.Key(name, **line))
+            label += f" (diverges at {run.time[-1]:.3g} s)"
+        keys.append(style.Key(label, **line))
     return keys
 
 

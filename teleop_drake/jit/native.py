@@ -169,9 +169,8 @@ class TypedFunction:
         """Calls it with numbers, named tuples (Packed or not), and an Evaluate."""
         headers = []  # The headers must not be freed before the call returns.
         taken: list[Any] = []
-        for argument in arguments:
-            if isinstance(argument, tuple):
-                argument = Packed(argument)
+        for given in arguments:
+            argument = Packed(given) if isinstance(given, tuple) else given
             if isinstance(argument, Packed):
                 headers.append(argument.header)
                 taken.append(ctypes.c_void_p(argument.header.ctypes.data))

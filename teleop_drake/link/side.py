@@ -303,7 +303,7 @@ class Side(Half):
         turn = Turn.FALLS if is_stale else Turn.COMES_BACK
         try:
             self.Step(t, newest.values, turn)
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - A law may raise anything.
             self._End(f"{type(error).__name__}: {error}", "diverged")
             return
         measured = Tick(

@@ -183,9 +183,9 @@ def stable_delays(
     for begin, end, count in zip(delays, ends, counts, strict=True):
         if count != 0 or end <= begin:
             continue
-        if intervals and intervals[-1][1] == begin:
-            begin = intervals.pop()[0]
-        intervals.append((float(begin), float(end)))
+        touches_last = bool(intervals) and intervals[-1][1] == begin
+        first = intervals.pop()[0] if touches_last else begin
+        intervals.append((float(first), float(end)))
     return intervals
 
 

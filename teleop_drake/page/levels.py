@@ -109,13 +109,13 @@ def _Picture(dot: str) -> str:
             box = found[1]
         elif _NODE_OF_DIAGRAM.match(line):
             box = "0"
-        line = _PORT.sub(rf'<TD HREF="{box}:\1" TITLE="." PORT="\1"', line)
-        line = _HEADER.sub(f'<TD HREF="{box}" TITLE="." BORDER="1" COLSPAN', line)
-        if found := _WIRE.match(line):
+        linked = _PORT.sub(rf'<TD HREF="{box}:\1" TITLE="." PORT="\1"', line)
+        linked = _HEADER.sub(f'<TD HREF="{box}" TITLE="." BORDER="1" COLSPAN', linked)
+        if found := _WIRE.match(linked):
             attributes = found[5] + ", " if found[5] else ""
-            line = line.removesuffix(found[4] or "")
-            line += f' [{attributes}id="wire {found[2]}:{found[3]}"]'
-        lines.append(line)
+            linked = linked.removesuffix(found[4] or "")
+            linked += f' [{attributes}id="wire {found[2]}:{found[3]}"]'
+        lines.append(linked)
     svg = LayOut("\n".join(lines), "svg").decode()
     svg = svg[svg.index("<svg") :]
     svg = re.sub(

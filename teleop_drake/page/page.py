@@ -109,7 +109,7 @@ def Explore(
             arguments and errors are those of MakePage().
     """
     for key, values in ranges.items():
-        if not isinstance(values, Sequence | np.ndarray) or not len(values):
+        if np.ndim(values) == 0 or not len(values):
             Refuse(key, values, "values to vary it: (LEAST, LARGEST), or several kinds")
     vary = {
         key: values if isinstance(values[0], str) else (min(values), max(values))

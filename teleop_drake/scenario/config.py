@@ -43,6 +43,7 @@ from teleop_drake.validation import (
     Config,
     FixedFields,
     GainMatrix,
+    IsGiven,
     Number,
     Refuse,
     ScenarioError,
@@ -198,7 +199,7 @@ class DisturbanceConfig(FixedFields):
         CheckChoice("disturbance.kind", self.kind, DISTURBANCES)
         n = num_axes
         if (
-            self.gain is None
+            not IsGiven(self.gain)
             or not np.all(np.isfinite(self.gain))
             or GainMatrix(self.gain, n).shape != (n, n)
         ):

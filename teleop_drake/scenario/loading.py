@@ -223,7 +223,7 @@ def ScenarioFromYaml(text: str) -> AnyScenario:
     return scenario
 
 
-def _FindScenario(name_or_path: str | os.PathLike[str]) -> Path:
+def _FindScenario(name_or_path: str | os.PathLike[str]) -> Path:  # noqa: RET503
     """Returns the file to read."""
     text = os.fspath(name_or_path)
     built_in = _SCENARIO_DIR / f"{text}.yaml"

@@ -67,6 +67,7 @@ from teleop_drake.validation import (
     Choices,
     Config,
     FixedFields,
+    IsGiven,
     Refuse,
     Show,
     Within,
@@ -160,7 +161,7 @@ class _ScenarioBase(FixedFields):
         if not self.name or not self.name.isprintable() or {"/", "\\"} & {*self.name}:
             Refuse("name", self.name, "one line of text without / and \\")
         CheckNumber("duration", self.duration, "s", minimum=SHORTEST_TIME)
-        if self.robot is None:
+        if not IsGiven(self.robot):
             ROBOT_KINDS.Find(None, "robot.model")
         if reads_files or not _Files(self.robot):
             self.robot.Check("robot")

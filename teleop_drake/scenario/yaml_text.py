@@ -113,7 +113,7 @@ def ParseYaml(text: str, origin: str) -> Any:
             if depth > _MAX_DEPTH:
                 raise yaml.YAMLError(f"nested more than {_MAX_DEPTH} deep")
         return yaml.load(text, Loader=_Loader)
-    except Exception as e:
+    except Exception as e:  # noqa: BLE001
         # PyYAML's constructors also let ValueError, KeyError and more escape, for
         # example on `2020-13-01`.
         reason = getattr(e, "problem", None) or e

@@ -333,7 +333,7 @@ def _Await(future: Future[list[Record]]) -> list[Record] | Exception:
         raise RuntimeError("the executor cancelled a run") from None
     except ScenarioError:
         raise
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001
         return error
 
 
@@ -388,7 +388,7 @@ def _SimulateOne(
         del outcome["solver"]["wall_time_s"], outcome["solver"]["real_time_factor"]
         json.dumps(outcome, allow_nan=False)
         return outcome
-    except (Exception, SystemExit) as error:
+    except (Exception, SystemExit) as error:  # noqa: BLE001
         # Some violated contracts of Drake end in SystemExit.
         return _Failure(error)
 

@@ -139,7 +139,7 @@ def _Serve(connection: Connection, environment: Mapping[str, str]) -> None:
             result = error = None
             try:
                 result = call()
-            except BaseException as raised:  # The caller handles it.
+            except BaseException as raised:  # noqa: BLE001 - The caller handles it.
                 error = raised
             connection.send((result, error))
     except (EOFError, OSError):

@@ -182,7 +182,7 @@ def test_what_is_outside_is_refused_with_its_line():
             return 1.0
         return 2.0
 
-    def with_no_end(n):
+    def with_no_end(n):  # noqa: RET503
         if n > 0:
             return 1.0
 

@@ -224,13 +224,17 @@ def namespaces(request):
         commands += [netem] * (request.param == "netem")
     try:
         for command in commands:
-            made = subprocess.run(command.split(), capture_output=True, text=True)
+            made = subprocess.run(
+                command.split(), capture_output=True, check=False, text=True
+            )
             if made.returncode:
                 pytest.skip(f"`{command}` says: {made.stderr.strip()}")
         yield request.param, [("ip", "netns", "exec", name) for name in NAMES]
     finally:
         for name in NAMES:
-            subprocess.run(["ip", "netns", "delete", name], capture_output=True)
+            subprocess.run(
+                ["ip", "netns", "delete", name], capture_output=True, check=False
+            )
 
 
 @pytest.mark.slow

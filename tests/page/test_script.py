@@ -66,5 +66,7 @@ def test_eslint_finds_nothing():
     root = Path(__file__).parents[2]
     config = "tests/page/eslint.config.mjs"
     command = ["eslint", "--config", config, "teleop_drake/page/js", "tests/page"]
-    done = subprocess.run(command, cwd=root, capture_output=True, text=True)
+    done = subprocess.run(
+        command, cwd=root, capture_output=True, check=False, text=True
+    )
     assert done.returncode == 0, done.stdout + done.stderr

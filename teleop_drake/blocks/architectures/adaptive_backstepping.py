@@ -30,6 +30,7 @@ from teleop_drake.validation import (
     Config,
     FixedFields,
     GainMatrix,
+    IsGiven,
     Number,
     Refuse,
     ScenarioError,
@@ -251,7 +252,7 @@ class NetworkConfig(FixedFields):
             allowed = f"> {path}.lower = {Show(self.lower)} m on every axis"
             Refuse(f"{path}.upper", self.upper, allowed)
         count = self.count
-        if count is None or len(count) != n or min(count) < 1:
+        if not IsGiven(count) or len(count) != n or min(count) < 1:
             Refuse(f"{path}.count", count, f"a list of {n} whole numbers >= 1")
         self.CheckNumbers(path)
         CheckChoice(f"{path}.inputs", self.inputs, NETWORK_INPUTS)

@@ -224,7 +224,7 @@ def _Gains(function: Law, given: Mapping[str, Any]) -> Record:
     return gains
 
 
-def _FieldType(law: Any, parameter: inspect.Parameter) -> Any:
+def _FieldType(law: Any, parameter: inspect.Parameter) -> Any:  # noqa: RET503
     """Returns the type of a field: the annotation, else that of the default value.
 
     A number without an annotation may have a fraction.

@@ -308,8 +308,7 @@ def CheckLayers(path: str, layers: Sequence[LayerConfig]) -> None:
     for i, layer in enumerate(layers):
         if not isinstance(layer, LayerConfig):
             Refuse(f"{path}.{i}", layer, "a LayerConfig(name=..., start=...)")
-        is_named = layer.name is not None and layer.name.isidentifier()
-        if not is_named or layer.name in names:
+        if not layer.name.isidentifier() or layer.name in names:
             allowed = "unique, of letters, digits and _, not beginning with a digit"
             Refuse(f"{path}.{i}.name", layer.name, allowed)
         place = f"{path}.{layer.name}"

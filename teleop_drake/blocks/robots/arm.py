@@ -18,7 +18,14 @@ from teleop_drake.blocks.robots.inverse_kinematics import TOOL
 from teleop_drake.blocks.robots.model_file import NewPlant
 from teleop_drake.blocks.robots.robot_diagram import TOOL_BODY
 from teleop_drake.files import ReadText
-from teleop_drake.validation import REQUIRED, Config, Refuse, ScenarioError, Show
+from teleop_drake.validation import (
+    REQUIRED,
+    Config,
+    IsGiven,
+    Refuse,
+    ScenarioError,
+    Show,
+)
 
 _SUFFIXES = (".sdf", ".urdf")
 
@@ -71,7 +78,7 @@ class ArmConfig(DrivenArmConfig):
         return plant
 
     def _CheckFile(self) -> None:
-        if self.file is None or Path(self.file).suffix not in _SUFFIXES:
+        if not IsGiven(self.file) or Path(self.file).suffix not in _SUFFIXES:
             Refuse("file", self.file, "the path of an .sdf or .urdf file")
         text = ReadText(self.file, f"file = {Show(self.file)}")
         # Drake ignores what it cannot hold in a continuous plant.

@@ -24,7 +24,7 @@ from teleop_drake.figures.scene.scene import (
 from teleop_drake.figures.style import GREY, RunColor
 from teleop_drake.files import Replacing
 from teleop_drake.recording import Recording
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import IsGiven, Refuse
 
 # Slow motion begins so long before a puncture or a contact, and ends so long after it
 # has been felt, s. Of a run that bounces the first contacts are shown so.
@@ -106,7 +106,7 @@ def MakeReplay(
 
 def _NameOf(run: Recording) -> str:
     """Returns the name of a single run on the page: that of its controller."""
-    if run.scenario is None:
+    if not IsGiven(run.scenario):
         return "diagram"
     return str(run.scenario.controller.kind.replace("_", " "))
 

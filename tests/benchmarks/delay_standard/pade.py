@@ -21,9 +21,10 @@ class Pade(Simulator):
         values = np.array([signal(t) for t in grid]).T
         columns = []
         for row in values:
+            delayed = row
             for T in path:
-                row = control.forced_response(delay(T), grid, row).outputs
-            columns.append(np.interp(times, grid, row))
+                delayed = control.forced_response(delay(T), grid, delayed).outputs
+            columns.append(np.interp(times, grid, delayed))
         return np.column_stack(columns)
 
     def scalar_loop(self, k, T, times):
