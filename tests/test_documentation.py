@@ -86,23 +86,6 @@ def test_command_lines_are_understood(tmp_path, monkeypatch):
         assert parser.parse_args(shlex.split(line)[1:]).command, line
 
 
-def test_table_is_that_of_the_runs():
-    rows = re.findall(
-        r"^\| `([\w.]+)` \| (\S+) \| (\S+) \| (\S+) \|$", TEXT, re.MULTILINE
-    )
-    assert len(rows) == 5
-    for i, kind in enumerate(CONTROLLERS):
-        metrics = RunMetrics(Run("two_dof_combined", kind))
-        for name, *values, _ in rows:
-            value = metrics
-            for key in name.split("."):
-                value = value[key]
-            if values[i] == "never":
-                assert value is None
-            else:
-                assert value == pytest.approx(float(values[i]), rel=1e-3), name
-
-
 @pytest.mark.parametrize("task", ["one_dof", "two_dof_collision"])
 def test_delay_margins(task):
     (cells,) = re.findall(
@@ -172,7 +155,7 @@ def test_what_adaptation_changes_most_on_the_bone():
 @pytest.mark.parametrize(
     ("page", "sentence"),
     [
-        ("README.md", "compares the nine architectures"),
+        ("README.md", "compares the nine control architectures"),
         ("teleop_drake/docs/index.md", "the nine control architectures"),
         (LEAGUE, "There are nine architectures"),
         ("notebooks/README.md", "Here the nine of this package get the same surgeon"),

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.xdist_group("thesis")
 
 
 def test_the_published_ledger_is_that_of_the_runs(ledger):
-    """`python -c` in CONTRIBUTING.md writes it anew."""
+    """Where a claim or the model has changed, its row has to change, too."""
     published = Published()
     assert [row.key for row in ledger] == list(published)
     for row in ledger:
