@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.common.value import Value
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import (
     PrismaticJoint,
     RevoluteJoint,
@@ -12,7 +14,7 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, Sine
+from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource, Sine
 
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.run import CompiledRun
@@ -81,6 +83,26 @@ def test_a_plant_in_a_diagram_without_outputs_is_recorded():
     np.testing.assert_array_equal(
         recording.signals["plant.right_net_actuation"], efforts[:, [1, 3]]
     )
+
+
+def test_a_plant_with_a_force_on_a_body_runs_in_drake():
+    plant = two_cart_poles(0.0)
+    builder = DiagramBuilder()
+    builder.AddSystem(plant)
+    force = ExternallyAppliedSpatialForce()
+    force.body_index = plant.GetBodyByName(
+        "cart", plant.GetModelInstanceByName("left")
+    ).index()
+    force.F_Bq_W = SpatialForce(tau=[0, 0, 0], f=[2.0, 0, 0])
+    forces = ConstantValueSource(Value[list[ExternallyAppliedSpatialForce]]([force]))
+    source = builder.AddNamedSystem("force", forces)
+    builder.Connect(
+        source.get_output_port(), plant.get_applied_spatial_force_input_port()
+    )
+    recording = simulate(builder.Build(), duration=0.1)
+    assert recording.solver.engine == "drake"
+    assert "takes nothing from the input applied_spatial_force" in recording.notes[0]
+    assert recording.signals["plant.state"][-1, 4] > 0.01
 
 
 def test_a_discrete_plant_without_exported_states_runs_in_drake():
