@@ -10,7 +10,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from teleop_drake.arrays import Names
 from teleop_drake.scenario import (
     DELAYS,
     AnyScenario,
@@ -42,9 +41,6 @@ from teleop_drake.tasks import TaskOf
 # A value of the grid is accepted if it is valid in combination with other values. At
 # most so many combinations are tried.
 _MAX_CHECKS = 61
-
-# At most so many checked scenarios stay in memory.
-_MAX_LOADED = 1000
 
 
 @dataclass(kw_only=True)
@@ -88,7 +84,6 @@ class SweepPlan:
         scenario: The scenario of the first valid point.
         traces: The hash of each file that the scenarios of the runs name.
         engine: The engine, as in simulate().
-        loaded: Some of the checked scenarios, by their overrides.
     """
 
     source: Source
@@ -98,7 +93,6 @@ class SweepPlan:
     scenario: AnyScenario
     traces: dict[str, str]
     engine: str
-    loaded: dict[Names, AnyScenario]
 
     def Overrides(self, point: Point) -> list[str]:
         """Returns the overrides of the run at a point."""
@@ -110,8 +104,7 @@ class SweepPlan:
         Raises:
             ScenarioError: If it is not valid.
         """
-        overrides = self.Overrides(point)
-        return self.loaded.get(tuple(overrides)) or self.source.Load(overrides)
+        return self.source.Load(self.Overrides(point))
 
 
 def PlanSweep(
@@ -143,7 +136,6 @@ def PlanSweep(
         raise SweepError(f"grid = {num_runs} runs: must be at most {MAX_RUNS}")
 
     traces: dict[str, str] = {}
-    loaded: dict[Names, AnyScenario] = {}
 
     def Load(point: Point) -> AnyScenario:
         """Returns the scenario of a point; error messages have the name given."""
@@ -154,8 +146,6 @@ def PlanSweep(
         for file in sorted(set(ScenarioFiles(checked).values())):
             if file not in traces:
                 traces[file] = hashlib.sha256(Path(file).read_bytes()).hexdigest()
-        if len(loaded) < _MAX_LOADED:
-            loaded[tuple(own)] = checked
         return checked
 
     # Each value of the grid has to be valid in combination with some others.
@@ -175,7 +165,6 @@ def PlanSweep(
         scenario=first,
         traces=traces,
         engine=engine,
-        loaded=loaded,
     )
 
 

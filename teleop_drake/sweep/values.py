@@ -22,7 +22,7 @@ Point = Mapping[str, Any]
 """A point of a grid: a value of each key."""
 
 GivenGrid = Mapping[str, Iterable[Any]]
-"""A grid as users give it."""
+"""A grid as users give it: lists of values, or texts for ParseValues()."""
 
 GivenOverrides = Mapping[str, Any] | Iterable[str]
 """Overrides in any form that LoadScenario() takes."""
@@ -51,8 +51,8 @@ ALIASES = {
 
 
 def MakeGrid(
-    controllers: object, varied: Iterable[tuple[str, object]], seeds: object
-) -> Grid:
+    controllers: object, varied: Iterable[tuple[str, Any]], seeds: object
+) -> dict[str, Any]:
     """Returns the grid of a sweep: controllers vary first, seeds last.
 
     Args:
@@ -62,9 +62,8 @@ def MakeGrid(
 
     Raises:
         ScenarioError: If an argument is not allowed, or a path is varied twice.
-        SweepError: If the text of a path has no values.
     """
-    grid: Grid = {}
+    grid: dict[str, Any] = {}
     if controllers == "all":
         grid["controller"] = list(ARCHITECTURES)
     elif controllers is not None:
@@ -79,20 +78,8 @@ def MakeGrid(
     for key, values in items:
         if key in grid:
             Refuse(f"grid.{key}", values, "left out, because it is varied already")
-        grid[key] = _ReadValues(f"grid.{key}", values)
+        grid[key] = values
     return grid
-
-
-def _ReadValues(title: str, values: object) -> list[Any]:
-    """Returns the values of a list, or of a text for ParseValues()."""
-    if isinstance(values, str):
-        try:
-            return ParseValues(values)
-        except SweepError as error:
-            raise SweepError(f"{title} = {error}") from None
-    if not isinstance(values, list) or not values:
-        Refuse(title, values, "a list of values or START:STOP:COUNT")
-    return values
 
 
 def IsListOfText(value: object) -> TypeGuard[list[str]]:
@@ -142,15 +129,25 @@ def _ParseRange(text: str) -> list[float]:
     return [float(f"{x:.12g}") for x in np.linspace(start, stop, num_values)]
 
 
-def CheckAxis(key: str, values: Iterable[Any]) -> list[Any]:
+def CheckAxis(key: str, values: object) -> list[Any]:
     """Returns the values of a key as plain JSON values, without numpy types.
+
+    Args:
+        key: The key of the grid.
+        values: A list of values, or a text for ParseValues().
 
     Raises:
         SweepError: If there are no values, if a value cannot be written as JSON, or if
             two values are equal.
     """
     if isinstance(values, str):
-        raise SweepError(f"grid.{key} = {values!r}: must be a list of values")
+        try:
+            values = ParseValues(values)
+        except SweepError as error:
+            raise SweepError(f"grid.{key} = {error}") from None
+    if not isinstance(values, Iterable) or isinstance(values, Mapping):
+        allowed = "a list of values or START:STOP:COUNT"
+        Refuse(f"grid.{key}", values, allowed)
     try:
         plain: list[Any] = _ToPlain(list(values), allow_nan=False)
     except ValueError:
