@@ -1,6 +1,6 @@
 """The whole loop as one Diagram: Fig. 2.1 of the thesis."""
 
-from collections.abc import Mapping
+from dataclasses import dataclass
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
@@ -76,10 +76,7 @@ def MakeTeleoperator(
         ScenarioError: If a system of yours lacks a port, or a port has another width.
     """
     builder = DiagramBuilder()
-    AddTeleoperator(
-        builder,
-        scenario,
-        side=side,
+    systems = OwnSystems(
         control_law=control_law,
         architecture=architecture,
         robot=robot,
@@ -89,9 +86,24 @@ def MakeTeleoperator(
         operator=operator,
         haptic_device=haptic_device,
     )
+    AddTeleoperator(builder, scenario, side=side, systems=systems)
     teleoperator = builder.Build()
     teleoperator.set_name("teleoperator")
     return teleoperator
+
+
+@dataclass(frozen=True, kw_only=True)
+class OwnSystems:
+    """Systems of your own in the place of the scenario's; see MakeTeleoperator()."""
+
+    control_law: System | Law | None = None
+    architecture: Architecture | None = None
+    robot: System | None = None
+    environment: System | None = None
+    forward_channel: System | None = None
+    return_channel: System | None = None
+    operator: System | None = None
+    haptic_device: System | None = None
 
 
 SIDES = {
@@ -106,50 +118,43 @@ def AddTeleoperator(
     scenario: ScenarioLike,
     *,
     side: str | None = None,
-    control_law: System | Law | None = None,
-    architecture: Architecture | None = None,
-    robot: System | None = None,
-    environment: System | None = None,
-    forward_channel: System | None = None,
-    return_channel: System | None = None,
-    operator: System | None = None,
-    haptic_device: System | None = None,
+    systems: OwnSystems | None = None,
 ) -> Architecture:
     """Adds the teleoperator's six systems and connects them; returns its architecture.
 
     MakeTeleoperator() calls it. Call it yourself for a diagram that has more in it,
     such as a meter of energy (see analysis.energy). Afterwards
-    `builder.GetSubsystemByName("master")` finds a system. The ports of systems of your
-    own are those that MakeTeleoperator() states. Of one of SIDES only its systems are
-    added, and the input of its channel, which lets pass what it gets, stays open.
+    `builder.GetSubsystemByName("master")` finds a system. Of one of SIDES only its
+    systems are added, and the input of its channel, which lets pass what it gets, stays
+    open.
     """
     scenario = AsTeleoperation(scenario)
     scenario.Validate()
+    own = systems or OwnSystems()
     start = scenario.robot.start
-    if robot is None:
-        robot = scenario.robot.MakeRobot()
-    if environment is None:
-        environment = scenario.environment.MakeEnvironment(start)
-    _CheckOwn(robot, environment, operator, haptic_device, scenario.num_axes)
+    robot = own.robot or scenario.robot.MakeRobot()
+    environment = own.environment or scenario.environment.MakeEnvironment(start)
+    _CheckOwn(robot, environment, own.operator, own.haptic_device, scenario.num_axes)
     surfaces = SurfacesOf(environment) or ()
     CheckStart(start, surfaces)
+    architecture = own.architecture
     if architecture is None:
+        facts = scenario.Facts(robot, environment)
         architecture = MakeArchitecture(
-            scenario, control_law=control_law, facts=scenario.Facts(robot, environment)
+            scenario, control_law=own.control_law, facts=facts
         )
-    elif control_law is not None:
-        Refuse("control_law", control_law, "left out with an architecture")
+    elif own.control_law is not None:
+        Refuse("control_law", own.control_law, "left out with an architecture")
     master = MakeMasterStation(
         scenario,
         architecture.master_side,
         surfaces=surfaces,
-        operator=operator,
-        haptic_device=haptic_device,
+        operator=own.operator,
+        haptic_device=own.haptic_device,
     )
     controller = WithDrivesAndSensors(architecture.slave_side, scenario)
-    own = {"forward_channel": forward_channel, "return_channel": return_channel}
     channels = _MakeChannels(scenario, architecture, master, controller, own, side)
-    systems = {
+    parts = {
         "master": master,
         "forward_channel": channels["forward_channel"],
         "controller": controller,
@@ -157,7 +162,7 @@ def AddTeleoperator(
         "environment": environment,
         "return_channel": channels["return_channel"],
     }
-    for name, system in systems.items():
+    for name, system in parts.items():
         if side is None or name in SIDES[side]:
             builder.AddNamedSystem(name, system)
     _CloseLoop(builder)
@@ -198,7 +203,7 @@ def _MakeChannels(
     architecture: Architecture,
     master: System,
     controller: System,
-    own: Mapping[str, System | None],
+    own: OwnSystems,
     side: str | None,
 ) -> dict[str, System]:
     """Returns the channels by name: a user's own, or those of the scenario.
@@ -218,12 +223,14 @@ def _MakeChannels(
     channels: dict[str, System] = {}
     for name, (port, initial_value) in packets.items():
         size = port.size()
+        channel = getattr(own, name)
+        if side is not None and channel is not None:
+            Refuse(name, channel.get_name(), "left out: a side hears packets")
         if side is not None:
             channels[name] = TransportDelay(
                 delay=0.0, size=size, initial_value=initial_value
             )
             continue
-        channel = own[name]
         if channel is None:
             channel = getattr(scenario, name).MakeChannel(
                 size=size,

@@ -1,12 +1,11 @@
 """One half of the loop: it is simulated, and fed with what the other half sends."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, System
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder
 
 from teleop_drake.arrays import Array
@@ -15,7 +14,7 @@ from teleop_drake.engine.run import CompiledRun
 from teleop_drake.laws.task_space import displacement
 from teleop_drake.scenario import Scenario
 from teleop_drake.simulation.compiled_run import StartFed
-from teleop_drake.teleoperator import AddTeleoperator
+from teleop_drake.teleoperator import AddTeleoperator, OwnSystems
 from teleop_drake.validation import Refuse
 
 Driver = Callable[[float, Array], Any]
@@ -45,17 +44,6 @@ class Turn(IntEnum):
     COMES_BACK = -1
     MISSED = 0
     FALLS = 1
-
-
-@dataclass(frozen=True, kw_only=True)
-class OwnSystems:
-    """Systems of your own in the place of the scenario's; see MakeTeleoperator()."""
-
-    control_law: System | None = None
-    robot: System | None = None
-    environment: System | None = None
-    operator: System | None = None
-    haptic_device: System | None = None
 
 
 class _Row(NamedTuple):
@@ -111,9 +99,7 @@ class Half:
         self.heard = WAYS[side].heard
         self.spoken = WAYS[side].spoken
         builder = DiagramBuilder()
-        systems = systems or OwnSystems()
-        own = {item.name: getattr(systems, item.name) for item in fields(systems)}
-        architecture = AddTeleoperator(builder, scenario, side=side, **own)
+        architecture = AddTeleoperator(builder, scenario, side=side, systems=systems)
         initial = {
             "forward": np.array(architecture.initial_forward_packet, float),
             "return": np.array(architecture.initial_return_packet, float),

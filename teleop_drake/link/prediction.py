@@ -12,11 +12,12 @@ from teleop_drake.blocks.channels.trace import WriteTrace
 from teleop_drake.figures.runs import PlotRows, SaveFigure
 from teleop_drake.figures.selection import SelectRows
 from teleop_drake.files import WriteText
-from teleop_drake.link.half import WAYS, Half, OwnSystems, Turn
+from teleop_drake.link.half import WAYS, Half, Turn
 from teleop_drake.link.side import Side
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import Scenario, ScenarioToYaml
 from teleop_drake.stations import ResolveController
+from teleop_drake.teleoperator import OwnSystems
 
 
 def SaveRun(

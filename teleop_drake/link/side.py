@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.link.half import Driver, Half, OwnSystems, Turn
+from teleop_drake.link.half import Driver, Half, Turn
 from teleop_drake.link.measurements import Measurements, Tick, TickLog
 from teleop_drake.link.packets import (
     WRONG_KEY_NOTICE,
@@ -31,6 +31,7 @@ from teleop_drake.scenario.tree import ToTree
 from teleop_drake.simulation.compiled_run import OutcomeOf
 from teleop_drake.simulation.run import Ending
 from teleop_drake.simulation.simulate import MakeRecording
+from teleop_drake.teleoperator import OwnSystems
 from teleop_drake.validation import CheckNumber
 
 # Round trips that are measured before the start.
