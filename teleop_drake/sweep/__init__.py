@@ -7,7 +7,7 @@ from teleop_drake.sweep.result import (
     SweepError,
     SweepResult,
 )
-from teleop_drake.sweep.run import RunSweep, RunSweeps, Sweep
+from teleop_drake.sweep.run import Execution, RunSweep, RunSweeps, Sweep
 from teleop_drake.sweep.statistics import (
     Differences,
     HasSeeds,
@@ -20,6 +20,7 @@ from teleop_drake.tasks.metrics import FlattenMetrics, MetricUnits
 __all__ = [
     "ALIASES",
     "Differences",
+    "Execution",
     "FlattenMetrics",
     "HasSeeds",
     "MetricUnits",

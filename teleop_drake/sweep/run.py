@@ -14,6 +14,7 @@ from concurrent.futures import (
     Future,
     as_completed,
 )
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -49,6 +50,37 @@ _RUNS_PER_CALL = 20
 _MIN_CALLS = 16
 
 
+@dataclass(frozen=True, kw_only=True)
+class Execution:
+    """Where runs are simulated, where their records go, and who is told.
+
+    Attributes:
+        executor: Any Executor whose workers can import this package in the same
+            version, for example `Client(...).get_executor(pure=False)` of Dask. It is
+            not shut down. None: on this machine.
+        jobs: Number of worker processes, >= 1. None: one for each processor, and none
+            for compiled runs that would end before the processes have started.
+        out: Folder to write to; None writes nothing.
+        resume: Whether to continue what is in `out`, if there is something. To repeat
+            a run, delete its line in runs.jsonl.
+        progress: Called with the number of finished runs and the number of all runs, at
+            the start and after each run.
+        notice: Called with a line of text if runs cannot be compiled, or if a run in
+            `out` has to be repeated.
+    """
+
+    executor: Executor | None = None
+    jobs: int | None = None
+    out: File | None = None
+    resume: bool = False
+    progress: Progress = lambda num_finished, num_runs: None
+    notice: Notice = warnings.warn
+
+
+HERE = Execution()
+"""On this machine, with no files."""
+
+
 def Sweep(
     scenario: File,
     grid: GivenGrid,
@@ -80,12 +112,12 @@ def Sweep(
         overrides: Overrides of all runs, as in LoadScenario().
         engine: The engine, as in simulate(). `auto` runs a scenario as machine code if
             it can be compiled; otherwise `notice` gets the reason.
-        executor: Where to simulate. RunSweep() describes this and the other arguments.
+        executor: Where to simulate; Execution describes this and the other arguments.
         jobs: Number of worker processes.
         out: Folder to write to.
         resume: Whether to continue the sweep in `out`.
         progress: Called with the number of finished runs and the number of all runs.
-        notice: Called with a line of text.
+        notice: Called with a line of text; None: warnings.warn.
 
     Returns:
         The records of all runs.
@@ -96,42 +128,20 @@ def Sweep(
         RuntimeError: If the executor gives up. What is finished stays in `out`.
         OSError: If a file cannot be written.
     """
-    return RunSweep(
-        PlanSweep(scenario, grid, overrides=overrides, engine=engine),
+    execution = Execution(
         executor=executor,
         jobs=jobs,
         out=out,
         resume=resume,
-        progress=progress,
-        notice=notice,
+        progress=progress or HERE.progress,
+        notice=notice or HERE.notice,
     )
+    plan = PlanSweep(scenario, grid, overrides=overrides, engine=engine)
+    return RunSweep(plan, execution)
 
 
-def RunSweep(
-    plan: SweepPlan,
-    *,
-    executor: Executor | None = None,
-    jobs: int | None = None,
-    out: File | None = None,
-    resume: bool = False,
-    progress: Progress | None = None,
-    notice: Notice | None = None,
-) -> SweepResult:
+def RunSweep(plan: SweepPlan, execution: Execution = HERE) -> SweepResult:
     """Simulates the runs of a plan.
-
-    Args:
-        executor: Where to simulate: any Executor whose workers can import this package
-            in the same version, for example `Client(...).get_executor(pure=False)` of
-            Dask. RunSweep() does not shut it down. None: on this machine.
-        jobs: Number of worker processes, >= 1. None: one for each processor, and none
-            for compiled runs that would end before the processes have started.
-        out: Folder to write to; None writes nothing.
-        resume: Whether to continue the sweep in `out`, if there is one. To repeat a
-            run, delete its line in runs.jsonl.
-        progress: Called with the number of finished runs and the number of all runs, at
-            the start and after each run.
-        notice: Called with a line of text if runs cannot be compiled, or if a run in
-            `out` has to be repeated; None: warnings.warn.
 
     Raises:
         SweepError: If jobs or the folder cannot be used, or a worker has other versions
@@ -139,29 +149,28 @@ def RunSweep(
         RuntimeError: If the executor gives up. What is finished stays in `out`.
         OSError: If a file cannot be written.
     """
+    jobs = execution.jobs
     if jobs is not None and jobs < 1:
         raise SweepError(f"jobs = {jobs}: must be 1 or more")
-    if jobs is not None and executor is not None:
+    if jobs is not None and execution.executor is not None:
         raise SweepError(f"jobs = {jobs}: must be None where an executor is given")
-    notice = notice or warnings.warn
     num_runs = len(plan.points)
     records: dict[int, Record] = {}
     with contextlib.ExitStack() as stack:
         folder = None
-        if out is not None:
-            folder = SweepFolder(Path(out), plan, resume, notice)
+        if execution.out is not None:
+            out = Path(execution.out)
+            folder = SweepFolder(out, plan, execution.resume, execution.notice)
             records |= stack.enter_context(folder).records
-        if progress is not None:
-            progress(len(records), num_runs)
+        execution.progress(len(records), num_runs)
         # Each record is written as soon as its run has ended.
         missing = deque(run for run in range(num_runs) if run not in records)
-        new = _SimulateRuns(plan, missing, executor, jobs, notice)
+        new = _SimulateRuns(plan, missing, execution)
         for record in stack.enter_context(contextlib.closing(new)):
             records[record["run"]] = record
             if folder is not None:
                 folder.Append(record)
-            if progress is not None:
-                progress(len(records), num_runs)
+            execution.progress(len(records), num_runs)
         result = SweepResult(
             scenario=plan.scenario,
             axes=plan.axes,
@@ -173,28 +182,15 @@ def RunSweep(
 
 
 def RunSweeps(
-    plans: Mapping[str, SweepPlan],
-    *,
-    executor: Executor | None = None,
-    jobs: int | None = None,
-    out: File | None = None,
-    resume: bool = False,
-    progress: Progress | None = None,
-    notice: Notice | None = None,
+    plans: Mapping[str, SweepPlan], execution: Execution = HERE
 ) -> dict[str, SweepResult]:
     """Simulates the runs of several plans, for example the plans of a study.
 
-    RunSweep() describes the arguments that are not explained here, and the errors.
+    RunSweep() has the errors.
 
     Args:
         plans: The plans by name. Each has a folder of its name in `out`.
-        executor: Where to simulate.
-        jobs: Number of worker processes.
-        out: Folder to write to.
-        resume: Whether to continue the sweeps in `out`.
-        progress: Called with the number of finished runs and the number of all runs,
-            both counted over all plans.
-        notice: Called with a line of text.
+        execution: Where and how; runs are counted over all plans.
 
     Returns:
         The results by the names of the plans.
@@ -204,38 +200,29 @@ def RunSweeps(
     num_before = 0
 
     def Report(num_finished: int, _: int) -> None:
-        if progress is not None:
-            progress(num_before + num_finished, total)
+        execution.progress(num_before + num_finished, total)
 
     for name, plan in plans.items():
-        results[name] = RunSweep(
-            plan,
-            executor=executor,
-            jobs=jobs,
-            out=None if out is None else Path(out, name),
-            resume=resume,
-            progress=Report,
-            notice=notice,
-        )
+        out = None if execution.out is None else Path(execution.out, name)
+        one = replace(execution, out=out, progress=Report)
+        results[name] = RunSweep(plan, one)
         num_before += len(plan.points)
     return results
 
 
 def _SimulateRuns(
-    plan: SweepPlan,
-    runs: deque[int],
-    executor: Executor | None,
-    jobs: int | None,
-    notice: Notice,
+    plan: SweepPlan, runs: deque[int], execution: Execution
 ) -> Generator[Record, None, None]:
     """Simulates runs of a plan and yields each record when it is complete."""
+    executor = execution.executor
+    jobs = execution.jobs
     if not runs:
         return
     is_compiled = False
     if plan.engine != "drake":
         why = WhyNotCompiled(plan.scenario)
         if why:
-            notice(f"Run in Drake's Simulator: {why}.")
+            execution.notice(f"Run in Drake's Simulator: {why}.")
         is_compiled = not why
     if executor is None and is_compiled and jobs is None:
         yield from _SimulateHere(plan, runs)

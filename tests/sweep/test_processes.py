@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from teleop_drake.sweep import PlanSweep, RunSweep
+from teleop_drake.sweep import Execution, PlanSweep, RunSweep
 from teleop_drake.sweep.plan import Source
 
 # The server that forks them is started once.
@@ -45,7 +45,7 @@ def Run(folder, masses, **deaths):
         "one_dof", {"robot.mass": masses}, overrides={"duration": 0.01}, engine="drake"
     )
     plan.source = Deadly(name="one_dof", text=None, folder=folder, **deaths)
-    records = RunSweep(plan, jobs=2).records
+    records = RunSweep(plan, Execution(jobs=2)).records
     lines = (folder / "pids").read_text().splitlines()
     return records, dict(line.split() for line in lines)
 

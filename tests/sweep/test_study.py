@@ -8,7 +8,7 @@ import pytest
 
 from teleop_drake.cli import main
 from teleop_drake.scenario import LoadScenario, ScenarioToYaml
-from teleop_drake.sweep import RunSweeps, study
+from teleop_drake.sweep import Execution, RunSweeps, study
 
 pytestmark = pytest.mark.usefixtures("in_this_process", "in_an_empty_folder")
 
@@ -61,7 +61,8 @@ def test_a_study_has_a_folder_for_each_scenario(capsys, unrendered):
 def test_the_progress_of_a_study_is_that_of_all_its_runs():
     plan = study.LoadStudy(Write(STUDY.replace(", mine.yaml", ""))).plans["one_dof"]
     seen = []
-    RunSweeps({"a": plan, "b": plan}, progress=lambda *counts: seen.append(counts))
+    progress = Execution(progress=lambda *counts: seen.append(counts))
+    RunSweeps({"a": plan, "b": plan}, progress)
     expected = [0, 1, 2, 3, 3, 4, 5, 6]
     assert seen == [(finished, 6) for finished in expected]
 

@@ -24,7 +24,7 @@ def fake_runs(monkeypatch):
     """Lets a function of a point, which returns metrics, take the place of runs."""
 
     def Use(metrics):
-        def RunSweep(plan, **options):
+        def RunSweep(plan, execution):
             records = []
             for run, point in enumerate(plan.points):
                 values = metrics(point)

@@ -155,10 +155,10 @@ def _CompareOverSeeds(args: argparse.Namespace, plan: "SweepPlan") -> int:
 
     from teleop_drake.figures.runs import SaveFigure
     from teleop_drake.figures.sweeps import PlotSeeds
-    from teleop_drake.sweep import RunSweep, WriteTables
+    from teleop_drake.sweep import Execution, RunSweep, WriteTables
 
     with SweepProgress(args.quiet) as show:
-        result = RunSweep(plan, progress=show)
+        result = RunSweep(plan, Execution(progress=show))
     metrics = result.Metrics()
     figure = PlotSeeds(result, *metrics)
     SaveFigure(figure, *figure_paths)

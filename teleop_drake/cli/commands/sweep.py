@@ -114,7 +114,7 @@ def _Simulate(
     args: argparse.Namespace, study: "Study"
 ) -> "dict[str, SweepResult] | int":
     """Returns the results by the names of the sweeps, or the code of a failure."""
-    from teleop_drake.sweep import RunSweeps
+    from teleop_drake.sweep import Execution, RunSweeps
 
     progress = "no runs"
 
@@ -128,8 +128,7 @@ def _Simulate(
 
     try:
         with DaskExecutor(args.dask) as executor, SweepProgress(args.quiet) as show:
-            return RunSweeps(
-                study.plans,
+            execution = Execution(
                 executor=executor,
                 jobs=args.jobs,
                 out=args.out,
@@ -137,6 +136,7 @@ def _Simulate(
                 progress=Report,
                 notice=Notice,
             )
+            return RunSweeps(study.plans, execution)
     except RuntimeError as error:  # The executor, or the worker processes, gave up.
         return Fail(FAILED, f"{error}; --resume does the rest")
     except KeyboardInterrupt:

@@ -79,6 +79,7 @@ def Execute(args: argparse.Namespace) -> int:
     if args.controller is None:
         raise BadInput("--controller: must name what is tuned")
     CheckJson(args.json)
+    from teleop_drake.sweep import Execution
     from teleop_drake.sweep.study import IsStudy
     from teleop_drake.sweep.tuning import PlanTuning, RunTuning
 
@@ -104,14 +105,14 @@ def Execute(args: argparse.Namespace) -> int:
             Notice(f"{path} is searched from {low:g} to {high:g}")
     try:
         with SweepProgress(args.quiet) as show:
-            result = RunTuning(
-                plan,
+            execution = Execution(
+                jobs=args.jobs,
                 out=args.out,
                 resume=args.resume,
-                jobs=args.jobs,
                 progress=show,
                 notice=Notice,
             )
+            result = RunTuning(plan, execution)
     except KeyboardInterrupt:
         return Fail(INTERRUPTED, f"interrupted; --resume goes on with {args.out}")
     written = result.Write(Path(args.out))

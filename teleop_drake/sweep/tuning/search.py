@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from scipy.stats import qmc
 from teleop_drake.arrays import Array
 from teleop_drake.sweep.plan import PlanSweep
 from teleop_drake.sweep.result import SweepResult
-from teleop_drake.sweep.run import RunSweeps
+from teleop_drake.sweep.run import HERE, Execution, RunSweeps
 from teleop_drake.sweep.study import IsStudy, LoadStudy, Study
 from teleop_drake.sweep.tuning.plan import Gains, PlanTuning, TuningPlan
 from teleop_drake.sweep.tuning.result import TuningResult
@@ -69,8 +70,7 @@ def Tune(
         margin: Least delay margin of the round trip, in s.
         evaluations: Number of sets of gains to try.
         seed: The seed of the search.
-        executor: Where to simulate, as in RunSweep(), which also describes jobs, resume
-            and notice.
+        executor: Where to simulate; Execution describes this and the other arguments.
         jobs: Number of worker processes.
         out: Folder to write to, as in RunTuning().
         resume: Whether to continue the search in `out`.
@@ -101,38 +101,22 @@ def Tune(
         evaluations=evaluations,
         seed=seed,
     )
-    return RunTuning(
-        search,
+    execution = Execution(
         executor=executor,
         jobs=jobs,
         out=out,
         resume=resume,
-        progress=progress,
-        notice=notice,
+        progress=progress or HERE.progress,
+        notice=notice or HERE.notice,
     )
+    return RunTuning(search, execution)
 
 
-def RunTuning(
-    plan: TuningPlan,
-    *,
-    executor: Executor | None = None,
-    jobs: int | None = None,
-    out: File | None = None,
-    resume: bool = False,
-    progress: Progress | None = None,
-    notice: Notice | None = None,
-) -> TuningResult:
+def RunTuning(plan: TuningPlan, execution: Execution = HERE) -> TuningResult:
     """Searches for gains, and simulates the held-out runs.
 
-    Args:
-        executor: Where to simulate, as in RunSweep(), which also describes jobs, resume
-            and notice.
-        jobs: Number of worker processes.
-        out: Folder to write to. Its folder `runs` has a sweep for each generation. None
-            writes nothing.
-        resume: Whether to continue the search in `out`.
-        progress: Called with the number of finished training runs and of all of them.
-        notice: Called with a line of text.
+    The folder `runs` of its folder has a sweep for each generation. Its progress is
+    that of the training runs.
 
     Raises:
         SweepError: If no gains of the first generation are accepted, or the folder
@@ -143,23 +127,15 @@ def RunTuning(
     num_before = 0
 
     def Report(num_finished: int, _: int) -> None:
-        if progress is not None:
-            progress(min(num_before + num_finished, total), total)
+        execution.progress(min(num_before + num_finished, total), total)
 
     def Try(sweeps: Sweeps, sets: Sequence[Gains], folder: str) -> list[Trial]:
         """Returns the trials of gains, whose runs have a folder of their own."""
         nonlocal num_before
 
         def Run(plans: Sweeps) -> Mapping[str, SweepResult]:
-            return RunSweeps(
-                plans,
-                executor=executor,
-                jobs=jobs,
-                out=None if out is None else Path(out, "runs", folder),
-                resume=resume,
-                progress=Report,
-                notice=notice,
-            )
+            out = execution.out and Path(execution.out, "runs", folder)
+            return RunSweeps(plans, replace(execution, out=out, progress=Report))
 
         trials = TryGains(plan, sweeps, sets, Run)
         num_before += len(sets) * sum(len(sweep.points) for sweep in sweeps.values())
