@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from teleop_drake.arrays import Array, Indices
-from teleop_drake.blocks.channels.packet_network import PacketStatistics
+from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
 from teleop_drake.blocks.environments import FindSurface, Surface
 from teleop_drake.files import Replacing
 from teleop_drake.numerics.step_polynomials import (
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
 
 
 class UnknownSignal(KeyError):
-    """There is no signal of that name. Its text says which there are."""
+    """Raised for an unknown signal name; the message lists the known names."""
 
     def __str__(self) -> str:
         return str(self.args[0])
 
 
 FORMAT = 3
-"""Of the files that Recording.Save() writes."""
+"""The format of the files that Recording.Save() writes."""
 
 # Fields that JSON takes as they are.
 _PLAIN = ("termination", "reason", "notes", "has_constant_command")
@@ -90,7 +90,7 @@ class Recording:
 
     Attributes:
         scenario: What was simulated, a Scenario or a TrackingScenario; None for a
-            Diagram of one's own, which Save() refuses.
+            user's own Diagram, which Save() refuses.
         time: (N,) in s: the ends of the integrator's steps, and instants in between. A
             time that stands twice marks a jump: the first row is before it, the second
             one after.

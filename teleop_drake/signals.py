@@ -20,8 +20,8 @@ _NAMES = {
     ("hold", "sum"): "applied_force",
 }
 
-# Signals that a loop may lack. Whoever looks at them takes them for those of these
-# systems, so that no other one may put out such a name instead.
+# Signals that a loop may lack, and the systems to which they belong. No other system
+# may have an output of such a name.
 _OWNERS = {
     **dict.fromkeys(
         (
@@ -43,7 +43,7 @@ _OWNERS = {
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
 _TURNING = {"m": "rad", "m/s": "rad/s", "m/s^2": "rad/s^2", "N": "N m"}
 
-# Of the signals that have a value for each task axis.
+# Units of the signals that have a value for each task axis.
 _UNITS = {
     **dict.fromkeys(("tool_position", "felt_position", "desired_position"), "m"),
     **dict.fromkeys(
@@ -55,7 +55,7 @@ _UNITS = {
     "disturbance_estimate": "N",
 }
 
-# Of the parts of packets, by their first letters; u and w are waves.
+# Units of the parts of packets, by their first letters; u and w are waves.
 _PART_UNITS = {"p": "m", "x": "m", "v": "m/s", "a": "m/s^2", "F": "N", "E": "J"}
 _PART_UNITS |= dict.fromkeys("uw", "√W")
 

@@ -187,6 +187,7 @@ def WithDrivesAndSensors(slave_side: System, scenario: Scenario) -> System:
     inputs = {name: [name] for name in LAW_INPUTS[2:]}
     systems = {"law": slave_side, **{name: PassThrough(n) for name in inputs}}
     outputs = {name: f"law.{name}" for name in OutputNames(slave_side)}
+    # Where the law reads what it measures: from a sensor, if there is one.
     measured = {name: name for name in inputs}
     connections: Connections = {}
     sensor = scenario.sensor
@@ -202,6 +203,7 @@ def WithDrivesAndSensors(slave_side: System, scenario: Scenario) -> System:
         connections["force_sensor"] = "environment_force"
         measured["environment_force"] = "force_sensor.sample"
     connections |= {f"law.{name}": place for name, place in measured.items()}
+    # The drive stands between the law and the robot.
     if not scenario.actuator.is_ideal:
         systems["actuator"] = Actuator(scenario.actuator, num_axes=n)
         connections["actuator.commanded_force"] = "law.control_force"

@@ -131,6 +131,7 @@ def AddTeleoperator(
     scenario = AsTeleoperation(scenario)
     scenario.Validate()
     own = systems or OwnSystems()
+    # Robot and environment first: defaults of the architecture derive from them.
     start = scenario.robot.start
     robot = own.robot or scenario.robot.MakeRobot()
     environment = own.environment or scenario.environment.MakeEnvironment(start)
@@ -145,6 +146,7 @@ def AddTeleoperator(
         )
     elif own.control_law is not None:
         Refuse("control_law", own.control_law, "left out with an architecture")
+    # The two stations, and the channels between them.
     master = MakeMasterStation(
         scenario,
         architecture.master_side,

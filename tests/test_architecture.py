@@ -320,3 +320,42 @@ def test_names_of_functions():
 def test_misnamed_functions_are_found():
     assert MisnamedFunctions(PACKAGE / "laws" / "a.py", "def GetRoot(): ...")
     assert MisnamedFunctions(PACKAGE / "sweep" / "a.py", "def get_root(): ...")
+
+
+MOST_LINES_OF_A_FUNCTION = 60
+MOST_LINES_OF_A_FILE = 500
+
+
+def LongFunctions(source: str) -> list[str]:
+    """Returns the functions that are too long, their docstrings not counted."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if not isinstance(node, ast.FunctionDef):
+            continue
+        lines = node.end_lineno - node.lineno + 1
+        if ast.get_docstring(node, clean=False) is not None:
+            lines -= node.body[0].end_lineno - node.body[0].lineno + 1
+        if lines > MOST_LINES_OF_A_FUNCTION:
+            found.append(f"{node.name}: {lines} lines")
+    return found
+
+
+def test_no_function_is_longer_than_a_screen():
+    long = {path: found for path in FILES if (found := LongFunctions(Source(path)))}
+    assert not long
+
+
+def test_no_other_file_is_too_long():
+    """These are to be divided; the list may only become shorter."""
+    names = ("engine/advance.py", "jit/symbols.py", "kernel/block.py")
+    known = {PACKAGE / name for name in (*names, "numerics/delay_margin.py")}
+    long = {x for x in FILES if Source(x).count("\n") > MOST_LINES_OF_A_FILE}
+    assert long <= known
+
+
+def test_long_functions_are_found():
+    """A docstring does not count, and a line more is too long."""
+    body = "    pass\n" * (MOST_LINES_OF_A_FUNCTION - 1)
+    text = 'def F():\n    """One.\n\n    Two.\n    """\n' + body
+    assert LongFunctions(text) == []
+    assert LongFunctions(text + "    pass\n") == ["F: 61 lines"]

@@ -154,6 +154,7 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
             ax.plot(loci[:, i].real, loci[:, i].imag, **look | {"linewidth": 0.6})
             ax.plot(delayed.real, delayed.imag, **look)
             _MarkFrequencies(ax, w, delayed, look["color"])
+        # The unit circle, the axes and the critical point.
         angle = np.linspace(0, 2 * np.pi, 200)
         ax.plot(np.cos(angle), np.sin(angle), color=GREY, linewidth=0.6, zorder=0)
         for draw in (ax.axhline, ax.axvline):
@@ -212,6 +213,7 @@ def PlotStableDelays(
     ]
     if not rows:
         Refuse("operating points", [], "one or more")
+    # A bar for each operating point, with the stable part in colour.
     height = 0.6 + 0.26 * len(rows) + 0.35
     figure, axes = MakePanels(1, 1, height=height)
     ax = axes[0, 0]
@@ -224,6 +226,7 @@ def PlotStableDelays(
             ax.axvline(delay, color="black", linewidth=0.8, zorder=3)
     ax.set_xlim(0, max(point.max_delay for _, point in rows))
     ax.set_ylim(len(rows) - 0.5, -0.5)
+    # The kind of the controller is told where there are several.
     several = len({kind for kind, _ in rows}) > 1
     ax.set_yticks(
         range(len(rows)),
@@ -245,6 +248,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
     """
     if len(chart.values) < 2:
         Refuse(chart.key, chart.values, "a list of two values or more")
+    # A panel for each point; along the path one for all of them.
     names = chart.PointNames()
     is_path = chart.key == POSITION
     along = "along the path"
@@ -255,6 +259,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
     panels = [names] if is_path else [[name] for name in names]
     titles = [along] if is_path else names
     figure, axes = _Panels(1, titles, 1.4 * _ROW_HEIGHT + 0.4)
+    # A column of bars for each value.
     edges = style.CellEdges(chart.values)
     for ax, panel in zip(axes[0], panels, strict=True):
         for name in panel:
@@ -321,6 +326,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
     """
     if not points:
         Refuse("points", [], "one or more")
+    # Above the impedances, below the parameter.
     figure, axes = _Panels(2, [point.point.name for point in points])
     num_axes = points[0].llewellyn.shape[1]
     for (top, bottom), point in zip(axes.T, points, strict=True):

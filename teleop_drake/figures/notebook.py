@@ -19,7 +19,7 @@ from teleop_drake.tasks.metrics import RunSummary
 
 _DPI = 90
 
-# Of a teleoperation; PlotRun(recording) shows all.
+# The signals of a teleoperation that are shown; PlotRun(recording) shows all.
 _SIGNALS = ("tool_velocity", "environment_force")
 
 

@@ -104,7 +104,7 @@ def PlotRun(
 
     Of a tracking it plots, per task axis against time, the position
     with the desired one, the tracking error, and the disturbance with its estimate. Of
-    a Diagram of one's own it plots every signal against time. Arguments and errors are
+    a user's own Diagram it plots every signal against time. Arguments and errors are
     those of PlotComparison.
     """
     recording = SelectTime(recording, time)

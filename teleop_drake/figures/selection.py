@@ -95,7 +95,7 @@ def _RowsOf(signal: str, sizes: Sequence[int], num_runs: int) -> list[SignalRow]
 
 
 def SelectAxisRows(panels: AxisPanels, signals: Sequence[str] | None) -> AxisPanels:
-    """Returns the rows that have one of some signals.
+    """Returns the panels that show at least one of the given signals.
 
     Raises:
         ValueError: If there is no row for one of them.

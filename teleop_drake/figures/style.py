@@ -215,7 +215,7 @@ def FormatAxes(ax: Axes) -> None:
     ax.axhline(0.0, color=GREY, linewidth=0.4, zorder=0)
 
 
-# Of the numbers of a scenario that have one unit wherever they stand, by the last part
+# The numbers of a scenario that have one unit wherever they stand, by the last part
 # of their names. Gains whose unit the architecture decides are not among them.
 _NAMES_BY_UNIT = {
     "s": "delay forward_delay return_delay sample_period std minimum depth duration "

@@ -182,7 +182,7 @@ def _Finish(
 def _BoundaryLabels(
     boundaries: Boundaries, limits: tuple[float, float]
 ) -> dict[str, str]:
-    """Returns what each boundary is called, also one that lies beyond the map."""
+    """Returns the label of each boundary, including boundaries outside the map."""
     ends: dict[str, list[Array]] = {}
     for boundary in itertools.chain(*boundaries.values()):
         ends.setdefault(boundary.point, []).append(boundary.ends)

@@ -1,7 +1,7 @@
 """Gaussian radial basis functions on an equidistant lattice (section 3.2).
 
-A network is y(u) = W Phi(u). The weights W belong to whoever adapts them; this file
-has only the basis functions Phi(u) and their rate of change.
+A network is y(u) = W Phi(u). The weights W belong to the law that adapts them; this
+file has only the basis functions Phi(u) and their rate of change.
 """
 
 from collections.abc import Sequence

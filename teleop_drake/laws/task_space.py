@@ -66,7 +66,7 @@ _FLOOR = 1e-13
 # Added to squares of which a root is a divisor: no change in what is not 0.
 _TINY = 1e-300
 
-# The same where a derivative divides by the fourth power: no change of dr/dt.
+# The limit where a derivative divides by the fourth power: no change of dr/dt.
 _SMALL = 1e-16
 
 

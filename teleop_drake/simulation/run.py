@@ -11,7 +11,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
 from teleop_drake.blocks.channels.network import NetworkDelay
-from teleop_drake.blocks.channels.packet_network import PacketStatistics
+from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
 from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.scenario.loading import MAX_STEPS
 from teleop_drake.tasks.base import SpeedLimit

@@ -87,12 +87,12 @@ class InsertionRun:
 
     @cached_property
     def position(self) -> Array:
-        """Of the tool, m."""
+        """Position of the tool, m."""
         return self.pieces.signal(self.recording["tool_position"])
 
     @cached_property
     def velocity(self) -> Array:
-        """Of the tool, m/s."""
+        """Velocity of the tool, m/s."""
         return self.pieces.signal(self.recording["tool_velocity"])
 
     @cached_property

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from teleop_drake.arrays import Record
-from teleop_drake.blocks.channels.packet_network import PacketStatistics
+from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
 from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import AnyScenario

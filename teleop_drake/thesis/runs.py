@@ -80,7 +80,7 @@ class Run:
 
 
 class Both(NamedTuple):
-    """The same task with direct force and with the adaptive controller."""
+    """The runs of one task with direct force and with the adaptive controller."""
 
     direct: Run
     adaptive: Run

@@ -125,7 +125,7 @@ class ArchitectureConfig(KindConfig, ABC):
     Attributes:
         forward_parts: Names of the vectors (n each) in a forward packet, for tables;
             empty: they are numbered.
-        return_parts: The same of a return packet.
+        return_parts: Names of the vectors (n each) in a return packet.
         derives_from_channels: Whether MakeArchitecture() reads the channels, or the
             duration, of its facts.
     """

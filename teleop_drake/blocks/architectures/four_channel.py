@@ -255,6 +255,7 @@ class FourChannelConfig(ArchitectureConfig):
     def Resolve(self, facts: Facts, path: str) -> Any:
         """Returns the config with every default derived."""
         n = facts.num_axes
+        # The variant decides what is exchanged, and so the local force.
         factors = FOUR_CHANNEL_VARIANTS[self.variant]
         variant = dict(zip(("C1", "C2", "C3", "C4"), factors, strict=True))
         derived: dict[str, Any] = {
@@ -266,11 +267,13 @@ class FourChannelConfig(ArchitectureConfig):
         for local, exchanged in (("C5", config.C3), ("C6", config.C2)):
             if getattr(self, local) is None:
                 setattr(config, local, exchanged - 1 if exchanged else 0.0)
+        # The bandwidth leaves the round trip a phase of 1 rad.
         w = self.bandwidth
         if w is None:
             w = facts.DevicePole()
             T = facts.round_trip
             w = min(w, 1 / T) if T > 0 else w
+        # The local controllers are critically damped at that bandwidth.
         M_m = GainMatrix(self.master_mass, n)
         B_s = self.slave_damping
         if B_s is None:

@@ -217,7 +217,7 @@ class WaveVariablesConfig(ArchitectureConfig):
     # Factor on the arriving forward wave, 0 to 1. Null: sqrt(1 - largest dT/dt) of a
     # variable channel that grows, which keeps it passive; 1 for all others.
     forward_scaling: float | None = Number(None, above=0, maximum=1)
-    # The same for the returning wave.
+    # Factor on the arriving returning wave, 0 to 1. Null: as for the forward wave.
     return_scaling: float | None = Number(None, above=0, maximum=1)
 
     def Resolve(self, facts: Facts, path: str) -> Any:

@@ -50,8 +50,8 @@ class ChannelConfig(KindConfig, ABC):
 
     # Delay, s, >= 0. Kinds whose delay varies add to it. Default: thesis section 4.2.
     delay: float = 0.1
-    # Of the random numbers, a whole number >= 0. The two directions have different
-    # ones all the same. Without effect where none are drawn.
+    # Seed of the random numbers, a whole number >= 0. With one seed the two directions
+    # still have different numbers. Without effect where none are drawn.
     seed: int = 0
 
     def Check(self, path: str, duration: float) -> None:
@@ -134,7 +134,7 @@ class ChannelConfig(KindConfig, ABC):
     def Arrivals(self, sent: ArrayLike, duration: float, stream: str = "") -> Array:
         """Returns when what is sent at given times arrives, s; lost: infinity.
 
-        Here a delay that is constant, which pictures of a channel of one's own show.
+        Here the delay is constant; pictures of a user's own channel show that.
 
         Args:
             sent: Times in s, 0 to `duration` (N,).

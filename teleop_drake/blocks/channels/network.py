@@ -11,12 +11,14 @@ from pydrake.systems.framework import Context
 from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.channels.base import ChannelBlock, ConstantDelay
 from teleop_drake.blocks.channels.packet_network import (
-    ComputePacketStatistics,
     Jitter,
     Loss,
     PacketNetwork,
-    PacketStatistics,
     Receiver,
+)
+from teleop_drake.blocks.channels.packet_statistics import (
+    ComputePacketStatistics,
+    PacketStatistics,
 )
 from teleop_drake.blocks.channels.sampled import CheckSamplePeriod
 from teleop_drake.blocks.channels.variable import VaryingDelayConfig

@@ -91,6 +91,7 @@ class DelayProfile:
         sinusoid.CheckNumbers("sinusoid")
         self.delay = float(delay)
         self._drift = float(drift)
+        # The trace counts from its first entry.
         self._times = self._delays = np.zeros(0)
         if trace is not None:
             self._times, self._delays = (np.array(part, dtype=float) for part in trace)
@@ -100,6 +101,7 @@ class DelayProfile:
         if not self.duration > 0:
             Refuse("duration", duration, "a number > 0 (s)")
         self.nonsmooth_times: list[float] = self._times[1:-1].tolist()
+        # Bounds: the sums of those of the parts.
         self.minimum = self.delay - sinusoid.amplitude
         self.minimum += float(self._delays.min()) if len(self._delays) else 0.0
         if self._drift < 0:

@@ -36,7 +36,7 @@ class NeedlePathConfig(EnvironmentConfig):
     needle: np.ndarray | None = None
     # How the path bends, 1/m, 3 entries across `direction`.
     bend: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    # Of the tissue beside the needle, for each metre of depth, N/m^2, >= 0.
+    # Stiffness of the tissue beside the needle per metre of depth, N/m^2, >= 0.
     stiffness: float = Number(REQUIRED, "N/m^2", minimum=0)
     # Against the needle's motion, for each metre of depth, N s/m^2, >= 0.
     drag: float = Number(0.0, "N s/m^2", minimum=0)

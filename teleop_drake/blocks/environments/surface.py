@@ -54,7 +54,7 @@ class Surface:
     """A plane at which the force of an environment jumps or is not smooth.
 
     Attributes:
-        name: What it is called: CONTACT, PUNCTURE or a name of one's own.
+        name: What it is called: CONTACT, PUNCTURE or a user's own name.
         point_W: A point on it in m (n).
         normal_W: Its unit normal, which points into the material (n).
         material: What is behind it, as far as the next surface of a stack of parallel

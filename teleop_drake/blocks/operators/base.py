@@ -12,7 +12,7 @@ from teleop_drake.blocks.environments import Surface
 from teleop_drake.kinds import KindConfig
 from teleop_drake.validation import REQUIRED, CheckVector, Config, Number, Refuse
 
-# Of each axis, m/s; it leaves every hand far behind.
+# Largest velocity on each axis, m/s: more than any hand reaches.
 _MOST_VELOCITY = 1000.0
 
 

@@ -29,7 +29,7 @@ from teleop_drake.wiring import Wire
 GOALS = ("position", "velocity")
 """What a human may keep to."""
 
-# Of the reaction in a linear model: exp(-s tau) to 0.11 % up to |s| tau = 6.
+# Order of the reaction's model: exp(-s tau) to 0.11 % up to |s| tau = 6.
 _PADE_ORDER = 6
 
 
@@ -183,11 +183,11 @@ class HumanConfig(OperatorConfig):
     reaction_delay: float = 0.15
     # T_N, s, > 0. Assumed: McRuer and Jex 1967 have about 0.1.
     neuromuscular_lag: float = Number(0.1, "s", minimum=SHORTEST_TIME)
-    # Of the arm, kg, > 0. Assumed: of the order of Tsuji et al. 1995.
+    # Mass of the arm, kg, > 0. Assumed: of the order of Tsuji et al. 1995.
     arm_mass: float = Number(1.0, "kg", above=0)
-    # Of the arm, N s/m, >= 0. Assumed: likewise.
+    # Damping of the arm, N s/m, >= 0. Assumed: likewise.
     arm_damping: float = Number(20.0, "N s/m", minimum=0)
-    # Of the arm, N/m, >= 0. Assumed: likewise.
+    # Stiffness of the arm, N/m, >= 0. Assumed: likewise.
     arm_stiffness: float = Number(200.0, "N/m", minimum=0)
 
     def Check(self, path: str, num_axes: int) -> None:

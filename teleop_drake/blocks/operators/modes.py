@@ -149,7 +149,10 @@ def mode_vector(state: Array) -> Array:
 def past_surface(
     state: Array, felt_position: Array, point: Array, normal: Array
 ) -> Array:
-    """Returns how far behind the surface the tool is felt, m; negative once known."""
+    """Returns the depth in m at which contact is perceived (1).
+
+    It is negative after contact has been perceived.
+    """
     if operator_mode(state) != 0:
         return np.full(1, -1.0)
     return np.array([np.sum((felt_position - point) * normal)])

@@ -1,4 +1,4 @@
-"""An arm from a model file of one's own: (2.6, 2.7) for any open chain.
+"""An arm from a user's own model file: (2.6, 2.7) for any open chain.
 
 For the two links of Appendix A it gives what (A.1) to (A.14) say, as two_link_arm does.
 """

@@ -23,8 +23,8 @@ class RobotFacts:
         start: p_WT at the start, m (n).
         inertia: M_r = (J M^-1 J^T)^-1, (2.8): what the tool's inertia feels like at the
             start, kg (n, n); None where the robot cannot tell.
-        damping: The same for the viscous damping of the joints, N s/m (n, n); None
-            where the robot cannot tell.
+        damping: What the viscous damping of the joints feels like at the tool at the
+            start, N s/m (n, n); None where the robot cannot tell.
     """
 
     start: Array

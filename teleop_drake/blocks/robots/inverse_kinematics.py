@@ -1,5 +1,8 @@
 """Inverse kinematics: joint positions that put the tool at a point."""
 
+from collections.abc import Sequence
+from typing import NoReturn
+
 import numpy as np
 from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
@@ -20,10 +23,10 @@ _MINIMUM_CONDITION = 0.01
 """Least ratio of the smallest to the largest singular value of the tool's Jacobian.
 Assumed; the two-link arm's own limit, |sin(q2)| >= 0.05, is about the same."""
 
+# Newton's method for a rotation: most steps, and how far one goes, rad or m.
 _MOST_STEPS = 60
 _LONGEST_STEP = 0.3
 _SHORTEST_STEP = 1e-15
-"""Of Newton's method where a rotation is asked for, and how far one goes, rad or m."""
 
 _NUM_GUESSES = 12
 """The first is the posture. The others lie around it, because a posture may be
@@ -72,17 +75,9 @@ def SolveInverseKinematics(
         posture + scale * rng.uniform(-1, 1, posture.shape)
         for scale in np.linspace(0.0, 2.0, _NUM_GUESSES)
     ]
-    for guess in guesses:
-        q, is_solved = target.Solve(posture, guess)
-        if is_solved and target.IsReached(q := target.Polish(q)):
-            break
-    else:
-        found = (target.Solve(None, guess)[0] for guess in guesses)
-        distance = min(np.linalg.norm(target.Error(q)[: p.size]) for q in found)
-        if distance < _TOLERANCE:
-            Refuse("start", p, "in reach of the tool as it is turned at the posture")
-        allowed = f"in reach of the tool, which comes no nearer than {distance:.3g} m"
-        Refuse("start", p, allowed)
+    q = target.Nearest(posture, guesses)
+    if q is None:
+        target.RefuseUnreachable(guesses)
     J = target.Jacobian(q)
     values = np.linalg.svd(J, compute_uv=False)
     smallest = values[-1] if len(values) == len(J) else 0.0
@@ -105,6 +100,31 @@ class _Target:
         self._R = R
         self._context = plant.CreateDefaultContext()
         self._tool = plant.GetFrameByName(TOOL)
+
+    def Nearest(self, posture: Array, guesses: Sequence[Array]) -> Array | None:
+        """Returns the q with the tool at the target that is nearest to a posture.
+
+        Returns:
+            That of the first guess from which there is one; None if there is none.
+        """
+        for guess in guesses:
+            q, is_solved = self.Solve(posture, guess)
+            if not is_solved:
+                continue
+            q = self.Polish(q)
+            if self.IsReached(q):
+                return q
+        return None
+
+    def RefuseUnreachable(self, guesses: Sequence[Array]) -> NoReturn:
+        """Refuses the point, and tells how near the tool comes."""
+        found = [self.Solve(None, guess)[0] for guess in guesses]
+        distances = [np.linalg.norm(self.Error(q)[: self.p.size]) for q in found]
+        distance = min(distances)
+        allowed = f"in reach of the tool, which comes no nearer than {distance:.3g} m"
+        if distance < _TOLERANCE:
+            allowed = "in reach of the tool as it is turned at the posture"
+        Refuse("start", self.p, allowed)
 
     def Solve(self, posture: Array | None, guess: Array) -> tuple[Array, bool]:
         """Returns the solver's q with the tool at the point, near a posture.

@@ -87,21 +87,21 @@ def MakeRobotDiagram(
     Raises:
         ValueError: If the plant's actuators are not one for each joint.
     """
-    n = num_axes
     nv = plant.num_velocities()
     plant.SetDefaultPositions(joint_positions)
     is_ordered = _AreMotorsInOrder(plant)
     tool = ToolInterface(
         plant=plant,
-        num_task_axes=n,
+        num_task_axes=num_axes,
         tool_name=ToolBodyName(plant),
         is_wired_to_motors=is_ordered,
         R_WP=ToolRotation(plant, joint_positions if posture is None else posture),
     )
+    # From the plant's state to the tool's motion, from forces on the tool to torques.
     systems = {
         "plant": plant,
         "tool_interface": tool,
-        "tool_motion": Demultiplexer([n, n, n * nv]),
+        "tool_motion": Demultiplexer([num_axes, num_axes, num_axes * nv]),
         "joint_state": Demultiplexer([plant.num_positions(), nv]),
         "joint_torques": Demultiplexer([nv, nv]),
     }
@@ -156,6 +156,7 @@ def _AddDrive(
     Returns:
         The place of all torques but the motors'.
     """
+    # What the motors are to do.
     motors = ["joint_torques.y0"]
     others = "joint_torques.y1"
     if drive.hold is not None:
@@ -169,6 +170,7 @@ def _AddDrive(
     if drive.friction is not None:
         systems["joint_friction"] = drive.friction
         connections["joint_friction.joint_velocity"] = "joint_state.y1"
+    # Within the limits of the motors.
     plant = systems["plant"]
     limits = np.zeros(plant.num_velocities())
     for index in plant.GetJointActuatorIndices():

@@ -112,6 +112,7 @@ class Actuator(Diagram):
         Diagram.__init__(self)
         config.CheckNumbers("actuator")
         n = num_axes
+        # A chain: limit, lag, friction. `force` is the end of it so far.
         limits = np.full(n, config.force_limit or math.inf)
         systems: dict[str, System] = {"force_limit": Saturation(-limits, limits)}
         connections: Connections = {}

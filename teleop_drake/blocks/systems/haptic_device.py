@@ -18,7 +18,8 @@ class HapticDeviceConfig(FixedFields):
 
     # Coefficients of H in N s/m, highest power of s first.
     numerator: np.ndarray = field(default_factory=lambda: np.array([25.0, 50.0]))
-    # The same; the first is not zero, and there are at least as many (H is proper).
+    # Coefficients of the denominator, highest power first. The first is not zero, and
+    # there are at least as many as in the numerator (H is proper).
     denominator: np.ndarray = field(default_factory=lambda: np.array([1.0, 25.0, 0.0]))
     # Of six axes, those about which the handle turns have lever^2 H(s), m, > 0.
     # Assumed.

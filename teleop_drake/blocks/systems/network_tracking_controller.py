@@ -36,6 +36,7 @@ class _Tracking:
         plant: Any,
         tool_name: str,
     ) -> None:
+        """Declares the ports, and keeps a context of the plant to compute with."""
         self.gains = gains
         self.network = network
         self.plant = plant
@@ -115,6 +116,7 @@ class _Tracking:
         return context.get_continuous_state_vector().CopyToVector()
 
     def _CalcDynamics(self: Any, context: Any, output: Any) -> None:
+        """Calculates the dynamics of the robot in task space (3.6)."""
         plant = self.plant
         plant_context = self._plant_context
         q, qdot = self._In(context, "joint_position", "joint_velocity")

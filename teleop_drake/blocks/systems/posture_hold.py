@@ -48,6 +48,7 @@ class _Hold:
         return np.array(pose.rotation().matrix())
 
     def _CalcTorque(self: Any, context: Any, output: Any) -> None:
+        """Calculates the torque that holds the posture or the orientation."""
         plant = self.plant
         plant_context = self._plant_context
         x = self._state.Eval(context)

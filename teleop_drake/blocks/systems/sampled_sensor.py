@@ -96,7 +96,7 @@ class SamplingConfig(FixedFields):
 
     # Time between samples, s, > 0. Null: the sensor is continuous and exact.
     sample_period: float | None = Number(None, "s", minimum=SHORTEST_PERIOD)
-    # Of what it shows, in the unit of the signal, >= 0.
+    # Resolution of what it shows, in the unit of the signal, >= 0.
     resolution: float = Number(0.0, minimum=0)
     # Standard deviation of each sample, in the unit of the signal, >= 0.
     noise: float = Number(0.0, minimum=0)
@@ -118,7 +118,7 @@ class SensorConfig(FixedFields):
     encoder: SamplingConfig = field(default_factory=SamplingConfig)
     # Force on the environment, in N.
     force: SamplingConfig = field(default_factory=SamplingConfig)
-    # Of the noise, a whole number >= 0.
+    # Seed of the noise, a whole number >= 0.
     seed: int = 0
 
     @property

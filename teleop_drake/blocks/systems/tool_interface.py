@@ -31,6 +31,7 @@ class _Interface:
     def _Declare(
         self: Any, T: Any, plant: Any, n: int, tool_name: str, R_WP: Any
     ) -> None:
+        """Declares the ports, and keeps a context of the plant to compute with."""
         nv = plant.num_velocities()
         self.plant = plant
         # The body and its frame are looked up each time: to keep one would keep the

@@ -142,7 +142,7 @@ def _Draw(
         figures.PlotFeltStiffness({"": {analysis.scenario.name: analysis.scenario}}),
         *([] if chart is None else [figures.PlotStabilityChart(chart)]),
     ]
-    # Those of a figure stand together, one for each format.
+    # The files of a figure stand together, one for each format.
     each = len(paths) // len(made)
     for i, figure in enumerate(made):
         SaveFigure(figure, *paths[i * each : (i + 1) * each])

@@ -36,6 +36,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Simulates the scenario, writes and prints what comes out."""
+    # Bad input is refused before anything is simulated.
     scenario = options.Load(args, is_run=True)
     options.CheckSignals(args, scenario)
     stem = f"{scenario.name}_{FileStem(scenario.controller.kind)}"
@@ -52,6 +53,7 @@ def Execute(args: argparse.Namespace) -> int:
 
     from teleop_drake.tasks.metrics import RunSummary
 
+    # What was asked for is written; the table is printed in any case.
     recording = Simulate(scenario, args.quiet, args.engine)
     record = RunSummary(recording)
     written = []

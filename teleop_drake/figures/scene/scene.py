@@ -31,7 +31,7 @@ FORCE_COLOR = "#000000"
 GHOST_OPACITY = 0.35
 
 FRAMES_PER_SECOND = 60
-"""Of the animation. Meshcat interpolates in between."""
+"""Frames of the animation in a second. Meshcat interpolates in between."""
 
 # Width of the picture in Meshcat's units. Its camera sees nothing nearer than a
 # hundredth of one, and tasks are as small as millimetres.
@@ -146,11 +146,13 @@ def AnimateRuns(recordings: Mapping[str, Recording], meshcat: Meshcat) -> Stage:
     robots = [RobotVisuals(run.scenario.robot) for run in runs]
     stage = _MakeStage(runs, robots[0])
     _SetUpView(meshcat, stage, len(runs))
+    # Every run in one time, and one scale of the arrows.
     end = max(float(run.time[-1]) for run in runs)
     times = np.arange(np.ceil(end * FRAMES_PER_SECOND) + 1) / FRAMES_PER_SECOND
     figures = [_Figures(run, times) for run in runs]
     drawn = [force for shown in figures for _, force in shown.values()]
     largest = max(float(np.linalg.norm(x, axis=1).max()) for x in drawn) or 1.0
+    # Each run below the one before, its ghost above it.
     animation = MeshcatAnimation(FRAMES_PER_SECOND)
     for i, (run, visuals, shown) in enumerate(zip(runs, robots, figures, strict=True)):
         path = f"{ROOT}/run_{i}"

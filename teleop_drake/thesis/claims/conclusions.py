@@ -86,6 +86,7 @@ def _DelayCausesOvershoot(runs: ThesisRuns) -> Found:
 
 
 def _Outperforms(runs: ThesisRuns) -> Found:
+    """Tells whether no compared metric is larger with the adaptive controller."""
     worse = []
     compared = 0
     damper_better = 0
@@ -108,6 +109,7 @@ def _Outperforms(runs: ThesisRuns) -> Found:
 
 
 def _HigherDelays(runs: ThesisRuns) -> Found:
+    """Tells whether adaptive settles at twice the delay, and direct force does not."""
     direct, adaptive = runs.ShortOfBoth(_THIRD, Delay(0.2))
     fourfold = runs.Short(_THIRD, ADAPTIVE, Delay(0.4), {"duration": 6.0})
     overshoots = [run.Number(_OVERSHOOT) / 0.1 for run in (adaptive, fourfold)]
@@ -153,6 +155,7 @@ def _SlowsDown(runs: ThesisRuns) -> Found:
 
 
 def _GuaranteesStability(runs: ThesisRuns) -> Found:
+    """Tells whether the loop is stable at 0.4 s each way, and bounded at 0.5 s."""
     scenario = AsTeleoperation(LoadScenario(_THIRD, {**ADAPTIVE, **Delay(0.4)}))
     (moving,) = (x for x in OperatingPoints(scenario) if x.name == "free")
     at_rest = replace(moving, velocity=np.zeros_like(moving.velocity))
@@ -171,6 +174,7 @@ def _GuaranteesStability(runs: ThesisRuns) -> Found:
 
 
 def _AddsRobustness(runs: ThesisRuns) -> Found:
+    """Tells whether adaptation lowers a metric in unknown environments."""
     ratios = {}
     for title, (name, change) in _ENVIRONMENTS.items():
         tried = [runs(name, ADAPTIVE, change, x) for x in ({}, NO_ADAPTATION)]

@@ -8,12 +8,12 @@ import pytest
 from grids import Slow
 
 from teleop_drake.blocks.channels.packet_network import (
-    ComputePacketStatistics,
     Jitter,
     Loss,
     PacketNetwork,
     Receiver,
 )
+from teleop_drake.blocks.channels.packet_statistics import ComputePacketStatistics
 from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid
 
 COUNT = 20_000
