@@ -196,7 +196,8 @@ def orientation_torque(
     zeta = gains.damping_ratio
     omega = J_w @ v
     y = -w * w * orientation_error(R_0, R) - 2 * zeta * w * omega
-    J, y = np.concatenate((J_v, J_w)), np.concatenate((np.zeros(len(J_v)), y))
+    J = np.concatenate((J_v, J_w))
+    y = np.concatenate((np.zeros(len(J_v)), y))
     return _torque(gains, M, J, y, q_0, q, v)
 
 

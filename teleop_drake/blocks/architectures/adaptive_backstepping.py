@@ -277,7 +277,8 @@ class NetworkConfig(FixedFields):
         if self.has_velocity:
             assert self.velocity_range is not None
             speeds = np.full(len(count), self.velocity_range)
-            lower, upper = np.append(lower, -speeds), np.append(upper, speeds)
+            lower = np.append(lower, -speeds)
+            upper = np.append(upper, speeds)
             count = [*count, *[self.velocity_count] * len(count)]
         return GaussianNetwork(lower=lower, upper=upper, count=count, width=self.width)
 

@@ -69,7 +69,8 @@ def SolveInverseKinematics(
             the plant is singular there. The message calls the point `start`.
     """
     target = _Target(plant, np.array(p_WT, dtype=float), R_WT)
-    p, posture = target.p, np.array(posture, dtype=float)
+    p = target.p
+    posture = np.array(posture, dtype=float)
     rng = np.random.default_rng(0)
     guesses = [
         posture + scale * rng.uniform(-1, 1, posture.shape)
@@ -181,7 +182,8 @@ class _Target:
 
     def Polish(self, q: Array) -> Array:
         """Returns q after some steps of Newton's method."""
-        for _ in range(3 if self._R is None else _MOST_STEPS):
+        num_steps = 3 if self._R is None else _MOST_STEPS
+        for _ in range(num_steps):
             step = np.linalg.pinv(self.Jacobian(q)) @ self.Error(q)
             longest = float(np.abs(step).max())
             if self._R is not None and longest > _LONGEST_STEP:

@@ -89,7 +89,8 @@ class HapticDevice(Diagram):
             numerator, denominator, num_axes=num_axes
         )
         scale = np.append(np.ones(3), np.full(3, lever**2))[:num_axes, np.newaxis]
-        C, D = scale * C, scale * D
+        C = scale * C
+        D = scale * D
         systems = {
             "negation": Gain(-1.0, num_axes),
             "velocity_error": Adder(2, num_axes),
