@@ -19,6 +19,7 @@ from pathlib import Path
 BENCHMARKS = (
     "comparison",
     "evaluation",
+    "bars",
     "delays",
     "delay_problems",
     "delay_standard.table",
