@@ -16,11 +16,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from wasm_runs import RunModule
 
 from teleop_drake.blocks.robots import MakeRobot
 from teleop_drake.page import WritePage
+from teleop_drake.page.model import MakeModel
 from teleop_drake.scenario import LoadScenario
+from teleop_drake.scenario.config import DefaultSimulator
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics
 
@@ -142,6 +145,35 @@ def test_a_discrete_delay_is_its_mean_delay_and_not_its_samples(run):
     discrete, exact, mean = np.array(numbers, dtype=float)
     np.testing.assert_allclose(discrete, mean, rtol=0.03)
     assert (np.abs(discrete - exact) > 0.2 * exact).all()
+
+
+def test_the_loop_by_hand_is_one_run_wherever_it_runs():
+    """In simulate(), in the page's module, and in a Simulator that is told enough."""
+    make = runpy.run_path(str(DIRECTORY / "one_dof_by_hand.py"))["MakeOneDofByHand"]
+    recording = simulate(make(), duration=1.0)
+    diagram = make()
+    simulator = Simulator(diagram)
+    simulator.get_mutable_context().SetAccuracy(1e-10)
+    config = SimulatorConfig(
+        integration_scheme="runge_kutta5", accuracy=1e-9, max_step_size=0.01
+    )
+    ApplySimulatorConfig(config, simulator)
+    simulator.AdvanceTo(1.0)
+    model = MakeModel(make(), DefaultSimulator(), 1.0)
+    times, rows, _ = RunModule(model)
+    assert times[-1] == 1.0
+    assert len(list(recording)) > 20
+    for name in recording:
+        expected = recording[name][-1]
+        size = max(np.abs(recording[name]).max(), 1e-9)
+        system, port = name.split(".")
+        part = diagram.GetSubsystemByName(system)
+        context = part.GetMyContextFromRoot(simulator.get_context())
+        plain = part.GetOutputPort(port).Eval(context)
+        begin, width, _ = model.Ports()[f"{system}:{port}"]
+        page = rows[-1, begin : begin + width]
+        np.testing.assert_allclose(plain, expected, rtol=0, atol=2e-6 * size)
+        np.testing.assert_allclose(page, expected, rtol=0, atol=1e-9 * size)
 
 
 def test_the_own_diagram_overshoots_by_what_the_method_of_steps_says(run):

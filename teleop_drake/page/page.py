@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
 from teleop_drake.blocks.environments import Surface
@@ -41,6 +40,7 @@ from teleop_drake.scenario import (
     Scenario,
     ScenarioFromYaml,
 )
+from teleop_drake.scenario.config import DefaultSimulator
 from teleop_drake.scenario.overrides import GetPath, ParseOverrides, SetPath
 from teleop_drake.scenario.tree import ToTree
 from teleop_drake.scenario.yaml_text import DumpYaml
@@ -257,12 +257,10 @@ def _OfDiagram(
     if not isinstance(system, System):
         Refuse("scenario_or_diagram", source, "a function that returns a System")
     CheckNumber("duration", duration, "s", above=0)
-    config = SimulatorConfig(integration_scheme="runge_kutta5", accuracy=1e-8)
-    config.use_error_control = True
     if context is None:
         context = system.CreateDefaultContext()
     CheckInputs(system, context)
-    numbers = DiagramNumbers(system, context, config, duration)
+    numbers = DiagramNumbers(system, context, DefaultSimulator(), duration)
     model = numbers.Make({})
     if model.run.evaluator.left_out:
         left_out = ", ".join(model.run.evaluator.left_out)
