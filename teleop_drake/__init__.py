@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from teleop_drake.figures.sweeps import PlotSweep
     from teleop_drake.link.remote import OperateRemotely, ServeRobot
     from teleop_drake.page import Explore, MakePage, WritePage
+    from teleop_drake.parameters import NamedParameters
     from teleop_drake.recording import LoadRecording, Recording
     from teleop_drake.scenario import (
         LoadScenario,
@@ -70,6 +71,7 @@ __all__ = [
     "MakeReplay",
     "MakeSimulator",
     "MakeTeleoperator",
+    "NamedParameters",
     "OperateRemotely",
     "PlotBode",
     "PlotComparison",
@@ -121,6 +123,7 @@ _PLACES = {
     "figures.runs": ["PlotComparison", "PlotRun", "SaveFigure"],
     "figures.scene": ["MakeReplay"],
     "page": ["Explore", "MakePage", "WritePage"],
+    "parameters": ["NamedParameters"],
     "recording": ["LoadRecording", "Recording"],
     "scenario": [
         *("LoadScenario", "Scenario", "ScenarioError", "ScenarioNames"),

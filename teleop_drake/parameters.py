@@ -19,6 +19,7 @@ from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn
+from teleop_drake.signals import PathsIn
 from teleop_drake.validation import CheckNumber, Choices, Refuse
 
 
@@ -168,28 +169,24 @@ def _AsNumber(array: Array) -> float | Array:
 def _ParametersIn(diagram: System, context: Context) -> dict[str, _Parameter]:
     """Returns the parameters of all systems in a diagram by their full names."""
     found: dict[str, _Parameter] = {}
-    for system, own in ContextsIn(diagram, context).items():
-        if isinstance(system, Diagram):
-            continue
-        path = _PathIn(diagram, system)
+    for system, own, path in _Leaves(diagram, context):
         for parameter in _ParametersOf(system, own):
             found[f"{path}.{parameter.name}" if path else parameter.name] = parameter
     return found
 
 
-def _PathIn(diagram: System, system: System) -> str:
-    """Returns the path of a system in a diagram, as `robot/plant`; empty: itself."""
-    inside = system.GetSystemPathname().removeprefix(diagram.GetSystemPathname())
-    return inside.strip(":").replace("::", "/")
+def _Leaves(diagram: System, context: Context) -> Iterator[tuple[System, Context, str]]:
+    """Yields every system that is no diagram, with its Context and its path."""
+    contexts = ContextsIn(diagram, context)
+    for system, path in PathsIn(diagram):
+        if not isinstance(system, Diagram):
+            yield system, contexts[system], path
 
 
 def _StatesIn(diagram: System, context: Context) -> dict[str, _Parameter]:
     """Returns the states of all systems in a diagram by their full names."""
     found = {}
-    for system, own in ContextsIn(diagram, context).items():
-        if isinstance(system, Diagram):
-            continue
-        path = _PathIn(diagram, system)
+    for system, own, path in _Leaves(diagram, context):
         for state in _StatesOf(system, own):
             found[f"{path}/{state.name}" if path else state.name] = state
     return found

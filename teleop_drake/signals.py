@@ -4,7 +4,7 @@ import itertools
 import re
 import weakref
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from pydrake.systems.framework import Diagram, OutputPort, PortDataType, System
 
@@ -126,7 +126,7 @@ def SignalsOf(system: System) -> dict[str, OutputPort]:
         return NamedSignals(parts)
     signals = {port.get_name(): port for port in _VectorOutputs(system)} or {
         f"{name}.{port.get_name()}": port
-        for part, name in zip(parts, _NamesOf(parts), strict=True)
+        for part, name in zip(parts, NamesOf(parts), strict=True)
         for port in _VectorOutputs(part)
     }
     if not signals:
@@ -139,12 +139,25 @@ def NameOf(system: System) -> str:
     return str(system.get_name()) if _HasName(system) else type(system).__name__
 
 
+def PathsIn(system: System, path: str = "") -> Iterator[tuple[System, str]]:
+    """Yields a system and all systems in it, each with its path as `robot/plant`.
+
+    A system without a name is called by its class, as in SignalsOf().
+    """
+    yield system, path
+    if isinstance(system, Diagram):
+        parts = system.GetSystems()
+        for part, name in zip(parts, NamesOf(parts), strict=True):
+            name = name.replace("/", "_")
+            yield from PathsIn(part, f"{path}/{name}" if path else name)
+
+
 def _HasName(system: System) -> bool:
     name = system.get_name()
     return bool(name) and not _ADDRESS.search(name)
 
 
-def _NamesOf(systems: Sequence[System]) -> list[str]:
+def NamesOf(systems: Sequence[System]) -> list[str]:
     """Returns a name of each system; of those without one, several are numbered."""
     taken = {system.get_name() for system in systems}
     unnamed = [system for system in systems if not _HasName(system)]

@@ -37,8 +37,8 @@ from teleop_drake.jit.symbols import (
 )
 from teleop_drake.jit.traced_numpy import REPLACED
 from teleop_drake.kernel import FixedBlock, Kernel
-from teleop_drake.page.model import Systems
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
+from teleop_drake.signals import PathsIn
 from teleop_drake.simulation import MakeDiagram
 from teleop_drake.teleoperator import MakeTeleoperator
 
@@ -150,7 +150,7 @@ def Blocks() -> Rows:
     """Yields folder and name of each block and kind of robot, with what it can do."""
     seen = {"Diagram", ""}
     for robot, diagram, run in Scenes():
-        inside = {path: system for system, path in Systems(diagram)}
+        inside = {path: system for system, path in PathsIn(diagram)}
         in_page = InPage(run)
         for path, part in inside.items():
             system = part

@@ -15,8 +15,8 @@ import teleop_drake
 from teleop_drake import blocks
 from teleop_drake.blocks import FunctionLaw
 from teleop_drake.kernel import KernelBlock
-from teleop_drake.page.model import Systems
 from teleop_drake.scenario import LoadScenario
+from teleop_drake.signals import PathsIn
 from teleop_drake.simulation import MakeDiagram
 
 
@@ -93,7 +93,7 @@ def KernelBlocks():
     found = {}
     for name, changes in SCENES:
         diagram = MakeDiagram(LoadScenario(name, {**changes, "duration": 2.0}))
-        for system, _ in Systems(diagram):
+        for system, _ in PathsIn(diagram):
             # The parameters of a FunctionLaw are those of its function.
             if isinstance(system, KernelBlock) and type(system) is not FunctionLaw:
                 found.setdefault(type(system), system)

@@ -10,6 +10,8 @@ from pydrake.systems.framework import (
     System,
 )
 
+from teleop_drake.signals import NameOf, NamesOf
+
 
 class UnsupportedSystem(ValueError):
     """A system that cannot be compiled; it runs in Drake's Simulator all the same.
@@ -83,12 +85,13 @@ def Flatten(system: System, path: str = "") -> list[Block]:
 
 def _Blocks(system: System, path: str) -> list[tuple[System, str]]:
     if not isinstance(system, Diagram):
-        return [(system, path or system.get_name())]
+        return [(system, path or NameOf(system))]
     folder = f"{path}/" if path else ""
+    parts = system.GetSystems()
     return [
         block
-        for subsystem in system.GetSystems()
-        for block in _Blocks(subsystem, f"{folder}{subsystem.get_name()}")
+        for part, name in zip(parts, NamesOf(parts), strict=True)
+        for block in _Blocks(part, f"{folder}{name}")
     ]
 
 

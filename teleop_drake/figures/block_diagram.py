@@ -12,7 +12,7 @@ import os
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,7 @@ _MORE_FONTS = b'font-family="Helvetica,Arial,Liberation Sans,Arimo,sans-serif"'
 _STYLE = """\
 graph [fontname="Helvetica", nodesep=0.3, ranksep=0.45]
 node [fontname="Helvetica"]
-edge [arrowsize=0.8]"""
+edge [arrowsize=0.8, fontname="Helvetica"]"""
 
 # A box with more ports on a side shows only those that are connected.
 _MOST_PORTS = 10
@@ -51,7 +51,10 @@ _MOST_PORTS = 10
 _EXPORTED_OUTPUT = "color=palegreen3, penwidth=0.7"
 
 # Graphviz 2.43 draws an arrowhead on some lines in spite of dir=none.
-_NO_ARROW = "[dir=none, arrowsize=0]"
+_NO_ARROW = "dir=none, arrowsize=0"
+
+# How the width of a vector stands on its wire.
+_WIDTH = "fontsize=10, fontcolor=grey40, labeldistance=1.2, labelangle=30"
 
 # How the frame of a diagram begins in Drake's DOT text, and without a line.
 _FRAME = "diagram {\ncolor=black"
@@ -64,6 +67,8 @@ _NUMBERED_LINE = re.compile(
 _EDGE_LINE = re.compile(
     r"^s(\d+)(in|out)?:([uy]?)(\d+):e -> s(\d+)(in|out)?:([uy]?)(\d+):w(?: \[(.*)\];)?$"
 )
+# LCM's node has the address of the object.
+_LCM = re.compile(r"(drakelcminterface)(\d+)(in|out)")
 _BOX_LINE = re.compile(r"^s(\d+) \[")
 _PORT_LINE = re.compile(r'^<TD PORT="([uy]\d+)"[^>]*>(.+)</TD>$')
 _PYTHON_CLASS = re.compile(r"^<B>[^<]*\.(\w+)</B>")
@@ -103,12 +108,22 @@ def _Dot(system: System, max_depth: int | None, numbers: dict[str, int]) -> str:
     text: list[str] = []
     edges: list[_Edge] = []
     used: set[tuple[int, str]] = set()
-    for line in system.GetGraphvizString(max_depth=max_depth).splitlines():
+    drawn = system.GetGraphvizString(max_depth=max_depth)
+    widths = _Widths(system, drawn) if max_depth == 1 else {}
+    # A box of LCM begins in the line of another one.
+    for line in re.sub(r";(?=s\d+ \[)", ";\n", drawn).splitlines():
         edge = _EDGE_LINE.match(line)
         if edge:
-            edges.append(_Edge(edge, Number))
+            edges.append(_Edge(edge, Number, widths))
             used |= edges[-1].ports
             continue
+        if "->" in line and not line.startswith("<"):
+            # To what is no system: Meshcat, LCM. An LCM may have no box of its own.
+            line = re.sub(r"\bs(\d+)\b", lambda m: f"s{Number(m[1])}", line)
+            outside = _LCM.search(line)
+            if outside and f"\n{outside[0]} [" not in drawn:
+                line = f"{line}\n{outside[0]} [label=LCM]"
+        line = _LCM.sub(lambda m: f"{m[1]}{Number(m[2])}{m[3]}", line)
         # The connections of one diagram stand together.
         text += _Connections(edges)
         edges = []
@@ -196,7 +211,12 @@ def _Render(system: System, max_depth: int | None, file_format: str) -> bytes:
 class _Edge:
     """One connection in Drake's DOT text, with the systems renumbered."""
 
-    def __init__(self, line: re.Match[str], number: Callable[[str], int]):
+    def __init__(
+        self,
+        line: re.Match[str],
+        number: Callable[[str], int],
+        widths: Mapping[tuple[str, str], int],
+    ):
         self.source = number(line[1])
         self.target = number(line[5])
         tail = line[3] + line[4]
@@ -205,6 +225,9 @@ class _Edge:
         self.head = _End(f"s{self.target}", line[6], head, "w")
         # Drake marks the lines that lead to the ports of the diagram itself.
         self.attributes = line[9] or ""
+        width = widths.get((line[1], tail), 1)
+        # A number beside a wire is the width of its vector.
+        self.label = f'taillabel="{width}", {_WIDTH}' if width > 1 else ""
         self.ports = {(self.source, tail), (self.target, head)}
         ends = (self.source, int(line[4])), (self.target, int(line[8]))
         self.order = (bool(self.attributes), *ends)
@@ -277,6 +300,26 @@ def _PortRows(inputs: list[str], outputs: list[str]) -> list[str]:
     return rows
 
 
+def _Widths(system: System, dot: str) -> dict[tuple[str, str], int]:
+    """Returns the widths of vectors by Drake's number of a system and the port.
+
+    Args:
+        system: A system whose parts are boxes.
+        dot: Drake's text, in which they stand in their order.
+    """
+    parts = system.GetSystems() if isinstance(system, Diagram) else []
+    parts = [part for part in parts if type(part).__name__ != "LcmInterfaceSystem"]
+    numbers = re.findall(r"(?:^|;)s(\d+) \[", dot, re.MULTILINE)
+    widths = {}
+    for part, number in zip(parts, numbers, strict=False):
+        for i in range(part.num_output_ports()):
+            widths[number, f"y{i}"] = part.get_output_port(i).size()
+    (own,) = re.findall(r"subgraph clusters?(\d+)(?:diagram)? \{", dot)[:1] or [""]
+    for i in range(system.num_input_ports()):
+        widths[own, str(i)] = system.get_input_port(i).size()
+    return widths
+
+
 def _Connections(edges: list[_Edge]) -> list[str]:
     """The DOT text of the connections inside one diagram."""
     # Drake's own order follows the addresses of the systems in memory.
@@ -284,24 +327,27 @@ def _Connections(edges: list[_Edge]) -> list[str]:
     feedback = _Feedback(edges)
     text: list[str] = []
     drawn: set[str] = set()
+    labelled: set[str] = set()
     for edge in edges:
         tail = edge.tail
         head = edge.head
+        label = f", {edge.label}" if edge.label and tail.port not in labelled else ""
+        labelled.add(tail.port)
         if edge.attributes:
             attributes = edge.attributes.replace("color=green", _EXPORTED_OUTPUT)
-            text.append(f"{tail.port} -> {head.port} [{attributes}]")
+            text.append(f"{tail.port} -> {head.port} [{attributes}{label}]")
         elif (edge.source, edge.target) not in feedback:
             # The weight keeps the forward path straight.
-            text.append(f"{tail.port} -> {head.port} [weight=10]")
+            text.append(f"{tail.port} -> {head.port} [weight=10{label}]")
         else:
             # A line with two turns, in pieces of which none runs against the layout:
             # dot leads only such lines cleanly between the boxes.
             if tail.port not in drawn:
                 text += tail.turn
-                text.append(f"{tail.port} -> {tail.outside} {_NO_ARROW}")
+                text.append(f"{tail.port} -> {tail.outside} [{_NO_ARROW}{label}]")
                 drawn.add(tail.port)
             text += head.turn
-            text.append(f"{head.inside} -> {tail.inside} {_NO_ARROW}")
+            text.append(f"{head.inside} -> {tail.inside} [{_NO_ARROW}]")
             text.append(f"{head.outside} -> {head.port}")
     return text
 

@@ -9,15 +9,14 @@ from typing import Any
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.figures.block_diagram import DiagramDot, LayOut
-from teleop_drake.page.model import Systems
+from teleop_drake.signals import PathsIn
 
 _AT = re.compile(r'data-(at|wire)="(\d+)(?::([uy])(\d+))?"')
 # The class and the name of a system, as Drake writes them.
 _CLASS_AND_NAME = re.compile(r"^<B>([^<]*)</B><BR/>\nname=(.*)$", re.M)
-_BOX = re.compile(r"^s(\d+) \[")
+_BOX = re.compile(r"^(?:s|drakelcminterface)(\d+)(?:in|out)? \[")
 _PORT = re.compile(r'<TD PORT="([uy]\d+)"')
 _HEADER = re.compile(r'<TD BORDER="1" COLSPAN')
-_NODE_OF_DIAGRAM = re.compile(r"^s0(in|out) \[")
 _WIRE = re.compile(r"^(\{?)s(\d+)(?:in|out)?[:_]([uy]\d+)\S* -> \S+( \[(.*)\])?$")
 
 
@@ -29,12 +28,15 @@ def Levels(diagram: System) -> list[dict[str, Any]]:
     path of a box, of one with a level in it `data-level` too, and `data-port` that of a
     port or a wire.
     """
-    paths = {system.GetSystemPathname(): path for system, path in Systems(diagram)}
+    paths = {system.GetSystemPathname(): path for system, path in PathsIn(diagram)}
     levels = []
-    for level, path in Systems(diagram):
-        if not isinstance(level, Diagram):
+    for level, path in PathsIn(diagram):
+        if isinstance(level, Diagram):
+            systems = [level, *level.GetSystems()]
+        elif level is diagram:
+            systems = [level]
+        else:
             continue
-        systems = [level, *level.GetSystems()]
         boxes = [_Box(x, paths[x.GetSystemPathname()]) for x in systems]
 
         def Name(
@@ -49,7 +51,8 @@ def Levels(diagram: System) -> list[dict[str, Any]]:
             kind = "wire" if found[1] == "wire" else found[3]
             return _PortAttributes(boxes[place], names[0], kind) if names else ""
 
-        svg = _AT.sub(Name, _Picture(DiagramDot(level, max_depth=1)))
+        depth = min(len(systems) - 1, 1)
+        svg = _AT.sub(Name, _Picture(DiagramDot(level, max_depth=depth)))
         levels.append({"path": path, "svg": svg.encode(), "boxes": boxes})
     return levels
 
@@ -107,8 +110,6 @@ def _Picture(dot: str) -> str:
     for line in named.splitlines():
         if found := _BOX.match(line):
             box = found[1]
-        elif _NODE_OF_DIAGRAM.match(line):
-            box = "0"
         linked = _PORT.sub(rf'<TD HREF="{box}:\1" TITLE="." PORT="\1"', line)
         linked = _HEADER.sub(f'<TD HREF="{box}" TITLE="." BORDER="1" COLSPAN', linked)
         if found := _WIRE.match(linked):

@@ -3,7 +3,6 @@
 import functools
 import inspect
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -30,7 +29,7 @@ from teleop_drake.engine.run import CompiledRun
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.page.wasm import MakeModule
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
-from teleop_drake.signals import SignalsOf, UnitOf
+from teleop_drake.signals import PathsIn, SignalsOf, UnitOf
 from teleop_drake.simulation.compiled_run import StartOf
 from teleop_drake.simulation.ending import BoundsOf
 from teleop_drake.simulation.simulate import HasConstantCommand
@@ -147,7 +146,7 @@ class Model:
                 name = f"{path}:{port.get_name()}"
                 result[name] = place.start, place.stop - place.start, unit
 
-        for system, path in Systems(self.diagram):
+        for system, path in PathsIn(self.diagram):
             for i in range(system.num_output_ports()):
                 port = system.get_output_port(i)
                 if port.get_data_type() == PortDataType.kVectorValued:
@@ -156,7 +155,7 @@ class Model:
         indices = {
             block.system.GetSystemPathname(): i for i, block in enumerate(blocks)
         }
-        for system, path in Systems(self.diagram):
+        for system, path in PathsIn(self.diagram):
             for k in range(system.num_input_ports()):
                 leaf, name = _LeafInput(system, k)
                 i = indices[leaf.GetSystemPathname()]
@@ -177,7 +176,7 @@ class Model:
     def Signals(self) -> dict[str, str]:
         """Returns the port of each signal that a recording has, by its name."""
         paths = {
-            system.GetSystemPathname(): path for system, path in Systems(self.diagram)
+            system.GetSystemPathname(): path for system, path in PathsIn(self.diagram)
         }
         return {
             name: f"{paths[port.get_system().GetSystemPathname()]}:{port.get_name()}"
@@ -195,15 +194,6 @@ def _LeafInput(system: System, index: int) -> tuple[System, str]:
 def _IsWiring(name: str, array: NDArray[Any]) -> bool:
     """Returns whether an array of Problem says what belongs to what."""
     return array.dtype.kind == "i" and not name.endswith("_ranges")
-
-
-def Systems(diagram: System, path: str = "") -> Iterator[tuple[System, str]]:
-    """Yields a diagram and all systems in it, each with its path as `robot/plant`."""
-    yield diagram, path
-    if isinstance(diagram, Diagram):
-        for system in diagram.GetSystems():
-            name = system.get_name()
-            yield from Systems(system, f"{path}/{name}" if path else name)
 
 
 def Unit(system: System, port: str, size: int = 1) -> str:

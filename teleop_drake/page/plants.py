@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, System
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.engine.plant_tree import ReadPlantTree
-from teleop_drake.page.model import Systems
+from teleop_drake.signals import PathsIn
 
 # What points to the right and upwards where all joints turn about x, y, or z.
 _ACROSS = (
@@ -33,7 +33,7 @@ def PlantsIn(diagram: System, context: Context) -> list[dict[str, Any]]:
     """
     contexts = ContextsIn(diagram, context)
     plants = []
-    for system, path in Systems(diagram):
+    for system, path in PathsIn(diagram):
         if not isinstance(system, MultibodyPlant):
             continue
         tree = ReadPlantTree(system, contexts[system]).tree

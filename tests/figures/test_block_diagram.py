@@ -11,9 +11,18 @@ import zlib
 from importlib import metadata
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
+from pydrake.geometry import (
+    DrakeVisualizer,
+    Meshcat,
+    MeshcatVisualizer,
+)
+from pydrake.lcm import DrakeLcm
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import Adder, Gain, Integrator, PassThrough
+from pydrake.systems.lcm import LcmInterfaceSystem
+from pydrake.systems.primitives import Adder, Gain, Integrator, MatrixGain, PassThrough
 
 from teleop_drake.figures import block_diagram as rendering
 from teleop_drake.figures.block_diagram import DiagramDot, RenderSvg, WriteDiagram
@@ -113,7 +122,7 @@ def test_dot_text_has_a_style_and_leads_feedback_around_the_boxes():
         "rankdir=LR",
         'graph [fontname="Helvetica", nodesep=0.3, ranksep=0.45]',
         'node [fontname="Helvetica"]',
-        "edge [arrowsize=0.8]",
+        'edge [arrowsize=0.8, fontname="Helvetica"]',
         "subgraph cluster0diagram {",
     ]
     assert "<B>Actuator</B><BR/>" in lines  # Without its module.
@@ -131,6 +140,48 @@ def test_dot_text_has_a_style_and_leads_feedback_around_the_boxes():
         "}",
         "}",
     ]
+
+
+def test_wires_of_vectors_have_their_widths():
+    builder = DiagramBuilder()
+    inner = DiagramBuilder()
+    pair = inner.AddNamedSystem("pair", PassThrough(2))
+    inner.ExportInput(pair.get_input_port(), "u")
+    inner.ExportOutput(pair.get_output_port(), "y")
+    part = builder.AddNamedSystem("part", inner.Build())
+    sum_of_both = builder.AddNamedSystem("sum", MatrixGain(np.ones((1, 2))))
+    last = builder.AddNamedSystem("last", PassThrough(1))
+    builder.Connect(part.get_output_port(), sum_of_both.get_input_port())
+    builder.Connect(sum_of_both.get_output_port(), last.get_input_port())
+    builder.ExportInput(part.get_input_port(), "both")
+    wires = [
+        line
+        for line in DiagramDot(builder.Build(), max_depth=1).splitlines()
+        if "->" in line
+    ]
+    widths = [re.findall(r'taillabel="(\d+)"', wire) for wire in wires]
+    assert [wire.split(" -> ")[0] for wire in wires] == [
+        *("s1:y0:e", "s2:y0:e", "s0in:0:e")
+    ]
+    assert widths == [["2"], [], ["2"]]
+
+
+def test_visualizers_lead_to_nodes_that_there_are():
+    """Drake's own text has edges from a box to Meshcat and to LCM, by its numbers."""
+    builder = DiagramBuilder()
+    _, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    scene_graph.set_name("scene_graph")
+    builder.GetSubsystemByName("plant").Finalize()
+    MeshcatVisualizer.AddToBuilder(builder, scene_graph, Meshcat())
+    lcm = DrakeLcm("memq://")
+    builder.AddNamedSystem("lcm", LcmInterfaceSystem(lcm=lcm))
+    DrakeVisualizer.AddToBuilder(builder, scene_graph, lcm)
+    dot = DiagramDot(builder.Build(), max_depth=1)
+    declared = set(re.findall(r"(?:^|;)(\w+) \[", dot, re.MULTILINE))
+    ends = re.findall(r"^(\w+)\S* -> (\w+)", dot, re.MULTILINE)
+    assert ("s3", "meshcat_in") in ends
+    assert {end for edge in ends for end in edge} <= declared
+    assert not re.search(r"drakelcminterface\d{3}", dot)  # An address.
 
 
 @pytest.mark.slow  # It starts processes.

@@ -21,7 +21,7 @@ export function showLevel(path) {
   const parts = ["", ...level.path.split("/").filter((x) => x)];
   const crumbs = parts.map((part, i) => {
     const goTo = () => showLevel(parts.slice(1, i + 1).join("/"));
-    return makeButton(part || "loop", goTo, { disabled: i === parts.length - 1 });
+    return makeButton(part || state.data.title, goTo, { disabled: i === parts.length - 1 });
   });
   $("crumbs").replaceChildren(...crumbs);
   markPorts();
@@ -49,13 +49,16 @@ function open(path) {
     if (isOwn || !isField) $(isOwn ? "box" : "inputs").append(row);
     else row.remove();
   }
-  const ports = [...box.u, ...box.y].filter((name) => loop.ports[`${path}:${name}`]);
+  const isPlotted = (name) => loop.ports[`${path}:${name}`];
+  const ports = [...box.u, ...box.y].filter(isPlotted);
+  const others = [...box.u, ...box.y].filter((name) => !isPlotted(name));
   const buttons = ports.map((name) => makeButton(name, () => toggleScope(`${path}:${name}`)));
   $("box").replaceChildren(
     make("h2", {}, `${path || state.data.title}: ${box.kind}`),
     box.says,
     ...$("box").querySelectorAll(".row"),
     ...buttons,
+    others.length ? make("p", { className: "ports" }, `Other ports: ${others.join(", ")}`) : "",
   );
 }
 
