@@ -148,8 +148,8 @@ def PathsIn(system: System, path: str = "") -> Iterator[tuple[System, str]]:
     if isinstance(system, Diagram):
         parts = system.GetSystems()
         for part, name in zip(parts, NamesOf(parts), strict=True):
-            name = name.replace("/", "_")
-            yield from PathsIn(part, f"{path}/{name}" if path else name)
+            own = name.replace("/", "_")
+            yield from PathsIn(part, f"{path}/{own}" if path else own)
 
 
 def _HasName(system: System) -> bool:

@@ -117,17 +117,18 @@ def _Dot(system: System, max_depth: int | None, numbers: dict[str, int]) -> str:
             edges.append(_Edge(edge, Number, widths))
             used |= edges[-1].ports
             continue
-        if "->" in line and not line.startswith("<"):
-            # To what is no system: Meshcat, LCM. An LCM may have no box of its own.
-            line = re.sub(r"\bs(\d+)\b", lambda m: f"s{Number(m[1])}", line)
-            outside = _LCM.search(line)
-            if outside and f"\n{outside[0]} [" not in drawn:
-                line = f"{line}\n{outside[0]} [label=LCM]"
-        line = _LCM.sub(lambda m: f"{m[1]}{Number(m[2])}{m[3]}", line)
         # The connections of one diagram stand together.
         text += _Connections(edges)
         edges = []
-        numbered = _NUMBERED_LINE.sub(lambda m: f"{m[1]}{Number(m[2])}{m[3]}", line)
+        own = line
+        if "->" in line and not line.startswith("<"):
+            # To what is no system: Meshcat, LCM. An LCM may have no box of its own.
+            own = re.sub(r"\bs(\d+)\b", lambda m: f"s{Number(m[1])}", line)
+            outside = _LCM.search(own)
+            if outside and f"\n{outside[0]} [" not in drawn:
+                own = f"{own}\n{outside[0]} [label=LCM]"
+        own = _LCM.sub(lambda m: f"{m[1]}{Number(m[2])}{m[3]}", own)
+        numbered = _NUMBERED_LINE.sub(lambda m: f"{m[1]}{Number(m[2])}{m[3]}", own)
         text.append(_PYTHON_CLASS.sub(r"<B>\1</B>", numbered))
         if line == "rankdir=LR":
             text.append(_STYLE)
