@@ -174,6 +174,8 @@ class Adaptive:
     upper: tuple[float, ...]
     count: tuple[int, ...]
     width: float
+    # The rate of the third network's law; None: that of the others.
+    third_rate: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -279,7 +281,8 @@ class AdaptiveLaw:
         u = F_c - F_e
         g = self.P @ s + self.G1.T @ inverse.T @ z
         W1_dot = c.adaptation_rate * (np.outer(g, Phi) - c.leakage * W1)
-        W3_dot = c.adaptation_rate * (-np.outer(z, Phi) - c.leakage * W3)
+        third_rate = c.adaptation_rate if c.third_rate is None else c.third_rate
+        W3_dot = third_rate * (-np.outer(z, Phi) - c.leakage * W3)
         Psi_dot = c.adaptation_rate * (
             np.outer(g, u) + c.supervision * (self.psi0 - Psi)
         )
@@ -534,6 +537,18 @@ class Result:
                 ranked = [(values[i], times[i]), (-peak.fun, peak.x)]
                 best, best_time = max((best, best_time), *ranked)
         return best_time, sign * best
+
+    def rest_time(self, step=2e-4):
+        """From contact until v and F_e stay in bands of 5 % of v_d and the last F_e."""
+        contact = self.event("contact").time
+        times = np.arange(contact, self.end, step)
+        signals = self.sample(times)
+        v = np.linalg.norm(signals["v_WT"], axis=1)
+        F_e = signals["F_e"]
+        off = np.linalg.norm(F_e - F_e[-1], axis=1)
+        moves = v >= 0.05 * np.linalg.norm(self.task.velocity)
+        is_at_rest = ~moves & (off < 0.05 * np.linalg.norm(F_e[-1]))
+        return times[~is_at_rest][-1] - contact
 
     def metrics(self):
         """The thesis's numbers along x; those of events that never came are absent."""

@@ -5,16 +5,20 @@ Each is taken from a run or an analysis, and compared with the page's text.
 
 import re
 
+import appendix_a as arm
+import independent_solver as oracle
 import numpy as np
 import pytest
 import standard_dh
 from documentation import ROOT
 from grids import Slow
 from pydrake.multibody.tree import JacobianWrtVariable
+from scipy.optimize import brentq
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
+from teleop_drake.stations import ResolveController
 from teleop_drake.tasks.metrics import RunMetrics
 
 TASKS = ("one_dof", "two_dof_collision", "two_dof_combined")
@@ -53,6 +57,18 @@ def test_rest_at_higher_rates_of_adaptation(name, task):
         assert found is None
     else:
         assert found == pytest.approx(float(text), abs=6e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", ["one_dof", "two_dof_combined"])
+def test_the_independent_solver_rests_sooner_with_a_fast_third_network(task):
+    """It has the page's time, too; 2e-4 s lie between its samples."""
+    duration = LoadScenario(task).duration
+    model = oracle.thesis_task(task, True, third_rate=100.0)
+    cells = re.search(r"^\| `controller.beta3=100` \|(.*)\|$", page("learning"), re.M)
+    text = cells[1].split("|")[TASKS.index(task)]
+    found = oracle.solve(model, duration, rtol=1e-8).rest_time()
+    assert found == pytest.approx(float(text), abs=6e-3)
 
 
 def metric_of(task, metric, **overrides):
@@ -155,3 +171,48 @@ def test_the_friction_of_the_puma_at_the_tip():
     numbers = re.search(r"([\d.]+) N \(Coulomb\) and ([\d.]+) N \(viscous\)", text)
     expected = [float(x) for x in numbers.groups()]
     assert [coulomb, viscous] == pytest.approx(expected, abs=0.05)
+
+
+def damped_margin(x, stiffness, damping):
+    """The round trip at which the damped arm at rest oscillates, in s.
+
+    (M s + b + k/s) v = -H(s) exp(-s T) v, with the tool's inertia of Appendix A and the
+    stiffness along x: |e| = 1 for an eigenvalue e = -exp(j w T) of (M s + b + k/s)/H.
+    """
+    q = arm.joints((x, 0.0))
+    J = arm.J(q)
+    M = np.linalg.inv(J @ np.linalg.inv(arm.M(q)) @ J.T)
+    k = np.diag([stiffness, 0.0])
+
+    def eigenvalues(w):
+        s = 1j * w
+        H = (25 * s + 50) / (s * s + 25 * s)
+        found = np.linalg.eigvals((s * M + damping * np.eye(2) + k / s) / H)
+        return found[np.argsort(abs(found))]
+
+    def excess(w, i):
+        return np.log(abs(eigenvalues(w)[i]))
+
+    frequencies = np.geomspace(0.01, 100, 2001)
+    delays = []
+    for i in range(2):
+        values = [excess(w, i) for w in frequencies]
+        for place in np.flatnonzero(np.diff(np.sign(values))):
+            w = brentq(excess, *frequencies[place : place + 2], args=(i,))
+            delays.append(np.angle(-1 / eigenvalues(w)[i]) % (2 * np.pi) / w)
+    return min(delays)
+
+
+def test_the_margins_of_the_damper():
+    """Of case II with the damping by rule: from the closed loop's characteristic."""
+    pattern = (
+        r"([\d.]+) s in free space \(([\d.]+) s about an arm at rest\) and ([\d.]+)"
+    )
+    free, at_rest, bone = map(float, re.search(pattern, page("architectures")).groups())
+    scenario = LoadScenario("two_dof_collision", {"controller.kind": "damped_force"})
+    results = AnalyzeStability(scenario, max_delay=3.0)
+    margins = [results[name].margin.delay for name in ("free", "bone")]
+    assert margins == pytest.approx([free, bone], abs=6e-3)
+    damping = ResolveController(scenario).damping[0, 0]
+    assert damped_margin(0.925, 0.0, damping) == pytest.approx(at_rest, abs=6e-3)
+    assert damped_margin(1.0041, 150.0, damping) == pytest.approx(bone, abs=6e-3)
