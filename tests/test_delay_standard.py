@@ -357,6 +357,21 @@ def test_the_last_row_of_an_instant_counts(tmp_path, capsys):
     assert code == 0, printed
 
 
+@pytest.mark.parametrize("name", ["delay_echo", "delay_sawtooth", "delay_switch"])
+def test_single_precision_is_inside(name, tmp_path, capsys):
+    """Of a simulator that adds up its clock, and computes the ramp from that."""
+    columns = dict(Columns(name))
+    steps = np.round(columns["time"] / 0.01).astype(int)
+    clock = np.cumsum(np.full(steps[-1], 0.01, np.float32), dtype=np.float32)
+    drift = clock[steps - 1] - columns["time"]
+    assert np.abs(drift).max() > 1e-7
+    for signal, values in columns.items():
+        if name != "delay_echo" or signal != "step_echo":
+            columns[signal] = np.where(values == 0, values, values + drift)
+    code, (printed, _) = Check(name, columns, tmp_path, capsys)
+    assert code == 0, printed
+
+
 def test_an_error_of_another_form_has_no_name(tmp_path, capsys):
     columns = dict(Columns("delay_vector"))
     columns["force_echo"] = columns["force_echo"] ** 2

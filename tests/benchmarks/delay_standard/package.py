@@ -17,7 +17,7 @@ from teleop_drake import Compile
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.blocks.channels.variable import DelayProfile, VariableDelay
 from teleop_drake.kernel import Delay, FixedBlock, Kernel, Transition
-from teleop_drake.parameters import SetParameter
+from teleop_drake.parameters import SetNumbers
 from teleop_drake.simulation import simulate
 
 STALE = stale_packets()
@@ -246,7 +246,7 @@ class Package(Simulator):
             runs = []
             for T in delays:
                 context = diagram.CreateDefaultContext()
-                SetParameter(diagram, context, "late.delay", T)
+                SetNumbers(diagram, context, {"late.delay": T})
                 run = simulate(diagram, context=context, duration=end, engine="drake")
                 runs.append(run)
         return np.column_stack([run.Interpolate("answer", times) for run in runs])

@@ -14,8 +14,8 @@ STEP = Fraction(1, 100)
 MILLISECOND = Fraction(1, 1000)
 """By how much a delay is too long in the fault `delay_error`, s."""
 
-EXACT = 1e-9
-"""Tube of signals that a fixed step represents exactly."""
+EXACT = 1e-6
+"""Tube of signals that a fixed step represents exactly: of single precision."""
 
 
 @dataclass
