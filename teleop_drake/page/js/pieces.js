@@ -45,9 +45,12 @@ export function bisect(holds, low, high) {
 
 // The sum of signals in pieces with weights, and a number.
 export function combine(weights, signals, constant = 0) {
-  return signals[0].map((y, i) =>
-    y.map((_, node) => signals.reduce((sum, x, k) => sum + weights[k] * x[i][node], constant)),
-  );
+  const valueOf = (i, node) => {
+    let sum = constant;
+    for (let k = 0; k < signals.length; ++k) sum += weights[k] * signals[k][i][node];
+    return sum;
+  };
+  return signals[0].map((y, i) => y.map((_, node) => valueOf(i, node)));
 }
 export const minus = (a, b) => combine([1, -1], [a, b]);
 const negative = (a) => combine([-1], [a]);

@@ -13,6 +13,9 @@ const STUCK = 2;
 const ROWS = 2 * 4;
 const TRIES = 2 * 6;
 
+const NODES_OF_STEP = range(5);
+const QUARTERS = range(4);
+
 const MOST_TRIES = 4e6;
 const MOST_ROOM = 1 << 19;
 const FIRST_PAUSE = 300; // ms of simulating before the browser may draw,
@@ -104,7 +107,8 @@ export class Run {
     const flags = this.array("row_ends", Int32Array);
     this.time = this.array("row_times", Float64Array, count);
     this.rows = this.array("rows", Float64Array, count * this.width);
-    this.ends = range(count).filter((i) => flags[2 * i]);
+    this.ends = [];
+    for (let row = 0; row < count; ++row) if (flags[2 * row]) this.ends.push(row);
     if (!isOver) return;
     this.time = this.time.slice();
     this.rows = this.rows.slice();
@@ -134,8 +138,8 @@ export class Run {
     const { bounds } = this.z;
     let first = null;
     for (let bound = 0; bound < bounds.length / 4; ++bound) {
-      const excess = range(5).map((k) => this.excess(rows, last - 4 + k, bound));
-      const j = range(4).find((k) => excess[k] < 0 && !(excess[k + 1] < 0));
+      const excess = NODES_OF_STEP.map((k) => this.excess(rows, last - 4 + k, bound));
+      const j = QUARTERS.find((k) => excess[k] < 0 && !(excess[k + 1] < 0));
       if (j === undefined) continue;
       const powers = powersOf(excess);
       const crossing = bisect((x) => valueAt(powers, x) < 0, j / 4, (j + 1) / 4);
@@ -166,11 +170,11 @@ export class Run {
     const first = last - 4;
     for (let column = 0; column < this.width; ++column) {
       const placeOf = (node) => (first + node) * this.width + column;
-      const powers = powersOf(range(5).map((node) => rows[placeOf(node)]));
-      for (const node of range(5)) rows[placeOf(node)] = valueAt(powers, (share * node) / 4);
+      const powers = powersOf(NODES_OF_STEP.map((node) => rows[placeOf(node)]));
+      for (const node of NODES_OF_STEP) rows[placeOf(node)] = valueAt(powers, (share * node) / 4);
     }
     const length = share * (times[last] - times[first]);
-    for (const node of range(5)) times[first + node] = times[first] + (length * node) / 4;
+    for (const node of NODES_OF_STEP) times[first + node] = times[first] + (length * node) / 4;
   }
 
   // The columns of a port, undefined if this loop has none of that name.
