@@ -9,6 +9,7 @@ import argparse
 import importlib
 import io
 import os
+import re
 import sys
 import typing
 from collections.abc import Sequence
@@ -76,11 +77,24 @@ def _ExitCodeOf(error: BaseException) -> int:
     raise error
 
 
+# What argparse says of an option whose value is none of its choices.
+_INVALID_CHOICE = re.compile(
+    r"argument (.+): invalid choice: '?(.*?)'? \(choose from (.*)\)$"
+)
+
+
 class _Parser(argparse.ArgumentParser):
     """Reports a bad option on one line, without the usage."""
 
     def error(self, message: str) -> typing.NoReturn:
-        raise BadInput(message)
+        choice = _INVALID_CHOICE.match(message)
+        if choice is None:
+            raise BadInput(f"{message}; `{self.prog} --help` has the options")
+        from teleop_drake.validation import Choices  # It imports numpy.
+
+        name, value, choices = choice.groups()
+        allowed = Choices(value, re.findall(r"[\w.-]+", choices))
+        raise BadInput(f"{name} = {value!r}: must be {allowed}")
 
 
 _COMMANDS = {

@@ -14,6 +14,7 @@ import functools
 import hashlib
 import hmac
 import os
+import re
 import secrets
 import socket
 from collections import Counter
@@ -265,18 +266,21 @@ def NewKey(file: str) -> None:
 
 def ReadKey(file: str) -> bytes:
     """Returns the key in a file; refuses one that others can read."""
-    allowed = "of `serve --new-key FILE`, for its owner alone"
+    allowed = (
+        "a file that `teleop-drake serve --new-key FILE` made, for its owner alone"
+    )
     try:
         with open(file, encoding="ascii") as stream:
             mode = os.fstat(stream.fileno()).st_mode & 0o777
             text = stream.read(100)
-        key = bytes.fromhex(text)
     except (OSError, ValueError) as error:
-        Refuse("key", file, f"{allowed} ({error})")
+        reason = getattr(error, "strerror", None) or "it is no text"
+        Refuse("key", file, f"{allowed} ({reason})")
     if mode & 0o077:
-        Refuse("key", file, f"{allowed} (its mode is {mode:o})")
-    if len(key) != 32:
-        Refuse("key", file, f"{allowed} (it has {len(key)} bytes, not 32)")
+        Refuse("key", file, f"{allowed} (its mode is {mode:o}; `chmod 600` mends it)")
+    if not re.fullmatch("[0-9a-f]{64}", text.strip()):
+        Refuse("key", file, f"{allowed} (a key is 64 hexadecimal digits)")
+    key = bytes.fromhex(text)
     return key
 
 

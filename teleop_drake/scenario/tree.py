@@ -185,7 +185,7 @@ def _CheckForeign(
         fields = [(f"{place}.{x}", given[x], neutral[x]) for x in neutral]
     for place, actual, expected in fields:
         if actual != expected:
-            Refuse(place, actual, f"{Show(expected)} for a {kind.kind} {table.noun}")
+            Refuse(place, actual, f"{Show(expected)} for the {kind.kind} {table.noun}")
 
 
 def _CheckMapping(value: Any, keys: Iterable[str], path: str) -> None:

@@ -401,7 +401,7 @@ def no_simulation(monkeypatch):
     "command, message",
     [
         ("", "the following arguments are required: COMMAND"),
-        ("rum one_dof", "argument COMMAND: invalid choice: 'rum'"),
+        ("rum one_dof", "COMMAND = 'rum': must be one of"),
         ("run", "the following arguments are required: SCENARIO"),
         ("run one_dot", "scenario = 'one_dot': must be one of "),
         ("run a.yaml", "scenario file 'a.yaml': must be readable"),

@@ -363,7 +363,7 @@ BAD_ONE_DOF = [
     ("return_channel.kind=transprot", "return_channel.kind = 'transprot': must be one"),
     ("robot.model=robot", "robot.model = 'robot': must be one of slider, two_link_arm"),
     ("robot.start=[0.015]", "robot.start = [0.015]: must be in front of the contact"),
-    ("robot.elbow=up", "robot.elbow = 'up': must be null for a slider robot"),
+    ("robot.elbow=up", "robot.elbow = 'up': must be null for the slider robot"),
     ("surgeon.velocity=[0]", "surgeon.velocity = [0.0]: must be non-zero"),
     ("surgeon.stop_time=-1", "surgeon.stop_time = -1.0: must be a finite number >= 0"),
     ("haptic_device.numerator=[1, 2, 3, 4]", "haptic_device.numerator = [1.0, 2.0, 3"),
@@ -412,7 +412,7 @@ def test_bad_values(override, message):
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        (["robot.mass=1"], "robot.mass = 1.0: must be null for a two_link_arm robot"),
+        (["robot.mass=1"], "robot.mass = 1.0: must be null for the two_link_arm robot"),
         (["controller.G1=[[1, 2], [0, 1]]"], "controller.G1 = [[1.0, 2.0], [0.0, 1.0]"),
         (["controller.P=[[1, 0], [0]]"], "controller.P = [[1, 0], [0]]: must be a num"),
         (["controller.minimum_psi=3"], "controller.initial_psi = 'auto', here [[6.46"),

@@ -154,11 +154,11 @@ BAD = {
     "kind: network": "sample_period = null: must be a finite number >= 1e-06",
     "kind: variable, sample_period: 0.1": "sample_period = 0.1: must be null",
     "seed: 0.5": "seed = 0.5: must be a whole number",
-    "jitter: {kind: uniform}": "jitter.kind = 'uniform': must be 'none' for a tra",
-    "trace: x.csv": "trace = 'x.csv': must be null for a transport channel",
+    "jitter: {kind: uniform}": "jitter.kind = 'uniform': must be 'none' for the tra",
+    "trace: x.csv": "trace = 'x.csv': must be null for the transport channel",
     "kind: variable, receiver: {depth: 1}": "receiver.depth = 1.0: must be 0.0 for",
     "kind: sampled, sample_period: 0.01, sinusoid: {amplitude: 0.1}":
-        "sinusoid.amplitude = 0.1: must be 0.0 for a sampled channel",
+        "sinusoid.amplitude = 0.1: must be 0.0 for the sampled channel",
     "kind: network, sample_period: 0.01, receiver: {depht: 1}":
         "receiver.depht = 1: unknown key 'depht'",
 }  # fmt: skip

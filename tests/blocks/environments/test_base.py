@@ -124,7 +124,7 @@ def test_the_layers_do_not_vanish_with_their_kind():
         LoadScenario("two_dof_collision", [kind])
     assert str(error.value).startswith("environment.layers = [")
     assert str(error.value).endswith(
-        "must be [] for a own_environment:Floor environment"
+        "must be [] for the own_environment:Floor environment"
     )
     scenario = LoadScenario("two_dof_collision", ["environment.layers=[]", kind])
     assert scenario.environment.kind == "own_environment:Floor"

@@ -139,7 +139,7 @@ def test_the_hand_follows_the_line_that_is_set_and_holds_its_end():
         ("kind=minimum_jerk waypoints=[[0.1,0]]",
          "waypoints.0 = [0.1, 0.0]: must be a list of 1 finite number (m)"),
         ("kind=recorded", "file = null: must be the path of a CSV file"),
-        ("kind=sine rise_time=2", "rise_time = 2.0: must be 0.5 for a sine operator"),
+        ("kind=sine rise_time=2", "rise_time = 2.0: must be 0.5 for the sine operator"),
     ],
 )  # fmt: skip
 def test_refused(fields, message):
