@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import yaml
 from documentation import ROOT
 from grids import Slow
 from league import page, traces
-from league.claims import CLAIMS
+from league.claims import CLAIMS, FindRow
 from league.compete import Compete
 from league.entries import OneAxis, ReadEntries
 from league.felt import BAND, FeltRow, TwoPort
@@ -381,3 +382,30 @@ def test_the_page_tells_the_bounds_of_the_drive():
     text = " ".join(page.PAGE.read_text("utf-8").split())
     told = "{:.0f} rad/s on a bone of 150 N/m and {:.0f} rad/s on one of 300 N/m"
     assert told.format(*bounds) in text
+
+
+def test_the_readme_tells_of_the_league():
+    command, ground, adaptive, rule, core, direct = (
+        SimpleNamespace(**FindRow((name, member, "all")))
+        for name, member in (
+            (BASELINE, "compromise"),
+            ("damper to ground", "compromise"),
+            ("adaptive", "compromise"),
+            ("adaptive", "rule"),
+            ("linear core", "compromise"),
+            ("direct force", "compromise"),
+        )
+    )
+    told = (
+        f"Over {command.count:.0f} runs that no search for gains has seen",
+        f"rest on the bone in {100 * command.at_rest:.0f} % of them, after "
+        f"{command.rest:.2f} s in the median",
+        f"takes {adaptive.rest:.2f} s, and {rule.rest:.2f} s with the thesis's gains; "
+        f"direct force rests in {100 * direct.at_rest:.0f} %.",
+    )
+    text = " ".join((ROOT / "README.md").read_text("utf-8").split())
+    for sentence in told:
+        assert sentence in text
+    others = (command, ground, adaptive, rule)
+    for term in ("rest", "impact"):
+        assert getattr(core, term) < min(getattr(x, term) for x in others)
