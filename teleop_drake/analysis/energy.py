@@ -1,12 +1,8 @@
-"""Energy at both ends of the channels.
+"""Energy between the operator's hand and the tool.
 
-There are two balances. The thesis's packets carry a force forward and a velocity back,
-so that the channels themselves have a power at each end (ChannelEnergyBalance). Other
-architectures send waves, positions or further signals. The balance between the
-operator's hand and the tool exists for every architecture: F_h . v_felt goes in and
-F_c . v comes out (TwoPortEnergyBalance). It includes the channels and both sides of the
-architecture, and therefore the energy that the sides dissipate or store, for example in
-the handle of P+d. With direct force both balances are equal.
+F_h . v_felt goes in and F_c . v comes out. The balance includes the channels and both
+sides of the architecture, and therefore the energy that the sides dissipate or store,
+for example in the handle of P+d.
 """
 
 from collections.abc import Sequence
@@ -45,30 +41,6 @@ class EnergyBalance:
         return np.maximum.accumulate(np.maximum(-self.energy, 0.0))
 
 
-def ChannelEnergyBalance(recording: Recording) -> EnergyBalance:
-    """Balances the energy of the channels of a run with the thesis's packets.
-
-    The product of the recording's polynomials is integrated exactly.
-
-    Raises:
-        ValueError: If it is the recording of something else.
-    """
-    first, second = _Halves(recording)
-    for name in ("forward_packet", "return_packet"):
-        width = recording[f"{name}_sent"].shape[1]
-        if width != second.stop:
-            Refuse(f"entries of {name}", width, f"{second.stop}, as in the thesis")
-    return _Balance(
-        recording,
-        [
-            ("forward_packet_sent", first),
-            ("return_packet_received", second),
-            ("forward_packet_received", first),
-            ("return_packet_sent", second),
-        ],
-    )
-
-
 def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
     """Balances the energy between the operator's hand and the tool of a recorded run.
 
@@ -79,21 +51,17 @@ def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
     Raises:
         ValueError: If it is the recording of something else.
     """
-    first, second = _Halves(recording)
-    everything = slice(None)
-    hand = [("force_command", everything), ("felt_velocity", everything)]
-    if "felt_velocity" not in recording.signals:
-        hand = [("forward_packet_sent", first), ("return_packet_received", second)]
-    tool = [("control_force", everything), ("tool_velocity", everything)]
-    return _Balance(recording, hand + tool)
-
-
-def _Halves(recording: Recording) -> tuple[slice, slice]:
-    """Returns the halves of the thesis's packets, [F_h; v_d] and [p_WT; v_WT]."""
     if "forward_packet_sent" not in recording.signals:
         Refuse("recording", "without packets", "a run of a teleoperation")
     n = recording["tool_velocity"].shape[1]
-    return slice(0, n), slice(n, 2 * n)
+    everything = slice(None)
+    hand = [("force_command", everything), ("felt_velocity", everything)]
+    if "felt_velocity" not in recording.signals:
+        # The thesis's packets, [F_h; v_d] and [p_WT; v_WT].
+        hand = [("forward_packet_sent", slice(0, n))]
+        hand.append(("return_packet_received", slice(n, 2 * n)))
+    tool = [("control_force", everything), ("tool_velocity", everything)]
+    return _Balance(recording, hand + tool)
 
 
 def _Balance(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from grids import Slow
 
-from teleop_drake.analysis.energy import ChannelEnergyBalance, TwoPortEnergyBalance
+from teleop_drake.analysis.energy import TwoPortEnergyBalance
 from teleop_drake.numerics.step_polynomials import DEGREE
 from teleop_drake.recording import Recording, SolverStatistics
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
@@ -54,12 +54,11 @@ def Sinusoids(phi, forward, back, w):
     )
 
 
-@pytest.mark.parametrize("Balance", [ChannelEnergyBalance, TwoPortEnergyBalance])
 @pytest.mark.parametrize("phi", [-1.2, 0.4])
-def test_sinusoids_in_closed_form(Balance, phi):
+def test_sinusoids_in_closed_form(phi):
     """A raw delay makes energy at some phases. The law here passes the force on."""
     w, forward, back = 3.0, 0.3, 0.1
-    balance = Balance(Sinusoids(phi, forward, back, w))
+    balance = TwoPortEnergyBalance(Sinusoids(phi, forward, back, w))
     t = balance.time
     # sin a sin b = (cos(a - b) - cos(a + b))/2, integrated from 0.
     expected = 0.7 * (
@@ -74,13 +73,9 @@ def test_sinusoids_in_closed_form(Balance, phi):
 
 def test_other_recordings():
     recording = Sinusoids(0.4, 0.3, 0.1, 3.0)
-    recording.signals["forward_packet_sent"] = np.zeros((len(recording.time), 3))
-    with pytest.raises(ValueError, match="entries of forward_packet = 3"):
-        ChannelEnergyBalance(recording)
     del recording.signals["forward_packet_sent"]
-    for Balance in (ChannelEnergyBalance, TwoPortEnergyBalance):
-        with pytest.raises(ValueError, match="recording = 'without packets'"):
-            Balance(recording)
+    with pytest.raises(ValueError, match="recording = 'without packets'"):
+        TwoPortEnergyBalance(recording)
 
 
 def BySamples(recording):
