@@ -39,13 +39,14 @@ class Claim(NamedTuple):
 
 
 def FindRow(key: Key) -> Row:
-    """Returns the row of a key; for searches the `least` and the `most` cost."""
+    """Returns the row of a key; for searches the costs and their spread."""
     columns = ("architecture", "member", "runs")[: len(key)]
     table = ReadTable(("league_search", "league_felt", "league")[len(key) - 1])
     rows = [row for row in table if tuple(row[column] for column in columns) == key]
     if len(key) == 1:
         costs = [row["cost"] for row in rows]
-        return {"least": min(costs), "most": max(costs)} | {
+        spread = max(costs) / min(costs) - 1
+        return {"least": min(costs), "most": max(costs), "spread": spread} | {
             name: min(row[name] for row in rows)
             for name in rows[0]
             if name.startswith("cost_2_")
@@ -241,5 +242,20 @@ CLAIMS = (
             "four_delay": _All("four channels", runs="delay"),
         },
         lambda r: max(x.at_rest for x in (r.pd, r.p_d, r.four)) < 1,
+    ),
+    Claim(
+        "**Two entries are not searched out.** From search to search the least cost"
+        " differs by {pd.spread:.0%} for PD at the slave and by {p_d.spread:.0%} "
+        "for P+d, and by less than 5% for all others.",
+        {"pd": ("PD at the slave",), "p_d": ("P+d",)},
+        lambda r: (
+            r.pd.spread > 0.05
+            and r.p_d.spread > 0.05
+            and all(
+                FindRow((row["architecture"],))["spread"] < 0.05
+                for row in ReadTable("league_search")
+                if row["architecture"] not in ("PD at the slave", "P+d")
+            )
+        ),
     ),
 )
