@@ -76,14 +76,16 @@ class Site:
         shutil.copy(_TEMPLATES / "site.css", self._out)
         has_reference = "api" in self._parts
         for page in PAGES[1:]:
-            body = _Markdown(_TextOnSite(page, has_reference))
+            text = page.read_text("utf-8")
+            body = _Markdown(_TextOnSite(text, page.parent, "", has_reference))
             self._Save(f"{page.stem}.html", Title(page), body)
         for picture in _DOCS.glob("*.png"):
             shutil.copy(picture, self._out)
         start = self._start.render(
             parts=self._parts, has_notebooks=bool(self._notebooks)
         )
-        contents = _Markdown(_TextOnSite(_INDEX, has_reference).partition("\n")[2])
+        _, _, index = _INDEX.read_text("utf-8").partition("\n")
+        contents = _Markdown(_TextOnSite(index, _DOCS, "", has_reference))
         self._Save("index.html", "Teleoperation under delay", start + contents)
         writers = (
             self._WriteLive,
@@ -113,11 +115,13 @@ class Site:
     def _Groups(self) -> Mapping[str, Mapping[str, str]]:
         """Returns the groups of the side bar: titles by the names of files."""
         pages = {f"{page.stem}.html": Title(page) for page in PAGES[1:]}
-        groups = {"": {"index.html": "Start"}, "Pages": pages}
+        start = {"index.html": "Start"}
         if "thesis" in self._parts:
-            groups["Thesis"] = {"thesis/report.html": "The executable thesis"}
+            start["thesis/report.html"] = "The executable thesis"
+        groups = {"": start}
         if "live" in self._parts:
             groups["Live"] = {f"live/{x}.html": live[0] for x, live in _LIVE.items()}
+        groups["Pages"] = pages
         if self._notebooks:
             groups["Notebooks"] = {"notebooks/index.html": "Gallery"} | {
                 f"notebooks/{path.stem}.html": _NotebookTitle(path)
@@ -173,6 +177,11 @@ class Site:
             notebook = nbformat.read(path, as_version=4)
             where = {"metadata": {"path": str(path.parent)}}
             NotebookClient(notebook, timeout=600, resources=where).execute()
+            for cell in notebook.cells:
+                if cell.cell_type == "markdown":
+                    cell.source = _TextOnSite(
+                        cell.source, _NOTEBOOKS, "../", "api" in self._parts
+                    )
             body = "\n".join(map(_CellHtml, notebook.cells))
             title = _NotebookTitle(path)
             self._Save(f"notebooks/{path.stem}.html", title, body)
@@ -237,26 +246,29 @@ def _OutputHtml(output: Any) -> str:
     return f'<div class="output">{rich}</div>'
 
 
-def _TextOnSite(page: Path, has_reference: bool) -> str:
-    """Returns the text of a page, in which the links to files are those of the site.
+def _TextOnSite(text: str, folder: Path, up: str, has_reference: bool) -> str:
+    """Returns a text in which the links to files are those of the site.
 
     A link to a file of the repository that the site does not have becomes plain text.
+
+    Args:
+        folder: Of the file that has the text.
+        up: What leads from the text's page to the first folder of the site.
+        has_reference: Whether the site has the API reference.
     """
 
     def Link(match: re.Match[str]) -> str:
-        text, file, anchor = match.groups()
-        path = Path(os.path.normpath(page.parent / file))
+        name, file, anchor = match.groups()
+        path = Path(os.path.normpath(folder / file))
         if path in PAGES:
-            return f"{text}({path.stem}.html{anchor})"
+            return f"{name}({up}{path.stem}.html{anchor})"
         is_module = path.is_relative_to(_PACKAGE) and path.suffix in ("", ".py")
         if is_module and has_reference:
             module = path.relative_to(_PACKAGE.parent).with_suffix("")
-            return f"{text}(api/{module.as_posix()}.html{anchor})"
-        return text[1:-1]
+            return f"{name}({up}api/{module.as_posix()}.html{anchor})"
+        return name[1:-1]
 
-    return re.sub(
-        r"(?<!!)(\[[^]]+\])\(([^):#]+)(#[^)]*|)\)", Link, page.read_text("utf-8")
-    )
+    return re.sub(r"(?<!!)(\[[^]]+\])\(([^):#]+)(#[^)]*|)\)", Link, text)
 
 
 def PrintProgress(line: str) -> None:

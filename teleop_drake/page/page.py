@@ -88,7 +88,7 @@ class Page:
         """Returns a frame with the page, which needs no kernel."""
         return (
             f'<iframe srcdoc="{html.escape(self.html)}" width="100%" height="800" '
-            'style="border: 0"></iframe>'
+            'title="Living diagram" style="border: 0"></iframe>'
         )
 
 

@@ -10,7 +10,7 @@ from nbformat.v4 import new_code_cell, new_markdown_cell, new_output
 
 import teleop_drake
 from teleop_drake.cli import main
-from teleop_drake.cli.site import PAGES, WriteSite, _CellHtml
+from teleop_drake.cli.site import PAGES, WriteSite, _CellHtml, _TextOnSite
 
 
 def Broken(folder: Path) -> list[str]:
@@ -83,6 +83,12 @@ def test_a_cell_of_a_notebook_has_its_outputs():
     assert 'src="data:image/png;base64,QUJD"' in _CellHtml(code)
     code.outputs = [new_output("display_data", {"text/html": "<b>x</b>"})]
     assert "<b>x</b>" in _CellHtml(code)
+
+
+def test_links_of_notebooks_are_those_of_the_site():
+    folder = Path(teleop_drake.__file__).parents[1] / "notebooks"
+    text = "[a](../teleop_drake/docs/learning.md#b), [c](solutions.md)"
+    assert _TextOnSite(text, folder, "../", True) == "[a](../learning.html#b), c"
 
 
 def test_formulas_of_notebooks_are_mathml():

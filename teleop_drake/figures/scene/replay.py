@@ -55,7 +55,7 @@ class Replay:
         """Returns the page in a frame of its own."""
         return (
             f'<iframe srcdoc="{html.escape(self.html)}" width="100%" '
-            f'height="{_FRAME_HEIGHT}" style="border: 0"></iframe>'
+            f'height="{_FRAME_HEIGHT}" title="Replay" style="border: 0"></iframe>'
         )
 
     def Save(self, path: str | Path) -> None:
