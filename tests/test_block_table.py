@@ -92,6 +92,7 @@ def Primitives() -> Diagram:
         drake.Integrator(2),
         drake.FirstOrderLowPassFilter(0.2, 2),
         drake.PassThrough(2),
+        drake.WrapToSystem(2),
         drake.VectorLogSink(2, 0.1),
     ]
     for i, system in enumerate(row):

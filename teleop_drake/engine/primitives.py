@@ -3,16 +3,22 @@
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from pydrake.systems.framework import Context, PortDataType, System
 from pydrake.systems.primitives import (
     AffineSystem,
     LinearSystem,
     MatrixGain,
+    WrapToSystem,
 )
 
 from teleop_drake.arrays import Array
 from teleop_drake.engine.symbolic_kernel import IsOfDrake, SymbolicKernel
 from teleop_drake.kernel import Kernel, Name, Term, Transition
+
+# Farther away than the intervals of angles, and how many bisections find their ends.
+_FAR = 1e3
+_NUM_BISECTIONS = 100
 
 
 def affine(constant: Array, A: Array, x: Array) -> Array:
@@ -23,6 +29,19 @@ def affine(constant: Array, A: Array, x: Array) -> Array:
 def affine_of_two(constant: Array, A: Array, x: Array, B: Array, u: Array) -> Array:
     """Returns A x + B u + constant."""
     return A @ x + B @ u + constant
+
+
+def wrapped(lows: Array, periods: Array, sizes: Array, u: Array) -> Array:
+    """Returns what is left of each signal in its interval.
+
+    Args:
+        lows: Where the intervals begin.
+        periods: Their lengths; 1 without an interval.
+        sizes: Their lengths; 0 without an interval.
+        u: The signals.
+    """
+    rest: Array = u - sizes * np.floor((u - lows) / periods)
+    return rest
 
 
 def PrimitiveKernel(system: System, context: Context) -> Kernel | None:
@@ -85,9 +104,39 @@ def _AffineKernel(system: AffineSystem) -> Kernel:
     )
 
 
+def _WrapKernel(system: WrapToSystem) -> Kernel:
+    """Returns the kernel of a system whose intervals only its outputs tell."""
+    context = system.CreateDefaultContext()
+    size = system.get_input_port().size()
+
+    def At(u: Array) -> Array:
+        system.get_input_port().FixValue(context, u)
+        y: Array = system.get_output_port().Eval(context)
+        return y
+
+    inside = At(np.zeros(size))
+    outside = inside + _FAR
+    is_wrapped = At(outside) != outside
+    # The ends of the intervals are the first values that do not stay as they are.
+    below = inside
+    for _ in range(_NUM_BISECTIONS):
+        middle = (below + outside) / 2
+        stays = At(middle) == middle
+        below = np.where(stays, middle, below)
+        outside = np.where(stays, outside, middle)
+    lows = np.where(is_wrapped, At(outside), 0.0)
+    sizes = np.where(is_wrapped, outside - lows, 0.0)
+    periods = np.where(is_wrapped, sizes, 1.0)
+    return Kernel(
+        outputs={"y0": (wrapped, "lows", "periods", "sizes", "u0")},
+        parameters={"lows": lows, "periods": periods, "sizes": sizes},
+    )
+
+
 KERNELS: dict[type[System], Callable[[Any], Kernel]] = {
     AffineSystem: _AffineKernel,
     LinearSystem: _AffineKernel,
     MatrixGain: _AffineKernel,
+    WrapToSystem: _WrapKernel,
 }
 """Kernels that are not made of the symbolic form of a system, by its class itself."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
+from pydrake.common import RandomDistribution
 from pydrake.examples import (
     AcrobotPlant,
     PendulumPlant,
@@ -30,6 +31,7 @@ from pydrake.systems.primitives import (
     MultilayerPerceptron,
     Multiplexer,
     PassThrough,
+    RandomSource,
     Saturation,
     Sine,
     WrapToSystem,
@@ -37,6 +39,7 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake.engine.check import KernelDisagrees
+from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel
 
@@ -94,10 +97,26 @@ def test_an_input_that_nothing_depends_on_may_be_connected():
 
 
 def test_a_block_without_a_kernel_is_named():
-    block = WrapToSystem(1)
-    block.set_name("turns")
-    with pytest.raises(UnsupportedSystem, match=r"System 'turns' .* offers no kernel"):
+    block = RandomSource(RandomDistribution.kUniform, 1, 0.1)
+    block.set_name("noise")
+    with pytest.raises(UnsupportedSystem, match=r"Source 'noise' .* offers no kernel"):
         CheckKernel(block)
+
+
+@pytest.mark.parametrize("angle", [-20.0, -np.pi, 0.0, 1.5, np.pi, 9.0])
+def test_angles_are_wrapped_as_in_drake(angle):
+    """Drake does not tell the intervals of its block."""
+    block = WrapToSystem(4)
+    block.set_interval(0, -np.pi, np.pi)
+    block.set_interval(1, 0.0, 2 * np.pi)
+    block.set_interval(3, -7.3, -1.1)
+    context = block.CreateDefaultContext()
+    u = np.full(4, angle)
+    block.get_input_port().FixValue(context, u)
+    expected = block.get_output_port().Eval(context)
+    y, _ = Evaluator(block, context).Evaluate(context)
+    np.testing.assert_allclose(y[:4], expected, rtol=0, atol=1e-14)
+    assert y[2] == angle
 
 
 def slider(effort_limit):

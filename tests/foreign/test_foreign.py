@@ -10,6 +10,7 @@ from foreign.manipulation import MANIPULATION
 from foreign.underactuated import UNDERACTUATED
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 
+from teleop_drake import WritePage
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.engine.run import CompiledRun
@@ -61,6 +62,14 @@ def test_it_compiles_and_moves_as_in_drake(system):
         ]:
             scale = max(1.0, np.abs(expected).max(initial=0.0))
             np.testing.assert_allclose(value, expected, rtol=0, atol=1e-9 * scale)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("system", COMPILED, ids=lambda system: system.name)
+def test_it_becomes_a_page(system, tmp_path):
+    diagram, context = system.Make()
+    WritePage(diagram, tmp_path / "page.html", context=context, vary={})
+    assert (tmp_path / "page.html").stat().st_size > 50_000
 
 
 @pytest.mark.parametrize("system", OTHERS, ids=lambda system: system.name)

@@ -244,7 +244,7 @@ def TriplePendulum(builder):
 
 UNDERACTUATED = [
     Published("pendulum with LQR", PendulumWithLqr, compiles=True),
-    Published("pendulum with wrapped LQR", PendulumWithWrappedLqr, compiles=False),
+    Published("pendulum with wrapped LQR", PendulumWithWrappedLqr, compiles=True),
     Published("pendulum swings up", PendulumSwingsUp, compiles=False),
     Published("pendulum, limited torque", PendulumWithLimitedTorque, compiles=True),
     Published("pendulum with network", PendulumWithNetwork, compiles=True),
