@@ -198,7 +198,7 @@ def _StatesOf(system: System, context: Context) -> Iterator[_Parameter]:
     if vector.size() == 0 and context.num_discrete_state_groups() > 0:
         if hasattr(system, "Kernel"):
             return  # A mode.
-        vector = context.get_mutable_discrete_state_vector()
+        vector = context.get_mutable_discrete_state(0)
     for i, name in enumerate(_StateNames(system, vector)):
 
         def Read(i: int = i) -> Array:

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Integrator
 
 from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.parameters import SetNumbers
+from teleop_drake.parameters import InitialStates, SetNumbers
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import MakeDiagram, compiled_run, simulate
 from teleop_drake.simulation.compile import Compile
@@ -144,3 +144,16 @@ def test_a_negative_number_of_a_plant_does_not_end_the_process(name):
     context = diagram.CreateDefaultContext()
     with pytest.raises(ScenarioError, match=r"= -1\.0: must be a finite number >= 0"):
         SetNumbers(diagram, context, {f"robot/plant.{name}": -1.0})
+
+
+class TwoGroups(LeafSystem):
+    """A system with two groups of discrete states."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareDiscreteState([1.0, 2.0])
+        self.DeclareDiscreteState([3.0])
+
+
+def test_states_of_several_groups_are_those_of_the_first():
+    assert InitialStates(TwoGroups()) == {"x0(0)": 1.0, "x1(0)": 2.0}
