@@ -75,6 +75,10 @@ def test_json_on_stdout(capsys):
         {"forward_channel.delay": 0.05, "return_channel.delay": 0.05},
     )
     transparency = record.pop("transparency")
+    units = record.pop("units")
+    point = record["operating_points"][0]
+    assert set(units) <= {*record, *point}
+    assert units["phase_margin"] == "rad" and units["delay_margin"] == "s"
     assert record == AnalyzeStability(scenario).ToRecord()
     assert [point["name"] for point in transparency] == ["tissue", "free", "bone"]
     assert not any(point["absolutely_stable"] for point in transparency)

@@ -56,7 +56,10 @@ def test_over_loopback(tmp_path, unrendered):
 SERVE, OPERATE = ["serve", "one_dof", "--listen"], ["operate", "one_dof", "--connect"]
 BAD = [
     ([*SERVE, "x", "--key", "KEY"], "listen = 'x': must be HOST:PORT"),
-    ([*SERVE, "0:1", "--key", "none"], "key = 'none': must be a file that `teleop-drake serve --new-key"),
+    (
+        [*SERVE, "0:1", "--key", "none"],
+        "key = 'none': must be a file that `teleop-drake serve --new-key",
+    ),
     ([*OPERATE[:2], "--key", "KEY"], "required: --connect"),
     ([*OPERATE, "0:9", "--key", "KEY", "--period", "0"], "period = 0.0: must be a fin"),
 ]

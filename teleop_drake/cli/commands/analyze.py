@@ -66,6 +66,22 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     )
 
 
+# The keys of the record whose names do not have their unit.
+_UNITS = {
+    key: unit
+    for unit, keys in {
+        "s": "forward_delay return_delay max_delay crossing_delays delay_margin "
+        "stable_delays",
+        "rad": "phase_margin",
+        "rad/s": "gain_crossovers unresolved_below",
+        "1/s": "rightmost_root slave_root hidden_modes",
+        "m": "position",
+        "m/s": "velocity",
+    }.items()
+    for key in keys.split()
+}
+
+
 def Execute(args: argparse.Namespace) -> int:
     """Prints delay margins, stability and transparency, and draws them."""
     from teleop_drake.analysis.loop import Linearizer
@@ -110,6 +126,7 @@ def Execute(args: argparse.Namespace) -> int:
         raise BadInput(e) from None
     # What is printed, drawn and written.
     record = analysis.ToRecord()
+    record["units"] = _UNITS
     record["transparency"] = [point.ToRecord() for point in transparency]
     texts = [_AnalysisTable(record)]
     if chart is not None:
