@@ -93,18 +93,24 @@ def test_it_fits_a_phone(look, reproduced, is_dark):
     assert min(seen["targets"]) >= 44
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory, thesis_runs):
+    """The report with all figures."""
+    folder = tmp_path_factory.mktemp("thesis")
+    return Reproduce(folder, formats=["svg"], runs=thesis_runs)[-1]
+
+
+def Link(task, values):
+    """What tells judge.js a task and the values of its sliders."""
+    return f"#{task}&" + "&".join(f"{key}={x}" for key, x in values.items())
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("task", MOVED)
-def test_a_page_judges_as_the_ledger(look, tmp_path_factory, thesis_runs, task):
+def test_a_page_judges_as_the_ledger(look, whole, thesis_runs, task):
     """At the thesis's numbers and where sliders have moved."""
-    folder = tmp_path_factory.getbasetemp() / "thesis"
-    if not folder.exists():
-        folder.mkdir()
-        Reproduce(folder, formats=["svg"], runs=thesis_runs)
-    page = folder / "report.html"
-    assert page.stat().st_size < 4e6
-    expression = f"#{task}&" + "&".join(f"{k}={x}" for k, x in MOVED[task].items())
-    seen = look(page, "judge.js", link=expression)
+    assert whole.stat().st_size < 4e6
+    seen = look(whole, "judge.js", link=Link(task, MOVED[task]))
     assert len(seen["published"]) > 8
     assert seen["published"] == Verdicts(seen["published"], thesis_runs)
     runs = MovedRuns(task, MOVED[task])
@@ -112,6 +118,15 @@ def test_a_page_judges_as_the_ledger(look, tmp_path_factory, thesis_runs, task):
     assert seen["moved"] != seen["published"]
     # At least one number of both is printed: they are those of the runs here.
     assert re.search(r"\d", seen["texts"][0])
+
+
+@pytest.mark.slow
+def test_what_did_not_happen_is_not_judged(look, whole):
+    """At 0.2 s direct force diverges before it reaches the bone."""
+    link = Link("two_dof_combined", {"delay": 0.2})
+    moved = look(whole, "judge.js", link=link)["moved"]
+    assert moved["5-III-direct-unstable-x"] == "not determinable"
+    assert moved["5-III-sluggish"] == "refuted"
 
 
 def test_only_some_figures_make_no_report(tmp_path):
