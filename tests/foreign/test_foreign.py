@@ -3,6 +3,9 @@
 `python tests/benchmarks/published_systems.py` prints a table of them.
 """
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from foreign.drake_examples import DRAKE
@@ -19,6 +22,8 @@ from teleop_drake.figures.block_diagram import DiagramDot
 SYSTEMS = [*DRAKE, *UNDERACTUATED, *MANIPULATION]
 COMPILED = [system for system in SYSTEMS if system.compiles]
 OTHERS = [system for system in SYSTEMS if not system.compiles]
+
+TABLE = Path(__file__).parents[2] / "teleop_drake/docs/published_systems.md"
 
 # Not where discrete updates happen, s.
 TIMES = (0.0123, 0.317, 0.5432)
@@ -62,6 +67,16 @@ def test_it_compiles_and_moves_as_in_drake(system):
         ]:
             scale = max(1.0, np.abs(expected).max(initial=0.0))
             np.testing.assert_allclose(value, expected, rtol=0, atol=1e-9 * scale)
+
+
+def test_the_table_of_the_documentation_has_each_system():
+    text = TABLE.read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (.*?) \| (.*?) \| (.*?) \| (.*?) \| (.*?) \|", text, re.M)
+    found = {name: cells for name, *cells in rows[1:] if name != "---"}
+    assert found == {
+        system.name: ["yes", "yes", *2 * ["yes" if system.compiles else "no"]]
+        for system in SYSTEMS
+    }
 
 
 @pytest.mark.slow
