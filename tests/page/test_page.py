@@ -118,7 +118,7 @@ def test_the_picture_has_the_values_beside_it(seen):
 
 
 def test_a_click_opens_a_box_and_another_one_adds_a_signal(seen):
-    assert seen["crumbs"].startswith("loop")
+    assert seen["crumbs"].startswith("Tissue, then bone")
     assert seen["crumbs"].endswith("controller")
     before, after = seen["found"]
     assert len(after) == len(before) + 1
