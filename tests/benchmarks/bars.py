@@ -43,7 +43,7 @@ EQUAL = SimulatorConfig(
 
 
 def Measure(options: Options) -> list[Table]:
-    duration = 1.0 if options.quick else 20.0
+    duration = 1.0 if options.quick else 100.0
     rows = []
     for system in SYSTEMS:
         if system.name not in NAMES:
@@ -71,7 +71,7 @@ def Measure(options: Options) -> list[Table]:
                 ),
                 "Run, equal": equal_program.Run,
             },
-            5 * options.repeats,
+            3 * options.repeats,
         )
         cpu = {name: each.cpu for name, each in measured.items()}
         share = cpu["simulate"] / cpu["Simulator"]
