@@ -119,7 +119,7 @@ def Explore(
         scenario_or_diagram,
         controllers=controllers,
         signals=signals,
-        vary=vary,
+        vary=vary or None,
         overrides=overrides,
         context=context,
     )

@@ -11,7 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain
 from wasm_runs import DataOf
 
-from teleop_drake import Compile, TransportDelay, WritePage, simulate
+from teleop_drake import Compile, Explore, TransportDelay, WritePage, simulate
 from teleop_drake.cli import main
 from teleop_drake.page.page import MakePage
 from teleop_drake.page.plants import PlantsIn, ViewOf
@@ -75,8 +75,7 @@ def test_numbers_of_a_context_are_inputs(look, tmp_path):
 
 
 def test_without_ranges_delays_and_four_parameters_have_sliders():
-    diagram = MakePendulum()
-    page = MakePage(diagram)
+    page = Explore(MakePendulum())
     assert page.notes == []
     shown = [name for name in _Inputs(page) if not _Inputs(page)[name]["isField"]]
     assert shown == [
@@ -88,6 +87,16 @@ def test_without_ranges_delays_and_four_parameters_have_sliders():
 def _Inputs(page):
     """Returns the inputs of a page by their names."""
     return {one["name"]: one for one in DataOf(page.html)["inputs"]}
+
+
+def test_a_notebook_names_ranges_and_a_context():
+    diagram = MakePendulum()
+    context = diagram.CreateDefaultContext()
+    SetNumbers(diagram, context, {"plant.length": 0.7})
+    page = Explore(diagram, context=context, delay=(0.0, 0.2))
+    inputs = _Inputs(page)
+    assert inputs["delay"]["max"] == 0.2 and not inputs["delay"]["isField"]
+    assert inputs["plant.length"]["value"] == 0.7 and inputs["plant.length"]["isField"]
 
 
 def test_a_kept_program_takes_all_delays_and_initial_states():
