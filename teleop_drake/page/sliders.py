@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any
 
 from teleop_drake.figures.style import AxisLabel
@@ -153,6 +154,8 @@ def DelayRange(value: float, models: Models) -> tuple[float, float]:
 
 def RangeWith(key: str, ends: Sequence[Any], value: float) -> tuple[float, float]:
     """Returns a range that has a value in it, too."""
+    if len(ends) != 2 or not all(isinstance(end, Real) for end in ends):
+        Refuse(key, ends, "two numbers, the least and the largest value")
     low, high = ends
     if not low < high:
         Refuse(key, f"{low:g}:{high:g}", "LO:HI, the larger one behind")

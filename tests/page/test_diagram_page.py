@@ -115,10 +115,12 @@ def test_a_kept_program_takes_all_delays_and_initial_states():
     [
         ({"plant.lenght": (0.5, 2)}, "did you mean 'plant.length'"),
         ({"plant.length": (2, 0.5)}, "LO:HI, the larger one behind"),
+        ({"plant.length": ("a", "b")}, "plant.length = .*: must be two numbers"),
+        ({"plant.length": (0.5, 1, 2)}, "plant.length = .*: must be two numbers"),
         ({"delay": (-0.1, 0.5)}, "delay = '-0.1:0.5': must be 0 s or more"),
         ({"plant/psi(0)": (0, 1)}, "vary = 'plant/psi.0.': must be one of"),
     ],
-    ids=["unknown", "reversed", "negative", "no state"],
+    ids=["unknown", "reversed", "text", "three", "negative", "no state"],
 )
 def test_what_cannot_be_varied_is_refused(vary, message):
     with pytest.raises(ScenarioError, match=message):
