@@ -30,7 +30,7 @@ PICTURES = {
     "03_delay_two_dof": 3,
     "04_networks": 2,
     "05_neural_network": 2,
-    "06_architectures": 2,
+    "06_architectures": 3,
     "07_stability": 4,
     "08_drive": 1,
     "09_arm_in_space": 2,

@@ -181,10 +181,7 @@ def test_is_a_story_with_the_public_api(path):
         ast.parse(source)
 
 
-SHORT = [path for path in NOTEBOOKS if path.stem != "06_architectures"]
-
-
-@pytest.mark.parametrize("path", SHORT, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_is_short(path):
     """Lines of code are those that are neither empty nor a comment."""
     code = "\n".join(cell.source for cell in CodeCells(Read(path)))

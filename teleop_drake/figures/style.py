@@ -7,7 +7,7 @@ from typing import Any
 
 import matplotlib.figure
 import numpy as np
-from matplotlib import rc_context, rcParams
+from matplotlib import rc_context
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
@@ -98,11 +98,6 @@ def Widen(limits: Interval, scale: float) -> Interval:
     # A constant stays a line, however little it varies; so does zero.
     margin = max(0.06 * (high - low), 0.01 * max(abs(low), abs(high))) or 0.5
     return low - margin, high + margin
-
-
-def UseStyle() -> None:
-    """Gives Matplotlib's own figures the package's colours and open axes."""
-    rcParams.update(_STYLE)
 
 
 def ScaleAndUnit(limits: Interval, unit: str) -> tuple[float, str]:
