@@ -1,29 +1,23 @@
 """Writes the living diagram: one HTML file in which a block diagram simulates."""
 
-import base64
 import dataclasses
-import html
 import inspect
 import itertools
-import json
 import os
-import re
 from collections.abc import Callable, Mapping, Sequence
 from importlib import metadata
-from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from pydrake.systems.framework import Context, System
 
 from teleop_drake.blocks.environments import Surface
-from teleop_drake.files import Replacing
 from teleop_drake.page.colors import PageColor
 from teleop_drake.page.diagram_inputs import DiagramNumbers, MakeDiagramInputs
+from teleop_drake.page.document import Page
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.model import PERIOD, Model, ModelOf
 from teleop_drake.page.plants import PlantsIn, ViewOf
-from teleop_drake.page.script import JoinModules, ReadPart
 from teleop_drake.page.sliders import (
     WHOLE,
     DataOfInputs,
@@ -32,7 +26,7 @@ from teleop_drake.page.sliders import (
     Models,
     Ranges,
 )
-from teleop_drake.page.wasm import ConstantsOf, Packed
+from teleop_drake.page.wasm import ConstantsOf
 from teleop_drake.scenario import (
     AnyScenario,
     AsTeleoperation,
@@ -63,33 +57,6 @@ _FULL_SPEED = 2.0
 
 # A scenario, its name or file; a system; or a function that makes one.
 Shown: TypeAlias = str | os.PathLike[str] | AnyScenario | System | Callable[[], System]
-
-
-class Page:
-    """A living diagram as one HTML file; a notebook shows it where it is the result.
-
-    Attributes:
-        html: The file.
-        data: The model in it; see _Data().
-        notes: What it lacks, and why: a sentence each.
-    """
-
-    def __init__(self, title: str, story: str, data: dict[str, Any], notes: list[str]):
-        self.html = _Html(title, story, data)
-        self.data = data
-        self.notes = notes
-
-    def Save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the file; it appears complete or not at all."""
-        with Replacing(path) as temporary:
-            Path(temporary).write_text(self.html, encoding="utf-8")
-
-    def _repr_html_(self) -> str:
-        """Returns a frame with the page, which needs no kernel."""
-        return (
-            f'<iframe srcdoc="{html.escape(self.html)}" width="100%" height="800" '
-            'title="Living diagram" style="border: 0"></iframe>'
-        )
 
 
 def Explore(
@@ -475,47 +442,3 @@ def _Data(content: _Content, notes: list[str]) -> dict[str, Any]:
             for i, (which, model) in enumerate(models.items())
         ],
     }
-
-
-def _Html(title: str, story: str, data: dict[str, Any]) -> str:
-    """Returns the page: its parts, and the model as text that says nothing to HTML."""
-    texts = {
-        "title": html.escape(title),
-        "story": html.escape(story),
-        "version": html.escape(metadata.version("teleop-drake")),
-        "style": ReadPart("base.css") + ReadPart("page.css"),
-        "script": JoinModules("main.js"),
-        "model": PackedData(data),
-    }
-    return re.sub(r"\{\{(\w+)\}\}", lambda m: texts[m[1]], ReadPart("page.html"))
-
-
-def PackedData(data: Mapping[str, Any]) -> str:
-    """Returns data as the text that a page's script unpacks."""
-    return base64.b64encode(Packed(_Bytes(data))).decode()
-
-
-def _Bytes(data: Mapping[str, Any]) -> bytes:
-    """Returns data as the size of its JSON, the JSON, and what stands in that by place.
-
-    That are bytes, as {"$b": [begin, size]}, and arrays, as {"$f": [begin, count]}. The
-    same ones have the same place.
-    """
-    places: dict[bytes, int] = {}
-    rest = bytearray()
-
-    def Place(part: bytes) -> int:
-        if part not in places:
-            places[part] = len(rest)
-            rest.extend(part + bytes(-len(part) % 8))
-        return places[part]
-
-    def Default(value: Any) -> Any:
-        if isinstance(value, bytes):
-            return {"$b": [Place(value), len(value)]}
-        array = np.asarray(value, np.float64)
-        return {"$f": [Place(array.tobytes()), array.size]}
-
-    text = json.dumps(data, default=Default, allow_nan=False).encode()
-    text += b" " * (-len(text) % 8)
-    return len(text).to_bytes(8, "little") + text + bytes(rest)

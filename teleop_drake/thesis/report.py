@@ -25,7 +25,7 @@ from pathlib import Path
 from string import Template
 
 from teleop_drake.files import Replacing
-from teleop_drake.page.page import PackedData
+from teleop_drake.page.document import PackedData
 from teleop_drake.page.script import JoinModules, ReadPart
 from teleop_drake.thesis.claims import (
     chapter3,

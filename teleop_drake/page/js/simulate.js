@@ -64,5 +64,6 @@ function showRuns(runs, wall) {
   else setCursor(state.cursor);
   showMetrics();
   for (const listen of listeners) listen();
-  say(`${runs.length} runs simulated and drawn in ${wall.toFixed(0)} ms`);
+  const what = runs.length === 1 ? "1 run" : `${runs.length} runs`;
+  say(`${what} simulated and drawn in ${wall.toFixed(0)} ms`);
 }
