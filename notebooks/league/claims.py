@@ -190,13 +190,13 @@ CLAIMS = (
         ),
     ),
     Claim(
-        "**Waves always come to rest, gently and late.** They rest in "
-        "{waves.at_rest:.0%}, after {waves.rest:.2f} s, hit with {waves.impact:.2f}"
+        "**Waves come to rest gently and late.** They rest in "
+        "{waves.at_rest:.1%}, after {waves.rest:.2f} s, hit with {waves.impact:.2f}"
         " times a free mass's force and get there after {waves.arrival:.2f} times "
         "the commanded time.",
         {"waves": _WAVES, "command": _COMMAND},
         lambda r: (
-            r.waves.at_rest == 1
+            0.99 < r.waves.at_rest < 1
             and r.waves.impact_high < r.command.impact_low
             and r.waves.arrival_low > 1.2
         ),

@@ -49,7 +49,7 @@ def _Cells(row: Row, felt: Row) -> tuple[str, ...]:
     """Returns the cells of a member but for its name."""
     return (
         str(row["architecture"]),
-        _WithInterval(row, "at_rest", "{:.0%}"),
+        _WithInterval(row, "at_rest", "{:.1%}"),
         _WithInterval(row, "rest", "{:.2f}"),
         _WithInterval(row, "impact", "{:.2f}"),
         _WithInterval(row, "arrival", "{:.2f}"),
