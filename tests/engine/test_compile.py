@@ -1,8 +1,8 @@
 """Machine code of diagrams: the same numbers, compiled once a structure."""
 
-import os
 import subprocess
 import sys
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -106,9 +106,9 @@ def test_without_a_place_to_keep_it_the_code_still_runs(cache):
 
 @pytest.mark.slow
 def test_several_processes_may_compile_at_once(cache):
+    here = Path(__file__).parent
     program = (
-        "from pathlib import Path; import sys; sys.path[:0] = "
-        f"[{os.path.dirname(__file__)!r}]\n"
+        f"import sys; sys.path[:0] = {[str(here), str(here.parent)]}\n"
         "import test_compile as t; t.check_machine_code(t.decay(3.0))"
     )
     runs = [subprocess.Popen([sys.executable, "-c", program]) for _ in range(3)]
