@@ -1,7 +1,13 @@
 """The text of the README and of the pages of the documentation."""
 
+import os
 import re
 from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.image import imread
 
 ROOT = Path(__file__).parent.parent
 README = ROOT / "README.md"
@@ -13,3 +19,15 @@ def Blocks(language: str) -> list[str]:
     """Returns the blocks of code in that language, the README's first."""
     blocks = re.findall(r"^```(\w*)\n(.*?)^```$", TEXT, re.DOTALL | re.MULTILINE)
     return [text for name, text in blocks if name == language]
+
+
+def CheckPicture(committed: Path, drawn: str | os.PathLike[str]) -> None:
+    """Compares pixel by pixel but for the rendering of fonts, which may differ.
+
+    Matplotlib before 3.11 has other defaults, and other places for the axes.
+    """
+    if tuple(map(int, matplotlib.__version__.split(".")[:2])) < (3, 11):
+        pytest.skip("the committed pictures are of matplotlib 3.11")
+    before, now = imread(committed), imread(drawn)
+    assert now.shape == before.shape
+    assert np.mean(np.abs(now - before)) < 0.01

@@ -3,12 +3,10 @@
 import re
 import shlex
 
-import numpy as np
 import pytest
 import yaml
-from documentation import PAGES, ROOT, TEXT, Blocks
+from documentation import PAGES, ROOT, TEXT, Blocks, CheckPicture
 from grids import Slow
-from matplotlib.image import imread
 from runs import Run
 
 from teleop_drake.analysis.stability import AnalyzeStability
@@ -197,13 +195,9 @@ def test_channel_example_is_valid():
 
 
 def test_figure_is_that_of_the_runs(tmp_path):
-    """Pixel by pixel but for the rendering of fonts, which may differ."""
-    committed = imread(ROOT / "diagrams" / "two_dof_combined.png")
     recordings = {kind: Run("two_dof_combined", kind) for kind in CONTROLLERS}
     SaveFigure(PlotComparison(recordings), tmp_path / "now.png")
-    now = imread(tmp_path / "now.png")
-    assert now.shape == committed.shape
-    assert np.mean(np.abs(now - committed)) < 0.01
+    CheckPicture(ROOT / "diagrams" / "two_dof_combined.png", tmp_path / "now.png")
 
 
 @pytest.mark.slow
@@ -212,7 +206,4 @@ def test_map_is_that_of_the_sweep(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (command,) = re.findall(r"`teleop-drake (sweep one_dof [^`]*--vary[^`]*)`", TEXT)
     assert main([*command.split(), "--metrics", "collision.time", "--quiet"]) == 0
-    committed = imread(PAGES[0].parent / "stability_map.png")
-    now = imread("out/stability.png")
-    assert now.shape == committed.shape
-    assert np.mean(np.abs(now - committed)) < 0.01
+    CheckPicture(PAGES[0].parent / "stability_map.png", "out/stability.png")

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from documentation import ROOT
+from documentation import ROOT, CheckPicture
 from grids import Slow
 from league import page, search, traces
 from league.claims import CLAIMS, FindRow
@@ -39,7 +39,6 @@ from league.statistics import (
     ShareBelow,
     StatisticsRows,
 )
-from matplotlib.image import imread
 
 from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.transparency import FeltStiffness
@@ -313,11 +312,8 @@ def test_the_table_of_felt_stiffness():
     ),
 )
 def test_the_figures(file, draw, tmp_path):
-    committed = imread(DOCS / file)
     SaveFigure(draw(), tmp_path / "now.png")
-    now = imread(tmp_path / "now.png")
-    assert now.shape == committed.shape
-    assert np.mean(np.abs(now - committed)) < 0.01
+    CheckPicture(DOCS / file, tmp_path / "now.png")
 
 
 @pytest.mark.slow
