@@ -149,6 +149,7 @@ def test_a_delay_that_a_loop_needs_does_not_become_0():
         MakePage(MakeEcho(), vary={"echo.delay": (0, 1)})
 
 
+@pytest.mark.slow
 def test_a_scenario_has_a_program_with_and_without_delays(look, tmp_path):
     """Its runs are those of blocks that are made with the delay, or without."""
     overrides = {"duration": 1.0}

@@ -88,7 +88,9 @@ def test_runs_are_those_of_simulate(seen):
 @pytest.mark.parametrize(
     ("name", "kinds", "operators"),
     [
-        ("one_dof", ["wave_variables"], ["sine"]),
+        pytest.param(
+            *("one_dof", ["wave_variables"], ["sine"]), marks=pytest.mark.slow
+        ),
         ("network_tracking_linear", [], []),
         pytest.param(
             *("puma560_six_axes", ["damped_force"], []), marks=pytest.mark.slow
@@ -212,6 +214,7 @@ def ByHand():
     return builder.Build()
 
 
+@pytest.mark.slow
 def test_a_hand_drives_and_can_be_repeated(look, tmp_path):
     page = tmp_path / "drive.html"
     assert main(["drive", "two_dof_collision", "--output", str(page), "--quiet"]) == 0
@@ -239,6 +242,7 @@ def test_a_hand_drives_and_can_be_repeated(look, tmp_path):
         )
 
 
+@pytest.mark.slow
 def test_a_run_that_ends_before_the_hand_has_its_own_metrics(look, tmp_path):
     """Of a hand that one controller follows longer than the other one."""
     page = tmp_path / "drive.html"
@@ -289,11 +293,12 @@ def test_it_ends_where_the_native_run_does(look, tmp_path, name, more, reason):
 @pytest.mark.parametrize(
     ("name", "kinds", "more"),
     [
-        (
+        pytest.param(
             "two_dof_puncture",
             ["proportional_damping"],
             {"surgeon.kind": "human", "surgeon.stop_time": 0.7, "delay": 0.1}
             | {"sensor.encoder.sample_period": 0.02, "duration": 1.3},
+            marks=pytest.mark.slow,
         ),
         ("two_dof_combined", ["direct_force", "wave_variables"], {}),
         ("network_tracking_coupled", [], {"duration": 3.0}),

@@ -58,6 +58,7 @@ def test_a_minute_without_instruction(look, page):
     assert large > 1.5 * small
 
 
+@pytest.mark.slow
 def test_three_things_to_try_set_the_sliders(look, page):
     *three, (back, *values, _) = look(page, "minute.js")["tries"]
     assert three == [

@@ -51,6 +51,7 @@ LOOK = """
 """
 
 
+@pytest.mark.slow
 def test_the_page_shows_a_run_and_plays_it(tmp_path):
     text = MakeReplay({"first": MakeRecording()}).html
     page = tmp_path / "scene.html"
