@@ -19,7 +19,7 @@ from teleop_drake.validation import Choices, ScenarioError
 TOLERANCE = 0.01
 """By what share of it a number may differ from the published one."""
 
-# What rounding makes of zero on another processor, in any unit of the ledger.
+# What rounding makes of a published 0 on another processor, in any unit of the ledger.
 _ZERO = 1e-9
 
 _NUMBER = re.compile(r"-?\d+\.?\d*(?:e[-+]?\d+)?")
@@ -63,8 +63,9 @@ def Agree(expected: str, found: str) -> bool:
         # A number is printed with some digits: half of the last one is no difference.
         digits = len(text.partition(".")[2])
         rounding = 0.5 * 10.0**-digits if digits and "e" not in text else 0.0
-        allowed = TOLERANCE * abs(number) + max(rounding, _ZERO)
-        if abs(float(other) - number) > allowed:
+        if number == 0:
+            rounding = max(rounding, _ZERO)
+        if abs(float(other) - number) > TOLERANCE * abs(number) + rounding:
             return False
     return True
 

@@ -28,6 +28,8 @@ def test_the_published_ledger_is_that_of_the_runs(ledger):
         ("reproduced: never", "reproduced: 3 s", False),
         ("reproduced: 1.0e-05 m", "reproduced: 1.2e-05 m", False),
         ("reproduced: 0 mN", "reproduced: 2.9e-14 mN", True),
+        ("reproduced: 0 mN", "reproduced: 1e-6 mN", False),
+        ("reproduced: 1e-10 m", "reproduced: 2e-10 m", False),
         ("reproduced: -0.5", "reproduced: 0.5", False),
     ],
 )
