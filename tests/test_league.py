@@ -1,6 +1,7 @@
 """The league of architectures: its search, runs, statistics, tables and sentences."""
 
 import json
+import re
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -347,6 +348,15 @@ def test_an_architecture_is_entered(tmp_path):
     (row,) = (row for row in rows if row["runs"] == "all")
     assert row["count"] == 106
     assert row["at_rest"] > 0.9
+
+
+def test_the_readme_explains_the_columns():
+    text = (ROOT / "notebooks/league/README.md").read_text("utf-8")
+    told = set(re.findall(r"`(\w+)`", text))
+    told |= {"architecture", "seed", "run", "gains", "passive_by_design"}
+    for name in ("league", "league_runs", "league_search", "league_felt"):
+        columns = {re.sub("_(low|high)$", "", column) for column in ReadTable(name)[0]}
+        assert columns <= told
 
 
 def test_the_edition_is_cited():

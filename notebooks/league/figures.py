@@ -69,7 +69,7 @@ def Draw(table: Sequence[Row], runs: Sequence[Row], felt: Sequence[Row]) -> Figu
         right.loglog(FREQUENCIES, ratio, **style)
     left.set(xlabel="time since the contact [s]", xlim=(0, _LONGEST), ylim=(0, 1.02))
     left.set_title("held-out runs at rest on the bone [share]")
-    middle.set_xlabel("gets there [times the commanded time]")
+    middle.set_xlabel("time to the bone [times the commanded time]")
     middle.set_title("largest force [times a free mass's impact]")
     middle.set(xlim=(0.9, 3.1), ylim=(0.35, 4.0), yscale="log")
     middle.set_yticks([0.5, 1, 2, 4], ["0.5", "1", "2", "4"])

@@ -10,15 +10,15 @@ PAGE = FOLDER.parents[1] / "teleop_drake/docs/architectures.md"
 HEADER = (
     "architecture",
     "gains",
-    "comes to rest (share of runs)",
-    "rests after (s)",
-    "hits with (times a free mass's force)",
-    "gets there (times the commanded time)",
-    "share of the bone's stiffness lost at 1 rad/s",
-    "the same from 0.3 to 10 rad/s",
+    "runs that come to rest (share)",
+    "time from contact to rest (s)",
+    "largest force (times a free mass's impact)",
+    "time to the bone (times the commanded time)",
+    "stiffness lost at 1 rad/s (share of the bone's)",
+    "stiffness lost from 0.3 to 10 rad/s (share)",
     "error of the felt impedance (0 to 1)",
     "Z-width (decades)",
-    "Llewellyn's parameter, least",
+    "least Llewellyn parameter",
     "passive by design",
 )
 
@@ -73,14 +73,15 @@ def _WithInterval(row: Row, name: str, form: str) -> str:
 
 def _Text(value: float, form: str) -> str:
     text = form.format(value)
-    return {"inf": "never", "-inf": "a port is active", "nan": "-"}.get(text, text)
+    words = {"inf": "never", "-inf": "a port generates energy", "nan": "-"}
+    return words.get(text, text)
 
 
 def Section(name: str) -> str:
     """Returns the text of a part of the page: `table` or `sentences`."""
     if name == "table":
         return "\n".join(TableLines())
-    return "\n".join(f"* {claim.Render()}" for claim in CLAIMS)
+    return "\n".join(f"* {claim.Sentence()}" for claim in CLAIMS)
 
 
 _PART = re.compile(r"<!-- league: (\w+) -->\n(.*?)\n<!-- end -->", re.DOTALL)
