@@ -21,6 +21,18 @@ def Blocks(language: str) -> list[str]:
     return [text for name, text in blocks if name == language]
 
 
+def CountWords(text: str) -> int:
+    """Returns the number of words of a page outside of tables and code.
+
+    Code is what stands between fences or is indented by four spaces; comments do not
+    count either.
+    """
+    text = re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    prose = [line for line in text.splitlines() if not line.startswith(("|", "    "))]
+    return sum(len(line.split()) for line in prose)
+
+
 def CheckPicture(committed: Path, drawn: str | os.PathLike[str]) -> None:
     """Compares pixel by pixel but for the rendering of fonts, which may differ.
 

@@ -5,7 +5,7 @@ import shlex
 
 import pytest
 import yaml
-from documentation import PAGES, ROOT, TEXT, Blocks, CheckPicture
+from documentation import PAGES, ROOT, TEXT, Blocks, CheckPicture, CountWords
 from grids import Slow
 from runs import Run
 
@@ -56,6 +56,28 @@ def test_every_page_is_in_the_index():
     assert len(PAGES) > 5
     for page in PAGES:
         assert page.stem == "index" or f"]({page.name})" in index
+
+
+def test_words_outside_of_tables_and_code_are_counted():
+    page = """# Two words
+One <!-- not
+these --> two three
+| a table |
+
+    code();
+* a list
+  goes on
+```sh
+more code
+```
+"""
+    assert CountWords(page) == 3 + 3 + 3 + 2
+
+
+def test_the_pages_can_be_read_in_an_hour():
+    """A page that grows takes its words from another one."""
+    words = {page.name: CountWords(page.read_text("utf-8")) for page in PAGES}
+    assert sum(words.values()) <= 10_000, words
 
 
 @pytest.mark.filterwarnings("error")
@@ -204,6 +226,7 @@ def test_figure_is_that_of_the_runs(tmp_path):
 def test_map_is_that_of_the_sweep(tmp_path, monkeypatch):
     """By the command that the page on stability names."""
     monkeypatch.chdir(tmp_path)
-    (command,) = re.findall(r"`teleop-drake (sweep one_dof [^`]*--vary[^`]*)`", TEXT)
+    text = Sentences("teleop_drake/docs/stability.md")
+    (command,) = re.findall(r"`teleop-drake (sweep one_dof [^`]*--vary[^`]*)`", text)
     assert main([*command.split(), "--metrics", "collision.time", "--quiet"]) == 0
     CheckPicture(PAGES[0].parent / "stability_map.png", "out/stability.png")
