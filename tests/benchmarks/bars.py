@@ -126,7 +126,7 @@ def _Repeat(call) -> None:
 def _InDrake(
     diagram, context, duration: float, config: SimulatorConfig, records: bool = False
 ) -> list:
-    """Runs Drake's Simulator; returns the outputs at the ends of steps if it records."""
+    """Runs Drake's Simulator; returns the outputs at the ends of steps, if wanted."""
     simulator = Simulator(diagram, context.Clone())
     ApplySimulatorConfig(config, simulator)
     root = simulator.get_mutable_context()
