@@ -81,6 +81,9 @@ def test_the_pictures_of_the_readme_can_be_made(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "simulate", lambda _: MakeRecording(duration=4.0))
     module.main(tmp_path)
     names = "page.png", "scene.png", "scene.webp"
-    sizes = [Image.open(tmp_path / name).size for name in names]
+    sizes = []
+    for name in names:
+        with Image.open(tmp_path / name) as picture:
+            sizes.append(picture.size)
     page = tuple(module.PAGE_SCALE * x for x in module.PAGE_SIZE)
     assert sizes == [page, module.SIZE, module.ANIMATED_SIZE]
