@@ -81,7 +81,7 @@ def CommandedTime(scenario: Scenario) -> float:
 def OutcomeOf(scenario: Scenario, recording: Recording) -> Outcome:
     """Returns what a run comes to."""
     run = InsertionRun(recording)
-    contact = run.contact_time
+    contact = run.contact.time
     if recording.termination != "completed" or contact is None:
         return _NOTHING._replace(is_bounded=recording.termination == "completed")
     rest = RestTime(run)

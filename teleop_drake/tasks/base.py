@@ -1,6 +1,5 @@
 """Task: the diagram of a scenario, the events of its runs and their metrics."""
 
-import dataclasses
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -72,9 +71,8 @@ class Task(ABC, Generic[_S]):
 
     def Channels(self, scenario: _S) -> dict[str, ChannelConfig]:
         """Returns the channels of a scenario by the names of their fields."""
-        names = [field.name for field in dataclasses.fields(scenario)]
-        values = {name: getattr(scenario, name) for name in names}
-        return {name: x for name, x in values.items() if isinstance(x, ChannelConfig)}
+        fields = vars(scenario).items()
+        return {name: x for name, x in fields if isinstance(x, ChannelConfig)}
 
     @abstractmethod
     def MakeDiagram(self, scenario: _S) -> Diagram:

@@ -1,7 +1,7 @@
 """Insertion: a teleoperated tool is pushed into the layers of an environment."""
 
 from collections.abc import Sequence
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from pydrake.systems.framework import Diagram
@@ -25,17 +25,10 @@ from teleop_drake.tasks.insertion_metrics import (
 from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
 from teleop_drake.teleoperator import MakeTeleoperator
 
-
-class _EventNames(NamedTuple):
-    """Names of the events of crossing a surface inwards and outwards."""
-
-    upwards: str
-    downwards: str
-
-
+# Names of the events of crossing a surface, by whether it is inwards.
 _CROSSINGS = {
-    PUNCTURE: _EventNames("puncture", "heal"),
-    CONTACT: _EventNames("contact", "release"),
+    PUNCTURE: {True: "puncture", False: "heal"},
+    CONTACT: {True: "contact", False: "release"},
 }
 
 
@@ -90,7 +83,7 @@ class Insertion(Task[Scenario]):
             if names is None or surface is not FindSurface(surfaces, surface.name):
                 continue
             for crossing in crossings:
-                name = names.upwards if crossing.is_upwards else names.downwards
+                name = names[crossing.is_upwards]
                 events.append(Event(name=name, time=crossing.time))
         return sorted(events, key=lambda event: event.time)
 
@@ -114,9 +107,9 @@ class Insertion(Task[Scenario]):
         """
         run = InsertionRun(recording)
         puncture = collision = None
-        if run.puncture_time is not None:
+        if run.puncture.time is not None:
             puncture = {name: f(run) for name, (f, _) in PUNCTURE_METRICS.items()}
-        if run.contact_time is not None:
+        if run.contact.time is not None:
             collision = {name: f(run) for name, (f, _) in COLLISION_METRICS.items()}
         per_axis = {name: f(run) for name, (f, _) in AXIS_METRICS.items()}
         has_diverged = recording.termination == "diverged"

@@ -9,7 +9,7 @@ function and call it in the Metrics() of your own task; a page does not show it.
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from teleop_drake.numerics.pieces import (
     Band,
     Crossing,
     Pieces,
+    extremes,
     first_after,
     first_upwards,
     integral,
@@ -41,6 +42,26 @@ SETTLING_RATIO = 0.05
 the share of the final force."""
 
 
+class Passage(NamedTuple):
+    """How the tool passes a surface.
+
+    Attributes:
+        time: When the tool first crosses the surface inwards, s; None: never.
+        since: The pieces from then on; all if that is never.
+        entries: When the tool crosses the surface inwards, s.
+        exits: When it crosses the surface outwards, s.
+        velocity: Velocity of the tool along the surface's normal, m/s (p, 5).
+        force: The force on the environment along the normal, N (p, 5).
+    """
+
+    time: float | None
+    since: slice
+    entries: list[float]
+    exits: list[float]
+    velocity: Array
+    force: Array
+
+
 class InsertionRun:
     """The signals of an insertion in pieces, and the times of its events.
 
@@ -56,12 +77,16 @@ class InsertionRun:
         recording: The run, all of its numbers finite.
         v_d: The velocity that the scenario commands, m/s (n).
         speed: |v_d|, m/s.
-        puncture: The surface that is punctured; None if there is none.
-        contact: The hard surface; None if there is none.
         normal: The normal (n) of the puncture surface, else of the contact surface,
             else of the first surface; without surfaces the direction of v_d.
         pieces: The pieces of time in which the signals are polynomials.
-        whole: The selection of all pieces.
+        position: Position of the tool, m.
+        velocity: Velocity of the tool, m/s.
+        force: What the environment is pushed with, N.
+        control_force: F_c, N.
+        received: What the slave receives of the operator, [F_h; v_d] in N and m/s.
+        puncture: The passage of the surface `puncture`.
+        contact: The passage of the hard surface `contact`.
     """
 
     def __init__(self, recording: Recording):
@@ -69,8 +94,6 @@ class InsertionRun:
         self.v_d = np.asarray(recording.teleoperation.surgeon.velocity, float)
         self.speed = float(np.linalg.norm(self.v_d))
         surfaces = recording.surfaces
-        self.puncture = FindSurface(surfaces, PUNCTURE)
-        self.contact = FindSurface(surfaces, CONTACT)
         self.normal = FirstNormal(surfaces, self.v_d)
         self._crossings = FindCrossings(recording)
         cuts = self._Echoes()
@@ -81,34 +104,14 @@ class InsertionRun:
         for crossings in (reversals, *self._crossings):
             cuts += [crossing.time for crossing in crossings]
         self.pieces = Pieces(recording.time, recording.steps, cuts)
-        self.whole = self.pieces.since(None)
-
-    # The signals.
-
-    @cached_property
-    def position(self) -> Array:
-        """Position of the tool, m."""
-        return self.pieces.signal(self.recording["tool_position"])
-
-    @cached_property
-    def velocity(self) -> Array:
-        """Velocity of the tool, m/s."""
-        return self.pieces.signal(self.recording["tool_velocity"])
-
-    @cached_property
-    def force(self) -> Array:
-        """What the environment is pushed with, N."""
-        return self.pieces.signal(self.recording["environment_force"])
-
-    @cached_property
-    def control_force(self) -> Array:
-        """F_c, N."""
-        return self.pieces.signal(self.recording["control_force"])
-
-    @cached_property
-    def received(self) -> Array:
-        """What the slave receives of the operator, [F_h; v_d] in N and m/s."""
-        return self._Received()
+        signal = self.pieces.signal
+        self.position = signal(recording["tool_position"])
+        self.velocity = signal(recording["tool_velocity"])
+        self.force = signal(recording["environment_force"])
+        self.control_force = signal(recording["control_force"])
+        self.received = self._Received()
+        self.puncture = self._Passage(PUNCTURE)
+        self.contact = self._Passage(CONTACT)
 
     @property
     def haptic_force(self) -> Array:
@@ -120,7 +123,7 @@ class InsertionRun:
         """The velocity command as the slave receives it, m/s."""
         return self.received[..., len(self.v_d) :]
 
-    @cached_property
+    @property
     def felt_velocity(self) -> Array | None:
         """The velocity that the operator feels, m/s; None if it was not recorded."""
         n = len(self.v_d)
@@ -142,36 +145,24 @@ class InsertionRun:
         excess = self.velocity @ self.normal - along
         return np.where(mean < -AT_REST * self.speed, -excess, excess)
 
-    # The times of the events.
-
-    @cached_property
-    def puncture_time(self) -> float | None:
-        """When the tool first crosses the surface `puncture`."""
-        return first_upwards(self._Crossings(self.puncture))
-
-    @cached_property
-    def contact_time(self) -> float | None:
-        """When the tool first reaches the surface `contact`."""
-        return first_upwards(self._Crossings(self.contact))
-
-    @cached_property
-    def contact_after_puncture(self) -> float | None:
-        """When the tool first reaches the surface `contact` after the puncture."""
-        crossings = self._Crossings(self.contact)
-        contacts = [crossing.time for crossing in crossings if crossing.is_upwards]
-        return first_after(self.puncture_time, contacts)
-
-    @cached_property
-    def release_time(self) -> float | None:
-        """When the tool first leaves the surface `contact`."""
-        crossings = self._Crossings(self.contact)
-        releases = [crossing.time for crossing in crossings if not crossing.is_upwards]
-        return first_after(self.contact_time, releases)
-
-    def _Crossings(self, surface: Surface | None) -> list[Crossing]:
-        if surface is None:
-            return []
-        return self._crossings[self.recording.surfaces.index(surface)]
+    def _Passage(self, name: str) -> Passage:
+        """Returns the passage of a surface; nothing crosses one that does not exist."""
+        surfaces = self.recording.surfaces
+        surface = FindSurface(surfaces, name)
+        normal = self.normal
+        crossings: list[Crossing] = []
+        if surface is not None:
+            normal = surface.normal_W
+            crossings = self._crossings[surfaces.index(surface)]
+        time = first_upwards(crossings)
+        return Passage(
+            time=time,
+            since=self.pieces.since(time),
+            entries=[x.time for x in crossings if x.is_upwards],
+            exits=[x.time for x in crossings if not x.is_upwards],
+            velocity=self.velocity @ normal,
+            force=self.force @ normal,
+        )
 
     def _Echoes(self) -> list[float]:
         """Returns when jumps of the command, including its start, arrive at the slave.
@@ -213,28 +204,23 @@ def StartVelocityOvershoot(run: InsertionRun) -> float:
     the whole run. s is -1 where the command goes backwards by more than 1e-6 of |v_d|,
     else 1.
     """
-    end = run.contact_time if run.puncture_time is None else run.puncture_time
+    end = run.contact.time if run.puncture.time is None else run.puncture.time
     return max(0.0, float(maximum(run.overshoot, run.pieces.between(None, end))))
 
 
-def PunctureTime(run: InsertionRun) -> float:
+def PunctureTime(run: InsertionRun) -> float | None:
     """Returns when the tool first crosses the surface `puncture`, s."""
-    assert run.puncture_time is not None
-    return run.puncture_time
+    return run.puncture.time
 
 
 def PunctureVelocity(run: InsertionRun) -> float:
     """Returns v_x just before the puncture, m/s."""
-    assert run.puncture is not None
-    velocity = run.velocity @ run.puncture.normal_W
-    return float(value_before(velocity, run.pieces.since(run.puncture_time)))
+    return float(value_before(run.puncture.velocity, run.puncture.since))
 
 
 def PunctureForce(run: InsertionRun) -> float:
     """Returns F_e_x just before the puncture, by the law of the layer left, N."""
-    assert run.puncture is not None
-    force = run.force @ run.puncture.normal_W
-    return float(value_before(force, run.pieces.since(run.puncture_time)))
+    return float(value_before(run.puncture.force, run.puncture.since))
 
 
 def PunctureVelocityOvershoot(run: InsertionRun) -> float:
@@ -243,35 +229,31 @@ def PunctureVelocityOvershoot(run: InsertionRun) -> float:
     The maximum is taken until the first contact after the puncture, or to the end. It
     may be negative. s is defined in StartVelocityOvershoot().
     """
-    behind = run.pieces.between(run.puncture_time, run.contact_after_puncture)
+    contact = first_after(run.puncture.time, run.contact.entries)
+    behind = run.pieces.between(run.puncture.time, contact)
     return float(maximum(run.overshoot, behind))
 
 
-def CollisionTime(run: InsertionRun) -> float:
+def CollisionTime(run: InsertionRun) -> float | None:
     """Returns when the tool first reaches the surface `contact`, s."""
-    assert run.contact_time is not None
-    return run.contact_time
+    return run.contact.time
 
 
 def CollisionVelocity(run: InsertionRun) -> float:
     """Returns v_x just before the first contact, m/s."""
-    assert run.contact is not None
-    velocity = run.velocity @ run.contact.normal_W
-    return float(value_before(velocity, run.pieces.since(run.contact_time)))
+    return float(value_before(run.contact.velocity, run.contact.since))
 
 
 def InitialImpactForce(run: InsertionRun) -> float:
     """Returns the max of F_e_x from first contact to the first release, N."""
-    assert run.contact is not None
-    first_contact = run.pieces.between(run.contact_time, run.release_time)
-    return float(maximum(run.force @ run.contact.normal_W, first_contact))
+    release = first_after(run.contact.time, run.contact.exits)
+    first_contact = run.pieces.between(run.contact.time, release)
+    return float(maximum(run.contact.force, first_contact))
 
 
 def PeakForce(run: InsertionRun) -> float:
     """Returns the max of F_e_x from the first contact on, N."""
-    assert run.contact is not None
-    since_contact = run.pieces.since(run.contact_time)
-    return float(maximum(run.force @ run.contact.normal_W, since_contact))
+    return float(maximum(run.contact.force, run.contact.since))
 
 
 def ReboundVelocity(run: InsertionRun) -> float:
@@ -279,9 +261,7 @@ def ReboundVelocity(run: InsertionRun) -> float:
 
     A negative value is a motion away from the surface.
     """
-    assert run.contact is not None
-    since_contact = run.pieces.since(run.contact_time)
-    return float(minimum(run.velocity @ run.contact.normal_W, since_contact))
+    return float(minimum(run.contact.velocity, run.contact.since))
 
 
 def SettlingTime(run: InsertionRun) -> float | None:
@@ -291,8 +271,7 @@ def SettlingTime(run: InsertionRun) -> float | None:
     diverges. It is also None if |v_x| was below the limit for as long before and then
     exceeded it: a recording that ends while v_x passes through 0 has not settled.
     """
-    assert run.contact is not None
-    v_x = run.velocity @ run.contact.normal_W[:, np.newaxis]
+    v_x = run.contact.velocity[..., np.newaxis]
     return _Settling(run, [Band(v_x, np.zeros(1), SETTLING_RATIO * run.speed)])
 
 
@@ -320,8 +299,7 @@ def _Settling(run: InsertionRun, bands: Sequence[Band]) -> float | None:
     """Returns the time from contact until all vectors stay in their bands, s."""
     if run.recording.termination == "diverged":
         return None
-    since_contact = run.pieces.since(run.contact_time)
-    return settling_time(run.pieces, since_contact, bands)
+    return settling_time(run.pieces, run.contact.since, bands)
 
 
 def VelocityRmsError(run: InsertionRun) -> Array:
@@ -350,18 +328,17 @@ def CoordinationRmsError(run: InsertionRun) -> Array | None:
     ago, unless the architecture feeds back another velocity. With six axes the metric
     has the first three. None if the recording has no felt velocity.
     """
-    if run.felt_velocity is None:
+    velocity = run.felt_velocity
+    if velocity is None:
         return None
     tool = run.position[..., :3]
-    felt = integral(run.felt_velocity[..., :3], run.pieces.length, tool[0, 0])
+    felt = integral(velocity[..., :3], run.pieces.length, tool[0, 0])
     return rms(felt - tool, run.pieces.length)
 
 
 def ControlForcePeak(run: InsertionRun) -> Array:
     """Returns the max of |F_c| per axis, N."""
-    most = maximum(run.control_force, run.whole)
-    least = minimum(run.control_force, run.whole)
-    return np.abs(np.maximum(most, -least))
+    return np.abs(extremes(run.control_force)).max(axis=(0, 1))
 
 
 def ControlForceVariation(run: InsertionRun) -> Array:
@@ -369,7 +346,9 @@ def ControlForceVariation(run: InsertionRun) -> Array:
     return variation(run.control_force)
 
 
-PUNCTURE_METRICS: Mapping[str, tuple[Callable[[InsertionRun], Any], str]] = {
+_Metrics: TypeAlias = Mapping[str, tuple[Callable[[InsertionRun], Any], str]]
+
+PUNCTURE_METRICS: _Metrics = {
     "time": (PunctureTime, "s"),
     "velocity": (PunctureVelocity, "m/s"),
     "force": (PunctureForce, "N"),
@@ -377,7 +356,7 @@ PUNCTURE_METRICS: Mapping[str, tuple[Callable[[InsertionRun], Any], str]] = {
 }
 """Metrics of a run with a puncture: function and unit."""
 
-COLLISION_METRICS: Mapping[str, tuple[Callable[[InsertionRun], Any], str]] = {
+COLLISION_METRICS: _Metrics = {
     "time": (CollisionTime, "s"),
     "velocity": (CollisionVelocity, "m/s"),
     "initial_impact_force": (InitialImpactForce, "N"),
@@ -388,7 +367,7 @@ COLLISION_METRICS: Mapping[str, tuple[Callable[[InsertionRun], Any], str]] = {
 }
 """Metrics of a run with a contact: function and unit."""
 
-AXIS_METRICS: Mapping[str, tuple[Callable[[InsertionRun], Any], str]] = {
+AXIS_METRICS: _Metrics = {
     "velocity_rms_error": (VelocityRmsError, "m/s"),
     "force_rms_error": (ForceRmsError, "N"),
     "coordination_rms_error": (CoordinationRmsError, "m"),

@@ -14,7 +14,7 @@ from teleop_drake.blocks.systems.network_tracking_controller import (
     NetworkTrackingController,
 )
 from teleop_drake.laws.tracking import TrackingGains
-from teleop_drake.numerics.pieces import Pieces, maximum, minimum, rms
+from teleop_drake.numerics.pieces import Pieces, extremes, rms
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import TrackingScenario, TrajectoryConfig
 from teleop_drake.signals import MarkLoop, NamedSignals
@@ -44,8 +44,7 @@ class TrackingRun:
 
 def MaxError(run: TrackingRun) -> Array:
     """Returns the max of |r - r_d| per axis, m."""
-    whole = run.pieces.since(None)
-    return np.abs(np.maximum(maximum(run.error, whole), -minimum(run.error, whole)))
+    return np.abs(extremes(run.error)).max(axis=(0, 1))
 
 
 def RmsError(run: TrackingRun) -> Array:
