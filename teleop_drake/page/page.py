@@ -30,14 +30,13 @@ from teleop_drake.page.wasm import ConstantsOf
 from teleop_drake.scenario import (
     AnyScenario,
     AsTeleoperation,
-    LoadScenario,
+    LoadOverridden,
     Scenario,
-    ScenarioFromYaml,
+    ScenarioLike,
 )
 from teleop_drake.scenario.config import DefaultSimulator
-from teleop_drake.scenario.overrides import GetPath, ParseOverrides, SetPath
+from teleop_drake.scenario.overrides import GetPath, ParseOverrides
 from teleop_drake.scenario.tree import ToTree
-from teleop_drake.scenario.yaml_text import DumpYaml
 from teleop_drake.signals import NameOf
 from teleop_drake.simulation.inputs import CheckInputs
 from teleop_drake.sweep import ALIASES
@@ -320,21 +319,12 @@ def _Hand(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Any]:
 
 
 def _Loader(
-    source: str | os.PathLike[str] | AnyScenario,
+    source: ScenarioLike,
     overrides: Mapping[str, Any] | Sequence[str],
 ) -> Callable[[Mapping[str, Any]], AnyScenario]:
     """Returns what loads a scenario with more overrides."""
     own = dict(ParseOverrides(overrides))
-
-    def Load(more: Mapping[str, Any]) -> AnyScenario:
-        if isinstance(source, str | os.PathLike):
-            return LoadScenario(source, {**own, **more})
-        tree = ToTree(source)
-        for dotted, value in {**own, **more}.items():
-            SetPath(tree, dotted, value)
-        return ScenarioFromYaml(DumpYaml(tree))
-
-    return Load
+    return lambda more: LoadOverridden(source, {**own, **more})[0]
 
 
 def _Choices(

@@ -57,42 +57,33 @@ def LoadScenario(
 
 
 def LoadOverridden(
-    name_or_path: str | os.PathLike[str], overrides: Mapping[str, Any] | Iterable[str]
+    scenario: ScenarioLike, overrides: Mapping[str, Any] | Iterable[str]
 ) -> tuple[AnyScenario, list[str]]:
-    """Returns what LoadScenario() does, and what the overrides replace.
+    """Returns a scenario with overrides, and what the overrides replace.
 
-    These are dotted paths with the numbers of elements, never their names: the same for
-    all names of a field, and two for `delay`.
+    Args:
+        scenario: A valid one, or what LoadScenario() loads one from.
+
+    Returns:
+        The scenario, and dotted paths with the numbers of elements, never their names:
+        the same for all names of a field, and two for `delay`.
     """
-    path = _FindScenario(name_or_path)
-    tree = ToTree(_CompleteTree(path, ReadText(path)))
-    replaced = _SetPaths(tree, overrides)
-    scenario = FromTree(tree, _SchemaOf(tree))
-    scenario._Check()
-    scenario._Remember(ToTree(scenario))
-    return scenario, replaced
-
-
-def Overridden(
-    scenario: AnyScenario, overrides: Mapping[str, Any] | Iterable[str]
-) -> tuple[AnyScenario, set[str]]:
-    """Returns a valid scenario with overrides, and the names of the fields they are in.
-
-    Where these are the channels alone, as in most sweeps, only channels are checked.
-    """
-    tree = ToTree(scenario)
-    fields = {path.partition(".")[0] for path in _SetPaths(tree, overrides)}
-    changed = FromTree(tree, type(scenario))
-    if isinstance(changed, Scenario) and fields <= set(CHANNELS):
+    is_valid = isinstance(scenario, Scenario)
+    if isinstance(scenario, str | os.PathLike):
+        path = _FindScenario(scenario)
+        tree = ToTree(_CompleteTree(path, ReadText(path)))
+        schema = _SchemaOf(tree)
+    else:
+        tree = ToTree(scenario)
+        schema = type(scenario)
+    replaced = [SetPath(tree, path, value) for path, value in ParseOverrides(overrides)]
+    changed = FromTree(tree, schema)
+    # Most sweeps change the channels alone.
+    if is_valid and all(path.startswith(CHANNELS) for path in replaced):
         changed._CheckChannels()
     else:
         changed._Check()
-    return changed, fields
-
-
-def _SetPaths(tree: Record, overrides: Mapping[str, Any] | Iterable[str]) -> list[str]:
-    """Replaces values in a tree, and returns the paths with the numbers of elements."""
-    return [SetPath(tree, path, value) for path, value in ParseOverrides(overrides)]
+    return changed, replaced
 
 
 def ReadScenario(
@@ -219,7 +210,7 @@ def ScenarioFromYaml(text: str) -> AnyScenario:
     """
     tree = ParseYaml(text, "scenario")
     scenario = FromTree(tree, _SchemaOf(tree))
-    scenario._Check(reads_files=False)
+    scenario._Check({dotted.partition(".")[0] for dotted in ScenarioFiles(scenario)})
     return scenario
 
 

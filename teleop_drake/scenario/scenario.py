@@ -10,9 +10,8 @@ Delays", MS thesis, The University of Texas at Arlington, 2012. A number that it
 not state is marked "assumed" or "fitted" in the scenario files.
 """
 
-import dataclasses
 import os
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import field
 from typing import Any
 
@@ -105,10 +104,6 @@ class _ScenarioBase(FixedFields):
     duration: float = REQUIRED
     robot: RobotConfig = REQUIRED
 
-    # What was found valid last, as text in which 1 and True differ; not a field. To
-    # validate costs as much as to make the diagram, and whoever takes a scenario does.
-    _valid = ""
-
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, _ScenarioBase):
             return NotImplemented
@@ -139,31 +134,22 @@ class _ScenarioBase(FixedFields):
         Raises:
             ScenarioError: naming the first bad field, its value and what is allowed.
         """
-        tree = ToTree(self)
-        if repr(tree) == self._valid:
-            return
         # The round trip checks the types, and leaves arrays where a user who edits a
         # scenario in Python may have put lists.
-        FromTree(tree, type(self))._Check()
-        self._Remember(tree)
+        FromTree(ToTree(self), type(self))._Check()
 
-    def _Remember(self, tree: dict[str, Any]) -> None:
-        """Remembers that this is valid, unless that depends on a file."""
-        if not ScenarioFiles(self):
-            self._valid = repr(tree)
-
-    def _Check(self, *, reads_files: bool = True) -> None:
+    def _Check(self, unread: Container[str] = ()) -> None:
         """Checks the values, which have the right types.
 
         Args:
-            reads_files: Whether also those that name a file are checked.
+            unread: Fields that are not checked, because they name a file.
         """
         if not self.name or not self.name.isprintable() or {"/", "\\"} & {*self.name}:
             Refuse("name", self.name, "one line of text without / and \\")
         CheckNumber("duration", self.duration, "s", minimum=SHORTEST_TIME)
         if not IsGiven(self.robot):
             ROBOT_KINDS.Find(None, "robot.model")
-        if reads_files or not _Files(self.robot):
+        if "robot" not in unread:
             self.robot.Check("robot")
 
 
@@ -250,17 +236,17 @@ class Scenario(_ScenarioBase):
         """Psi at time 0 in 1/kg (n, n); see BacksteppingParameters.InitialPsi."""
         return self.controller.InitialPsi(self.Facts())
 
-    def _Check(self, *, reads_files: bool = True) -> None:
+    def _Check(self, unread: Container[str] = ()) -> None:
         """Checks the values; see _ScenarioBase."""
-        super()._Check(reads_files=reads_files)
+        super()._Check(unread)
         ratio = self.divergence_speed_ratio
         n = self.num_axes
         CheckNumber("divergence_speed_ratio", ratio, above=1, maximum=1000)
-        if reads_files or not _Files(self.surgeon):
+        if "surgeon" not in unread:
             self.surgeon.Check("surgeon", n)
         self.haptic_device.Check("haptic_device")
         # The channels, which need the duration.
-        self._CheckChannels(reads_files=reads_files)
+        self._CheckChannels(unread)
         # The tissue and the tool in front of it.
         with Within("environment"):
             self.environment.Check()
@@ -278,17 +264,15 @@ class Scenario(_ScenarioBase):
         controller = self.controller
         controller.Check(n)
         is_given = not isinstance(controller.initial_psi, str)
-        if (controller.is_backstepping or is_given) and (
-            reads_files or not _Files(self.robot)
-        ):
+        has_psi = controller.is_backstepping or is_given
+        if has_psi and "robot" not in unread:
             controller.CheckInitialPsi(self.Facts())
         CheckSimulatorConfig(self.simulator)
 
-    def _CheckChannels(self, *, reads_files: bool = True) -> None:
+    def _CheckChannels(self, unread: Container[str] = ()) -> None:
         for path in CHANNELS:
-            channel = getattr(self, path)
-            if reads_files or not _Files(channel):
-                channel.Check(path, self.duration)
+            if path not in unread:
+                getattr(self, path).Check(path, self.duration)
 
 
 @Config
@@ -311,9 +295,9 @@ class TrackingScenario(_ScenarioBase):
     # Drake's own; start_time is 0.
     simulator: SimulatorConfig = field(default_factory=DefaultSimulator)
 
-    def _Check(self, *, reads_files: bool = True) -> None:
+    def _Check(self, unread: Container[str] = ()) -> None:
         """Checks the values; see _ScenarioBase."""
-        super()._Check(reads_files=reads_files)
+        super()._Check(unread)
         # The controller's model has no friction, and a slider does.
         robot = self.robot
         n = self.num_axes
@@ -341,19 +325,13 @@ ScenarioLike = AnyScenario | str | os.PathLike[str]
 
 def ScenarioFiles(scenario: _ScenarioBase) -> dict[str, str]:
     """Returns the files that a scenario names, by their dotted fields."""
-    return {
-        f"{item.name}.{key}": file
-        for item in dataclasses.fields(scenario)
-        for key, file in _Files(getattr(scenario, item.name)).items()
+    files = {
+        f"{name}.{key}": getattr(config, key)
+        for name, config in vars(scenario).items()
+        if isinstance(config, KindConfig)
+        for key in config.file_fields
     }
-
-
-def _Files(config: Any) -> dict[str, str]:
-    """Returns the fields of a config that name a file, and the file's path."""
-    if not isinstance(config, KindConfig):
-        return {}
-    files = {name: getattr(config, name) for name in config.file_fields}
-    return {name: file for name, file in files.items() if file is not None}
+    return {dotted: file for dotted, file in files.items() if file is not None}
 
 
 def ScenarioToYaml(scenario: _ScenarioBase) -> str:

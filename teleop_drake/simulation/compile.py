@@ -37,7 +37,7 @@ from teleop_drake.scenario import (
     ScenarioError,
     ScenarioLike,
 )
-from teleop_drake.scenario.loading import Overridden
+from teleop_drake.scenario.loading import LoadOverridden
 from teleop_drake.scenario.scenario import CHANNELS
 from teleop_drake.simulation.compiled_run import (
     CompiledDiagram,
@@ -177,7 +177,8 @@ class CompiledScenario:
 
     def _Changed(self, changes: Mapping[str, Any]) -> tuple[Any, CompiledDiagram]:
         """Returns the scenario with changes, and what runs it."""
-        scenario, fields = Overridden(self._scenario, changes)
+        scenario, replaced = LoadOverridden(self._scenario, changes)
+        fields = {path.partition(".")[0] for path in replaced}
         CheckSteps(scenario)
         why = WhyNotSolved(scenario.simulator)
         if why:
