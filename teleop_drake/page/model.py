@@ -21,12 +21,11 @@ from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels import ChannelConfig
 from teleop_drake.blocks.environments.surface import Surface, SurfacesOf
 from teleop_drake.blocks.operators.hand import HandOperator
-from teleop_drake.blocks.robots import PlantRobotConfig, RobotConfig
-from teleop_drake.blocks.robots.inverse_kinematics import TOOL
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import AlgebraicLoop, OutputOf, Source
 from teleop_drake.engine.run import CompiledRun
 from teleop_drake.numerics.instants import SAME
+from teleop_drake.page.plants import PlantsIn
 from teleop_drake.page.wasm import MakeModule
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import PathsIn, SignalsOf, UnitOf
@@ -72,16 +71,16 @@ class Model:
             takes: `run` (end, accuracy, longest step), `bounds` (for each the
             first of its columns in a row and their number, the least and the largest
             value; see simulation.ending.Bound), `surfaces` (point, normal), `command`
-            (the operator's velocity) and `command_delay` of metrics, `arm` (place and
-            axis of each joint, and the tool), and `forward` and `return` (how long what
-            is sent every PERIOD is under way, s; if that is constant, once).
+            (the operator's velocity) and `command_delay` of metrics, and `forward` and
+            `return` (how long what is sent every PERIOD is under way, s; if that is
+            constant, once).
         surfaces: Of the environment.
         has_zero_delays: Whether constant delays may be 0 in the program.
         reasons: Why a run ends at each of the bounds.
         metrics: What computes metrics in the page, see Task.page_metrics.
         labels: Of the metrics, by their names.
         has_constant_command: As in Recording.
-        joints: Of the arm, from its base to its tool; see _Arm().
+        plants: What is drawn of the MultibodyPlants; see PlantsIn().
     """
 
     diagram: System
@@ -93,7 +92,7 @@ class Model:
     metrics: str = ""
     labels: dict[str, str] = field(default_factory=dict)
     has_constant_command: bool = True
-    joints: list[dict[str, Any]] = field(default_factory=list)
+    plants: list[dict[str, Any]]
 
     @property
     def structure(self) -> tuple[Any, ...]:
@@ -107,7 +106,6 @@ class Model:
             tuple(surface.name for surface in self.surfaces),
             (self.metrics, tuple(self.labels), self.has_constant_command),
             tuple(self.reasons),
-            self.joints,
         )
 
     def Module(self) -> bytes:
@@ -244,13 +242,11 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
     sizes = {name: size for name, (_, size, _) in signals.items()}
     bounds = BoundsOf(diagram, sizes, task.MakeSpeedLimit(scenario))
     places = [signals[bound.signal][0] + bound.first for bound in bounds]
-    joints, arm = _Arm(scenario.robot) if "joint_position" in signals else ([], [])
     numbers: dict[str, Any] = {
         "bounds": [
             (place, bound.size, bound.lower, bound.upper)
             for place, bound in zip(places, bounds, strict=True)
         ],
-        "arm": arm,
     }
     for name, channel in channels.items():
         way = name.partition("_")[0]
@@ -267,7 +263,6 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
         metrics=metrics,
         labels=_Labels(scenario) if metrics else {},
         has_constant_command=HasConstantCommand(diagram),
-        joints=joints,
     )
 
 
@@ -303,41 +298,6 @@ def _Lags(channel: ChannelConfig, name: str, duration: float) -> Array:
     lags = channel.Arrivals(sent, duration, name) - sent
     is_constant = np.abs(lags - lags[0]).max() < SAME
     return np.array([channel.delay]) if is_constant else lags
-
-
-def _Arm(robot: RobotConfig) -> tuple[list[dict[str, Any]], list[Any]]:
-    """Returns the joints from the base of an arm to its tool, at q = 0.
-
-    Returns:
-        Of each joint its position in q and whether it turns; and its place and its axis
-        (6), of the tool its place (3). Nothing for a robot that is no plant, or that
-        has joints of other kinds.
-    """
-    if not isinstance(robot, PlantRobotConfig):
-        return [], []
-    plant = robot.LoadPlant()
-    context = plant.CreateDefaultContext()
-    plant.SetPositions(context, np.zeros(plant.num_positions()))
-    tool = plant.GetFrameByName(TOOL)
-    joints: list[dict[str, Any]] = []
-    places: list[Any] = [tool.CalcPoseInWorld(context).translation()]
-    by_child = {
-        joint.child_body().index(): joint
-        for joint in map(plant.get_joint, plant.GetJointIndices())
-    }
-    body = tool.body()
-    while (joint := by_child.get(body.index())) is not None:
-        body = joint.parent_body()
-        if joint.num_positions() == 0:
-            continue
-        if joint.type_name() not in ("revolute", "prismatic"):
-            return [], []
-        turns = joint.type_name() == "revolute"
-        axis_F = joint.revolute_axis() if turns else joint.translation_axis()
-        X_WF = joint.frame_on_parent().CalcPoseInWorld(context)
-        joints.insert(0, {"position": joint.position_start(), "turns": turns})
-        places[:0] = X_WF.translation(), X_WF.rotation() @ axis_F
-    return joints, np.concatenate(places).tolist()
 
 
 def MakeModel(
@@ -397,4 +357,5 @@ def MakeModel(
         has_zero_delays=has_zero_delays,
         numbers={name: np.array(x, float).ravel() for name, x in numbers.items()},
         surfaces=surfaces,
+        plants=PlantsIn(diagram, context),
     )

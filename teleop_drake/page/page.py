@@ -17,7 +17,7 @@ from teleop_drake.page.diagram_inputs import DiagramNumbers, MakeDiagramInputs
 from teleop_drake.page.document import Page
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.model import PERIOD, Model, ModelOf
-from teleop_drake.page.plants import PlantsIn, ViewOf
+from teleop_drake.page.plants import ViewOf
 from teleop_drake.page.sliders import (
     WHOLE,
     DataOfInputs,
@@ -195,7 +195,6 @@ class _Content(NamedTuple):
         inputs: The numbers that can be changed.
         choices: What is chosen among programs.
         view: What points to the right and upwards in the drawing of the task.
-        plants: What is drawn of a diagram; see PlantsIn().
         hand: What it takes for a hand; None: no hand drives it.
         is_diagram: Whether it is of anybody's diagram, which has no controllers.
     """
@@ -206,7 +205,6 @@ class _Content(NamedTuple):
     inputs: list[Input]
     choices: Mapping[str, list[str]]
     view: list[list[float]]
-    plants: Sequence[dict[str, Any]] = ()
     hand: dict[str, Any] | None = None
     is_diagram: bool = False
 
@@ -233,15 +231,13 @@ def _OfDiagram(
         notes.append(f"{left_out}: left out, as nothing depends on them")
     title = NameOf(system)
     models: Models = {(title,): model}
-    plants = PlantsIn(system, context)
     return _Content(
         title=title.replace("_", " "),
         story=_Story(source),
         models=models,
         inputs=MakeDiagramInputs(numbers, models, vary, notes),
         choices={},
-        view=ViewOf(plants),
-        plants=plants,
+        view=ViewOf(model.plants),
         is_diagram=True,
     )
 
@@ -385,14 +381,13 @@ def _Maker(
 
 def _Data(content: _Content, notes: list[str]) -> dict[str, Any]:
     """Returns all that the page's script takes."""
-    title, _, models, inputs, choices, view, plants, hand, is_diagram = content
+    title, _, models, inputs, choices, view, hand, is_diagram = content
     kinds = list(dict.fromkeys(which[0] for which in models))
     return {
         "title": title,
         "version": metadata.version("teleop-drake"),
         "notes": notes,
         "view": view,
-        "plants": list(plants),
         "isDiagram": is_diagram,
         "hand": hand,
         "inputs": DataOfInputs(inputs, choices),
@@ -409,7 +404,7 @@ def _Data(content: _Content, notes: list[str]) -> dict[str, Any]:
                 "labels": model.labels,
                 "has_constant_command": model.has_constant_command,
                 "reasons": model.reasons,
-                "joints": model.joints,
+                "plants": model.plants,
                 "width": model.run.evaluator.program.sizes[0],
                 "numbers": model.numbers,
                 "ports": model.Ports(),

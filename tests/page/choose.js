@@ -7,12 +7,12 @@
     if (choice) await teleop.set("surgeon.kind", choice);
     for (const kind of teleop.controllers) {
       const run = await teleop.run(kind);
-      const q = run.run.signal("joint_position");
       run.sampled = teleop.sample(run, "tool_position", [0.5, 7.9, 16.1]);
       setCursor(1.3);
-      run.tool = teleop.sample(run, "tool_position", [1.3]).flat();
+      const q = run.run.signal("joint_position");
+      if (q) run.q = Array.from(run.run.vector(q, 1.3));
       run.drawn = $("scene").innerHTML;
-      run.arm = q && armAt(state.runs.find((x) => x.loop.kind === kind)).at(-1);
+      run.arm = armAt(state.runs.find((x) => x.loop.kind === kind));
       delete run.signals;
       results[`${choice}:${kind}`] = run;
     }

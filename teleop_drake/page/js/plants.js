@@ -1,4 +1,4 @@
-// The plants of a diagram: their frames and links. See plants.py.
+// The MultibodyPlants of a diagram: their frames and links. See plants.py.
 
 import { $ } from "./elements.js";
 import { dot, extent, range } from "./numbers.js";
@@ -35,6 +35,15 @@ function framesAt(run, { state: port, links }, time) {
     frames.push(joint.multiply(motionOf(link, q[i])));
   });
   return frames;
+}
+
+// The places of a plant's joints at a time, in the world.
+export function jointsAt(run, plant, time) {
+  const frames = framesAt(run, plant, time);
+  return plant.links.map(({ parent, frame }) => {
+    const { m41, m42, m43 } = frames[parent + 1].multiply(matrixOf(frame));
+    return [m41, m42, m43];
+  });
 }
 
 // Lines of a plant at a time: from each joint to the next one, and to the centre of mass.
@@ -88,9 +97,8 @@ function drawPlant(run, plant, picture) {
 
 // Draws the plants of all runs at the cursor.
 export function drawPlants() {
-  const { plants = [] } = state.data;
   const shown = state.runs.flatMap((run) =>
-    plants.filter(({ state: port }) => run.columns(port)).map((plant) => [run, plant]),
+    run.loop.plants.filter(({ state: port }) => run.columns(port)).map((plant) => [run, plant]),
   );
   $("task").hidden = !shown.length;
   if (!shown.length) return;

@@ -3,7 +3,7 @@
 import { onCursor } from "./clock.js";
 import { $, safe } from "./elements.js";
 import { clamp, dot, extent, range } from "./numbers.js";
-import { drawPlants } from "./plants.js";
+import { drawPlants, jointsAt } from "./plants.js";
 import { state } from "./state.js";
 
 const RAIL = 14; // px, for the packets of a run
@@ -12,32 +12,13 @@ const ENDS = [70, 55]; // px from the picture's sides to the ends of the rails
 // Turns a point of the task into the plane of the picture.
 const see = (q) => state.data.view.map((axis) => dot(axis.slice(0, q.length), q));
 
-// Where the joints of an arm and its tool are: each joint turns or moves all behind it.
+// Where the joints of the robot's arm and its tool are; nothing for a robot that is no plant, or
+// before the first step.
 export function armAt(run) {
-  const q = run.vector(run.signal("joint_position"), state.cursor);
-  const placeOf = (i) => run.z.arm.slice(3 * i, 3 * i + 3);
-  let all = new DOMMatrix();
-  const moved = (place) => {
-    const { x, y, z } = all.transformPoint(new DOMPoint(...place));
-    return [x, y, z];
-  };
-  const points = run.loop.joints.map(({ position, turns }, j) => {
-    const place = placeOf(2 * j);
-    const axis = placeOf(2 * j + 1);
-    const point = moved(place);
-    if (turns) {
-      const degrees = (q[position] * 180) / Math.PI;
-      const back = place.map((x) => -x);
-      all = all
-        .translate(...place)
-        .rotateAxisAngle(...axis, degrees)
-        .translate(...back);
-    } else {
-      all = all.translate(...axis.map((x) => x * q[position]));
-    }
-    return point;
-  });
-  return [...points, moved(placeOf(2 * points.length))];
+  const plant = run.loop.plants.find(({ state: port }) => port === "robot/plant:state");
+  if (!plant || run.ends.length === 0) return [];
+  const tool = run.vector(run.signal("tool_position"), state.cursor);
+  return [...jointsAt(run, plant, state.cursor), tool];
 }
 
 // The path of a run's tool until a time, in the plane of the picture.
@@ -165,7 +146,7 @@ function drawScene() {
   const floor = height - RAIL * shown.length - 8;
   const isPlane = state.data.view[1].some((x) => x);
   const surfaces = surfacesOf(shown[0]);
-  const arms = shown.map((run) => (run.loop.joints.length ? armAt(run).map(see) : []));
+  const arms = shown.map((run) => armAt(run).map(see));
   // All of the paths fit; in lanes the surfaces too.
   const paths = shown.flatMap((run) => pathOf(run, Infinity));
   if (!isPlane) paths.push(...surfaces.map(({ point }) => point));
