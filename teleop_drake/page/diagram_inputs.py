@@ -5,25 +5,16 @@ from collections.abc import Mapping, Sequence
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.page.inputs import NotSums
+from teleop_drake.page.inputs import Input, NotSums
 from teleop_drake.page.model import MakeModel, Model
-from teleop_drake.page.sliders import (
-    CheckInputs,
-    DelayRange,
-    FindChanges,
-    Input,
-    Makers,
-    Models,
-    Ranges,
-    RangeWith,
-)
+from teleop_drake.page.sliders import Ranges, RangeWith, Runs
 from teleop_drake.parameters import (
     DelayNames,
     InitialStates,
     ScalarsIn,
     SetNumbers,
 )
-from teleop_drake.validation import Choices, Refuse, ScenarioError
+from teleop_drake.validation import Choices, Refuse
 
 # Parameters that have sliders if no ranges are given.
 _NUM_SLIDERS = 4
@@ -97,12 +88,12 @@ class DiagramNumbers:
 
 
 def MakeDiagramInputs(
-    numbers: DiagramNumbers, models: Models, vary: Ranges | None, notes: list[str]
+    numbers: DiagramNumbers, runs: Runs, vary: Ranges | None, notes: list[str]
 ) -> list[Input]:
     """Returns the inputs of a diagram's page.
 
     Args:
-        models: The run with the numbers of the Context.
+        runs: Those of `numbers`.
         vary: The least and the largest value of numbers by name; see SetNumbers().
             None: all delays, and some parameters.
         notes: Gets what has no slider, and why.
@@ -110,27 +101,22 @@ def MakeDiagramInputs(
     Raises:
         ScenarioError: If a number of `vary` does not exist or cannot be changed.
     """
-    makers = dict.fromkeys(models, numbers.Make)
-    wanted = _DefaultRanges(numbers, models) if vary is None else vary
-    inputs = []
-    for key, ends in wanted.items():
+    wanted = _DefaultRanges(numbers, runs) if vary is None else vary
+    for key in wanted:
         if key not in numbers.values:
             Refuse("vary", key, Choices(key, list(numbers.values)))
-        one = numbers.Input(key, ends, is_wanted=vary is not None)
-        if FindChanges(one, makers, models, notes):
-            inputs.append(one)
-    try:
-        CheckInputs(inputs, makers, models)
-    except NotSums as error:
-        raise ScenarioError(f"vary = {error}") from None
-    return inputs + _Fields(numbers, inputs, makers, models, notes)
+    is_wanted = vary is not None
+    inputs = runs.FindInputs(
+        [[numbers.Input(x, ends, is_wanted=is_wanted) for x, ends in wanted.items()]]
+    )
+    return inputs + _Fields(numbers, inputs, runs, notes)
 
 
-def _DefaultRanges(numbers: DiagramNumbers, models: Models) -> Ranges:
+def _DefaultRanges(numbers: DiagramNumbers, runs: Runs) -> Ranges:
     """Returns ranges of the delays, and of the first parameters that have a size."""
     values = numbers.values
     ranges: dict[str, Sequence[float]] = {
-        name: DelayRange(values[name], models) for name in numbers.delays
+        name: runs.DelayRange(values[name]) for name in numbers.delays
     }
     others = [x for x in numbers.scalars if x not in ranges and values[x] != 0]
     for name in others[:_NUM_SLIDERS]:
@@ -139,11 +125,7 @@ def _DefaultRanges(numbers: DiagramNumbers, models: Models) -> Ranges:
 
 
 def _Fields(
-    numbers: DiagramNumbers,
-    inputs: Sequence[Input],
-    makers: Makers,
-    models: Models,
-    notes: list[str],
+    numbers: DiagramNumbers, inputs: Sequence[Input], runs: Runs, notes: list[str]
 ) -> list[Input]:
     """Returns the parameters that can be changed in the boxes of their blocks."""
     known = {one.key for one in inputs}
@@ -155,32 +137,30 @@ def _Fields(
         notes.append(f"{more} more parameters have no field: name them in `vary`")
     fields: list[Input] = []
     for name in rest[:_MOST_FIELDS]:
-        one = _Field(numbers, name, makers, models)
+        one = _Field(numbers, name, runs)
         if one is None:
             continue
         met = [x for x in (*inputs, *fields) if x.changes[0].Meets(one.changes[0])]
         try:
             if met:
-                CheckInputs([*met, one], makers, models)
+                runs.Check([*met, one])
             fields.append(one)
         except NotSums:
             continue
     return fields
 
 
-def _Field(
-    numbers: DiagramNumbers, name: str, makers: Makers, models: Models
-) -> Input | None:
+def _Field(numbers: DiagramNumbers, name: str, runs: Runs) -> Input | None:
     """Returns the field of a parameter; None if no range has a linear effect."""
     value = numbers.values[name]
     ranges: Sequence[Sequence[float]] = _FIELDS_AT_ZERO
     if name in numbers.delays:
-        ranges = [DelayRange(value, models)]
+        ranges = [runs.DelayRange(value)]
     elif value != 0:
         ranges = [sorted(share * value for share in _FIELD)]
     for ends in ranges:
         one = numbers.Input(name, ends, is_field=True)
-        if FindChanges(one, makers, models, []) and one.is_continuous:
+        if runs.HasChanges(one) and one.is_continuous:
             return one
     return None
 

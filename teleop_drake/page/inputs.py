@@ -8,7 +8,7 @@ With several inputs z is the sum of what each changes, which is checked as well.
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +19,26 @@ from teleop_drake.validation import Refuse
 
 Numbers = dict[str, Array]
 
+Slopes = dict[str, tuple[NDArray[np.int64], Array]]
+"""By the name of an array: places in it, and the change for each unit of an input."""
+
+Maker = Callable[[Mapping[str, float]], Model]
+"""Returns the run at values of inputs."""
+
 # Shares of a range at which an input is looked at beside its ends.
 _SHARES = (0.31, 0.5, 0.77)
 
 # What two numbers may differ by, as a share of the larger one.
 _ROUNDING = 1e-9
 
+# What stands for no delay where programs are compared, s.
+_ALMOST_ZERO = 1e-6
+
 NUM_STOPS = 21
 """Stops of an input that is not continuous."""
+
+# Fields of whole numbers.
+_WHOLE = ("seed",)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,12 +46,15 @@ class Change:
     """What an input changes in the runs of one controller.
 
     Attributes:
-        slopes: Of the numbers that are affine, by the name of the array: the places in
-            it, and the change for each unit of the input.
-        stops: Of the others: the array at each stop.
+        value: The input's value in the scenario.
+        values: The ends of its range, or its stops.
+        slopes: Of the numbers that are affine.
+        stops: Of the others, by the name of the array: the array at each stop.
     """
 
-    slopes: dict[str, tuple[NDArray[np.int64], Array]]
+    value: float
+    values: Sequence[float]
+    slopes: Slopes
     stops: dict[str, list[Array]]
 
     @property
@@ -56,87 +71,142 @@ class Change:
                 return True
         return False
 
+    def Added(self, name: str, base: Array, z: Array, value: float) -> Array:
+        """Returns an array with what the input changes, as the page's script does.
+
+        Args:
+            name: Of the array.
+            base: The array at the scenario's own values.
+            z: The array with what other inputs change.
+            value: Of the input.
+        """
+        if name in self.slopes:
+            z = z.copy()
+            places, slopes = self.slopes[name]
+            z[places] += (value - self.value) * slopes
+        elif name in self.stops:
+            stop = self.stops[name][list(self.values).index(value)]
+            if stop.shape != base.shape or not np.isfinite(base).all():
+                return stop
+            z = z + (stop - base) if z.shape == stop.shape else stop
+        return z
+
+
+@dataclass(kw_only=True)
+class Input:
+    """A number that can be changed.
+
+    Attributes:
+        key: Dotted path in the scenario, an alias of several, or a number's name.
+        low, high, value: Its range, and its value in the scenario.
+        is_wanted: Whether it is an error if it cannot be changed.
+        label: Its name in the page, with its unit in brackets.
+        owners: Paths of the blocks to which it belongs.
+        is_delay: Whether it is one.
+        is_field: Whether it is shown only in the opened box of its block.
+        changes: Of each controller.
+    """
+
+    key: str
+    low: float
+    high: float
+    value: float
+    label: str
+    owners: list[str]
+    is_wanted: bool = False
+    is_delay: bool = False
+    is_field: bool = False
+    changes: list[Change] = field(default_factory=list)
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The ends of its range at which runs are compared.
+
+        A block that is made without a delay has another program.
+        """
+        return _ALMOST_ZERO if self.is_delay and self.low == 0 else self.low, self.high
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it has whole numbers only."""
+        return self.key.rpartition(".")[2] in _WHOLE
+
+    @property
+    def stops(self) -> list[float]:
+        """Its values if it is not continuous, that of now among them."""
+        if self.is_whole:
+            return [*map(float, range(math.ceil(self.low), math.floor(self.high) + 1))]
+        return sorted({*np.linspace(self.low, self.high, NUM_STOPS), self.value})
+
+    @property
+    def is_continuous(self) -> bool:
+        """Whether it is, for every controller."""
+        return not any(change.stops for change in self.changes)
+
 
 class NotSums(ValueError):
     """Two inputs that change the same number together."""
 
 
-def FindChange(
-    name: str,
-    low: float,
-    high: float,
-    value: float,
-    make: Callable[[float], Model],
-    stops: Sequence[float],
-    *,
-    are_whole: bool,
-) -> Change:
+def FindChange(one: Input, make: Maker) -> Change:
     """Returns what an input changes.
-
-    Args:
-        name: Of the input.
-        low: Its least value.
-        high: Its largest value.
-        value: Its value in the scenario.
-        make: Returns the run at a value.
-        stops: The values that it has if it is not continuous.
-        are_whole: Whether it has whole numbers only.
 
     Raises:
         ScenarioError: If another structure or whole numbers come out at a value.
     """
-    base = make(value)
+    base = make({one.key: one.value})
 
     def At(v: float) -> Numbers:
-        model = make(v)
+        model = make({one.key: v})
         if model.structure != base.structure:
-            Refuse(name, v, f"values with the program of {value:g}: it has another one")
+            allowed = f"values with the program of {one.value:g}: it has another one"
+            Refuse(one.key, v, allowed)
         return model.numbers
 
-    z = base.numbers
-    if not are_whole:
+    if not one.is_whole:
+        low, high = one.ends
         looked = [low, high, *(low + share * (high - low) for share in _SHARES)]
         known = [(v, At(v)) for v in looked]
-        slopes = {
-            key: _Slope([(v, x[key]) for v, x in known], value, z[key]) for key in z
-        }
-        if all(slope is not None for slope in slopes.values()):
-            places = {k: np.flatnonzero(s) for k, s in slopes.items() if s is not None}
-            changes = {
-                key: (place, slopes[key][place])  # type: ignore[index]
-                for key, place in places.items()
-                if place.size
-            }
-            return Change(slopes=changes, stops={})
+        slopes = _FindSlopes(known, one.value, base.numbers)
+        if slopes is not None:
+            return Change(value=one.value, values=one.ends, slopes=slopes, stops={})
     # All of it comes from the tables, so that no number is between two stops.
-    tables = [At(v) for v in stops]
-    changing = [k for k in z if any(not np.array_equal(z[k], x[k]) for x in tables)]
-    return Change(slopes={}, stops={key: [x[key] for x in tables] for key in changing})
+    tables = [At(v) for v in one.stops]
+    stops = {
+        name: [table[name] for table in tables]
+        for name, z in base.numbers.items()
+        if not all(np.array_equal(z, table[name]) for table in tables)
+    }
+    return Change(value=one.value, values=one.stops, slopes={}, stops=stops)
 
 
-def _Slope(known: list[tuple[float, Array]], value: float, z: Array) -> Array | None:
+def _FindSlopes(
+    known: list[tuple[float, Numbers]], value: float, base: Numbers
+) -> Slopes | None:
     """Returns the slopes of numbers, None if not all are affine.
 
     Args:
         known: Values of the input and the numbers there, at the ends of its range
             first.
         value: Its value in the scenario.
-        z: The numbers there.
+        base: The numbers there.
     """
-    if any(x.shape != z.shape for _, x in known):
-        return None
     (low, first), (high, last) = known[:2]
-    with np.errstate(invalid="ignore"):
-        slope: Array = np.nan_to_num((last - first) / (high - low))
-    is_line = all(_IsSame(z + (v - value) * slope, x) for v, x in known)
-    return slope if is_line else None
+    slopes = {}
+    for name, z in base.items():
+        if any(x[name].shape != z.shape for _, x in known):
+            return None
+        with np.errstate(invalid="ignore"):
+            slope = np.nan_to_num((last[name] - first[name]) / (high - low))
+        if not all(_IsSame(z + (v - value) * slope, x[name]) for v, x in known):
+            return None
+        places = np.flatnonzero(slope)
+        if places.size:
+            slopes[name] = places, slope[places]
+    return slopes
 
 
-def CheckSums(
-    base: Numbers,
-    inputs: Mapping[str, tuple[float, Sequence[float], Change]],
-    make: Callable[[Mapping[str, float]], Model],
-) -> None:
+def CheckSums(base: Numbers, changes: Mapping[str, Change], make: Maker) -> None:
     """Checks that the numbers are the sum of what each input changes.
 
     That is done where all inputs are at one end of their ranges, and at the corners of
@@ -144,28 +214,25 @@ def CheckSums(
 
     Args:
         base: At the scenario's own values.
-        inputs: By name: the scenario's value, those at which it is looked at, of which
-            the stops have as many, and what it changes.
+        changes: What each input changes, by its name.
         make: Returns the run at values of the inputs.
 
     Raises:
         NotSums: Naming two of them and an array.
     """
-    ends = {name: (values[0], values[-1]) for name, (_, values, _) in inputs.items()}
     corners = [
-        {one: v, other: ends[other][1]}
-        for one, other in itertools.combinations(inputs, 2)
-        if inputs[one][2].Meets(inputs[other][2])
-        for v in ends[one]
+        {one: end, other: changes[other].values[-1]}
+        for one, other in itertools.combinations(changes, 2)
+        if changes[one].Meets(changes[other])
+        for end in (changes[one].values[0], changes[one].values[-1])
     ]
-    for k in (0, 1):
-        corners.append({name: values[k] for name, values in ends.items()})
+    for k in (0, -1):
+        corners.append({name: change.values[k] for name, change in changes.items()})
     for corner in corners:
         for key, x in make(corner).numbers.items():
             expected = base[key]
             for name, value in corner.items():
-                at, values, change = inputs[name]
-                expected = Added(base[key], expected, key, value, at, values, change)
+                expected = changes[name].Added(key, base[key], expected, value)
             if expected.shape != x.shape or not _IsSame(expected, x):
                 raise NotSums(
                     f"{', '.join(corner)}: must not change {key} together, of which "
@@ -173,47 +240,7 @@ def CheckSums(
                 )
 
 
-def Added(
-    base: Array,
-    z: Array,
-    key: str,
-    value: float,
-    at: float,
-    values: Sequence[float],
-    change: Change,
-) -> Array:
-    """Returns numbers with what an input changes; the page's script does the same.
-
-    Args:
-        base: The array at the scenario's own values.
-        z: The same with what other inputs change.
-        key: Its name.
-        value: Of the input.
-        at: That of the scenario.
-        values: Those of the stops.
-        change: What the input changes.
-    """
-    if key in change.slopes:
-        z = z.copy()
-        places, slopes = change.slopes[key]
-        z[places] += (value - at) * slopes
-    elif key in change.stops:
-        stop = change.stops[key][list(values).index(value)]
-        if stop.shape != base.shape or not np.isfinite(base).all():
-            return stop
-        z = z + (stop - base) if z.shape == stop.shape else stop
-    return z
-
-
 def _IsSame(a: Array, b: Array) -> bool:
     scale = np.maximum(np.abs(a), np.abs(b))
     with np.errstate(invalid="ignore"):
         return bool(((a == b) | (np.abs(a - b) <= _ROUNDING * scale + 1e-15)).all())
-
-
-def Stops(low: float, high: float, value: float, *, are_whole: bool) -> list[float]:
-    """Returns the values of an input that is not continuous, that of now among them."""
-    if are_whole:
-        return [float(x) for x in range(math.ceil(low), math.floor(high) + 1)]
-    even = np.linspace(low, high, NUM_STOPS).tolist()
-    return sorted({*even, value})

@@ -15,17 +15,11 @@ from teleop_drake.blocks.environments import Surface
 from teleop_drake.page.colors import PageColor
 from teleop_drake.page.diagram_inputs import DiagramNumbers, MakeDiagramInputs
 from teleop_drake.page.document import Page
+from teleop_drake.page.inputs import Input, Maker
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.model import PERIOD, Model, ModelOf
 from teleop_drake.page.plants import ViewOf
-from teleop_drake.page.sliders import (
-    WHOLE,
-    DataOfInputs,
-    Input,
-    MakeInputs,
-    Models,
-    Ranges,
-)
+from teleop_drake.page.sliders import DataOfInputs, MakeInputs, Ranges, Runs
 from teleop_drake.page.wasm import ConstantsOf
 from teleop_drake.scenario import (
     AnyScenario,
@@ -35,8 +29,7 @@ from teleop_drake.scenario import (
     ScenarioLike,
 )
 from teleop_drake.scenario.config import DefaultSimulator
-from teleop_drake.scenario.overrides import GetPath, ParseOverrides
-from teleop_drake.scenario.tree import ToTree
+from teleop_drake.scenario.overrides import ParseOverrides
 from teleop_drake.signals import NameOf
 from teleop_drake.simulation.inputs import CheckInputs
 from teleop_drake.sweep import ALIASES
@@ -175,8 +168,10 @@ def MakePage(
     else:
         if context is not None:
             Refuse("context", "a Context", "left out where a page is of a scenario")
-        load = _Loader(scenario_or_diagram, overrides)
-        content = _OfScenario(load, controllers, vary or {}, has_hand, notes)
+        own = dict(ParseOverrides(overrides))
+        content = _OfScenario(
+            scenario_or_diagram, own, controllers, vary or {}, has_hand, notes
+        )
     known = set().union(*(model.Signals() for model in content.models.values()))
     CheckNames("signals", signals)
     for signal in signals:
@@ -201,7 +196,7 @@ class _Content(NamedTuple):
 
     title: str
     story: str
-    models: Models
+    models: Mapping[tuple[str, ...], Model]
     inputs: list[Input]
     choices: Mapping[str, list[str]]
     view: list[list[float]]
@@ -225,17 +220,17 @@ def _OfDiagram(
         context = system.CreateDefaultContext()
     CheckInputs(system, context)
     numbers = DiagramNumbers(system, context, DefaultSimulator(), duration)
-    model = numbers.Make({})
+    title = NameOf(system)
+    runs = Runs({(title,): numbers.Make}, notes)
+    model = runs.models[(title,)]
     if model.run.evaluator.left_out:
         left_out = ", ".join(model.run.evaluator.left_out)
         notes.append(f"{left_out}: left out, as nothing depends on them")
-    title = NameOf(system)
-    models: Models = {(title,): model}
     return _Content(
         title=title.replace("_", " "),
         story=_Story(source),
-        models=models,
-        inputs=MakeDiagramInputs(numbers, models, vary, notes),
+        models=runs.models,
+        inputs=MakeDiagramInputs(numbers, runs, vary, notes),
         choices={},
         view=ViewOf(model.plants),
         is_diagram=True,
@@ -243,30 +238,31 @@ def _OfDiagram(
 
 
 def _OfScenario(
-    load: Callable[[Mapping[str, Any]], AnyScenario],
+    source: ScenarioLike,
+    overrides: Mapping[str, Any],
     controllers: Sequence[str] | None,
     vary: Ranges,
     has_hand: bool,
     notes: list[str],
 ) -> _Content:
     """Returns what a scenario's page shows."""
-    scenario = load({})
+    scenario, _ = LoadOverridden(source, overrides)
     kinds = TaskOf(scenario).controllers if controllers is None else controllers
     kinds = list(kinds) or [scenario.controller.kind]
     choices, ranges = _Choices(scenario, vary, has_hand)
-    makers: dict[tuple[str, ...], Callable[[Mapping[str, float]], Model]] = {}
+    makers = {}
     for which in itertools.product(kinds, *choices.values()):
-        choice = dict(zip(choices, which[1:], strict=True))
-        makers[which] = _Maker(load, which[0], choice, has_hand)
-    models = {which: make({}) for which, make in makers.items()}
-    first = next(iter(models.values()))
+        chosen = dict(zip(["controller.kind", *choices], which, strict=True))
+        makers[which] = _Maker(source, {**overrides, **chosen}, has_hand)
+    runs = Runs(makers, notes)
+    first = next(iter(runs.models.values()))
     if not first.metrics:
         notes.append("the metrics of this task are its own: `run` prints them")
     return _Content(
         title=scenario.title or scenario.name,
         story=scenario.story,
-        models=models,
-        inputs=MakeInputs(scenario, ranges, makers, models, notes),
+        models=runs.models,
+        inputs=MakeInputs(scenario, ranges, runs),
         choices=choices,
         view=_View(scenario, first.surfaces),
         hand=_Hand(AsTeleoperation(scenario), kinds) if has_hand else None,
@@ -314,15 +310,6 @@ def _Hand(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _Loader(
-    source: ScenarioLike,
-    overrides: Mapping[str, Any] | Sequence[str],
-) -> Callable[[Mapping[str, Any]], AnyScenario]:
-    """Returns what loads a scenario with more overrides."""
-    own = dict(ParseOverrides(overrides))
-    return lambda more: LoadOverridden(source, {**own, **more})[0]
-
-
 def _Choices(
     scenario: AnyScenario, vary: Ranges, has_hand: bool
 ) -> tuple[dict[str, list[str]], Ranges]:
@@ -354,23 +341,14 @@ def _View(scenario: AnyScenario, surfaces: tuple[Surface, ...]) -> list[list[flo
     return [forward.tolist(), [0.0, 0.0, 1.0]]
 
 
-def _Maker(
-    load: Callable[[Mapping[str, Any]], AnyScenario],
-    kind: str,
-    choice: Mapping[str, str],
-    has_hand: bool,
-) -> Callable[[Mapping[str, float]], Model]:
-    """Returns what makes the run of a controller at values of inputs."""
-    tree, wanted = ToTree(load({})), {"controller.kind": kind, **choice}
-    chosen = {key: x for key, x in wanted.items() if GetPath(tree, key) != x}
+def _Maker(source: ScenarioLike, overrides: Mapping[str, Any], has_hand: bool) -> Maker:
+    """Returns what makes the run of a scenario with overrides at values of inputs."""
 
     def Make(values: Mapping[str, float]) -> Model:
-        more: dict[str, Any] = dict(chosen)
+        more = dict(overrides)
         for key, value in values.items():
-            is_whole = key.rpartition(".")[2] in WHOLE
-            number = int(value) if is_whole else float(value)
-            more |= dict.fromkeys(ALIASES.get(key, (key,)), number)
-        scenario = load(more)
+            more |= dict.fromkeys(ALIASES.get(key, (key,)), float(value))
+        scenario = LoadOverridden(source, more)[0]
         if has_hand:
             scenario = dataclasses.replace(scenario, duration=_LONGEST_DRIVE)
         TaskOf(scenario).Check(scenario)

@@ -1,13 +1,11 @@
 """The sliders of a page: which numbers can be changed, and in which range."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
 from numbers import Real
 from typing import Any
 
 from teleop_drake.figures.style import AxisLabel
-from teleop_drake.page.inputs import Change, CheckSums, FindChange, NotSums, Stops
-from teleop_drake.page.model import Model
+from teleop_drake.page.inputs import CheckSums, FindChange, Input, Maker, NotSums
 from teleop_drake.scenario import AnyScenario, ScenarioError
 from teleop_drake.sweep import ALIASES
 from teleop_drake.validation import Refuse
@@ -17,14 +15,8 @@ _DELAYS = ("forward_delay", "return_delay")
 # The least delay of a slider, s, where a loop without any is another program.
 _LEAST_DELAY = 0.005
 
-# What stands for no delay where programs are compared, s.
-_ALMOST_ZERO = 1e-6
-
 # The largest one is at least this, s, and at least twice that of the scenario.
 _LARGE_DELAY = 0.5
-
-# Fields of whole numbers.
-WHOLE = ("seed",)
 
 Ranges = Mapping[str, Sequence[Any]]
 
@@ -35,65 +27,94 @@ _OWNERS = {
     "surgeon": ["master"],
 }
 
-# By the controller and what is chosen.
-Models = Mapping[tuple[str, ...], Model]
-Makers = Mapping[tuple[str, ...], Callable[[Mapping[str, float]], Model]]
 
+class Runs:
+    """The runs of a page, whose numbers inputs change.
 
-@dataclass(kw_only=True)
-class Input:
-    """A number that can be changed.
+    Args:
+        makers: By the controller and what is chosen: what makes the run.
+        notes: Gets what has no slider, and why.
 
     Attributes:
-        key: Dotted path in the scenario, or an alias of several.
-        low, high, value: Its range, and its value in the scenario.
-        is_wanted: Whether it is an error if it cannot be changed.
-        label: Its name in the page, with its unit in brackets.
-        owners: Paths of the blocks to which it belongs.
-        is_delay: Whether it is one.
-        is_field: Whether it is shown only in the opened box of its block.
-        changes: Of each controller.
+        models: The runs with the numbers of the scenario or the Context.
     """
 
-    key: str
-    low: float
-    high: float
-    value: float
-    is_wanted: bool
-    label: str
-    owners: list[str]
-    is_delay: bool = False
-    is_field: bool = False
-    changes: list[Change] = field(default_factory=list)
+    def __init__(self, makers: Mapping[tuple[str, ...], Maker], notes: list[str]):
+        self.models = {which: make({}) for which, make in makers.items()}
+        self._makers = makers
+        self._notes = notes
+        # Whether constant delays may be 0 in all programs.
+        self._may_be_zero = all(x.has_zero_delays for x in self.models.values())
 
-    @property
-    def ends(self) -> tuple[float, float]:
-        """The ends of its range at which runs are compared.
+    def DelayRange(self, value: float) -> tuple[float, float]:
+        """Returns the range of a delay's slider if none is given, s."""
+        least = 0.0 if self._may_be_zero else _LEAST_DELAY
+        return least, max(_LARGE_DELAY, 2 * value)
 
-        A block that is made without a delay has another program.
+    def FindInputs(self, alternatives: Iterable[Sequence[Input]]) -> list[Input]:
+        """Returns the inputs that can be changed.
+
+        Args:
+            alternatives: Inputs; where two of them change a number together, those of
+                the next one are taken.
+
+        Raises:
+            ScenarioError: If a wanted one cannot be changed, or no alternative can be.
         """
-        return _ALMOST_ZERO if self.is_delay and self.low == 0 else self.low, self.high
+        reason = None
+        for inputs in alternatives:
+            found = [one for one in inputs if self.HasChanges(one)]
+            try:
+                self.Check(found)
+            except NotSums as error:
+                reason = error
+                continue
+            if reason and not any(one.is_delay for one in inputs):
+                self._notes.append(f"the delays have no sliders: {reason}")
+            return found
+        raise ScenarioError(f"vary = {reason}")
 
-    @property
-    def stops(self) -> list[float]:
-        """Its values if it is not continuous."""
-        are_whole = self.key.rpartition(".")[2] in WHOLE
-        return Stops(self.low, self.high, self.value, are_whole=are_whole)
+    def HasChanges(self, one: Input) -> bool:
+        """Finds out what an input changes; returns whether it can be one."""
+        try:
+            self._CheckZero(one)
+            one.changes = [FindChange(one, make) for make in self._makers.values()]
+            if not any(change.names for change in one.changes):
+                words = "a number that changes something in the run"
+                Refuse(one.key, f"{one.low:g}:{one.high:g}", words)
+        except ScenarioError as error:
+            if one.is_wanted:
+                raise
+            if one.is_delay and one.low == 0:
+                one.low = _LEAST_DELAY
+                return self.HasChanges(one)
+            if not one.is_field:
+                self._notes.append(f"{one.key} has no slider: {error}")
+            return False
+        return True
 
-    @property
-    def is_continuous(self) -> bool:
-        """Whether it is, for every controller."""
-        return not any(change.stops for change in self.changes)
+    def _CheckZero(self, one: Input) -> None:
+        """Refuses a delay that is negative, or is 0 where a loop needs it."""
+        if not one.is_delay or one.low > 0 or (one.low == 0 and self._may_be_zero):
+            return
+        allowed = "0 s or more"
+        if one.low == 0:
+            allowed = "above 0 s, because without it a signal depends on itself"
+        Refuse(one.key, f"{one.low:g}:{one.high:g}", allowed)
+
+    def Check(self, inputs: Iterable[Input]) -> None:
+        """Checks that the runs are the sum of what each input changes.
+
+        Raises:
+            NotSums: If they are not.
+        """
+        for i, (which, make) in enumerate(self._makers.items()):
+            changes = {one.key: one.changes[i] for one in inputs}
+            CheckSums(self.models[which].numbers, changes, make)
 
 
-def MakeInputs(
-    scenario: AnyScenario,
-    vary: Ranges,
-    makers: Makers,
-    models: Models,
-    notes: list[str],
-) -> list[Input]:
-    """Returns the inputs of a page.
+def MakeInputs(scenario: AnyScenario, vary: Ranges, runs: Runs) -> list[Input]:
+    """Returns the inputs of a scenario's page.
 
     Where the delays change a number together, as gains that derive from the round trip,
     they are one input.
@@ -101,26 +122,19 @@ def MakeInputs(
     # Each key by the name that it has as an option.
     names = {paths[0]: alias for alias, paths in ALIASES.items() if alias in _DELAYS}
     vary = {names.get(key, key): values for key, values in vary.items()}
-    reason = NotSums()
     others = [key for key in vary if key not in ("delay", *_DELAYS)]
     choices: list[tuple[str, ...]] = [_DELAYS, ("delay",)]
     if len(others) == len(vary):
         choices.append(())
+    alternatives = []
     for delays in choices:
-        inputs = [_MakeInput(key, scenario, vary, models) for key in (*delays, *others)]
-        found = [x for x in inputs if x and FindChanges(x, makers, models, notes)]
-        try:
-            CheckInputs(found, makers, models)
-            if not delays:
-                notes.append(f"the delays have no sliders: {reason}")
-            return found
-        except NotSums as error:
-            reason = error
-    raise ScenarioError(f"vary = {reason}") from None
+        inputs = [_MakeInput(key, scenario, vary, runs) for key in (*delays, *others)]
+        alternatives.append([one for one in inputs if one is not None])
+    return runs.FindInputs(alternatives)
 
 
 def _MakeInput(
-    key: str, scenario: AnyScenario, vary: Ranges, models: Models
+    key: str, scenario: AnyScenario, vary: Ranges, runs: Runs
 ) -> Input | None:
     """Returns an input with its range; None if it is a delay that there is not."""
     is_delay = key in ("delay", *_DELAYS)
@@ -133,23 +147,17 @@ def _MakeInput(
         raise
     if isinstance(value, bool) or not isinstance(value, int | float):
         Refuse(key, value, "a number in the scenario, to be varied")
-    low, high = RangeWith(key, wanted or DelayRange(value, models), value)
+    low, high = RangeWith(key, wanted or runs.DelayRange(value), value)
     return Input(
         key=key,
         low=low,
         high=high,
         value=value,
-        is_wanted=wanted is not None,
         label=AxisLabel(key),
         owners=_OwnersOf(key),
+        is_wanted=wanted is not None,
         is_delay=is_delay,
     )
-
-
-def DelayRange(value: float, models: Models) -> tuple[float, float]:
-    """Returns the range of a delay's slider if none is given, s."""
-    least = 0.0 if _MayBeZero(models) else _LEAST_DELAY
-    return least, max(_LARGE_DELAY, 2 * value)
 
 
 def RangeWith(key: str, ends: Sequence[Any], value: float) -> tuple[float, float]:
@@ -160,68 +168,6 @@ def RangeWith(key: str, ends: Sequence[Any], value: float) -> tuple[float, float
     if not low < high:
         Refuse(key, f"{low:g}:{high:g}", "LO:HI, the larger one behind")
     return min(low, value), max(high, value)
-
-
-def FindChanges(one: Input, makers: Makers, models: Models, notes: list[str]) -> bool:
-    """Finds out what an input changes; returns whether it can be one."""
-    try:
-        if one.is_delay and one.low <= 0:
-            _CheckZero(one, models)
-        one.changes = [
-            FindChange(
-                one.key,
-                *one.ends,
-                one.value,
-                lambda v, make=make: make({one.key: v}),  # type: ignore[misc]
-                one.stops,
-                are_whole=one.key.rpartition(".")[2] in WHOLE,
-            )
-            for make in makers.values()
-        ]
-        if not any(change.names for change in one.changes):
-            words = "a number that changes something in the run"
-            Refuse(one.key, f"{one.low:g}:{one.high:g}", words)
-    except ScenarioError as error:
-        if one.is_wanted:
-            raise
-        if one.is_delay and one.low == 0:
-            one.low = _LEAST_DELAY
-            return FindChanges(one, makers, models, notes)
-        notes.append(f"{one.key} has no slider: {error}")
-        return False
-    return True
-
-
-def _CheckZero(one: Input, models: Models) -> None:
-    """Refuses a delay that is negative, or is 0 where a loop needs it."""
-    if one.low == 0 and _MayBeZero(models):
-        return
-    allowed = "0 s or more"
-    if one.low == 0:
-        allowed = "above 0 s, because without it a signal depends on itself"
-    Refuse(one.key, f"{one.low:g}:{one.high:g}", allowed)
-
-
-def _MayBeZero(models: Models) -> bool:
-    """Returns whether constant delays may be 0 in all programs."""
-    return all(model.has_zero_delays for model in models.values())
-
-
-def CheckInputs(inputs: Sequence[Input], makers: Makers, models: Models) -> None:
-    """Checks that the runs are the sum of what each input changes; see CheckSums()."""
-    for i, (which, make) in enumerate(makers.items()):
-        CheckSums(
-            models[which].numbers,
-            {
-                one.key: (
-                    one.value,
-                    one.ends if one.is_continuous else one.stops,
-                    one.changes[i],
-                )
-                for one in inputs
-            },
-            make,
-        )
 
 
 def DataOfInputs(

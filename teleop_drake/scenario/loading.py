@@ -68,7 +68,6 @@ def LoadOverridden(
         The scenario, and dotted paths with the numbers of elements, never their names:
         the same for all names of a field, and two for `delay`.
     """
-    is_valid = isinstance(scenario, Scenario)
     if isinstance(scenario, str | os.PathLike):
         path = _FindScenario(scenario)
         tree = ToTree(_CompleteTree(path, ReadText(path)))
@@ -79,7 +78,9 @@ def LoadOverridden(
     replaced = [SetPath(tree, path, value) for path, value in ParseOverrides(overrides)]
     changed = FromTree(tree, schema)
     # Most sweeps change the channels alone.
-    if is_valid and all(path.startswith(CHANNELS) for path in replaced):
+    is_valid = isinstance(scenario, Scenario)
+    only_channels = all(path.startswith(CHANNELS) for path in replaced)
+    if is_valid and only_channels and isinstance(changed, Scenario):
         changed._CheckChannels()
     else:
         changed._Check()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from teleop_drake.page import MakePage
-from teleop_drake.page.inputs import Added, CheckSums, FindChange, NotSums, Stops
+from teleop_drake.page.inputs import CheckSums, FindChange, Input, NotSums
 from teleop_drake.page.model import ModelOf
 from teleop_drake.scenario import LoadScenario, ScenarioError
 
@@ -16,22 +16,19 @@ def Make(values, name="one_dof", more=()):
 
 
 def Change(key, low, high, at, **more):
-    are_whole = key.endswith("seed")
-    stops = Stops(low, high, at, are_whole=are_whole)
-    change = FindChange(
-        key, low, high, at, lambda v: Make({key: v}, **more), stops, are_whole=are_whole
-    )
-    return stops, change
+    one = Input(key=key, low=low, high=high, value=at, label=key, owners=[])
+    return FindChange(one, lambda values: Make(values, **more))
 
 
 def test_another_one_has_stops():
     """The first estimate is the inverse of the mass."""
     law = {"controller.kind": "adaptive_backstepping", "controller.initial_psi": "auto"}
-    stops, change = Change("robot.mass", 0.5, 3.0, 2.0, more=law)
+    change = Change("robot.mass", 0.5, 3.0, 2.0, more=law)
     assert change.stops and not change.slopes
     base = Make({"robot.mass": 2.0}, more=law).numbers
-    for name, expected in Make({"robot.mass": stops[7]}, more=law).numbers.items():
-        z = Added(base[name], base[name], name, stops[7], 2.0, stops, change)
+    mass = change.values[7]
+    for name, expected in Make({"robot.mass": mass}, more=law).numbers.items():
+        z = change.Added(name, base[name], base[name], mass)
         np.testing.assert_allclose(z, expected, rtol=1e-9, atol=1e-15)
 
 
@@ -59,11 +56,9 @@ def test_two_inputs_whose_product_enters_are_refused():
             self.numbers = {"x": np.array([a * b])}
             self.structure = ()
 
-    inputs = {}
+    changes = {}
     for key, at in (("a", 1.0), ("b", 2.0)):
-        change = FindChange(
-            key, 0.5, 3.0, at, lambda v, k=key: Product({k: v}), [], are_whole=False
-        )
-        inputs[key] = at, (0.5, 3.0), change
+        one = Input(key=key, low=0.5, high=3.0, value=at, label=key, owners=[])
+        changes[key] = FindChange(one, Product)
     with pytest.raises(NotSums, match=r"^a, b: .*change x together"):
-        CheckSums(line, inputs, Product)
+        CheckSums(line, changes, Product)

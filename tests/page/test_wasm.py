@@ -9,7 +9,7 @@ from wasm_runs import AssertSame, DataOf
 
 from teleop_drake.blocks.operators import OPERATOR_KINDS
 from teleop_drake.jit import cache
-from teleop_drake.page.inputs import Added, Change
+from teleop_drake.page.inputs import Change
 from teleop_drake.page.model import ModelOf
 from teleop_drake.page.page import MakePage
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioNames
@@ -71,10 +71,11 @@ def test_random_values_of_every_input(request, name, more, vary):
             value = float(generator.choice(stops)) if stops else value
             slopes, tables = loop["changes"][key].values()
             slopes = {k: (x.astype(int), rates) for k, (x, rates) in slopes.items()}
-            change = Change(slopes=slopes, stops=tables)
+            change = Change(
+                value=one["value"], values=stops or [], slopes=slopes, stops=tables
+            )
             for k, x in loop["numbers"].items():
-                z = Added(x, numbers[k], k, value, one["value"], stops or [], change)
-                numbers = {**numbers, k: z}
+                numbers = {**numbers, k: change.Added(k, x, numbers[k], value)}
             field = key.replace("_delay", "_channel.delay")
             chosen[field] = int(value) if key.endswith("seed") else value
         scenario = LoadScenario(name, {**more, **loop["choice"], **chosen})
