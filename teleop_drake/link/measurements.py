@@ -36,10 +36,10 @@ class Tick(NamedTuple):
     trust: float
 
 
-MEASURED = ("packet_age", "round_trip", "period", "lateness", "trust")
-"""The fields of a Tick that are signals of a recording."""
-
 _TIMES = ("packet_age", "round_trip", "period", "lateness")
+
+MEASURED = (*_TIMES, "trust")
+"""The fields of a Tick that are signals of a recording."""
 
 
 class Measurements:
@@ -171,7 +171,7 @@ class TickLog:
     """
 
     def __init__(self, file: Path, half: Half):
-        columns = ["time_s", "packet_age_s", "round_trip_s", "period_s", "lateness_s"]
+        columns = ["time_s", *(f"{name}_s" for name in _TIMES)]
         columns += ["trust", "tick_of_packet_in_use"]
         columns += [f"received_{i}" for i in range(half.fed.size)]
         columns += [f"sent_{i}" for i in range(half.sent[0].size)]
@@ -190,11 +190,7 @@ class TickLog:
         """
         numbers = [
             tick.tick * self._half.period,
-            tick.packet_age,
-            tick.round_trip,
-            tick.period,
-            tick.lateness,
-            tick.trust,
+            *(getattr(tick, name) for name in MEASURED),
             packet_tick,
             *self._half.fed.tolist(),
             *self._half.sent[-1].tolist(),

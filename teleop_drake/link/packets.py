@@ -75,13 +75,13 @@ class State(NamedTuple):
         tick: Its last tick; -1 before the start.
         used: The tick of the packet that was in use at each of the last ticks; -1: none
             (NUM_USED).
-        has_ended: Whether it sends no more than this.
+        ended: Whether it sends no more than this.
     """
 
     start: int
     tick: int
     used: Array
-    has_ended: bool
+    ended: bool
 
 
 @functools.cache
@@ -162,23 +162,24 @@ class Session:
             values: The signal that goes out.
         """
         self._sequence += 1
+        fields = {
+            "magic": _MAGIC,
+            "version": _VERSION,
+            "role": self._role,
+            "size": len(values),
+            "session": self._session,
+            "peer": self._peer,
+            "sequence": self._sequence,
+            "sent": now,
+            "heard": self._heard,
+            "held": now - self._arrived,
+            "agreement": self._agreement,
+            "values": values,
+            **state._asdict(),
+        }
         packet = np.zeros((), PacketType(len(values)))
-        packet["magic"] = _MAGIC
-        packet["version"] = _VERSION
-        packet["role"] = self._role
-        packet["ended"] = state.has_ended
-        packet["size"] = len(values)
-        packet["session"] = self._session
-        packet["peer"] = self._peer
-        packet["sequence"] = self._sequence
-        packet["sent"] = now
-        packet["heard"] = self._heard
-        packet["held"] = now - self._arrived
-        packet["agreement"] = self._agreement
-        packet["start"] = state.start
-        packet["tick"] = state.tick
-        packet["used"] = state.used
-        packet["values"] = values
+        for name, value in fields.items():
+            packet[name] = value
         data = packet.tobytes()[:-_HASH_SIZE]
         return data + self._Hash(data)
 
@@ -280,8 +281,7 @@ def ReadKey(file: str) -> bytes:
         Refuse("key", file, f"{allowed} (its mode is {mode:o}; `chmod 600` mends it)")
     if not re.fullmatch("[0-9a-f]{64}", text.strip()):
         Refuse("key", file, f"{allowed} (a key is 64 hexadecimal digits)")
-    key = bytes.fromhex(text)
-    return key
+    return bytes.fromhex(text)
 
 
 def OpenSocket(address: str, *, listens: bool) -> tuple[socket.socket, Address]:

@@ -275,8 +275,7 @@ class Side(Half):
         if now < self._next_notice:
             return
         self._next_notice = now + _NOTICE_PERIOD
-        with contextlib.suppress(OSError):
-            self._socket.sendto(WRONG_KEY_NOTICE, address)
+        self._Send(WRONG_KEY_NOTICE, address)
 
     def _Meet(self, now: int) -> None:
         """Sets tick 0 if both sides hear each other."""
@@ -340,14 +339,18 @@ class Side(Half):
             self._SendTo(self._session.address)
 
     def _SendTo(self, address: Address) -> None:
-        """Sends a packet; one that is not taken is lost."""
+        """Sends a packet."""
         state = State(
             start=self._start,
             tick=self.tick,
             used=self.measured.LatestUsed(self.tick),
-            has_ended=self.reason is not None,
+            ended=self.reason is not None,
         )
         data = self._session.Seal(self._clock(), self.sent[-1], state)
+        self._Send(data, address)
+
+    def _Send(self, data: bytes, address: Address) -> None:
+        """Sends a datagram; one that is not taken is lost."""
         with contextlib.suppress(OSError):
             self._socket.sendto(data, address)
 
