@@ -1,5 +1,8 @@
 """Colours of a page's curves, which are legible on light and on dark paper."""
 
+import numpy as np
+from matplotlib.colors import to_hex, to_rgb
+
 from teleop_drake.figures.style import COLORS
 
 # The papers: --panel of page.css, on which curves have the least contrast.
@@ -30,24 +33,17 @@ def Contrast(one: str, other: str) -> float:
 
 def _Towards(color: str, end: str, paper: str) -> str:
     """Returns a colour, mixed with another until it has the contrast with paper."""
-    mixed, share = color, 0.0
+    begin = np.array(to_rgb(color))
+    change = to_rgb(end) - begin
+    mixed = color
+    share = 0.0
     while Contrast(mixed, paper) < CONTRAST:
         share += 0.02
-        pairs = zip(_Channels(color), _Channels(end), strict=True)
-        channels = [round((1 - share) * a + share * b) for a, b in pairs]
-        mixed = "#" + "".join(f"{channel:02x}" for channel in channels)
+        mixed = to_hex(begin + share * change)
     return mixed
 
 
 def _Luminance(color: str) -> float:
-    linear = []
-    for channel in _Channels(color):
-        x = channel / 255
-        linear.append(x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4)
-    red, green, blue = linear
-    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
-
-
-def _Channels(color: str) -> list[int]:
-    """Returns red, green and blue of `#rrggbb`, from 0 to 255."""
-    return [int(color[i : i + 2], 16) for i in (1, 3, 5)]
+    x = np.array(to_rgb(color))
+    linear = np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])

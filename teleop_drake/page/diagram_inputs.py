@@ -72,7 +72,9 @@ class DiagramNumbers:
     ) -> Input:
         """Returns an input for a number; the box of a field has its block's path."""
         low, high = RangeWith(key, ends, self.values[key])
-        unit = self.scalars[key][1] if key in self.scalars else "s" * (key == "delay")
+        unit = "s" if key == "delay" else ""
+        if key in self.scalars:
+            _, unit = self.scalars[key]
         name = key.rpartition("/")[2] if is_field else key
         return Input(
             key=key,
@@ -106,9 +108,10 @@ def MakeDiagramInputs(
         if key not in numbers.values:
             Refuse("vary", key, Choices(key, list(numbers.values)))
     is_wanted = vary is not None
-    inputs = runs.FindInputs(
-        [[numbers.Input(x, ends, is_wanted=is_wanted) for x, ends in wanted.items()]]
-    )
+    varied = [
+        numbers.Input(key, ends, is_wanted=is_wanted) for key, ends in wanted.items()
+    ]
+    inputs = runs.FindInputs([varied])
     return inputs + _Fields(numbers, inputs, runs, notes)
 
 
@@ -120,7 +123,8 @@ def _DefaultRanges(numbers: DiagramNumbers, runs: Runs) -> Ranges:
     }
     others = [x for x in numbers.scalars if x not in ranges and values[x] != 0]
     for name in others[:_NUM_SLIDERS]:
-        ranges[name] = sorted((0.5 * values[name], 2 * values[name]))
+        value = values[name]
+        ranges[name] = sorted((0.5 * value, 2 * value))
     return ranges
 
 
@@ -140,7 +144,9 @@ def _Fields(
         one = _Field(numbers, name, runs)
         if one is None:
             continue
-        met = [x for x in (*inputs, *fields) if x.changes[0].Meets(one.changes[0])]
+        change = one.changes[0]
+        others = [*inputs, *fields]
+        met = [other for other in others if other.changes[0].Meets(change)]
         try:
             if met:
                 runs.Check([*met, one])

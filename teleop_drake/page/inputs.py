@@ -124,7 +124,9 @@ class Input:
 
         A block that is made without a delay has another program.
         """
-        return _ALMOST_ZERO if self.is_delay and self.low == 0 else self.low, self.high
+        is_zero = self.is_delay and self.low == 0
+        least = _ALMOST_ZERO if is_zero else self.low
+        return least, self.high
 
     @property
     def is_whole(self) -> bool:
@@ -135,7 +137,8 @@ class Input:
     def stops(self) -> list[float]:
         """Its values if it is not continuous, that of now among them."""
         if self.is_whole:
-            return [*map(float, range(math.ceil(self.low), math.floor(self.high) + 1))]
+            end = math.floor(self.high) + 1
+            return [float(k) for k in range(math.ceil(self.low), end)]
         return sorted({*np.linspace(self.low, self.high, NUM_STOPS), self.value})
 
     @property
@@ -165,7 +168,8 @@ def FindChange(one: Input, make: Maker) -> Change:
 
     if not one.is_whole:
         low, high = one.ends
-        looked = [low, high, *(low + share * (high - low) for share in _SHARES)]
+        inside = [low + share * (high - low) for share in _SHARES]
+        looked = [low, high, *inside]
         known = [(v, At(v)) for v in looked]
         slopes = _FindSlopes(known, one.value, base.numbers)
         if slopes is not None:
@@ -198,8 +202,9 @@ def _FindSlopes(
             return None
         with np.errstate(invalid="ignore"):
             slope = np.nan_to_num((last[name] - first[name]) / (high - low))
-        if not all(_IsSame(z + (v - value) * slope, x[name]) for v, x in known):
-            return None
+        for v, x in known:
+            if not _IsSame(z + (v - value) * slope, x[name]):
+                return None
         places = np.flatnonzero(slope)
         if places.size:
             slopes[name] = places, slope[places]
@@ -241,6 +246,8 @@ def CheckSums(base: Numbers, changes: Mapping[str, Change], make: Maker) -> None
 
 
 def _IsSame(a: Array, b: Array) -> bool:
+    """Returns whether two arrays are equal but for rounding."""
     scale = np.maximum(np.abs(a), np.abs(b))
     with np.errstate(invalid="ignore"):
-        return bool(((a == b) | (np.abs(a - b) <= _ROUNDING * scale + 1e-15)).all())
+        is_near = np.abs(a - b) <= _ROUNDING * scale + 1e-15
+    return bool(np.all(is_near | (a == b)))

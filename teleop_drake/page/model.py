@@ -25,8 +25,9 @@ from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import AlgebraicLoop, OutputOf, Source
 from teleop_drake.engine.run import CompiledRun
 from teleop_drake.numerics.instants import SAME
+from teleop_drake.page.levels import Levels
 from teleop_drake.page.plants import PlantsIn
-from teleop_drake.page.wasm import MakeModule
+from teleop_drake.page.wasm import ConstantsOf, MakeModule
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import PathsIn, SignalsOf, UnitOf
 from teleop_drake.simulation.compiled_run import StartOf
@@ -113,6 +114,29 @@ class Model:
         run = self.run
         return MakeModule(run.evaluator.program, run.problem, run.memory)
 
+    def Data(self) -> dict[str, Any]:
+        """Returns what the page's script takes of a run."""
+        module = self.Module()
+        materials = [surface.material for surface in self.surfaces]
+        return {
+            "module": module,
+            "start": ConstantsOf(module),
+            "headers": self.Headers(),
+            "metrics": self.metrics,
+            "labels": self.labels,
+            "has_constant_command": self.has_constant_command,
+            "reasons": self.reasons,
+            "plants": self.plants,
+            "width": self.run.evaluator.program.sizes[0],
+            "numbers": self.numbers,
+            "ports": self.Ports(),
+            "signals": self.Signals(),
+            "feed": self.Feed(),
+            "levels": Levels(self.diagram),
+            "surfaces": [surface.name for surface in self.surfaces],
+            "materials": ["" if x is None else x.name for x in materials],
+        }
+
     def Headers(self) -> dict[str, list[Any]]:
         """Returns name, shape, whether it is of whole numbers and grows, of each array.
 
@@ -135,31 +159,29 @@ class Model:
 
         Their names are `path:port`; the path of the diagram itself is empty.
         """
-        program, blocks = self.run.evaluator.program, self.run.evaluator.blocks
-        result: dict[str, tuple[int, int, str]] = {}
-
-        def Note(system: System, path: str, port: Any, place: slice | None) -> None:
-            if place is not None:
-                unit = Unit(system, port.get_name(), port.size())
-                name = f"{path}:{port.get_name()}"
-                result[name] = place.start, place.stop - place.start, unit
-
+        program = self.run.evaluator.program
+        blocks = self.run.evaluator.blocks
+        indices = {x.system.GetSystemPathname(): i for i, x in enumerate(blocks)}
+        result = {}
         for system, path in PathsIn(self.diagram):
+            places = {}
             for i in range(system.num_output_ports()):
                 port = system.get_output_port(i)
                 if port.get_data_type() == PortDataType.kVectorValued:
                     source = OutputOf(blocks, system, i)
-                    Note(system, path, port, program.signals.get(source))
-        indices = {
-            block.system.GetSystemPathname(): i for i, block in enumerate(blocks)
-        }
-        for system, path in PathsIn(self.diagram):
+                    places[port] = program.signals.get(source)
             for k in range(system.num_input_ports()):
                 leaf, name = _LeafInput(system, k)
                 i = indices[leaf.GetSystemPathname()]
                 source = blocks[i].inputs.get(name, Source(i, name))
                 place = program.signals.get(source, program.fed.get(source))
-                Note(system, path, system.get_input_port(k), place)
+                places[system.get_input_port(k)] = place
+            for port, place in places.items():
+                if place is not None:
+                    name = port.get_name()
+                    size = place.stop - place.start
+                    unit = Unit(system, name, port.size())
+                    result[f"{path}:{name}"] = (place.start, size, unit)
         return result
 
     def Feed(self) -> tuple[int, int] | None:
@@ -271,9 +293,11 @@ def _PageMetrics(task: Task[Any]) -> str:
 
     A class that has Metrics() of its own has its own metrics.
     """
-    owner = next(kind for kind in type(task).__mro__ if "Metrics" in vars(kind))
-    name: str = vars(owner).get("page_metrics", "")
-    return name
+    for kind in type(task).__mro__:
+        if "Metrics" in vars(kind):
+            name: str = vars(kind).get("page_metrics", "")
+            return name
+    return ""
 
 
 def _Labels(scenario: AnyScenario) -> dict[str, str]:
@@ -282,10 +306,9 @@ def _Labels(scenario: AnyScenario) -> dict[str, str]:
     How a run ended has a row of its own there, and packets are not counted.
     """
     labels = {}
-    names = {name.partition(".")[0] for name in TaskOf(scenario).units}
-    names -= {"diverged", "diverged_at"}
+    channels = TaskOf(scenario).Channels(scenario)
     for name, unit in MetricUnits(scenario).items():
-        if name.partition(".")[0] not in names:
+        if name.partition(".")[0] in ("diverged", "diverged_at", *channels):
             continue
         label = name.replace("_", " ").replace(".", ": ")
         labels[name] = f"{label} [{unit}]" if unit else label

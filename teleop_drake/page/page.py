@@ -6,7 +6,7 @@ import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
 from importlib import metadata
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from pydrake.systems.framework import Context, System
@@ -20,13 +20,11 @@ from teleop_drake.page.levels import Levels
 from teleop_drake.page.model import PERIOD, Model, ModelOf
 from teleop_drake.page.plants import ViewOf
 from teleop_drake.page.sliders import DataOfInputs, MakeInputs, Ranges, Runs
-from teleop_drake.page.wasm import ConstantsOf
 from teleop_drake.scenario import (
     AnyScenario,
     AsTeleoperation,
     LoadOverridden,
     Scenario,
-    ScenarioLike,
 )
 from teleop_drake.scenario.config import DefaultSimulator
 from teleop_drake.scenario.overrides import ParseOverrides
@@ -164,44 +162,21 @@ def MakePage(
     if isinstance(scenario_or_diagram, System) or callable(scenario_or_diagram):
         if controllers or overrides or has_hand:
             Refuse("controllers, overrides, has_hand", "given", "left out of a diagram")
-        content = _OfDiagram(scenario_or_diagram, vary, duration, context, notes)
+        story = _Story(scenario_or_diagram)
+        data = _OfDiagram(scenario_or_diagram, vary, duration, context, notes)
     else:
         if context is not None:
             Refuse("context", "a Context", "left out where a page is of a scenario")
         own = dict(ParseOverrides(overrides))
-        content = _OfScenario(
-            scenario_or_diagram, own, controllers, vary or {}, has_hand, notes
-        )
-    known = set().union(*(model.Signals() for model in content.models.values()))
+        scenario, _ = LoadOverridden(scenario_or_diagram, own)
+        story = scenario.story
+        data = _OfScenario(scenario, controllers, vary or {}, has_hand, notes)
+    known = set().union(*(loop["signals"] for loop in data["controllers"]))
     CheckNames("signals", signals)
     for signal in signals:
         CheckChoice("signals", signal, sorted(known))
-    data = _Data(content, notes) | {"scopes": list(signals), "period": PERIOD}
-    return Page(content.title, content.story, data, notes)
-
-
-class _Content(NamedTuple):
-    """What a page shows.
-
-    Attributes:
-        title: Its name.
-        story: What it is.
-        models: The runs, by controller and choices.
-        inputs: The numbers that can be changed.
-        choices: What is chosen among programs.
-        view: What points to the right and upwards in the drawing of the task.
-        hand: What it takes for a hand; None: no hand drives it.
-        is_diagram: Whether it is of anybody's diagram, which has no controllers.
-    """
-
-    title: str
-    story: str
-    models: Mapping[tuple[str, ...], Model]
-    inputs: list[Input]
-    choices: Mapping[str, list[str]]
-    view: list[list[float]]
-    hand: dict[str, Any] | None = None
-    is_diagram: bool = False
+    data |= {"scopes": list(signals), "notes": notes}
+    return Page(data["title"], story, data, notes)
 
 
 def _OfDiagram(
@@ -210,8 +185,8 @@ def _OfDiagram(
     duration: float,
     context: Context | None,
     notes: list[str],
-) -> _Content:
-    """Returns what a diagram's page shows."""
+) -> dict[str, Any]:
+    """Returns all that the script of a diagram's page takes, but for the scopes."""
     system = source if isinstance(source, System) else source()
     if not isinstance(system, System):
         Refuse("scenario_or_diagram", source, "a function that returns a System")
@@ -226,47 +201,41 @@ def _OfDiagram(
     if model.run.evaluator.left_out:
         left_out = ", ".join(model.run.evaluator.left_out)
         notes.append(f"{left_out}: left out, as nothing depends on them")
-    return _Content(
-        title=title.replace("_", " "),
-        story=_Story(source),
-        models=runs.models,
-        inputs=MakeDiagramInputs(numbers, runs, vary, notes),
-        choices={},
-        view=ViewOf(model.plants),
-        is_diagram=True,
-    )
+    inputs = MakeDiagramInputs(numbers, runs, vary, notes)
+    return {
+        **_Data(title.replace("_", " "), inputs, {}, runs),
+        "view": ViewOf(model.plants),
+        "hand": None,
+        "isDiagram": True,
+    }
 
 
 def _OfScenario(
-    source: ScenarioLike,
-    overrides: Mapping[str, Any],
+    scenario: AnyScenario,
     controllers: Sequence[str] | None,
     vary: Ranges,
     has_hand: bool,
     notes: list[str],
-) -> _Content:
-    """Returns what a scenario's page shows."""
-    scenario, _ = LoadOverridden(source, overrides)
+) -> dict[str, Any]:
+    """Returns all that the script of a scenario's page takes, but for the scopes."""
     kinds = TaskOf(scenario).controllers if controllers is None else controllers
     kinds = list(kinds) or [scenario.controller.kind]
     choices, ranges = _Choices(scenario, vary, has_hand)
     makers = {}
     for which in itertools.product(kinds, *choices.values()):
         chosen = dict(zip(["controller.kind", *choices], which, strict=True))
-        makers[which] = _Maker(source, {**overrides, **chosen}, has_hand)
+        makers[which] = _Maker(scenario, chosen, has_hand)
     runs = Runs(makers, notes)
     first = next(iter(runs.models.values()))
     if not first.metrics:
         notes.append("the metrics of this task are its own: `run` prints them")
-    return _Content(
-        title=scenario.title or scenario.name,
-        story=scenario.story,
-        models=runs.models,
-        inputs=MakeInputs(scenario, ranges, runs),
-        choices=choices,
-        view=_View(scenario, first.surfaces),
-        hand=_Hand(AsTeleoperation(scenario), kinds) if has_hand else None,
-    )
+    inputs = MakeInputs(scenario, ranges, runs)
+    return {
+        **_Data(scenario.title or scenario.name, inputs, choices, runs),
+        "view": _View(scenario, first.surfaces),
+        "hand": _Hand(AsTeleoperation(scenario), kinds) if has_hand else None,
+        "isDiagram": False,
+    }
 
 
 def DiagramPage(diagram: System) -> Page:
@@ -341,7 +310,7 @@ def _View(scenario: AnyScenario, surfaces: tuple[Surface, ...]) -> list[list[flo
     return [forward.tolist(), [0.0, 0.0, 1.0]]
 
 
-def _Maker(source: ScenarioLike, overrides: Mapping[str, Any], has_hand: bool) -> Maker:
+def _Maker(source: AnyScenario, overrides: Mapping[str, Any], has_hand: bool) -> Maker:
     """Returns what makes the run of a scenario with overrides at values of inputs."""
 
     def Make(values: Mapping[str, float]) -> Model:
@@ -357,51 +326,31 @@ def _Maker(source: ScenarioLike, overrides: Mapping[str, Any], has_hand: bool) -
     return Make
 
 
-def _Data(content: _Content, notes: list[str]) -> dict[str, Any]:
-    """Returns all that the page's script takes."""
-    title, _, models, inputs, choices, view, hand, is_diagram = content
-    kinds = list(dict.fromkeys(which[0] for which in models))
-    return {
-        "title": title,
-        "version": metadata.version("teleop-drake"),
-        "notes": notes,
-        "view": view,
-        "isDiagram": is_diagram,
-        "hand": hand,
-        "inputs": DataOfInputs(inputs, choices),
-        "controllers": [
+def _Data(
+    title: str, inputs: list[Input], choices: Mapping[str, list[str]], runs: Runs
+) -> dict[str, Any]:
+    """Returns what the page's script takes of every page with runs."""
+    kinds = list(dict.fromkeys(which[0] for which in runs.models))
+    controllers = []
+    for i, (which, model) in enumerate(runs.models.items()):
+        changes = {one.key: one.changes[i] for one in inputs}
+        controllers.append(
             {
                 "kind": which[0],
                 "choice": dict(zip(choices, which[1:], strict=True)),
                 "title": which[0].replace("_", " "),
                 "color": PageColor(kinds.index(which[0])),
-                "module": (module := model.Module()),
-                "start": ConstantsOf(module),
-                "headers": model.Headers(),
-                "metrics": model.metrics,
-                "labels": model.labels,
-                "has_constant_command": model.has_constant_command,
-                "reasons": model.reasons,
-                "plants": model.plants,
-                "width": model.run.evaluator.program.sizes[0],
-                "numbers": model.numbers,
-                "ports": model.Ports(),
-                "signals": model.Signals(),
-                "feed": model.Feed(),
-                "levels": Levels(model.diagram),
-                "surfaces": [surface.name for surface in model.surfaces],
-                "materials": [
-                    "" if surface.material is None else surface.material.name
-                    for surface in model.surfaces
-                ],
+                **model.Data(),
                 "changes": {
-                    one.key: {
-                        "slopes": one.changes[i].slopes,
-                        "stops": one.changes[i].stops,
-                    }
-                    for one in inputs
+                    key: {"slopes": change.slopes, "stops": change.stops}
+                    for key, change in changes.items()
                 },
             }
-            for i, (which, model) in enumerate(models.items())
-        ],
+        )
+    return {
+        "title": title,
+        "version": metadata.version("teleop-drake"),
+        "period": PERIOD,
+        "inputs": DataOfInputs(inputs, choices),
+        "controllers": controllers,
     }

@@ -67,7 +67,8 @@ def _AxesOf(links: list[dict[str, Any]]) -> list[Array]:
     rotations = [np.eye(3)]
     axes = []
     for link in links:
-        R = rotations[link["parent"] + 1] @ np.array(link["frame"])[:, :3]
+        frame = np.array(link["frame"])
+        R = rotations[link["parent"] + 1] @ frame[:, :3]
         rotations.append(R)
         if link["turns"]:
             axes.append(R @ link["axis"])

@@ -95,10 +95,12 @@ class Runs:
 
     def _CheckZero(self, one: Input) -> None:
         """Refuses a delay that is negative, or is 0 where a loop needs it."""
-        if not one.is_delay or one.low > 0 or (one.low == 0 and self._may_be_zero):
+        if not one.is_delay or one.low > 0:
             return
         allowed = "0 s or more"
         if one.low == 0:
+            if self._may_be_zero:
+                return
             allowed = "above 0 s, because without it a signal depends on itself"
         Refuse(one.key, f"{one.low:g}:{one.high:g}", allowed)
 
@@ -162,7 +164,8 @@ def _MakeInput(
 
 def RangeWith(key: str, ends: Sequence[Any], value: float) -> tuple[float, float]:
     """Returns a range that has a value in it, too."""
-    if len(ends) != 2 or not all(isinstance(end, Real) for end in ends):
+    are_numbers = all(isinstance(end, Real) for end in ends)
+    if len(ends) != 2 or not are_numbers:
         Refuse(key, ends, "two numbers, the least and the largest value")
     low, high = ends
     if not low < high:

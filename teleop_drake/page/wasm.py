@@ -6,6 +6,7 @@ that machine is a module but for its exports, so that no linker is needed.
 
 import functools
 import gzip
+from collections.abc import Iterator
 from types import FunctionType
 from typing import Any, cast
 
@@ -113,22 +114,21 @@ def _Optimised(code: str) -> bytes:
 
 def _WithExport(data: bytes, name: bytes) -> bytes:
     """Returns an object file as a module that exports the first of its functions."""
-    parts, export = [data[:8]], b""
-    for kind, body in _Sections(data):
-        if kind == _IMPORTS:  # They have the first numbers.
-            num, _ = _ReadLeb(body, 0)
-            index = _Leb(num - sum(x in body for x in _NO_FUNCTIONS))
-            export = bytes([1, len(name)]) + name + b"\0" + index
-        # Sections stand by their numbers; 12 counts the data and stands before 10.
-        if export and kind > _EXPORTS:
-            parts.append(_Section(_EXPORTS, export))
-            export = b""
-        if kind != _CUSTOM:
-            parts.append(_Section(kind, body))
-    return b"".join(parts)
+    sections = [section for section in _Sections(data) if section[0] != _CUSTOM]
+    imports = dict(sections)[_IMPORTS]  # They have the first numbers.
+    num, _ = _ReadLeb(imports, 0)
+    index = _Leb(num - sum(x in imports for x in _NO_FUNCTIONS))
+    export = bytes([1, len(name)]) + name + b"\0" + index
+    # Sections stand by their numbers; 12 counts the data and stands before 10.
+    place = sum(kind < _EXPORTS for kind, _ in sections)
+    sections.insert(place, (_EXPORTS, export))
+    module = data[:8]
+    for kind, body in sections:
+        module += bytes([kind]) + _Leb(len(body)) + body
+    return module
 
 
-def _Sections(data: bytes) -> Any:
+def _Sections(data: bytes) -> Iterator[tuple[int, bytes]]:
     """Yields the number and the content of each section."""
     place = 8
     while place < len(data):
@@ -136,10 +136,6 @@ def _Sections(data: bytes) -> Any:
         size, place = _ReadLeb(data, place + 1)
         yield kind, data[place : place + size]
         place += size
-
-
-def _Section(kind: int, body: bytes) -> bytes:
-    return bytes([kind]) + _Leb(len(body)) + body
 
 
 def _Leb(number: int) -> bytes:
@@ -164,7 +160,8 @@ def ConstantsOf(module: bytes) -> int:
     """Returns the size in memory of what is a module's own."""
     name = _NO_FUNCTIONS[0]
     # Behind the name stand the kind of the import and that of its limit.
-    pages, _ = _ReadLeb(module, module.index(name) + len(name) + 2)
+    place = module.index(name) + len(name) + 2
+    pages, _ = _ReadLeb(module, place)
     return pages << 16
 
 
