@@ -37,13 +37,12 @@ from teleop_drake.scenario.tree import FromTree
 from teleop_drake.validation import (
     REQUIRED,
     CheckChoice,
-    CheckGain,
     CheckNumber,
     CheckVector,
     Config,
     FixedFields,
+    GainField,
     GainMatrix,
-    IsGiven,
     Number,
     Refuse,
     ScenarioError,
@@ -198,11 +197,8 @@ class DisturbanceConfig(FixedFields):
         """Checks both fields."""
         CheckChoice("disturbance.kind", self.kind, DISTURBANCES)
         n = num_axes
-        if (
-            not IsGiven(self.gain)
-            or not np.all(np.isfinite(self.gain))
-            or GainMatrix(self.gain, n).shape != (n, n)
-        ):
+        gain = np.asarray(self.gain, float)  # Of null, it is NaN.
+        if not np.isfinite(gain).all() or GainMatrix(gain, n).shape != (n, n):
             allowed = f"a finite number or {n} x {n} matrix (N/m)"
             Refuse("disturbance.gain", self.gain, allowed)
 
@@ -214,9 +210,9 @@ class TrackingControllerConfig(FixedFields):
     # One of TRACKING_CONTROLLERS.
     kind: str = REQUIRED
     # Weight of the position error in s, 1/s; symmetric positive definite (eq. 3.11).
-    Lambda: np.ndarray | float = REQUIRED
+    Lambda: np.ndarray | float = GainField(REQUIRED)
     # Gain on s, 1/s; symmetric positive definite (eq. 3.18).
-    G1: np.ndarray | float = REQUIRED
+    G1: np.ndarray | float = GainField(REQUIRED)
     # beta, >= 0 (eq. 3.19); 0 switches the network off.
     adaptation_rate: float = Number(REQUIRED, minimum=0)
     # nu, >= 0 (eq. 3.27).
@@ -226,8 +222,7 @@ class TrackingControllerConfig(FixedFields):
     def Check(self, num_axes: int) -> None:
         """Checks every field."""
         CheckChoice("controller.kind", self.kind, TRACKING_CONTROLLERS)
-        CheckGain("controller.Lambda", self.Lambda, num_axes)
-        CheckGain("controller.G1", self.G1, num_axes)
+        self.CheckGains("controller", num_axes)
         self.CheckNumbers("controller")
         self.network.Check("controller.network", num_axes)
         if self.network.has_velocity:

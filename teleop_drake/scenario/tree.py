@@ -43,14 +43,12 @@ def _ReduceSimulator(config: SimulatorConfig) -> tuple[Any, tuple[()]]:
 copyreg.pickle(SimulatorConfig, _ReduceSimulator)
 
 
-def _FieldTypes(schema: Any) -> Record:
+@functools.cache
+def FieldTypes(schema: Any) -> Record:
     """Returns the names and types of a config's fields."""
     if schema is SimulatorConfig:
         return _SIMULATOR_FIELDS
     return {item.name: item.type for item in dataclasses.fields(schema)}
-
-
-FieldTypes: Callable[[Any], Record] = functools.cache(_FieldTypes)
 
 
 _PLAIN = {str, float, int, bool, type(None)}
@@ -61,10 +59,8 @@ def ToTree(value: Any) -> Any:
     if type(value) in _PLAIN:  # Most are.
         return value
     if dataclasses.is_dataclass(value) or isinstance(value, SimulatorConfig):
-        return {
-            key: _KindToTree(getattr(value, key), schema)
-            for key, schema in FieldTypes(type(value)).items()
-        }
+        schemas = FieldTypes(type(value))
+        return {key: _FieldToTree(getattr(value, key), schemas[key]) for key in schemas}
     if isinstance(value, (np.ndarray, np.generic)):
         return value.tolist()
     if isinstance(value, (list, tuple)):
@@ -74,13 +70,12 @@ def ToTree(value: Any) -> Any:
     return value
 
 
-def _KindToTree(value: Any, schema: Any) -> Any:
+def _FieldToTree(value: Any, schema: Any) -> Any:
     """Returns the tree of a field, which says its kind if its type does not."""
     table = TableOf(schema)
-    tree = ToTree(value)
     if table is None or value is None:
-        return tree
-    return {table.key: value.kind, **tree}
+        return ToTree(value)
+    return {table.key: value.kind, **ToTree(value)}
 
 
 def FromTree(tree: Any, schema: type[_T]) -> _T:
@@ -135,22 +130,15 @@ def _BuildConfig(value: Any, schema: Any, path: str) -> Any:
     fields = FieldTypes(schema)
     _CheckMapping(value, fields, path)
     prefix = f"{path}." if path else ""
-    for key in value:
+    built = {}
+    for key, item in value.items():
         if key not in fields:
-            _RefuseKey(prefix, key, value[key], fields)
-    return schema(
-        **{
-            key: _Build(value[key], item_schema, prefix + key)
-            for key, item_schema in fields.items()
-            # A required field that is null is left for the checks to name.
-            if key in value
-            and not (
-                value[key] is None
-                and getattr(schema, key, 0) is None
-                and not _MayBeNull(item_schema)
-            )
-        }
-    )
+            _RefuseKey(prefix, key, item, fields)
+        # A required field that is null is left for the checks to name.
+        is_required = getattr(schema, key, 0) is None and not _MayBeNull(fields[key])
+        if item is not None or not is_required:
+            built[key] = _Build(item, fields[key], prefix + key)
+    return schema(**built)
 
 
 def _BuildKind(value: Any, table: KindTable[Any], path: str) -> Any:

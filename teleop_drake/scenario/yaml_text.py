@@ -35,33 +35,26 @@ class _Loader(_SafeLoader):
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         keys = set()
-        for key_node, _ in node.value:
-            if key_node.value in keys and isinstance(key_node, yaml.ScalarNode):
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"duplicate key {key_node.value!r}", key_node.start_mark
-                )
-            if isinstance(key_node, yaml.ScalarNode):
-                keys.add(key_node.value)
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            if key.value in keys:
+                problem = f"duplicate key {key.value!r}"
+                raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
+            keys.add(key.value)
         mapping: dict[Any, Any] = super().construct_mapping(node, deep)
         return mapping
 
 
-def _ConstructInteger(loader: Any, node: Any) -> Any:
-    """Returns a whole number; text such as 1:30, which YAML 1.1 takes for 90."""
+def _ConstructNumber(loader: Any, node: Any) -> Any:
+    """Returns a number; text such as 1:30, which YAML 1.1 takes for 90."""
     if ":" in node.value:
         return node.value
-    return loader.construct_yaml_int(node)
+    return _SafeLoader.yaml_constructors[node.tag](loader, node)
 
 
-def _ConstructFloat(loader: Any, node: Any) -> Any:
-    """Returns a number; text such as 1:30.5, which YAML 1.1 takes for 90.5."""
-    if ":" in node.value:
-        return node.value
-    return loader.construct_yaml_float(node)
-
-
-_Loader.add_constructor("tag:yaml.org,2002:int", _ConstructInteger)
-_Loader.add_constructor("tag:yaml.org,2002:float", _ConstructFloat)
+_Loader.add_constructor("tag:yaml.org,2002:int", _ConstructNumber)
+_Loader.add_constructor("tag:yaml.org,2002:float", _ConstructNumber)
 
 
 class Dumper(yaml.SafeDumper):
