@@ -112,34 +112,34 @@ def _CheckBegin(tree: Any, dotted: str, shown: str) -> None:
 
 def _Paths(tree: Any, prefix: str = "") -> Iterator[str]:
     """Yields the dotted paths of a tree, elements of lists by their names."""
-    items: Iterable[tuple[Any, Any]] = ()
+    for key, place in _Places(tree).items():
+        if isinstance(tree, dict) or not key.isdecimal():
+            path = f"{prefix}{key}"
+            yield path
+            yield from _Paths(tree[place], f"{path}.")
+
+
+def _Places(tree: Any) -> dict[str, Any]:
+    """Returns the keys of a mapping, or the indices of a list by names and numbers."""
     if isinstance(tree, dict):
-        items = tree.items()
-    elif isinstance(tree, list):
-        named = [x for x in tree if isinstance(x, dict) and "name" in x]
-        items = [(x["name"], x) for x in named]
-    for key, value in items:
-        path = f"{prefix}{key}"
-        yield path
-        yield from _Paths(value, f"{path}.")
+        return {key: key for key in tree}
+    places: dict[str, Any] = {}
+    if isinstance(tree, list):
+        for i, item in enumerate(tree):
+            if isinstance(item, dict) and isinstance(item.get("name"), str):
+                places.setdefault(item["name"], i)
+        places |= {str(i): i for i in range(len(tree))}
+    return places
 
 
 def _FindKey(tree: Any, part: str, shown: str) -> str | int:
     """Returns the key or index that `part` of a path means in `tree`."""
-    if isinstance(tree, dict):
-        if part in tree:
-            return part
-        # `delay` is that of both channels.
-        known = [*tree, *(["delay"] if "forward_channel" in tree else [])]
-    elif isinstance(tree, list):
-        names = [item.get("name") if isinstance(item, dict) else None for item in tree]
-        if part in names:
-            return names.index(part)
-        if part.isdecimal() and int(part) < len(tree):
-            return int(part)
-        known = [name for name in names if isinstance(name, str)]
-        known += [str(i) for i in range(len(tree))]
-    else:
-        known = []
+    places = _Places(tree)
+    if part in places:
+        key: str | int = places[part]
+        return key
+    known = [*places]
+    if "forward_channel" in places:
+        known.append("delay")  # That of both channels.
     allowed = f"must be {Choices(part, known)}" if known else "there is nothing below"
     raise ScenarioError(f"{shown}: unknown key {part!r}, {allowed}")

@@ -61,12 +61,12 @@ from teleop_drake.scenario.tree import FromTree, ToTree
 from teleop_drake.scenario.yaml_text import DumpYaml
 from teleop_drake.validation import (
     REQUIRED,
-    CheckNumber,
     CheckVector,
     Choices,
     Config,
     FixedFields,
     IsGiven,
+    Number,
     Refuse,
     Show,
     Within,
@@ -100,8 +100,8 @@ class _ScenarioBase(FixedFields):
     # `module:Class` of a task of one's own, which derives from tasks.Task; null: the
     # task of this class of scenarios.
     task: str | None = None
-    # Simulated time, s, >= SHORTEST_TIME.
-    duration: float = REQUIRED
+    # Simulated time.
+    duration: float = Number(REQUIRED, "s", minimum=SHORTEST_TIME)
     robot: RobotConfig = REQUIRED
 
     def __eq__(self, other: object) -> bool:
@@ -146,7 +146,7 @@ class _ScenarioBase(FixedFields):
         """
         if not self.name or not self.name.isprintable() or {"/", "\\"} & {*self.name}:
             Refuse("name", self.name, "one line of text without / and \\")
-        CheckNumber("duration", self.duration, "s", minimum=SHORTEST_TIME)
+        self.CheckNumbers()
         if not IsGiven(self.robot):
             ROBOT_KINDS.Find(None, "robot.model")
         if "robot" not in unread:
@@ -170,9 +170,8 @@ class Scenario(_ScenarioBase):
     # Between the law and the robot; the thesis has neither.
     actuator: ActuatorConfig = field(default_factory=ActuatorConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
-    # The run ends as diverged when |v_WT| exceeds this many times |v_d|; more than 1,
-    # at most 1000. Assumed.
-    divergence_speed_ratio: float = 5.0
+    # The run ends as diverged when |v_WT| exceeds this many times |v_d|. Assumed.
+    divergence_speed_ratio: float = Number(5.0, above=1, maximum=1000)
     # Drake's own. Steps are shorter than max_step_size where the smallest delay is;
     # start_time is 0.
     simulator: SimulatorConfig = field(default_factory=DefaultSimulator)
@@ -239,9 +238,7 @@ class Scenario(_ScenarioBase):
     def _Check(self, unread: Container[str] = ()) -> None:
         """Checks the values; see _ScenarioBase."""
         super()._Check(unread)
-        ratio = self.divergence_speed_ratio
         n = self.num_axes
-        CheckNumber("divergence_speed_ratio", ratio, above=1, maximum=1000)
         if "surgeon" not in unread:
             self.surgeon.Check("surgeon", n)
         self.haptic_device.Check("haptic_device")
@@ -290,8 +287,8 @@ class TrackingScenario(_ScenarioBase):
     controller: TrackingControllerConfig = field(
         default_factory=TrackingControllerConfig
     )
-    # The run ends as diverged when |v_WT| exceeds this, m/s, > 0. Assumed.
-    divergence_speed: float = 10.0
+    # The run ends as diverged when |v_WT| exceeds this. Assumed.
+    divergence_speed: float = Number(10.0, "m/s", above=0)
     # Drake's own; start_time is 0.
     simulator: SimulatorConfig = field(default_factory=DefaultSimulator)
 
@@ -312,7 +309,6 @@ class TrackingScenario(_ScenarioBase):
         self.trajectory.Check(robot)
         self.disturbance.Check(n)
         self.controller.Check(n)
-        CheckNumber("divergence_speed", self.divergence_speed, "m/s", above=0)
         CheckSimulatorConfig(self.simulator)
 
 
