@@ -27,15 +27,8 @@ _HELD_PARTS = ("p", "x", "E")
 _HOLD_RATE = 20.0
 
 
-class Ways(NamedTuple):
-    """The directions in which a side hears and speaks."""
-
-    heard: str
-    spoken: str
-
-
-WAYS = {"operator": Ways("return", "forward"), "robot": Ways("forward", "return")}
-"""The directions of each side."""
+WAYS = {"operator": ("return", "forward"), "robot": ("forward", "return")}
+"""The directions in which each side hears and speaks."""
 
 
 class Turn(IntEnum):
@@ -96,8 +89,7 @@ class Half:
         self.side = side
         self.period = period
         self.fade = fade
-        self.heard = WAYS[side].heard
-        self.spoken = WAYS[side].spoken
+        self.heard, self.spoken = WAYS[side]
         builder = DiagramBuilder()
         architecture = AddTeleoperator(builder, scenario, side=side, systems=systems)
         initial = {

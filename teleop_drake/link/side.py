@@ -134,8 +134,8 @@ class Side(Half):
         self._session = Session(key, role, agreement, self.fed.size, address)
         self._newest = _Newest(tick=-1, echo=-1, start=0, values=self.fed)
         self._peer_has_ended = False
-        self._why_not_heard = ""
-        self._told: set[Reason] = set()
+        # What the user was told of why the two sides cannot meet.
+        self._told: dict[Reason, str] = {}
         self._next_notice = 0
         # Time, by the clock. Tick 0 is at _start; 0: it is not known yet.
         self._ns = round(period * 1e9)
@@ -198,8 +198,8 @@ class Side(Half):
         silence = (now - self._heard_at) * 1e-9
         if silence > self._patience and not is_waiting:
             reason = f"nothing was heard for {self._patience:g} s"
-            if self._session.exchanges == 0 and self._why_not_heard:
-                reason += f" ({self._why_not_heard})"
+            if self._session.exchanges == 0 and self._told:
+                reason += f" ({list(self._told.values())[-1]})"
             self._End(reason)
 
     def _End(self, reason: str, termination: str = "interrupted") -> None:
@@ -266,8 +266,7 @@ class Side(Half):
     def _TellWhyNotHeard(self, reason: Reason, why: str) -> None:
         """Tells the user why the two sides cannot meet; once for each reason."""
         if reason not in self._told:
-            self._told.add(reason)
-            self._why_not_heard = why
+            self._told[reason] = why
             self.Say(f"not heard: {why}")
 
     def _SendNotice(self, address: Address, now: int) -> None:
