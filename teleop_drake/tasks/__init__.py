@@ -25,13 +25,13 @@ def TaskOf(scenario: AnyScenario) -> Task[Any]:
         Refuse("recording.scenario", None, "that of a scenario, whose task knows this")
     own = getattr(scenario, "task", None)
     if own is not None:
-        task = ImportOwn(own, "task")
-        if not (isinstance(task, type) and issubclass(task, Task)):
+        kind = ImportOwn(own, "task")
+        if not (isinstance(kind, type) and issubclass(kind, Task)):
             Refuse("task", own, "a class that derives from teleop_drake.tasks.Task")
-        return task()
-    for scenario_class in type(scenario).__mro__:
-        if scenario_class in TASKS:
-            return TASKS[scenario_class]
+        return kind()
+    for scenario_class, task in TASKS.items():
+        if isinstance(scenario, scenario_class):
+            return task
     raise TypeError(f"scenario = {type(scenario).__name__}: must be a scenario")
 
 

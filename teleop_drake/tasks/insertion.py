@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.arrays import Record
-from teleop_drake.blocks.environments import CONTACT, PUNCTURE, FindSurface
+from teleop_drake.blocks.environments import CONTACT, PUNCTURE
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import CONTROLLERS, Scenario
 from teleop_drake.signals import AxisUnit
@@ -76,11 +76,11 @@ class Insertion(Task[Scenario]):
             recording: A run whose events are not found yet.
         """
         events = _OperatorEvents(recording)
-        surfaces = recording.surfaces
-        for surface, crossings in zip(surfaces, FindCrossings(recording), strict=True):
+        found = FindCrossings(recording)
+        for surface, crossings in zip(recording.surfaces, found, strict=True):
             names = _CROSSINGS.get(surface.name)
             # If several surfaces have one name, the first one counts.
-            if names is None or surface is not FindSurface(surfaces, surface.name):
+            if names is None or surface is not recording.FindSurface(surface.name):
                 continue
             for crossing in crossings:
                 name = names[crossing.is_upwards]

@@ -129,10 +129,10 @@ class InsertionRun:
         n = len(self.v_d)
         if "felt_velocity" in self.recording:
             return self.pieces.signal(self.recording["felt_velocity"])
-        if "return_packet_received" in self.recording:
-            packet = self.recording["return_packet_received"]
-            return self.pieces.signal(packet[:, n : 2 * n])
-        return None
+        if "return_packet_received" not in self.recording:
+            return None
+        packet = self.recording["return_packet_received"]
+        return self.pieces.signal(packet[:, n : 2 * n])
 
     @cached_property
     def overshoot(self) -> Array:
@@ -147,13 +147,12 @@ class InsertionRun:
 
     def _Passage(self, name: str) -> Passage:
         """Returns the passage of a surface; nothing crosses one that does not exist."""
-        surfaces = self.recording.surfaces
-        surface = FindSurface(surfaces, name)
+        surface = self.recording.FindSurface(name)
         normal = self.normal
         crossings: list[Crossing] = []
         if surface is not None:
             normal = surface.normal_W
-            crossings = self._crossings[surfaces.index(surface)]
+            crossings = self._crossings[self.recording.surfaces.index(surface)]
         time = first_upwards(crossings)
         return Passage(
             time=time,
@@ -396,22 +395,8 @@ def FirstNormal(surfaces: tuple[Surface, ...], v_d: Array) -> Array:
     return v_d / np.linalg.norm(v_d)
 
 
-def Depth(surface: Surface, position: Array) -> Array:
-    """Returns the depth of the tool behind a surface, m (p, 5).
-
-    Args:
-        position: The position of the tool in pieces, m (p, 5, n).
-    """
-    # Axes across the normal are left out: a layer may begin at infinity, and infinity
-    # times 0 is nan.
-    is_along = surface.normal_W != 0
-    begin = surface.point_W[is_along] @ surface.normal_W[is_along]
-    return position @ surface.normal_W - begin
-
-
 def FindCrossings(recording: Recording) -> list[list[Crossing]]:
     """Returns the tool's crossings of each surface; upwards means into the surface."""
     pieces = Pieces(recording.time, recording.steps)
     position = pieces.signal(recording["tool_position"])
-    depths = [Depth(surface, position) for surface in recording.surfaces]
-    return [pieces.crossings(depth) for depth in depths]
+    return [pieces.crossings(x.Depth(position)) for x in recording.surfaces]
