@@ -17,6 +17,17 @@ _CLASS_AND_NAME = re.compile(r"^<B>([^<]*)</B><BR/>\nname=(.*)$", re.M)
 _BOX = re.compile(r"^(?:s|drakelcminterface)(\d+)(?:in|out)? \[")
 _PORT = re.compile(r'<TD PORT="([uy]\d+)"')
 _HEADER = re.compile(r'<TD BORDER="1" COLSPAN')
+# Replacements in the picture that Graphviz has drawn.
+_REPLACED = (
+    (r"<!--.*?-->\n?|<title>.*?</title>\n?| font-family=\"[^\"]*\"", ""),
+    # Links, which name boxes and ports, and wires.
+    (r'<g id="a_[^"]*">\s*<a xlink:href="([^"]*)"[^>]*>', r'<g data-at="\1">'),
+    (r"</a>\n?</g>", "</g>"),
+    (r'<g id="wire ([^"]*)" class="edge">', r'<g data-wire="\1" class="edge">'),
+    # Boxes and ports can be reached by keys; wires are wide enough for a pointer.
+    (r'(data-at="[^"]*")>', r'\1 tabindex="0">'),
+    (r'<path [^>]*(d="[^"]*")/>', r'\g<0><path class="hit" \1/>'),
+)
 _WIRE = re.compile(r"^(\{?)s(\d+)(?:in|out)?[:_]([uy]\d+)\S* -> \S+( \[(.*)\])?$")
 
 
@@ -31,12 +42,10 @@ def Levels(diagram: System) -> list[dict[str, Any]]:
     paths = {system.GetSystemPathname(): path for system, path in PathsIn(diagram)}
     levels = []
     for level, path in PathsIn(diagram):
-        if isinstance(level, Diagram):
-            systems = [level, *level.GetSystems()]
-        elif level is diagram:
-            systems = [level]
-        else:
+        parts = level.GetSystems() if isinstance(level, Diagram) else []
+        if not parts and level is not diagram:
             continue
+        systems = [level, *parts]
         boxes = [_Box(x, paths[x.GetSystemPathname()]) for x in systems]
 
         def Name(
@@ -51,8 +60,8 @@ def Levels(diagram: System) -> list[dict[str, Any]]:
             kind = "wire" if found[1] == "wire" else found[3]
             return _PortAttributes(boxes[place], names[0], kind) if names else ""
 
-        depth = min(len(systems) - 1, 1)
-        svg = _AT.sub(Name, _Picture(DiagramDot(level, max_depth=depth)))
+        dot = DiagramDot(level, max_depth=min(len(parts), 1))
+        svg = _AT.sub(Name, _Picture(dot))
         levels.append({"path": path, "svg": svg.encode(), "boxes": boxes})
     return levels
 
@@ -119,17 +128,6 @@ def _Picture(dot: str) -> str:
         lines.append(linked)
     svg = LayOut("\n".join(lines), "svg").decode()
     svg = svg[svg.index("<svg") :]
-    svg = re.sub(
-        r"<!--.*?-->\n?|<title>.*?</title>\n?| font-family=\"[^\"]*\"", "", svg
-    )
-    svg = re.sub(
-        r'<g id="a_[^"]*">\s*<a xlink:href="([^"]*)"[^>]*>', r'<g data-at="\1">', svg
-    )
-    svg = svg.replace("</a>\n</g>", "</g>").replace("</a></g>", "</g>")
-    svg = re.sub(
-        r'<g id="wire ([^"]*)" class="edge">', r'<g data-wire="\1" class="edge">', svg
-    )
-    # Boxes and ports can be reached by keys; wires are wide enough for a pointer.
-    svg = re.sub(r'(data-at="[^"]*")>', r'\1 tabindex="0">', svg)
-    svg = re.sub(r'<path [^>]*(d="[^"]*")/>', r'\g<0><path class="hit" \1/>', svg)
+    for pattern, replacement in _REPLACED:
+        svg = re.sub(pattern, replacement, svg)
     return re.sub(r' width="[^"]*" height="[^"]*"', "", svg, count=1)

@@ -3,11 +3,12 @@
 import functools
 import inspect
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import (
     Context,
@@ -19,7 +20,7 @@ from pydrake.systems.framework import (
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels import ChannelConfig
-from teleop_drake.blocks.environments.surface import Surface, SurfacesOf
+from teleop_drake.blocks.environments.surface import Surface
 from teleop_drake.blocks.operators.hand import HandOperator
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import AlgebraicLoop, OutputOf, Source
@@ -32,7 +33,7 @@ from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import PathsIn, SignalsOf, UnitOf
 from teleop_drake.simulation.compiled_run import StartOf
 from teleop_drake.simulation.ending import BoundsOf
-from teleop_drake.simulation.simulate import HasConstantCommand
+from teleop_drake.simulation.simulate import HasConstantCommand, ModelFactsOf
 from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.metrics import MetricUnits
@@ -242,6 +243,11 @@ def Fields(value: Any, path: str = "") -> dict[str, NDArray[Any]]:
     }
 
 
+def _Flat(numbers: Mapping[str, ArrayLike]) -> dict[str, Array]:
+    """Returns numbers as the page's script takes them."""
+    return {name: np.array(x, float).ravel() for name, x in numbers.items()}
+
+
 def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
     """Returns the run of a scenario.
 
@@ -263,24 +269,21 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
     signals = {name: ports[port] for name, port in model.Signals().items()}
     sizes = {name: size for name, (_, size, _) in signals.items()}
     bounds = BoundsOf(diagram, sizes, task.MakeSpeedLimit(scenario))
-    places = [signals[bound.signal][0] + bound.first for bound in bounds]
-    numbers: dict[str, Any] = {
-        "bounds": [
-            (place, bound.size, bound.lower, bound.upper)
-            for place, bound in zip(places, bounds, strict=True)
-        ],
-    }
+    rows = [
+        (signals[bound.signal][0] + bound.first, bound.size, bound.lower, bound.upper)
+        for bound in bounds
+    ]
+    numbers: dict[str, ArrayLike] = {"bounds": rows}
     for name, channel in channels.items():
         way = name.partition("_")[0]
         numbers[way] = _Lags(channel, name, scenario.duration)
     if "forward_channel" in channels:
         numbers["command"] = AsTeleoperation(scenario).surgeon.velocity
         numbers["command_delay"] = channels["forward_channel"].delay
-    arrays = {name: np.array(x, float).ravel() for name, x in numbers.items()}
     metrics = _PageMetrics(task)
     return replace(
         model,
-        numbers=model.numbers | arrays,
+        numbers=model.numbers | _Flat(numbers),
         reasons=[bound.name for bound in bounds],
         metrics=metrics,
         labels=_Labels(scenario) if metrics else {},
@@ -358,27 +361,27 @@ def MakeModel(
         max_step=max_step,
     )
     surfaces: tuple[Surface, ...] = ()
-    if isinstance(diagram, Diagram) and diagram.HasSubsystemNamed("environment"):
-        surfaces = SurfacesOf(diagram.GetSubsystemByName("environment")) or ()
+    if isinstance(diagram, Diagram):
+        surfaces = ModelFactsOf(diagram).surfaces or ()
     # Whatever is computed has to stay finite.
     width = run.evaluator.program.sizes[0]
     planes = [x for s in surfaces for x in (*s.point_W, *s.normal_W)]
-    numbers = {
+    numbers: dict[str, ArrayLike] = {
         **{f"problem.{name}": x for name, x in Fields(run.problem).items()},
         **{
             f"memory.{name}": x
             for name, x in Fields(run.memory).items()
             if name in _START
         },
-        "run": np.array([end, config.accuracy, max_step]),
-        "bounds": np.array([0.0, width, -_LARGEST, _LARGEST]),
-        "surfaces": np.array(planes, float),
+        "run": [end, config.accuracy, max_step],
+        "bounds": [0.0, width, -_LARGEST, _LARGEST],
+        "surfaces": planes,
     }
     return Model(
         diagram=diagram,
         run=run,
         has_zero_delays=has_zero_delays,
-        numbers={name: np.array(x, float).ravel() for name, x in numbers.items()},
+        numbers=_Flat(numbers),
         surfaces=surfaces,
         plants=PlantsIn(diagram, context),
     )

@@ -11,14 +11,8 @@ from teleop_drake.contexts import ContextsIn
 from teleop_drake.engine.plant_tree import ReadPlantTree
 from teleop_drake.signals import PathsIn
 
-# What points to the right and upwards where all joints turn about x, y, or z.
-_ACROSS = (
-    [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-    [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
-    [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
-)
-
-# The same where they turn about several axes: from the side and from above.
+# What points to the right and upwards where joints turn about several axes: from the
+# side and from above.
 _OBLIQUE = [[0.866, -0.5, 0.0], [0.25, 0.433, 0.866]]
 
 _PARALLEL = 1e-6
@@ -56,9 +50,11 @@ def PlantsIn(diagram: System, context: Context) -> list[dict[str, Any]]:
 def ViewOf(plants: list[dict[str, Any]]) -> list[list[float]]:
     """Returns what points to the right and upwards in the drawing of plants."""
     axes = [axis for plant in plants for axis in _AxesOf(plant["links"])]
-    for k, view in enumerate(_ACROSS):
+    # Where all turn about one axis, it points out of the picture.
+    for k in (1, 0, 2):
         if all(abs(abs(axis[k]) - 1) < _PARALLEL for axis in axes):
-            return view if axes else _ACROSS[1]
+            view: list[list[float]] = np.delete(np.eye(3), k, axis=0).tolist()
+            return view
     return _OBLIQUE
 
 

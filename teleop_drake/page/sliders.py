@@ -6,7 +6,7 @@ from typing import Any
 
 from teleop_drake.figures.style import AxisLabel
 from teleop_drake.page.inputs import CheckSums, FindChange, Input, Maker, NotSums
-from teleop_drake.scenario import AnyScenario, ScenarioError
+from teleop_drake.scenario import AnyScenario, Scenario, ScenarioError
 from teleop_drake.sweep import ALIASES
 from teleop_drake.validation import Refuse
 
@@ -122,31 +122,26 @@ def MakeInputs(scenario: AnyScenario, vary: Ranges, runs: Runs) -> list[Input]:
     they are one input.
     """
     # Each key by the name that it has as an option.
-    names = {paths[0]: alias for alias, paths in ALIASES.items() if alias in _DELAYS}
+    names = {ALIASES[delay][0]: delay for delay in _DELAYS}
     vary = {names.get(key, key): values for key, values in vary.items()}
     others = [key for key in vary if key not in ("delay", *_DELAYS)]
-    choices: list[tuple[str, ...]] = [_DELAYS, ("delay",)]
-    if len(others) == len(vary):
+    choices: list[tuple[str, ...]] = []
+    if isinstance(scenario, Scenario):
+        choices += [_DELAYS, ("delay",)]
+    if len(others) == len(vary) or not choices:
         choices.append(())
-    alternatives = []
-    for delays in choices:
-        inputs = [_MakeInput(key, scenario, vary, runs) for key in (*delays, *others)]
-        alternatives.append([one for one in inputs if one is not None])
+    alternatives = [
+        [_MakeInput(key, scenario, vary, runs) for key in (*delays, *others)]
+        for delays in choices
+    ]
     return runs.FindInputs(alternatives)
 
 
-def _MakeInput(
-    key: str, scenario: AnyScenario, vary: Ranges, runs: Runs
-) -> Input | None:
-    """Returns an input with its range; None if it is a delay that there is not."""
+def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges, runs: Runs) -> Input:
+    """Returns an input with its range."""
     is_delay = key in ("delay", *_DELAYS)
     wanted = vary.get(key, vary.get("delay") if is_delay else None)
-    try:
-        value = scenario.Value(ALIASES.get(key, (key,))[0])
-    except ScenarioError:
-        if is_delay:
-            return None  # The tracking of chapter 3 has no channels.
-        raise
+    value = scenario.Value(ALIASES.get(key, (key,))[0])
     if isinstance(value, bool) or not isinstance(value, int | float):
         Refuse(key, value, "a number in the scenario, to be varied")
     low, high = RangeWith(key, wanted or runs.DelayRange(value), value)
