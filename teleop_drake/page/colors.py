@@ -1,5 +1,7 @@
 """Colours of a page's curves, which are legible on light and on dark paper."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
 
@@ -33,7 +35,7 @@ def Contrast(one: str, other: str) -> float:
 
 def _Towards(color: str, end: str, paper: str) -> str:
     """Returns a colour, mixed with another until it has the contrast with paper."""
-    begin = np.array(to_rgb(color))
+    begin: Any = np.array(to_rgb(color))
     change = to_rgb(end) - begin
     mixed = color
     share = 0.0

@@ -43,12 +43,14 @@ def _ReduceSimulator(config: SimulatorConfig) -> tuple[Any, tuple[()]]:
 copyreg.pickle(SimulatorConfig, _ReduceSimulator)
 
 
-@functools.cache
-def FieldTypes(schema: Any) -> Record:
+def _FieldTypes(schema: Any) -> Record:
     """Returns the names and types of a config's fields."""
     if schema is SimulatorConfig:
         return _SIMULATOR_FIELDS
     return {item.name: item.type for item in dataclasses.fields(schema)}
+
+
+FieldTypes: Callable[[Any], Record] = functools.cache(_FieldTypes)
 
 
 _PLAIN = {str, float, int, bool, type(None)}
