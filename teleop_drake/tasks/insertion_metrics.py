@@ -84,7 +84,8 @@ class InsertionRun:
         velocity: Velocity of the tool, m/s.
         force: What the environment is pushed with, N.
         control_force: F_c, N.
-        received: What the slave receives of the operator, [F_h; v_d] in N and m/s.
+        haptic_force: The operator's force as the slave receives it, N.
+        command: The velocity command as the slave receives it, m/s.
         puncture: The passage of the surface `puncture`.
         contact: The passage of the hard surface `contact`.
     """
@@ -93,13 +94,13 @@ class InsertionRun:
         self.recording = recording
         self.v_d = np.asarray(recording.teleoperation.surgeon.velocity, float)
         self.speed = float(np.linalg.norm(self.v_d))
-        surfaces = recording.surfaces
-        self.normal = FirstNormal(surfaces, self.v_d)
+        self.normal = FirstNormal(recording.surfaces, self.v_d)
         self._crossings = FindCrossings(recording)
         cuts = self._Echoes()
         # Cut at jumps first: the reversals are roots of the command in these pieces.
         self.pieces = Pieces(recording.time, recording.steps, cuts)
-        heading = self._Along(self._Received()) + AT_REST * self.speed
+        n = len(self.v_d)
+        heading = self._Along(self._Received()[..., n:]) + AT_REST * self.speed
         reversals = self.pieces.crossings(heading)
         for crossings in (reversals, *self._crossings):
             cuts += [crossing.time for crossing in crossings]
@@ -109,19 +110,11 @@ class InsertionRun:
         self.velocity = signal(recording["tool_velocity"])
         self.force = signal(recording["environment_force"])
         self.control_force = signal(recording["control_force"])
-        self.received = self._Received()
+        received = self._Received()
+        self.haptic_force = received[..., :n]
+        self.command = received[..., n:]
         self.puncture = self._Passage(PUNCTURE)
         self.contact = self._Passage(CONTACT)
-
-    @property
-    def haptic_force(self) -> Array:
-        """The operator's force as the slave receives it, N."""
-        return self.received[..., : len(self.v_d)]
-
-    @property
-    def command(self) -> Array:
-        """The velocity command as the slave receives it, m/s."""
-        return self.received[..., len(self.v_d) :]
 
     @property
     def felt_velocity(self) -> Array | None:
@@ -140,7 +133,7 @@ class InsertionRun:
 
         It is taken along the normal and positive in the direction of the command.
         """
-        along = self._Along(self.received)
+        along = self._Along(self.command)
         mean = along.mean(axis=1, keepdims=True)
         excess = self.velocity @ self.normal - along
         return np.where(mean < -AT_REST * self.speed, -excess, excess)
@@ -185,11 +178,11 @@ class InsertionRun:
         delay = self.recording.teleoperation.forward_channel.delay
         return self.pieces.delayed(self.recording.commands, delay)
 
-    def _Along(self, received: Array) -> Array:
+    def _Along(self, command: Array) -> Array:
         """Returns the reference of the overshoots along the normal, m/s."""
         if self.recording.has_constant_command:
-            return np.full(received.shape[:2], self.v_d @ self.normal)
-        return received[..., len(self.v_d) :] @ self.normal
+            return np.full(command.shape[:2], self.v_d @ self.normal)
+        return command @ self.normal
 
 
 # The metrics of an insertion. x is the direction of a normal: of InsertionRun.normal in
