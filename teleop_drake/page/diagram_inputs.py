@@ -1,18 +1,15 @@
 """The inputs of a Diagram's page: numbers of its Context, as sliders and as fields."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
-from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
 from teleop_drake.page.inputs import Input, NotSums
-from teleop_drake.page.model import MakeModel, Model
 from teleop_drake.page.sliders import Ranges, RangeWith, Runs
 from teleop_drake.parameters import (
     DelayNames,
     InitialStates,
     ScalarsIn,
-    SetNumbers,
 )
 from teleop_drake.validation import Choices, Refuse
 
@@ -29,38 +26,26 @@ _FIELDS_AT_ZERO = ((-1.0, 1.0), (0.0, 1.0))
 
 
 class DiagramNumbers:
-    """The numbers of a diagram's Context, and its runs with others.
+    """The numbers of a diagram's Context.
 
     Args:
         diagram: The diagram.
-        context: Where runs begin; it is not changed.
-        config: How accurately.
-        duration: How long, s.
+        context: Where runs begin.
+
+    Attributes:
+        scalars: Values and units of all elements of parameters.
+        delays: Names of the parameters that are delays.
+        values: Values of parameters and initial states, and `delay` if all are equal.
     """
 
-    def __init__(
-        self,
-        diagram: System,
-        context: Context,
-        config: SimulatorConfig,
-        duration: float,
-    ):
-        self._diagram = diagram
-        self._context = context
-        self._config = config
-        self._duration = duration
+    def __init__(self, diagram: System, context: Context):
         self.scalars = ScalarsIn(diagram, context)
         self.delays = DelayNames(diagram, context)
         self.values = {name: value for name, (value, _) in self.scalars.items()}
         self.values |= InitialStates(diagram, context)
-        if len({self.values[name] for name in self.delays}) == 1:
-            self.values["delay"] = self.values[self.delays[0]]
-
-    def Make(self, numbers: Mapping[str, float]) -> Model:
-        """Returns the run with other numbers."""
-        context = self._context.Clone()
-        SetNumbers(self._diagram, context, numbers)
-        return MakeModel(self._diagram, self._config, self._duration, context)
+        delays = {self.values[name] for name in self.delays}
+        if len(delays) == 1:
+            (self.values["delay"],) = delays
 
     def Input(
         self,

@@ -225,14 +225,14 @@ def CheckSums(base: Numbers, changes: Mapping[str, Change], make: Maker) -> None
     Raises:
         NotSums: Naming two of them and an array.
     """
-    corners = [
-        {one: end, other: changes[other].values[-1]}
-        for one, other in itertools.combinations(changes, 2)
-        if changes[one].Meets(changes[other])
-        for end in (changes[one].values[0], changes[one].values[-1])
-    ]
-    for k in (0, -1):
-        corners.append({name: change.values[k] for name, change in changes.items()})
+    highest = {name: change.values[-1] for name, change in changes.items()}
+    lowest = {name: change.values[0] for name, change in changes.items()}
+    corners = []
+    for one, other in itertools.combinations(changes, 2):
+        if changes[one].Meets(changes[other]):
+            for values in (lowest, highest):
+                corners.append({one: values[one], other: highest[other]})
+    corners += [lowest, highest]
     for corner in corners:
         for key, x in make(corner).numbers.items():
             expected = base[key]

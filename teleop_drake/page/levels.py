@@ -51,14 +51,16 @@ def Levels(diagram: System) -> list[dict[str, Any]]:
         def Name(
             found: re.Match[str], boxes: Any = boxes, systems: Any = systems
         ) -> str:
-            place = int(found[2])
-            is_level = place > 0 and isinstance(systems[place], Diagram)
-            if found[3] is None:
-                return _BoxAttributes(boxes[place], is_level)
+            sort, number, side, port = found.groups()
+            place = int(number)
+            box = boxes[place]
+            if side is None:
+                is_level = place > 0 and isinstance(systems[place], Diagram)
+                return _BoxAttributes(box, is_level)
             # A side without ports has an empty place.
-            names = boxes[place][found[3]][int(found[4]) :]
-            kind = "wire" if found[1] == "wire" else found[3]
-            return _PortAttributes(boxes[place], names[0], kind) if names else ""
+            names = box[side][int(port) :]
+            kind = "wire" if sort == "wire" else side
+            return _PortAttributes(box, names[0], kind) if names else ""
 
         dot = DiagramDot(level, max_depth=min(len(parts), 1))
         svg = _AT.sub(Name, _Picture(dot))

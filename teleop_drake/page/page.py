@@ -17,9 +17,10 @@ from teleop_drake.page.diagram_inputs import DiagramNumbers, MakeDiagramInputs
 from teleop_drake.page.document import Page
 from teleop_drake.page.inputs import Input, Maker
 from teleop_drake.page.levels import Levels
-from teleop_drake.page.model import PERIOD, Model, ModelOf
+from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf
 from teleop_drake.page.plants import ViewOf
 from teleop_drake.page.sliders import DataOfInputs, MakeInputs, Ranges, Runs
+from teleop_drake.parameters import SetNumbers
 from teleop_drake.scenario import (
     AnyScenario,
     AsTeleoperation,
@@ -27,7 +28,6 @@ from teleop_drake.scenario import (
     Scenario,
 )
 from teleop_drake.scenario.config import DefaultSimulator
-from teleop_drake.scenario.overrides import ParseOverrides
 from teleop_drake.signals import NameOf
 from teleop_drake.simulation.inputs import CheckInputs
 from teleop_drake.sweep import ALIASES
@@ -167,8 +167,7 @@ def MakePage(
     else:
         if context is not None:
             Refuse("context", "a Context", "left out where a page is of a scenario")
-        own = dict(ParseOverrides(overrides))
-        scenario, _ = LoadOverridden(scenario_or_diagram, own)
+        scenario, _ = LoadOverridden(scenario_or_diagram, overrides)
         story = scenario.story
         data = _OfScenario(scenario, controllers, vary or {}, has_hand, notes)
     known = set().union(*(loop["signals"] for loop in data["controllers"]))
@@ -194,12 +193,13 @@ def _OfDiagram(
     if context is None:
         context = system.CreateDefaultContext()
     CheckInputs(system, context)
-    numbers = DiagramNumbers(system, context, DefaultSimulator(), duration)
+    numbers = DiagramNumbers(system, context)
     title = NameOf(system)
-    runs = Runs({(title,): numbers.Make}, notes)
+    make = _DiagramMaker(system, context, duration)
+    runs = Runs({(title,): make}, notes)
     model = runs.models[(title,)]
-    if model.run.evaluator.left_out:
-        left_out = ", ".join(model.run.evaluator.left_out)
+    left_out = ", ".join(model.run.evaluator.left_out)
+    if left_out:
         notes.append(f"{left_out}: left out, as nothing depends on them")
     inputs = MakeDiagramInputs(numbers, runs, vary, notes)
     return {
@@ -302,12 +302,19 @@ def _View(scenario: AnyScenario, surfaces: tuple[Surface, ...]) -> list[list[flo
     """Returns what points to the right and upwards in the drawing of the task."""
     n = scenario.num_axes
     if n < 3:
-        return np.eye(n, 3).tolist() + [[0.0] * 3] * (2 - n)
-    v_d = scenario.surgeon.velocity if hasattr(scenario, "surgeon") else np.eye(3)[0]
-    forward = FirstNormal(surfaces, np.asarray(v_d, float))[:3] * [1, 1, 0]
+        axes = np.zeros((2, 3))
+        axes[:n, :n] = np.eye(n)
+        view: list[list[float]] = axes.tolist()
+        return view
+    x, _, z = np.eye(3)
+    v_d = x
+    if hasattr(scenario, "surgeon"):
+        v_d = np.asarray(scenario.surgeon.velocity, float)
+    # The normal without its part upwards.
+    forward = FirstNormal(surfaces, v_d)[:3] * [1, 1, 0]
     size = np.linalg.norm(forward)
-    forward = forward / size if size > 0.1 else np.eye(3)[0]
-    return [forward.tolist(), [0.0, 0.0, 1.0]]
+    forward = forward / size if size > 0.1 else x
+    return [forward.tolist(), z.tolist()]
 
 
 def _Maker(source: AnyScenario, overrides: Mapping[str, Any], has_hand: bool) -> Maker:
@@ -322,6 +329,17 @@ def _Maker(source: AnyScenario, overrides: Mapping[str, Any], has_hand: bool) ->
             scenario = dataclasses.replace(scenario, duration=_LONGEST_DRIVE)
         TaskOf(scenario).Check(scenario)
         return ModelOf(scenario, has_hand=has_hand)
+
+    return Make
+
+
+def _DiagramMaker(system: System, context: Context, duration: float) -> Maker:
+    """Returns what makes the run of a diagram at values of inputs."""
+
+    def Make(values: Mapping[str, float]) -> Model:
+        changed = context.Clone()
+        SetNumbers(system, changed, values)
+        return MakeModel(system, DefaultSimulator(), duration, changed)
 
     return Make
 

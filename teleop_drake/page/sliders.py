@@ -6,8 +6,9 @@ from typing import Any
 
 from teleop_drake.figures.style import AxisLabel
 from teleop_drake.page.inputs import CheckSums, FindChange, Input, Maker, NotSums
-from teleop_drake.scenario import AnyScenario, Scenario, ScenarioError
+from teleop_drake.scenario import AnyScenario, ScenarioError
 from teleop_drake.sweep import ALIASES
+from teleop_drake.tasks import TaskOf
 from teleop_drake.validation import Refuse
 
 _DELAYS = ("forward_delay", "return_delay")
@@ -126,7 +127,7 @@ def MakeInputs(scenario: AnyScenario, vary: Ranges, runs: Runs) -> list[Input]:
     vary = {names.get(key, key): values for key, values in vary.items()}
     others = [key for key in vary if key not in ("delay", *_DELAYS)]
     choices: list[tuple[str, ...]] = []
-    if isinstance(scenario, Scenario):
+    if TaskOf(scenario).Channels(scenario):
         choices += [_DELAYS, ("delay",)]
     if len(others) == len(vary) or not choices:
         choices.append(())
