@@ -129,6 +129,11 @@ class Input:
         return least, self.high
 
     @property
+    def span(self) -> str:
+        """Its range, for messages."""
+        return f"{self.low:g}:{self.high:g}"
+
+    @property
     def is_whole(self) -> bool:
         """Whether it has whole numbers only."""
         return self.key.rpartition(".")[2] in _WHOLE

@@ -82,7 +82,7 @@ class Runs:
             one.changes = [FindChange(one, make) for make in self._makers.values()]
             if not any(change.names for change in one.changes):
                 words = "a number that changes something in the run"
-                Refuse(one.key, f"{one.low:g}:{one.high:g}", words)
+                Refuse(one.key, one.span, words)
         except ScenarioError as error:
             if one.is_wanted:
                 raise
@@ -103,7 +103,7 @@ class Runs:
             if self._may_be_zero:
                 return
             allowed = "above 0 s, because without it a signal depends on itself"
-        Refuse(one.key, f"{one.low:g}:{one.high:g}", allowed)
+        Refuse(one.key, one.span, allowed)
 
     def Check(self, inputs: Iterable[Input]) -> None:
         """Checks that the runs are the sum of what each input changes.
@@ -189,11 +189,16 @@ def DataOfInputs(
     ]
     ways = [x for x in result if x["name"] in _DELAYS and not x["stops"]]
     if len(ways) == 2:
-        both = {**ways[0], "name": "delay", "parts": _DELAYS, "owners": []}
-        both["label"] = "delay each way [s]"
-        both["value"] = sum(x["value"] for x in ways) / 2
-        both["min"] = max(x["min"] for x in ways)
-        both["max"] = min(x["max"] for x in ways)
+        both = {
+            **ways[0],
+            "name": "delay",
+            "label": "delay each way [s]",
+            "parts": _DELAYS,
+            "owners": [],
+            "value": sum(x["value"] for x in ways) / 2,
+            "min": max(x["min"] for x in ways),
+            "max": min(x["max"] for x in ways),
+        }
         result.insert(0, both)
     return result + [
         {

@@ -31,7 +31,7 @@ export class Loop {
     this.exports = (await WebAssembly.instantiate(module, { env })).exports;
   }
 
-  // All numbers of a run at values of the inputs; see inputs.py's Added().
+  // All numbers of a run at values of the inputs; see Change.Added() in inputs.py.
   numbersAt(values) {
     const names = Object.keys(this.numbers);
     const z = Object.fromEntries(names.map((name) => [name, this.numbers[name].slice()]));

@@ -15,7 +15,8 @@ const see = (q) => state.data.view.map((axis) => dot(axis.slice(0, q.length), q)
 // Where the joints of the robot's arm and its tool are; nothing for a robot that is no plant, or
 // before the first step.
 export function armAt(run) {
-  const plant = run.loop.plants.find(({ state: port }) => port === "robot/plant:state");
+  const isRobot = ({ state: port }) => port.startsWith("robot/") && run.columns(port);
+  const plant = run.loop.plants.find(isRobot);
   if (!plant || run.ends.length === 0) return [];
   const tool = run.vector(run.signal("tool_position"), state.cursor);
   return [...jointsAt(run, plant, state.cursor), tool];
