@@ -1,6 +1,6 @@
 """Linear models of the loop and of the two-port between hand and tool."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -151,7 +151,8 @@ class TwoPortModel:
         )
         delays[self.signals.forward] = forward_delay
         delays[self.signals.back] = return_delay
-        y = self.system.delayed_response(delays, frequencies)
+        delayed = replace(self.system, delays=tuple(delays))
+        y = delayed.frequency_response(frequencies)
         y[:, self.num_axes :] *= -1
         return y
 
@@ -186,7 +187,7 @@ def CutLoop(model: LoopModel) -> StateSpace:
     rest = np.delete(np.arange(len(system.D)), closed)
     kept = np.flatnonzero(np.isin(rest, np.r_[crossing, inner_slave, inner_master]))
     loop = system.closed(closed).part(np.arange(system.num_states), kept, kept)
-    return _MergeInputs(StateSpace(A=loop.A, B=loop.B, C=-loop.C, D=-loop.D))
+    return _MergeInputs(-loop)
 
 
 def _MergeInputs(loop: StateSpace) -> StateSpace:

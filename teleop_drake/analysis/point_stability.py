@@ -140,11 +140,8 @@ class PointStability:
         Args:
             delay: Round-trip delay in s.
         """
-        loop = self.loop
         more = count + self.num_neutral
-        roots = characteristic_roots(
-            loop.A, loop.B, -loop.C, -loop.D, delay=delay, count=more
-        )
+        roots = characteristic_roots(self.loop.fed_back(delay), count=more)
         roots = roots[~self._AreNeutral(roots)]
         roots = np.concatenate([roots, self.hidden_modes])
         return _RightmostFirst(roots)[:count]
@@ -281,9 +278,7 @@ def _AllDecay(modes: ComplexArray) -> bool:
 
 def _HasDivergence(loop: StateSpace, delay: float, unresolved: float) -> bool:
     """Returns whether a resolved real root lies right of the imaginary axis."""
-    roots = characteristic_roots(
-        loop.A, loop.B, -loop.C, -loop.D, delay=delay, count=loop.num_states
-    )
+    roots = characteristic_roots(loop.fed_back(delay), count=loop.num_states)
     return bool(np.any((roots.imag == 0) & (roots.real > unresolved)))
 
 
@@ -292,26 +287,14 @@ def _IsResolved(motion: Motion, crossing: Crossing, unresolved: float) -> bool:
 
     Roots are resolved if they move by less than their magnitude in the time
     1/|s| + T, in which the mode turns by a radian and its signals cross the delay T.
-    The rate of a root of f = det(I + L(s) e^(-s T)) is ds/dt = -(df/dt)/(df/ds).
     """
     s = 1j * crossing.frequency
-    T = crossing.delay
     if s == 0:
         return True
-
-    def Determinant(loop: StateSpace, s: complex) -> complex:
-        resolvent = np.linalg.solve(s * np.eye(loop.num_states) - loop.A, loop.B)
-        L = loop.C @ resolvent + loop.D
-        return complex(np.linalg.det(np.eye(len(L)) + L * np.exp(-s * T)))
-
-    # Central differences; df/ds is the mean of both ends of the motion.
-    step = 1e-6 * s
-    slopes = [
-        (Determinant(loop, s + step) - Determinant(loop, s - step)) / (2 * step)
-        for loop in motion.loops
-    ]
-    f_s = sum(slopes) / 2
-    behind, ahead = motion.loops
-    f_t = (Determinant(ahead, s) - Determinant(behind, s)) / motion.time
-    duration = 1 / abs(s) + T
-    return bool(abs(s) > unresolved and abs(f_t) * duration < abs(s * f_s))
+    # Newton's steps from s to the roots of the loops on both sides of the point.
+    behind, ahead = (
+        loop.fed_back(crossing.delay).newton_step(s) for loop in motion.loops
+    )
+    speed = abs(ahead - behind) / motion.time
+    duration = 1 / abs(s) + crossing.delay
+    return abs(s) > unresolved and speed * duration < abs(s)

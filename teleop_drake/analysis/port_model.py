@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.numerics.delayed_loop import DelayedLoop, Margins
+from teleop_drake.numerics.delayed_loop import Margins, margins_of
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.validation import Refuse
 
@@ -37,59 +37,33 @@ class BodeDiagram(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class PortModel:
+class PortModel(StateSpace):
     """What small deviations at one port of a diagram do at another one.
 
     With the deviations u at the input, y at the output, x of the diagram's continuous
     states in their order, and d of what the delays T_i deliver,
 
-        [y, what goes into the delays] = model(s) [u, d]
+        dx/dt = A x + B [u, d],    [y, what goes into the delays] = C x + D [u, d]
         d_i(t) = what goes into delay i, at t - T_i
 
     Attributes:
-        model: From [u, d] to [y, what goes into the delays].
-        delays: T_i in s, an entry for each signal.
         by_differences: Paths of the blocks that do not convert to AutoDiffXd. If there
             is one, all slopes are central differences.
         held: Systems with a mode or a layer, which is held.
         is_opened: Whether the loop is open at the input.
     """
 
-    model: StateSpace
-    delays: tuple[float, ...]
     by_differences: tuple[str, ...]
     held: tuple[str, ...]
     is_opened: bool
 
-    @property
-    def A(self) -> Array:
-        """Rates of the states by the states."""
-        return self.model.A
-
-    @property
-    def B(self) -> Array:
-        """Rates of the states by [u, d]."""
-        return self.model.B
-
-    @property
-    def C(self) -> Array:
-        """[y, what goes into the delays] by the states."""
-        return self.model.C
-
-    @property
-    def D(self) -> Array:
-        """[y, what goes into the delays] by [u, d]."""
-        return self.model.D
-
     def __repr__(self) -> str:
         """Returns sizes and delays on one line, without matrices."""
-        num_outputs, num_inputs = (
-            size - len(self.delays) for size in self.model.D.shape
-        )
+        num_outputs, num_inputs = self.num_open
         delays = ", ".join(f"{delay:g}" for delay in sorted(set(self.delays)))
         names = ", ".join(self.by_differences)
         return (
-            f"PortModel({num_inputs} -> {num_outputs}, {self.model.num_states} states, "
+            f"PortModel({num_inputs} -> {num_outputs}, {self.num_states} states, "
             f"delays [{delays}] s, {len(self.held)} held"
             + (f", by differences: {names})" if names else ")")
         )
@@ -100,7 +74,7 @@ class PortModel:
         Args:
             frequencies: (M,) in rad/s, none of them an undamped mode.
         """
-        return self.model.delayed_response(self.delays, frequencies)
+        return self.frequency_response(frequencies)
 
     def bode(self, frequencies: ArrayLike | None = None) -> BodeDiagram:
         """Returns magnitude and phase of the response from u to y, in SciPy's units.
@@ -132,12 +106,11 @@ class PortModel:
         Raises:
             ValueError: If the model is not opened, or u and y differ in size.
         """
-        num_outputs, num_inputs = np.subtract(self.D.shape, len(self.delays))
+        num_outputs, num_inputs = self.num_open
         if not self.is_opened or num_inputs != num_outputs:
             allowed = "opened, with as many inputs as outputs, to have margins"
             Refuse("model", repr(self), allowed)
-        loop = DelayedLoop(system=self.model, delays=np.array(self.delays))
-        return loop.margins()
+        return margins_of(self)
 
     def to_control(self, order: int = 5) -> Any:
         """Returns the model from u to y as a control.StateSpace of python-control.

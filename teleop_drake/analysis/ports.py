@@ -26,13 +26,11 @@ from teleop_drake.analysis.cut_diagram import (
     States,
 )
 from teleop_drake.analysis.port_model import PortModel
-from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.engine.flatten import Block, Flatten, OutputOf
 from teleop_drake.kernel import KernelIn
 from teleop_drake.kernel.linear_part import LinearPartOf
-from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.validation import Refuse
 
 # The longest difference for blocks that do not convert to AutoDiffXd, as a share of a
@@ -112,18 +110,22 @@ def LinearizePorts(
     if function.Bends(_STEP, slopes):
         allowed = "where every law has one slope; one bends here, as at a surface"
         Refuse("context", f"at {context.get_time():g} s", allowed)
-    num_states = sum(x.size for x in states)
-    model = _ModelOf(slopes, num_states)
-    if entering:
-        model = _WithAddedInput(model, input_port.size())
+    n = sum(x.size for x in states)
+    added = input_port.size() if entering else 0
+    # A deviation that is added closes the loop through a copy of its columns.
+    slopes = np.hstack([slopes[:, : n + added], slopes[:, n:]])
     times = [delays[system] for system, cut in delay_cuts.items() for _ in cut.value]
-    return PortModel(
-        model=model,
+    model = PortModel(
+        A=slopes[:n, :n],
+        B=slopes[:n, n:],
+        C=slopes[n:, :n],
+        D=slopes[n:, n:],
         delays=tuple(times),
         by_differences=function.by_differences,
         held=held,
         is_opened=is_opened,
     )
+    return model.closed(np.arange(added))
 
 
 def DelayMargin(
@@ -227,32 +229,6 @@ def _CutAtPort(
     has_value = leaf.HasValue(contexts[system])
     value = leaf.Eval(contexts[system]) if has_value else np.zeros(leaf.size())
     return Cut(leaves, contexts, entering, np.array(value))
-
-
-def _ModelOf(slopes: Array, num_states: int) -> StateSpace:
-    """Returns the model whose rows and columns begin with the states."""
-    n = num_states
-    return StateSpace(
-        A=slopes[:n, :n], B=slopes[:n, n:], C=slopes[n:, :n], D=slopes[n:, n:]
-    )
-
-
-def _WithAddedInput(model: StateSpace, size: int) -> StateSpace:
-    """Returns the model whose first input is added to what the port receives.
-
-    Args:
-        model: From [what the port receives, d] to [what comes to the port, y, what goes
-            into the delays].
-        size: Width of the port.
-    """
-    # The loop is closed through a copy of the first input.
-    both = StateSpace(
-        A=model.A,
-        B=np.hstack([model.B[:, :size], model.B]),
-        C=model.C,
-        D=np.hstack([model.D[:, :size], model.D]),
-    )
-    return both.closed(np.arange(size))
 
 
 def _Held(blocks: list[Block], contexts: Contexts) -> tuple[str, ...]:

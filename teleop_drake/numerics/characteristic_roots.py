@@ -9,10 +9,8 @@ problem whose eigenvalues converge to the roots of
 
     det [ s I - A,  -B e^(-s T) ;  -C,  I - D e^(-s T) ] = 0                     (2)
 
-where e^(-s T) is a diagonal matrix. They converge
-
-faster than any power of the number of points, those near the origin first. Each is
-then polished by Newton's method on (2).
+where e^(-s T) is a diagonal matrix. They converge faster than any power of the number
+of points, those near the origin first. Each is then polished by Newton's method on (2).
 
 Source: D. Breda, S. Maset and R. Vermiglio, "Pseudospectral differencing methods for
 characteristic roots of delay differential equations", SIAM J. Sci. Comput. 27 (2005),
@@ -23,17 +21,15 @@ The number of points is chosen such that no root near or right of the imaginary 
 too fast for them, up to 200 points: 300 radians within the delay. Faster ones may be
 missed.
 
-Nothing here is shared with delay_margin, so that each can check the other.
+No method is shared with delay_margin, so that each can check the other.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.validation import CheckNumber
+from teleop_drake.numerics.state_space import StateSpace
 
 # Points for the slowest loops; more than the second number would take seconds.
 _FEWEST_POINTS = 20
@@ -49,52 +45,31 @@ _LEAST_GAIN = 0.5
 _MAX_NEWTON_STEPS = 20
 
 
-def characteristic_roots(
-    A: ArrayLike,
-    B: ArrayLike,
-    C: ArrayLike,
-    D: ArrayLike,
-    *,
-    delay: ArrayLike,
-    count: int = 8,
-) -> ComplexArray:
+def characteristic_roots(loop: StateSpace, *, count: int = 8) -> ComplexArray:
     """Returns the rightmost roots of (2), by descending real part.
 
-    dx/dt = A0 x + A1 x(t - T) is A = A0, B = A1, C = I, D = 0; negative feedback
-    around G has C and D with their signs changed.
+    dx/dt = A0 x + A1 x(t - T) is A = A0, B = A1, C = I, D = 0.
 
     Args:
-        A: (n, n).
-        B: (n, m).
-        C: (m, n).
-        D: (m, m). With a spectral radius of 1 or more the rightmost roots lie at
+        loop: The loop (1), all signals of which are delayed: by T_i > 0 each, or all by
+            0. If D has a spectral radius of 1 or more, the rightmost roots lie at
             infinity, and what is returned are some of the others.
-        delay: T >= 0 in s, one number, or T_i > 0 of each signal (m).
         count: How many roots, at most; of a complex pair both are returned.
 
     Returns:
         The roots in 1/s. There are fewer than `count` if the others lie too far to the
         left to be found; the rightmost one is the first to be.
-
-    Raises:
-        ValueError: If the delay is negative or not finite.
     """
-    A, B, C, D = (np.atleast_2d(np.array(x, dtype=float)) for x in (A, B, C, D))
-    num_signals = len(D)
-    delays = np.asarray(delay, dtype=float)
-    for time in delays.flat:
-        CheckNumber("delay", float(time), "s", minimum=0)
-    if num_signals == 0 or not delays.any():
-        closed = A + B @ np.linalg.solve(np.eye(num_signals) - D, C)
-        return _rightmost(np.linalg.eigvals(closed).astype(complex), count)
-    loop = _DelayedLoop(A, B, C, D, np.broadcast_to(delays, num_signals))
+    longest = max(loop.delays, default=0.0)
+    if longest == 0:
+        without_delay = loop.opened.closed(np.arange(len(loop.D)))
+        return _rightmost(np.linalg.eigvals(without_delay.A).astype(complex), count)
     num_points = _num_points(loop)
     while True:
         raw = _rightmost(_collocation_roots(loop, num_points), count)
         roots = np.array([_polish(s, loop) for s in raw])
         # A root of the problem is one that Newton's method hardly has to move. Others
         # are of the discretisation's own making.
-        longest = delays.max()
         moved = np.abs(roots - raw) * longest
         is_found = moved < 1e-3 * (1 + np.abs(raw) * longest)
         if is_found.all() or num_points >= _ENOUGH_POINTS:
@@ -102,44 +77,21 @@ def characteristic_roots(
         num_points *= 2
 
 
-class _DelayedLoop(NamedTuple):
-    """The loop dx/dt = A x + B w, u = C x + D w with w_i(t) = u_i(t - T_i).
-
-    Attributes:
-        A: (n, n).
-        B: (n, m).
-        C: (m, n).
-        D: (m, m).
-        delays: T_i > 0 in s (m).
-    """
-
-    A: Array
-    B: Array
-    C: Array
-    D: Array
-    delays: Array
-
-
-def _num_points(loop: _DelayedLoop) -> int:
+def _num_points(loop: StateSpace) -> int:
     """Returns how many points it takes to resolve all roots near the axis.
 
     There |C (s I - A)^-1 B + D| >= 1, so their frequency is limited, and a polynomial
     needs more than half a point for each radian that such a root turns in the delay.
     """
-    A, B, C, _, delays = loop
-    n = len(A)
-    gain = np.linalg.norm(B, 2) * np.linalg.norm(C, 2)
-    highest = np.linalg.norm(A, 2) + 2 * gain
-    if n == 0 or highest == 0:
+    gain = np.linalg.norm(loop.B, 2) * np.linalg.norm(loop.C, 2)
+    highest = np.linalg.norm(loop.A, 2) + 2 * gain
+    if loop.num_states == 0 or highest == 0:
         return _FEWEST_POINTS
     w = np.geomspace(1e-3 * highest, highest, 200)
-    # (K, n, n) and (K, n, m), a matrix for each frequency.
-    resolvent = 1j * w[:, np.newaxis, np.newaxis] * np.eye(n) - A
-    inputs = np.broadcast_to(B.astype(complex), (len(w), *B.shape))
-    response = C @ np.linalg.solve(resolvent, inputs)
+    response = loop.opened.frequency_response(w) - loop.D
     is_large = np.linalg.norm(response, ord=2, axis=(1, 2)) >= _LEAST_GAIN
-    fastest = float(w[is_large].max(initial=0.0))
-    return min(_FEWEST_POINTS + math.ceil(0.6 * fastest * delays.max()), _MAX_POINTS)
+    turn = w[is_large].max(initial=0.0) * max(loop.delays)
+    return min(_FEWEST_POINTS + math.ceil(0.6 * turn), _MAX_POINTS)
 
 
 def _rightmost(roots: ComplexArray, count: int) -> ComplexArray:
@@ -162,53 +114,37 @@ def _differentiation_matrix(num_points: int) -> Array:
     return matrix
 
 
-def _collocation_roots(loop: _DelayedLoop, num_points: int) -> ComplexArray:
+def _collocation_roots(loop: StateSpace, num_points: int) -> ComplexArray:
     """Returns the eigenvalues of the discretised generator."""
-    A, B, C, D, delays = loop
-    n = len(A)
-    m = len(D)
+    n = loop.num_states
+    m = len(loop.D)
     # U_0 = U(0) is eliminated; the unknowns are x and U_1 ... U_N, U_N = U(-T).
     derivative = _differentiation_matrix(num_points)[1:]
     # Each signal has a scale of its own.
-    per_second = np.diag(2 / delays)
+    per_second = np.diag(2 / np.array(loop.delays))
     size = n + num_points * m
     last = slice(size - m, size)
     generator = np.zeros((size, size))
-    generator[:n, :n] = A
-    generator[:n, last] = B
+    generator[:n, :n] = loop.A
+    generator[:n, last] = loop.B
     generator[n:, n:] = np.kron(derivative[:, 1:], per_second)
     # U_0 = C x + D U_N.
     boundary = np.kron(derivative[:, :1], per_second)
-    generator[n:, :n] += boundary @ C
-    generator[n:, last] += boundary @ D
+    generator[n:, :n] += boundary @ loop.C
+    generator[n:, last] += boundary @ loop.D
     return np.linalg.eigvals(generator).astype(complex)
 
 
-def _polish(s: complex, loop: _DelayedLoop) -> complex:
+def _polish(s: complex, loop: StateSpace) -> complex:
     """Returns the root of (2) next to s, by Newton's method on log det.
 
     Infinity if the method runs away from s.
     """
-    A, B, C, D, delays = loop
-    identity_n = np.eye(len(A))
-    identity_m = np.eye(len(D))
-    no_slope = np.zeros_like(C)
     for _ in range(_MAX_NEWTON_STEPS):
-        with np.errstate(over="ignore"):
-            z = np.exp(-s * delays)
-        # M(s), whose determinant is zero at a root, and dM/ds.
-        matrix = np.block([[s * identity_n - A, -B * z], [-C, identity_m - D * z]])
-        slope = np.block([[identity_n, delays * z * B], [no_slope, delays * z * D]])
-        if not np.isfinite(matrix).all():
+        step = loop.newton_step(s)
+        s = s + step
+        if not np.isfinite(s):
             return complex(np.inf)
-        try:
-            trace = np.trace(np.linalg.solve(matrix, slope))
-        except np.linalg.LinAlgError:  # Exactly on the root.
-            return complex(s)
-        if trace == 0:
-            return complex(np.inf)
-        step = 1 / trace  # det/det' = 1/tr(M^-1 M').
-        s = s - step
-        if abs(step) < 1e-14 * max(abs(s), 1 / delays.max()):
+        if abs(step) < 1e-14 * max(abs(s), 1 / max(loop.delays)):
             break
     return complex(s)

@@ -6,14 +6,13 @@ crossing is located to the last digit.
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from teleop_drake.arrays import Array, ComplexArray, Indices
+from teleop_drake.numerics.bisection import halve
 from teleop_drake.numerics.state_space import StateSpace
-from teleop_drake.validation import Refuse
 
 AXIS_TOLERANCE = 1e-8
 """Relative accuracy of what counts as on the imaginary axis."""
@@ -55,14 +54,7 @@ class Crossing:
         return self.frequency * self.delay
 
 
-class Response(Protocol):
-    """What has a frequency response: a StateSpace, also with delays in it."""
-
-    def frequency_response(self, frequencies: Array) -> ComplexArray:
-        """Returns L(j w) (K, m, m)."""
-
-
-def eigenloci(loop: Response, frequencies: Array) -> ComplexArray:
+def eigenloci(loop: StateSpace, frequencies: Array) -> ComplexArray:
     """Returns the eigenvalues of L(j w) by descending magnitude (K, m).
 
     Args:
@@ -76,15 +68,12 @@ def eigenloci(loop: Response, frequencies: Array) -> ComplexArray:
 
 
 def closed_loop_matrix(loop: StateSpace) -> Array:
-    """Returns A of the closed loop without delay: A - B (I + D)^-1 C.
+    """Returns A of the loop det(I + L(s)) = 0, with delays in it, if any, of 0.
 
     Raises:
-        ValueError: If I + D is singular: the loop is not well posed without delay.
+        ValueError: If the loop is not well posed without delay.
     """
-    feedthrough = np.eye(len(loop.D)) + loop.D
-    if len(loop.D) and np.linalg.cond(feedthrough) > 1e12:
-        Refuse("loop.D", loop.D, "such that I + D is not singular")
-    return loop.A - loop.B @ np.linalg.solve(feedthrough, loop.C)
+    return (-loop).opened.closed(np.arange(len(loop.D))).A
 
 
 def sweep_frequencies(loop: StateSpace, more_poles: ArrayLike = ()) -> Array:
@@ -128,7 +117,7 @@ def _highest_frequency(loop: StateSpace) -> float:
     return 1.01 * (float(np.linalg.norm(loop.A)) + gain / left_over + 1e-3)
 
 
-def crossings_between(loop: Response, grid: Array) -> list[Crossing]:
+def crossings_between(loop: StateSpace, grid: Array) -> list[Crossing]:
     """Returns where the eigenloci of a response cross the unit circle.
 
     Args:
@@ -143,7 +132,7 @@ def crossings_between(loop: Response, grid: Array) -> list[Crossing]:
 
 
 def _crossings_of_locus(
-    loop: Response, grid: Array, gains: Array, locus: int
+    loop: StateSpace, grid: Array, gains: Array, locus: int
 ) -> list[Crossing]:
     """Returns where an eigenlocus crosses the unit circle.
 
@@ -159,39 +148,30 @@ def _crossings_of_locus(
     is_above = g[is_sure] > 0
     crossings = []
     for k in np.flatnonzero(is_above[:-1] != is_above[1:]):
-        starts_above = bool(is_above[k])
-        frequency = _find_crossing(loop, locus, w[k], w[k + 1], starts_above)
+        frequency = _find_crossing(loop, locus, float(w[k]), float(w[k + 1]))
         crossing = Crossing(
             frequency=frequency,
             delay=_phase_to_cross(loop, locus, frequency) / frequency,
-            direction=1 if starts_above else -1,
+            direction=1 if is_above[k] else -1,
         )
         crossings.append(crossing)
     return crossings
 
 
-def _find_crossing(
-    loop: Response, locus: int, low: float, high: float, starts_above: bool
-) -> float:
+def _find_crossing(loop: StateSpace, locus: int, low: float, high: float) -> float:
     """Returns where |l| passes 1 between two frequencies, in rad/s, to the last digit.
 
-    Args:
-        starts_above: Whether |l| > 1 at the lower frequency; at the higher one it is on
-            the other side.
+    It is on different sides of 1 at the two.
     """
-    while low < np.nextafter(high, 0):
-        w = np.linspace(low, high, _NUM_INNER_POINTS)
-        is_above = _gains(loop, w)[:, locus] > 0
-        # Rounding must not move the ends to the other side.
-        is_above[0] = starts_above
-        is_above[-1] = not starts_above
-        first_changed = int(np.argmax(is_above != starts_above))
-        low = w[first_changed - 1]
-        high = w[first_changed]
-    return float(high)
+
+    def is_above(frequency: float) -> bool:
+        return bool(_gains(loop, np.array([frequency]))[0, locus] > 0)
+
+    starts_above = is_above(low)
+    return halve(lambda frequency: is_above(frequency) == starts_above, low, high)[1]
 
 
-def _phase_to_cross(loop: Response, locus: int, frequency: float) -> float:
+def _phase_to_cross(loop: StateSpace, locus: int, frequency: float) -> float:
     """Returns the phase in rad, 0 to 2 pi, by which a delay turns l(j w) to -1."""
     value = complex(eigenloci(loop, np.array([frequency]))[0, locus])
     phase = float(np.angle(value) + np.pi) % (2 * np.pi)
@@ -200,12 +180,14 @@ def _phase_to_cross(loop: Response, locus: int, frequency: float) -> float:
     return 0.0 if is_whole_turn else phase
 
 
-def _gains(loop: Response, frequencies: Array) -> Array:
+def _gains(loop: StateSpace, frequencies: Array) -> Array:
     """Returns log |l| of all eigenloci (K, m)."""
     return np.log(np.maximum(np.abs(eigenloci(loop, frequencies)), 1e-300))
 
 
-def _add_extrema(loop: Response, w: Array, g: Array, locus: int) -> tuple[Array, Array]:
+def _add_extrema(
+    loop: StateSpace, w: Array, g: Array, locus: int
+) -> tuple[Array, Array]:
     """Adds the extrema at which g = log |l| changes sign between two points.
 
     Args:
@@ -246,7 +228,7 @@ def _closest_points(g: Array) -> Indices:
 
 
 def _least_gain(
-    loop: Response, locus: int, low: float, high: float, sign: float
+    loop: StateSpace, locus: int, low: float, high: float, sign: float
 ) -> tuple[float, float]:
     """Returns where sign * log |l| is least between two frequencies, and log |l|."""
     for _ in range(_NUM_EXTREMUM_SWEEPS):

@@ -38,7 +38,7 @@ import math
 
 import numpy as np
 
-from teleop_drake.arrays import Array, ComplexArray, Indices
+from teleop_drake.arrays import Array, Indices
 from teleop_drake.numerics.crossings import (
     AXIS_TOLERANCE,
     Crossing,
@@ -229,28 +229,22 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
         delay = g.unit * float(root.real)
         # Near 0, g = g_s s + g_T (T - delay): the root moves at -g_T/g_s.
         g_T = float(np.polyval(slope_by_delay, root.real))
-        g_s = g.taylor(delay, num_terms=2)[1]
+        g_s = g.taylor(delay)[1]
         direction = -1 if g_T * g_s > 0 else 1
         passages.append(Crossing(frequency=0.0, delay=delay, direction=direction))
-    if num_without_delay:
-        # These roots leave 0 as the delay does. A small delay shows their side.
-        small = 0.01 * g.unit
-        ascending = g.taylor(small, num_terms=num_without_delay + 1)
-        for s in np.roots(ascending[::-1]):
-            direction = 1 if s.real > 0 else -1
-            passages.append(Crossing(frequency=0.0, delay=0.0, direction=direction))
+    # The others leave 0 as the delay does. A small delay shows their side.
+    ascending = g.taylor(0.01 * g.unit)[: num_without_delay + 1]
+    for s in np.roots(ascending[::-1]):
+        direction = 1 if s.real > 0 else -1
+        passages.append(Crossing(frequency=0.0, delay=0.0, direction=direction))
     return passages
 
 
 class _ReducedDeterminant:
     """The function g(s, T) = det(s, T)/s^k of a loop with k neutral roots.
 
-    With z = e^(-s T), det(s, T) is that of
-
-        [s I - A    -B z  ]
-        [   C     I + D z ]
-
-    and so (1) as a polynomial in s and z.
+    det(s, T) is that of the loop's characteristic matrix, and so (1) as a polynomial in
+    s and e^(-s T).
 
     Attributes:
         unit: A delay in s, that of the slowest mode that is not neutral.
@@ -268,8 +262,8 @@ class _ReducedDeterminant:
         self._radius = _CIRCLE_SHARE * float(modes.min(initial=1.0))
         self.unit = 1 / max(self._radius, 1e-6)
 
-    def taylor(self, delay: float, *, num_terms: int) -> Array:
-        """Returns the first coefficients of g by ascending powers of s.
+    def taylor(self, delay: float) -> Array:
+        """Returns the first coefficients of g by ascending powers of s (k + 1).
 
         By Cauchy's integral formula, on a circle about 0.
 
@@ -279,8 +273,10 @@ class _ReducedDeterminant:
         turns = np.arange(_NUM_CIRCLE_POINTS) / _NUM_CIRCLE_POINTS
         radius = min(self._radius, _LARGEST_TURN / max(delay, 1e-9))
         s = radius * np.exp(2j * np.pi * turns)
-        g = np.linalg.det(self._matrix(s, delay)) / s**self._order
-        return np.array([np.mean(g / s**k).real for k in range(num_terms)])
+        matrix, _ = self._loop.fed_back(delay).characteristic_matrix(s)
+        powers = s ** np.arange(self._order + 1)[:, np.newaxis]
+        g = np.linalg.det(matrix) / s**self._order
+        return (g / powers).mean(axis=1).real
 
     def at_zero(self) -> Array:
         """Returns g(0, T) as a polynomial in T/unit, highest power first (k + 1).
@@ -288,22 +284,8 @@ class _ReducedDeterminant:
         A polynomial of degree k goes through its values at k + 1 delays.
         """
         nodes = np.arange(self._order + 1)
-        values = [self.taylor(self.unit * x, num_terms=1)[0] for x in nodes]
+        values = [self.taylor(self.unit * x)[0] for x in nodes]
         polynomial = np.polyfit(nodes, np.array(values), self._order)
         sizes = np.abs(polynomial)
         polynomial[sizes < _NEGLIGIBLE_COEFFICIENT * sizes.max()] = 0.0
         return polynomial
-
-    def _matrix(self, s: ComplexArray, delay: float) -> ComplexArray:
-        """Returns the matrix at each s, (K, n + m, n + m)."""
-        loop = self._loop
-        n = loop.num_states
-        m = len(loop.D)
-        s_I = s[:, np.newaxis, np.newaxis] * np.eye(n)
-        z = np.exp(-s * delay)[:, np.newaxis, np.newaxis]
-        matrix = np.zeros((len(s), n + m, n + m), dtype=complex)
-        matrix[:, :n, :n] = s_I - loop.A
-        matrix[:, :n, n:] = -loop.B * z
-        matrix[:, n:, :n] = loop.C
-        matrix[:, n:, n:] = np.eye(m) + loop.D * z
-        return matrix

@@ -2,7 +2,7 @@
 
 The loop is cut open between y and u. What remains is a linear system with delays:
 
-    [y, e] = G(s) [u, d],    d_i(t) = e_i(t - T_i)                               (1)
+    [y, e] = G(s) [u, d],    d_i(t) = e_i(t - T_i)
 
 With the response P(s) from u to y, the loop that is closed by u = k y(t - T) has the
 characteristic equation det(I - k P(s) e^(-s T)) = 0. Without a gain k and a delay T
@@ -15,11 +15,11 @@ more it is the loop itself: k = 1, T = 0. Whether that is stable is found by col
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from teleop_drake.arrays import Array, ComplexArray
+from teleop_drake.arrays import Array
 from teleop_drake.numerics.bisection import halve
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.crossings import (
@@ -70,134 +70,115 @@ class Margins:
     gain: tuple[float, float] = (1.0, 1.0)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DelayedLoop:
-    """A loop (1), cut open.
+def margins_of(system: StateSpace) -> Margins:
+    """Returns what a loop tolerates where it is cut open.
 
-    Attributes:
-        system: G, from [u (m), d (k)] to [y (m), e (k)].
-        delays: T_i > 0 in s (k).
+    Args:
+        system: From u to y, of the same size, with the delays T_i > 0 in it.
+    """
+    # Without dynamics around the loop, infinitely many roots lie near the axis.
+    gains_at_once = np.linalg.eigvals(np.abs(system.D))
+    if np.abs(gains_at_once).max(initial=0.0) >= 1:
+        return Margins(is_stable=False)
+    if _has_unstable_root(system.closed(np.arange(system.num_open[0]))):
+        return Margins(is_stable=False)
+    # With the sign that delay_margin takes: det(I + L(s) e^(-s T)) = 0.
+    loop = -system
+    grid = _sweep(loop)
+    crossings = crossings_between(loop, grid)
+    first = min(
+        (crossing for crossing in crossings if crossing.direction > 0),
+        key=lambda crossing: crossing.delay,
+        default=Crossing(frequency=0.0, delay=math.inf, direction=1),
+    )
+    lags = [crossing.phase_margin for crossing in crossings]
+    return Margins(
+        is_stable=True,
+        delay=first.delay,
+        frequency=first.frequency,
+        phase=min((min(x, 2 * math.pi - x) for x in lags), default=math.inf),
+        gain=_gains_between(system, grid),
+    )
+
+
+def _has_unstable_root(closed: StateSpace) -> bool:
+    """Returns whether a closed loop has a root right of the imaginary axis."""
+    # The rightmost roots are the first to be right of the axis.
+    roots = characteristic_roots(closed, count=2)
+    slow = _NEUTRAL * float(np.linalg.norm(closed.A))
+    return bool(np.any((np.abs(roots) > slow) & (roots.real > slow)))
+
+
+def _sweep(loop: StateSpace) -> Array:
+    """Returns ascending frequencies in rad/s that show all that L(j w) does."""
+    num_open = loop.num_open[0]
+    grid = sweep_frequencies(loop)
+    sizes = np.abs(loop.opened.frequency_response(grid))
+    # Where loops of the delays alone are left, they have modes of their own.
+    if _largest_gain(sizes[:, num_open:, num_open:]).max() > _LEAST_GAIN:
+        rest = np.arange(num_open, len(loop.D))
+        inner = loop.part(np.arange(loop.num_states), rest, rest)
+        modes = characteristic_roots(replace(inner, delays=loop.delays))
+        grid = sweep_frequencies(loop, modes)
+        sizes = np.abs(loop.opened.frequency_response(grid))
+    is_heard = _largest_gain(sizes) > _LEAST_GAIN
+    grid = grid[: np.flatnonzero(is_heard).max(initial=0) + 2]
+    turns = grid[-1] * sum(loop.delays) / (2 * math.pi)
+    num_points = min(math.ceil(_POINTS_PER_TURN * turns), _MAX_POINTS)
+    even = np.linspace(grid[0], grid[-1], num_points)
+    return np.array(sorted({*grid, *even}))
+
+
+def _gains_between(system: StateSpace, grid: Array) -> tuple[float, float]:
+    """Returns the gains next to 1 at which a root is on the axis, or 0, infinity.
+
+    Args:
+        grid: Frequencies in rad/s, from far below the slowest mode.
+    """
+    # The loci end on the real axis at the frequency 0, unless they come from there at
+    # infinity.
+    at_zero, slow = eigenloci(system, grid[0] * np.array([0.1, 1.0]))
+    is_real = np.abs(at_zero.imag) < _NEARLY * at_zero.real
+    is_finite = np.abs(at_zero - slow) < _NEARLY * np.abs(slow)
+    values = at_zero[is_real & is_finite].real
+    # A neutral root stays where it is only with the gain 1.
+    values = values[np.abs(values - 1) > _REAL].tolist()
+    loci = eigenloci(system, grid)
+    # Smaller ones are the rounding errors of 0.
+    is_right = loci.real > _REAL * np.abs(loci[:, :1])
+    changes = np.signbit(loci.imag[:-1]) != np.signbit(loci.imag[1:])
+    found = np.argwhere(is_right[:-1] & is_right[1:] & changes)
+    # The nearest to 1 are enough, of the larger ones and of the smaller ones.
+    nearest = sorted(found.tolist(), key=lambda at: abs(math.log(loci[*at].real)))
+    for is_larger in (True, False):
+        for k, locus in nearest:
+            if (loci[k, locus].real > 1) != is_larger:
+                continue
+            value = _real_value(system, locus, grid[k], grid[k + 1])
+            if value > 0:
+                values.append(value)
+                break
+    gains = [1 / value for value in values]
+    below = [gain for gain in gains if gain < 1]
+    above = [gain for gain in gains if gain > 1]
+    return max(below, default=0.0), min(above, default=math.inf)
+
+
+def _real_value(system: StateSpace, locus: int, low: float, high: float) -> float:
+    """Returns the real eigenvalue between two frequencies; 0: there is none.
+
+    Where two eigenvalues of the same size change places, neither is real.
     """
 
-    system: StateSpace
-    delays: Array
+    def value_at(frequency: float) -> complex:
+        return complex(eigenloci(system, np.array([frequency]))[0, locus])
 
-    def frequency_response(self, frequencies: Array) -> ComplexArray:
-        """Returns L(j w) = -P(j w) (K, m, m), with the sign that delay_margin takes."""
-        return -self.system.delayed_response(self.delays, frequencies)
-
-    def margins(self) -> Margins:
-        """Returns what the loop tolerates where it is cut open."""
-        num_signals = len(self.system.D) - len(self.delays)
-        # Without dynamics around the loop, infinitely many roots lie near the axis.
-        gains_at_once = np.linalg.eigvals(np.abs(self.system.D))
-        if np.abs(gains_at_once).max(initial=0.0) >= 1:
-            return Margins(is_stable=False)
-        closed = self.system.closed(np.arange(num_signals))
-        if self._has_unstable_root(closed):
-            return Margins(is_stable=False)
-        grid = self._sweep(num_signals)
-        crossings = crossings_between(self, grid)
-        first = min(
-            (crossing for crossing in crossings if crossing.direction > 0),
-            key=lambda crossing: crossing.delay,
-            default=Crossing(frequency=0.0, delay=math.inf, direction=1),
-        )
-        lags = [crossing.phase_margin for crossing in crossings]
-        return Margins(
-            is_stable=True,
-            delay=first.delay,
-            frequency=first.frequency,
-            phase=min((min(x, 2 * math.pi - x) for x in lags), default=math.inf),
-            gain=self._gains_between(grid),
-        )
-
-    def _has_unstable_root(self, closed: StateSpace) -> bool:
-        """Returns whether the closed loop has a root right of the imaginary axis.
-
-        Args:
-            closed: From d to e.
-        """
-        # The rightmost roots are the first to be right of the axis.
-        roots = characteristic_roots(
-            closed.A, closed.B, closed.C, closed.D, delay=self.delays, count=2
-        )
-        slow = _NEUTRAL * float(np.linalg.norm(closed.A))
-        return bool(np.any((np.abs(roots) > slow) & (roots.real > slow)))
-
-    def _sweep(self, num_signals: int) -> Array:
-        """Returns ascending frequencies in rad/s that show all that P(j w) does."""
-        G = self.system
-        loop = StateSpace(A=G.A, B=G.B, C=-G.C, D=-G.D)
-        grid = sweep_frequencies(loop)
-        sizes = np.abs(G.frequency_response(grid))
-        # Where loops of the delays alone are left, they have modes of their own.
-        if _largest_gain(sizes[:, num_signals:, num_signals:]).max() > _LEAST_GAIN:
-            rest = np.arange(num_signals, len(G.D))
-            inner = G.part(np.arange(G.num_states), rest, rest)
-            modes = characteristic_roots(
-                inner.A, inner.B, inner.C, inner.D, delay=self.delays
-            )
-            grid = sweep_frequencies(loop, modes)
-            sizes = np.abs(G.frequency_response(grid))
-        is_heard = _largest_gain(sizes) > _LEAST_GAIN
-        grid = grid[: np.flatnonzero(is_heard).max(initial=0) + 2]
-        turns = grid[-1] * self.delays.sum() / (2 * math.pi)
-        num_points = min(math.ceil(_POINTS_PER_TURN * turns), _MAX_POINTS)
-        even = np.linspace(grid[0], grid[-1], num_points)
-        return np.array(sorted({*grid, *even}))
-
-    def _gains_between(self, grid: Array) -> tuple[float, float]:
-        """Returns the gains next to 1 at which a root is on the axis, or 0, infinity.
-
-        Args:
-            grid: Frequencies in rad/s, from far below the slowest mode.
-        """
-        # The loci end on the real axis at the frequency 0, unless they come from there
-        # at infinity.
-        at_zero, slow = -eigenloci(self, grid[0] * np.array([0.1, 1.0]))
-        is_real = np.abs(at_zero.imag) < _NEARLY * at_zero.real
-        is_finite = np.abs(at_zero - slow) < _NEARLY * np.abs(slow)
-        values = [float(x) for x in at_zero[is_real & is_finite].real]
-        # A neutral root stays where it is only with the gain 1.
-        values = [value for value in values if abs(value - 1) > _REAL]
-        loci = -eigenloci(self, grid)
-        # Smaller ones are the rounding errors of 0.
-        is_right = loci.real > _REAL * np.abs(loci[:, :1])
-        changes = np.signbit(loci.imag[:-1]) != np.signbit(loci.imag[1:])
-        found = np.argwhere(is_right[:-1] & is_right[1:] & changes)
-        # The nearest to 1 are enough, of the larger ones and of the smaller ones.
-        nearest = sorted(found.tolist(), key=lambda at: abs(math.log(loci[*at].real)))
-        for is_larger in (True, False):
-            for k, locus in nearest:
-                if (loci[k, locus].real > 1) != is_larger:
-                    continue
-                value = self._real_value(grid[k], grid[k + 1], locus)
-                if value > 0:
-                    values.append(value)
-                    break
-        gains = [1 / value for value in values]
-        below = [gain for gain in gains if gain < 1]
-        above = [gain for gain in gains if gain > 1]
-        return max(below, default=0.0), min(above, default=math.inf)
-
-    def _real_value(self, low: float, high: float, locus: int) -> float:
-        """Returns the real eigenvalue between two frequencies; 0: there is none.
-
-        Where two eigenvalues of the same size change places, neither is real.
-        """
-
-        def value_at(frequency: float) -> complex:
-            return -complex(eigenloci(self, np.array([frequency]))[0, locus])
-
-        is_below = np.signbit(value_at(low).imag)
-        _, high = halve(
-            lambda frequency: np.signbit(value_at(frequency).imag) == is_below,
-            low,
-            high,
-        )
-        value = value_at(high)
-        return value.real if abs(value.imag) < _REAL * abs(value) else 0.0
+    is_below = np.signbit(value_at(low).imag)
+    _, high = halve(
+        lambda frequency: np.signbit(value_at(frequency).imag) == is_below, low, high
+    )
+    value = value_at(high)
+    return value.real if abs(value.imag) < _REAL * abs(value) else 0.0
 
 
 def _largest_gain(sizes: Array) -> Array:

@@ -1,15 +1,20 @@
-"""Linear time-invariant systems as matrices, and their minimal realisation.
+"""Linear time-invariant systems with delays as matrices, and minimal realisations.
 
-dx/dt = A x + B u,    y = C x + D u,    G(s) = C (s I - A)^-1 B + D
+    dx/dt = A x + B u,    y = C x + D u                                          (1)
+
+Of the signals, the last k outputs may go back to the last k inputs, each after a delay:
+u_i(t) = y_i(t - T_i). The others are the open inputs and outputs, with the transfer
+function G(s) from one to the other.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import CheckNumber, Refuse
 
 # Directions that are reached, or seen, more weakly than this are taken to be neither,
 # relative to the norm of A in balanced coordinates. Well above the error of blocks with
@@ -19,22 +24,25 @@ _TOLERANCE = 1e-7
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StateSpace:
-    """The matrices of a linear system. They are copied and made read-only.
+    """A linear system (1). Its matrices are copied and made read-only.
 
     Attributes:
         A: (n, n).
         B: (n, m), m inputs.
         C: (p, n), p outputs.
         D: (p, m).
+        delays: T_i >= 0 in s (k).
 
     Raises:
-        ValueError: If the sizes do not match or an entry is not finite.
+        ValueError: If the sizes do not match, an entry is not finite or a delay is
+            negative.
     """
 
     A: Array
     B: Array
     C: Array
     D: Array
+    delays: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("A", "B", "C", "D"):
@@ -48,30 +56,104 @@ class StateSpace:
         for name, shape in (("A", (n, n)), ("B", (n, m)), ("C", (p, n))):
             if getattr(self, name).shape != shape:
                 Refuse(f"shape of {name}", getattr(self, name).shape, str(shape))
+        for delay in self.delays:
+            CheckNumber("delay", delay, "s", minimum=0)
 
     @property
     def num_states(self) -> int:
         """Number n of states."""
         return len(self.A)
 
+    @property
+    def num_open(self) -> tuple[int, int]:
+        """Numbers of open outputs and inputs, those without a delay."""
+        p, m = self.D.shape
+        k = len(self.delays)
+        return p - k, m - k
+
+    @property
+    def opened(self) -> Self:
+        """The system that is cut open at its delays: all its signals are open."""
+        return replace(self, delays=())
+
+    def __neg__(self) -> Self:
+        """Returns the system with the transfer function -G(s)."""
+        sign = np.ones((len(self.D), 1))
+        sign[: self.num_open[0]] = -1
+        return replace(self, C=sign * self.C, D=sign * self.D)
+
+    def fed_back(self, delay: float) -> Self:
+        """Returns the loop that u(t) = -y(t - T) closes, with the same T in s for all.
+
+        Its characteristic equation is det(I + G(s) e^(-s T)) = 0.
+        """
+        return replace(-self, delays=(delay,) * len(self.D))
+
     def frequency_response(self, frequencies: ArrayLike) -> ComplexArray:
-        """Returns G(j w) (K, p, m).
+        """Returns G(j w) between the open signals (K, p - k, m - k).
 
         Args:
-            frequencies: w in rad/s (K).
+            frequencies: w in rad/s (K), none of them an undamped mode.
         """
         w = np.asarray(frequencies, dtype=float).reshape(-1)
-        # (K, n, n) and (K, n, m), a matrix for each frequency.
+        # (K, n, n), a matrix for each frequency.
         s = 1j * w[:, np.newaxis, np.newaxis]
         resolvent = s * np.eye(self.num_states) - self.A
-        B = np.broadcast_to(self.B.astype(complex), (len(w), *self.B.shape))
-        response = self.C @ np.linalg.solve(resolvent, B) + self.D
-        return response.astype(complex)
+        G = self.C @ np.linalg.solve(resolvent, self.B[np.newaxis]) + self.D
+        if not self.delays:
+            return G.astype(complex)
+        p, m = self.num_open
+        # d = shift (G_eu u + G_ed d): what the delays deliver, (K, k, m) by u.
+        T = np.array(self.delays)[:, np.newaxis]
+        shift = np.exp(-s * T)
+        around = np.eye(len(T)) - shift * G[:, p:, m:]
+        delivered = np.linalg.solve(around, shift * G[:, p:, :m])
+        return (G[:, :p, :m] + G[:, :p, m:] @ delivered).astype(complex)
+
+    def characteristic_matrix(self, s: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
+        """Returns M(s) and dM/ds (..., n + k, n + k) of a system without open signals.
+
+            M(s) = [s I - A, -B e^(-s T); -C, I - D e^(-s T)]
+
+        with the diagonal matrix e^(-s T). Where det M(s) = 0, s is a root.
+
+        Args:
+            s: In 1/s (...,).
+        """
+        n = self.num_states
+        k = len(self.delays)
+        rates = np.diag(np.repeat([1.0, 0.0], [n, k]))
+        at_once = np.block([[-self.A, np.zeros((n, k))], [-self.C, np.eye(k)]])
+        late = np.block([[np.zeros((n, n)), self.B], [np.zeros((k, n)), self.D]])
+        times = np.concatenate([np.zeros(n), self.delays])
+        at = np.asarray(s)[..., np.newaxis, np.newaxis]
+        arriving = late * np.exp(-at * times)
+        return at * rates + at_once - arriving, rates + times * arriving
+
+    def newton_step(self, s: complex) -> complex:
+        """Returns the step from s of Newton's method to a root, in 1/s.
+
+        It is 0 exactly on a root, and infinite where it leads nowhere.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            matrix, slope = self.characteristic_matrix(s)
+        if not np.isfinite(matrix).all():
+            return complex(np.inf)
+        try:
+            # (det M)'/det M.
+            trace = np.trace(np.linalg.solve(matrix, slope))
+        except np.linalg.LinAlgError:
+            return 0j
+        return complex(-1 / trace) if trace else complex(np.inf)
 
     def part(
         self, states: ArrayLike, inputs: ArrayLike, outputs: ArrayLike
     ) -> "StateSpace":
-        """Returns the system of some states, inputs and outputs, by their indices."""
+        """Returns the system of some states, inputs and outputs, all of them open.
+
+        Args:
+            states: Their indices, as those of the others.
+        """
         x = np.asarray(states, dtype=int)
         u = np.asarray(inputs, dtype=int)
         y = np.asarray(outputs, dtype=int)
@@ -82,51 +164,33 @@ class StateSpace:
             D=self.D[np.ix_(y, u)],
         )
 
-    def closed(self, signals: ArrayLike) -> "StateSpace":
-        """Returns the system with some outputs fed to the inputs of the same indices.
+    def closed(self, signals: ArrayLike) -> Self:
+        """Returns the system with some open outputs fed to the inputs of their indices.
 
         They are no inputs and outputs any more.
+
+        Raises:
+            ValueError: If the loop is not well posed.
         """
         i = np.asarray(signals, dtype=int)
         inputs = np.delete(np.arange(self.D.shape[1]), i)
         outputs = np.delete(np.arange(len(self.D)), i)
         # The closed signals z = C_i x + D_iu u + D_ii z, solved for z.
-        loop = np.linalg.inv(np.eye(len(i)) - self.D[np.ix_(i, i)])
+        around = np.eye(len(i)) - self.D[np.ix_(i, i)]
+        if len(i) and np.linalg.cond(around) > 1e12:
+            Refuse("D", self.D, "such that I - D of the closed signals is not singular")
+        loop = np.linalg.inv(around)
         z_by_x = loop @ self.C[i]
         z_by_u = loop @ self.D[np.ix_(i, inputs)]
         B_z = self.B[:, i]
         D_z = self.D[np.ix_(outputs, i)]
-        return StateSpace(
+        return replace(
+            self,
             A=self.A + B_z @ z_by_x,
             B=self.B[:, inputs] + B_z @ z_by_u,
             C=self.C[outputs] + D_z @ z_by_x,
             D=self.D[np.ix_(outputs, inputs)] + D_z @ z_by_u,
         )
-
-    def delayed_response(
-        self, delays: ArrayLike, frequencies: ArrayLike
-    ) -> ComplexArray:
-        """Returns G(j w) with delays around the system (K, p - k, m - k).
-
-        The last k outputs go back to the last k inputs, each after its delay.
-
-        Args:
-            delays: In s (k).
-            frequencies: w in rad/s (K), none of them an undamped mode.
-        """
-        w = np.asarray(frequencies, dtype=float).reshape(-1)
-        T = np.asarray(delays, dtype=float).reshape(-1)
-        k = len(T)
-        p, m = (size - k for size in self.D.shape)
-        G = self.frequency_response(w)
-        G_yu = G[:, :p, :m]
-        G_yd = G[:, :p, m:]
-        G_eu = G[:, p:, :m]
-        G_ed = G[:, p:, m:]
-        # d = shift (G_eu u + G_ed d): what the delays deliver, (K, k, m) by u.
-        shift = np.exp(-1j * w[:, np.newaxis, np.newaxis] * T[:, np.newaxis])
-        delivered = np.linalg.solve(np.eye(k) - shift * G_ed, shift * G_eu)
-        return (G_yu + G_yd @ delivered).astype(complex)
 
 
 def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:

@@ -152,7 +152,7 @@ def test_a_context_with_an_accuracy_holds_the_layer_that_it_has():
             environment.GetInputPort("tool_velocity"),
             environment.GetOutputPort("environment_force"),
             is_opened=True,
-        ).model
+        )
         return model.D[0, 0]
 
     assert Damping(0.003) == pytest.approx(0.5, rel=1e-9)

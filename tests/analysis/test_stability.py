@@ -19,6 +19,7 @@ from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.analysis.stability_chart import ChartStability
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delay_margin import is_delay_robust
+from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 
@@ -135,14 +136,14 @@ def test_only_integrators_are_hidden(name):
         slave, master = point.model.slave, point.model.master
         T = 0.3
         zeros = np.zeros((master.num_states, slave.num_states))
-        roots = characteristic_roots(
-            np.block([[slave.A, slave.B @ master.C], [zeros, master.A]]),
-            np.vstack([slave.B @ master.D, master.B]),
-            np.hstack([slave.C, slave.D @ master.C]),
-            slave.D @ master.D,
-            delay=T,
-            count=12,
+        loop = StateSpace(
+            A=np.block([[slave.A, slave.B @ master.C], [zeros, master.A]]),
+            B=np.vstack([slave.B @ master.D, master.B]),
+            C=np.hstack([slave.C, slave.D @ master.C]),
+            D=slave.D @ master.D,
+            delays=(T,) * len(slave.D),
         )
+        roots = characteristic_roots(loop, count=12)
         n = len(point.model.point.position)
         is_integrator = np.abs(roots) < 1e-4
         assert is_integrator.sum() == n == point.num_neutral

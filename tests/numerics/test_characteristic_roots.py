@@ -7,6 +7,13 @@ import pytest
 from scipy.special import lambertw
 
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
+from teleop_drake.numerics.state_space import StateSpace
+
+
+def roots_of(A, B, C, D, delay, **count):
+    """Returns the roots of a loop whose signals all have the same delay."""
+    loop = StateSpace(A=A, B=B, C=C, D=D, delays=(delay,) * len(D))
+    return characteristic_roots(loop, **count)
 
 
 @pytest.mark.parametrize("delay", [0.05, 0.5, math.pi / 2, 3.0])
@@ -16,7 +23,7 @@ def test_lambert_w(a, delay):
 
     R. M. Corless et al., "On the Lambert W function", Adv. Comput. Math. 5 (1996).
     """
-    roots = characteristic_roots([[0.0]], [[a]], [[1.0]], [[0.0]], delay=delay, count=6)
+    roots = roots_of([[0.0]], [[a]], [[1.0]], [[0.0]], delay=delay, count=6)
     expected = np.array([lambertw(a * delay, k) / delay for k in range(-6, 7)])
     expected = expected[np.argsort(-expected.real)][: len(roots)]
     assert len(roots) >= 5
@@ -32,7 +39,7 @@ def test_roots_of_a_coupled_system():
     B, C = random.normal(size=(4, 2)), random.normal(size=(2, 4))
     D = 0.2 * random.normal(size=(2, 2))
     delay = 0.8
-    roots = characteristic_roots(A, B, C, D, delay=delay, count=10)
+    roots = roots_of(A, B, C, D, delay=delay, count=10)
     assert len(roots) >= 10
     for s in roots:
         z = np.exp(-s * delay)
@@ -45,7 +52,7 @@ def test_neutral_equation():
     """u(t) = d u(t - T) alone: e^(s T) = d, s = (log d + 2 pi j k)/T."""
     d, delay = 0.3, 2.0
     empty = np.zeros((0, 0))
-    roots = characteristic_roots(
+    roots = roots_of(
         empty, np.zeros((0, 1)), np.zeros((1, 0)), [[d]], delay=delay, count=5
     )
     # All lie on one vertical line, so which ones are found first is open.
@@ -64,7 +71,7 @@ def test_fast_root_behind_slow_ones():
     A = np.array([[-1.0, 0, 0], [0, 0, 1], [0, -(fast**2), -0.1]])
     B = np.array([[1.0, 0], [0, 0], [0, 1.0]])
     C = np.array([[-1.0, 0, 0], [0, 0, 5.0]])
-    roots = characteristic_roots(A, B, C, np.zeros((2, 2)), delay=delay, count=2)
+    roots = roots_of(A, B, C, np.zeros((2, 2)), delay=delay, count=2)
     s = roots[0]
     assert abs(s.imag) > 100
     residual = s**2 + 0.1 * s + fast**2 - 5 * s * np.exp(-s * delay)
@@ -74,15 +81,13 @@ def test_fast_root_behind_slow_ones():
 
 def test_without_delay_they_are_eigenvalues():
     A, B, C = [[0, 1], [-2, -3]], [[0], [1]], [[1, 0]]
-    roots = characteristic_roots(A, B, C, [[0.5]], delay=0.0)
+    roots = roots_of(A, B, C, [[0.5]], delay=0.0)
     expected = np.roots([1, 3, 2 - 1 / (1 - 0.5)])
     np.testing.assert_allclose(np.sort(roots.real), np.sort(expected), rtol=1e-12)
 
 
 def test_pair_is_not_torn_apart():
-    roots = characteristic_roots(
-        [[0.0]], [[-1.0]], [[1.0]], [[0.0]], delay=1.0, count=1
-    )
+    roots = roots_of([[0.0]], [[-1.0]], [[1.0]], [[0.0]], delay=1.0, count=1)
     assert len(roots) == 2
     assert roots[0] == pytest.approx(np.conj(roots[1]))
 
@@ -90,4 +95,4 @@ def test_pair_is_not_torn_apart():
 @pytest.mark.parametrize("delay", [-0.1, math.nan, math.inf])
 def test_bad_delay(delay):
     with pytest.raises(ValueError, match="delay = "):
-        characteristic_roots([[0.0]], [[1.0]], [[1.0]], [[0.0]], delay=delay)
+        roots_of([[0.0]], [[1.0]], [[1.0]], [[0.0]], delay=delay)

@@ -101,9 +101,7 @@ def test_number_of_unstable_roots_is_what_collocation_finds():
     delays, counts = unstable_roots(loop, 30.0)
     assert counts.max() >= 4
     for begin, end, count in zip(delays, [*delays[1:], 30.0], counts, strict=True):
-        roots = characteristic_roots(
-            loop.A, loop.B, -loop.C, -loop.D, delay=(begin + end) / 2, count=12
-        )
+        roots = characteristic_roots(loop.fed_back((begin + end) / 2), count=12)
         assert np.sum(roots.real > 0) == count
 
 
@@ -145,9 +143,7 @@ def test_matrix_pencil_finds_the_same_frequencies(seed):
     # At each crossing's delay there is a root on the axis.
     loop = Retarded(A0, A1)
     for crossing in crossings:
-        roots = characteristic_roots(
-            loop.A, loop.B, -loop.C, -loop.D, delay=crossing.delay, count=40
-        )
+        roots = characteristic_roots(loop.fed_back(crossing.delay), count=40)
         assert np.min(np.abs(roots - 1j * crossing.frequency)) < 1e-6
 
 
@@ -198,7 +194,7 @@ def test_root_that_passes_a_neutral_one():
     assert delay_margin(loop) == crossing
     assert stable_delays(loop, 5.0) == [(0.0, crossing.delay)]
     for T in (0.5, 2.0):
-        roots = characteristic_roots([[1.0]], [[1.0]], [[-1.0]], [[0.0]], delay=T)
+        roots = characteristic_roots(loop.fed_back(T))
         others = roots[np.abs(roots) > 1e-9]
         assert (others.real.max() > 0) == (T > 1)
 
@@ -224,7 +220,7 @@ def test_root_that_leaves_the_neutral_one_with_the_delay(c, direction):
     assert (passage.frequency, passage.delay) == (0.0, 0.0)
     assert passage.direction == direction
     assert counts[0] == (direction > 0)
-    roots = characteristic_roots(loop.A, loop.B, -loop.C, -loop.D, delay=0.3, count=6)
+    roots = characteristic_roots(loop.fed_back(0.3), count=6)
     slow = roots[(np.abs(roots) < 0.1) & (np.abs(roots) > 1e-7)]
     assert len(slow) == 1
     assert slow[0].real == pytest.approx(-0.3 * c, rel=0.05)

@@ -1,15 +1,16 @@
 """Margins of random loops with delays, by collocation on both sides of them."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
-from teleop_drake.numerics.delayed_loop import DelayedLoop
+from teleop_drake.numerics.delayed_loop import margins_of
 from teleop_drake.numerics.state_space import StateSpace
 
-DELAYS = np.array([0.3, 0.7])
+DELAYS = (0.3, 0.7)
 
 
 def random_system(seed, gain):
@@ -21,25 +22,24 @@ def random_system(seed, gain):
     C = random.normal(size=(3, 4))
     D = np.zeros((3, 3))
     D[0, 1] = 0.3
-    return StateSpace(A=A, B=B, C=C, D=D)
+    return StateSpace(A=A, B=B, C=C, D=D, delays=DELAYS)
 
 
 def rightmost_root(system, more_delay=0.0, gain=1.0):
     """Returns the largest real part of a root with a delay and a gain at the cut."""
     gains = [gain, 1.0, 1.0]
-    loop = StateSpace(A=system.A, B=system.B * gains, C=system.C, D=system.D * gains)
-    delays = [more_delay, *DELAYS]
+    loop = replace(system, B=system.B * gains, D=system.D * gains)
     if more_delay == 0:
         loop = loop.closed([0])
-        delays = DELAYS
-    roots = characteristic_roots(loop.A, loop.B, loop.C, loop.D, delay=delays, count=2)
-    return roots[0].real
+    else:
+        loop = replace(loop, delays=(more_delay, *DELAYS))
+    return characteristic_roots(loop, count=2)[0].real
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_a_root_passes_the_axis_at_the_margins(seed):
     system = random_system(seed, gain=0.6)
-    margins = DelayedLoop(system=system, delays=DELAYS).margins()
+    margins = margins_of(system)
     assert margins.is_stable == (rightmost_root(system) < 0)
     if not margins.is_stable:
         assert (margins.delay, margins.phase, margins.gain) == (0.0, 0.0, (1.0, 1.0))
@@ -57,10 +57,7 @@ def test_a_root_passes_the_axis_at_the_margins(seed):
 
 
 def test_the_random_loops_are_of_all_sorts():
-    found = [
-        DelayedLoop(system=random_system(seed, gain=0.6), delays=DELAYS).margins()
-        for seed in range(12)
-    ]
+    found = [margins_of(random_system(seed, gain=0.6)) for seed in range(12)]
     assert any(not margins.is_stable for margins in found)
     assert any(0 < margins.delay < math.inf for margins in found)
     assert any(margins.delay == math.inf for margins in found)
@@ -69,10 +66,15 @@ def test_the_random_loops_are_of_all_sorts():
 def test_two_delays_of_collocation_satisfy_the_equation():
     """s = -a e^(-s T1) - b e^(-s T2)."""
     a, b = 1.3, 0.9
-    roots = characteristic_roots(
-        [[0.0]], [[-a, -b]], [[1.0], [1.0]], np.zeros((2, 2)), delay=DELAYS, count=6
+    loop = StateSpace(
+        A=[[0.0]],
+        B=[[-a, -b]],
+        C=[[1.0], [1.0]],
+        D=np.zeros((2, 2)),
+        delays=DELAYS,
     )
+    roots = characteristic_roots(loop, count=6)
     assert len(roots) >= 6
     s = roots[:, np.newaxis]
-    rest = s + np.exp(-s * DELAYS) @ [[a], [b]]
+    rest = s + np.exp(-s * np.array(DELAYS)) @ [[a], [b]]
     np.testing.assert_allclose(np.abs(rest), 0, atol=1e-9)
