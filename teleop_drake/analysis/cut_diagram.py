@@ -22,16 +22,33 @@ from pydrake.systems.framework import (
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine.flatten import Block, Flatten, OutputOf
+from teleop_drake.engine.flatten import Flatten, OutputOf
 from teleop_drake.kernel.block import DualBlock
 from teleop_drake.numerics.differences import differentiate
 
-Contexts = Mapping[System, Context]
+Port = InputPort | OutputPort
 
 # How far apart slopes are compared, relative to values of 1 and more, and by which
 # share of the largest one they may differ. Curvature makes far less of so short a way.
 _NEAR = 1e-9
 _BEND = 1e-4
+
+
+class _Twin(NamedTuple):
+    """A system of a diagram, or of the diagram that it was converted to."""
+
+    system: Any
+    context: Any
+
+    def PortOf(self, port: Port) -> Any:
+        """Returns its port that corresponds to one of the original."""
+        index = int(port.get_index())
+        if isinstance(port, OutputPort):
+            return self.system.get_output_port(index)
+        return self.system.get_input_port(index)
+
+
+Twins = Mapping[System, _Twin]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +72,14 @@ class States:
 
     def Set(self, values: Array) -> None:
         """Gives them values."""
-        _SetFirstStates(self.context, values)
+        self.SetIn({self.system: _Twin(self.system, self.context)}, values)
+
+    def SetIn(self, twins: Twins, values: Array) -> None:
+        """Gives them values in a diagram of any scalar type."""
+        context = twins[self.system].context
+        x = context.get_continuous_state_vector().CopyToVector()
+        x[: self.size] = values
+        context.SetContinuousState(x)
 
 
 @dataclass(eq=False)
@@ -64,7 +88,7 @@ class Cut:
 
     Attributes:
         ports: The ports, which all receive the same signal.
-        contexts: Of every system.
+        originals: Every system of the diagram.
         entering: The port whose signal they receive as long as nothing is cut, except
             for a delay; None: nothing is connected to them.
         value: What they receive at the operating point.
@@ -73,51 +97,34 @@ class Cut:
     """
 
     ports: list[InputPort]
-    contexts: Contexts
-    entering: InputPort | OutputPort | None
+    originals: Twins
+    entering: Port | None
     value: Array
     delay: System | None = None
+
+    def Get(self) -> Array:
+        """Returns what the ports receive at the operating point."""
+        return self.value
 
     def Set(self, value: Array) -> None:
         """Fixes the ports at a value."""
         self.value = value
+        self.SetIn(self.originals, value)
+
+    def SetIn(self, twins: Twins, value: Array) -> None:
+        """Fixes the ports at a value in a diagram of any scalar type."""
         for port in self.ports:
-            port.FixValue(self.contexts[port.get_system()], value)
+            twin = twins[port.get_system()]
+            twin.PortOf(port).FixValue(twin.context, value)
 
     def Settle(self) -> None:
         """Fixes the ports at what enters now."""
         assert self.entering is not None
-        context = self.contexts[self.entering.get_system()]
-        self.Set(np.array(self.entering.Eval(context)))
+        twin = self.originals[self.entering.get_system()]
+        self.Set(np.array(self.entering.Eval(twin.context)))
 
 
-def CutBehind(
-    entering: OutputPort, ports: Sequence[InputPort], contexts: Contexts
-) -> Cut:
-    """Returns the cut at input ports, of systems at any depth, behind an output."""
-    leaves = [leaf for port in ports for leaf in LeafPorts(port)]
-    value = np.zeros(entering.size())
-    return Cut(leaves, contexts, entering, value)
-
-
-def CutAtDelay(blocks: Sequence[Block], delay: System, contexts: Contexts) -> Cut:
-    """Returns the cut at the ports that a delay is connected to."""
-    consumers = [
-        block.system.GetInputPort(name)
-        for block in blocks
-        for name, source in block.inputs.items()
-        if blocks[source.block].system is delay
-    ]
-    return Cut(
-        ports=consumers,
-        contexts=contexts,
-        entering=delay.get_input_port(),
-        value=np.array(delay.get_output_port().Eval(contexts[delay])),
-        delay=delay,
-    )
-
-
-def LeafPorts(port: InputPort) -> list[InputPort]:
+def _LeafPorts(port: InputPort) -> list[InputPort]:
     """Returns the ports of blocks that an input port of a system is, or leads to."""
     system = port.get_system()
     if not isinstance(system, Diagram):
@@ -126,22 +133,8 @@ def LeafPorts(port: InputPort) -> list[InputPort]:
     return [
         leaf
         for inner, i in system.GetInputPortLocators(index)
-        for leaf in LeafPorts(inner.get_input_port(int(i)))
+        for leaf in _LeafPorts(inner.get_input_port(int(i)))
     ]
-
-
-class _Twin(NamedTuple):
-    """A system of a diagram, or of the diagram that it was converted to."""
-
-    system: Any
-    context: Any
-
-    def Eval(self, port: InputPort | OutputPort) -> Array:
-        """Returns the value of its port that corresponds to one of the original."""
-        index = int(port.get_index())
-        if isinstance(port, OutputPort):
-            return self.system.get_output_port(index).Eval(self.context)
-        return self.system.get_input_port(index).Eval(self.context)
 
 
 class CutDiagram:
@@ -149,52 +142,100 @@ class CutDiagram:
 
         [rates of the states; what is seen] = f(states; what is delivered at the cuts)
 
+    Choose() determines which they are.
+
     Args:
         diagram: The diagram.
-        contexts: Of every system in it, by ContextsIn(): the operating point.
-        states: The states.
-        cuts: The cuts. A cut at a delay delivers what the delay would. Where two cuts
-            have the same port, the first of them counts.
-        seen: Ports at which values are wanted.
+        root: Its Context: the operating point.
 
     Attributes:
+        blocks: Those of the diagram.
+        contexts: Of every system in it.
         by_differences: Paths of the blocks that do not convert to AutoDiffXd. If there
             is one, all slopes are central differences.
     """
 
-    def __init__(
-        self,
-        diagram: Diagram,
-        contexts: Contexts,
-        *,
-        states: Sequence[States],
-        cuts: Sequence[Cut],
-        seen: Sequence[InputPort | OutputPort],
-    ):
-        self._contexts = contexts
+    def __init__(self, diagram: Diagram, root: Context):
+        self.blocks = Flatten(diagram)
+        self.contexts = ContextsIn(diagram, root)
+        self.by_differences: tuple[str, ...] = ()
+        self._diagram = diagram
+        self._root = root
+        self._originals = {x: _Twin(x, own) for x, own in self.contexts.items()}
+        self._duals: dict[System, _Twin] = {}
+        self._entries: list[States | Cut] = []
+
+    def CutAt(self, port: Port, entering: Port | None = None) -> Cut:
+        """Returns the cut at the ports of blocks that receive a signal, if any.
+
+        They receive there what they receive now.
+
+        Args:
+            port: An input port, of a system at any depth, or an output port: then at
+                all that receive its signal.
+            entering: See Cut; None: where the signal comes from.
+        """
+        ports = self._Receivers(port)
+        cut = Cut(ports, self._originals, entering, np.zeros(port.size()))
+        if not ports:
+            return cut
+        leaf = ports[0]
+        (block,) = (x for x in self.blocks if x.system is leaf.get_system())
+        context = self.contexts[block.system]
+        if leaf.HasValue(context):
+            cut.value = np.array(leaf.Eval(context))
+        source = block.inputs.get(leaf.get_name())
+        if entering is None and source is not None:
+            cut.entering = self.blocks[source.block].system.GetOutputPort(source.port)
+        return cut
+
+    def CutAtDelay(self, delay: System) -> Cut:
+        """Returns the cut at the ports that a delay is connected to."""
+        cut = self.CutAt(delay.get_output_port(), delay.get_input_port())
+        cut.delay = delay
+        return cut
+
+    def _Receivers(self, port: Port) -> list[InputPort]:
+        """Returns the ports of blocks that receive a signal."""
+        if isinstance(port, InputPort):
+            return _LeafPorts(port)
+        output = OutputOf(self.blocks, port.get_system(), int(port.get_index()))
+        return [
+            block.system.GetInputPort(name)
+            for block in self.blocks
+            for name, source in block.inputs.items()
+            if source == output
+        ]
+
+    def Choose(
+        self, states: Sequence[States], cuts: Sequence[Cut], seen: Sequence[Port]
+    ) -> None:
+        """Determines what the function is of, and what it has.
+
+        Args:
+            states: The states.
+            cuts: The cuts. A cut at a delay delivers what the delay would. Where two
+                cuts have the same port, the first of them counts.
+            seen: Ports at which values are wanted.
+        """
+        taken: set[str] = set()
+        for cut in cuts:
+            names = {port.GetFullDescription(): port for port in cut.ports}
+            cut.ports = [port for name, port in names.items() if name not in taken]
+            taken |= names.keys()
         self._states = states
-        self._cuts = cuts
-        self._blocks = Flatten(diagram)
-        self._seen = [self._CutOrPort(port) for port in seen]
+        self._entries = [*states, *cuts]
+        self._seen = [self._CutOrPort(port, cuts) for port in seen]
         sizes = [x.size for x in states] + [port.size() for port in seen]
         self._value_ends = np.cumsum(sizes)[:-1]
-        self._ports = _PortsOfEach(cuts)
-        self._originals = {x: _Twin(x, context) for x, context in contexts.items()}
-        self.by_differences: tuple[str, ...] = ()
-        self._root = contexts[diagram]
-        self._duals: dict[System, _Twin] = {}
-        dual = diagram.ToAutoDiffXdMaybe()
+        dual = self._diagram.ToAutoDiffXdMaybe()
         if dual is None:
             self._UseDifferences()
             return
         self._dual_root = dual.CreateDefaultContext()
         twins = map(_Twin._make, ContextsIn(dual, self._dual_root).items())
-        self._duals = dict(zip(contexts, twins, strict=True))
-        for i in range(diagram.num_input_ports()):
-            port = diagram.get_input_port(i)
-            if port.HasValue(self._root):
-                value = port.Eval(self._root)
-                dual.get_input_port(i).FixValue(self._dual_root, value)
+        self._duals = dict(zip(self.contexts, twins, strict=True))
+        dual.FixInputPortsFrom(self._diagram, self._root, self._dual_root)
 
     def Evaluate(self, step: float) -> tuple[Array, Array]:
         """Returns rates of the states and what is seen (K), and the slopes of both.
@@ -264,12 +305,11 @@ class CutDiagram:
 
     def _Point(self) -> Array:
         """Returns states and inputs at the operating point (N)."""
-        for system, context in self._contexts.items():
+        for system, context in self.contexts.items():
             if context.get_accuracy() is None and SurfacesOf(system):
                 # The position decides then, not the region that is held.
                 system.ExecuteInitializationEvents(context)
-        parts = [x.Get() for x in self._states] + [cut.value for cut in self._cuts]
-        return np.concatenate([np.zeros(0), *parts])
+        return np.concatenate([np.zeros(0), *(x.Get() for x in self._entries)])
 
     def _Exact(self, point: Array) -> tuple[Array, Array] | None:
         """Returns values and slopes by AutoDiffXd; None: a block does not convert."""
@@ -294,78 +334,42 @@ class CutDiagram:
         """Returns the values at a point (K), by the diagram itself."""
         return self._Evaluate(self._originals, point)
 
-    def _Evaluate(self, twins: Mapping[System, _Twin], point: Array) -> Array:
+    def _Evaluate(self, twins: Twins, point: Array) -> Array:
         """Returns the values at a point (K), of the scalar type of the twins."""
-        parts = self._Parts(point)
+        ends = np.cumsum([len(x.Get()) for x in self._entries])[:-1]
+        parts = dict(zip(self._entries, np.split(point, ends), strict=True))
         for x, value in parts.items():
-            self._Set(twins, x, value)
-        rates = []
+            x.SetIn(twins, value)
+        values = []
         for states in self._states:
             twin = twins[states.system]
-            derivatives = twin.system.EvalTimeDerivatives(twin.context)
-            rates.append(derivatives.CopyToVector()[: states.size])
-        seen = [
-            parts[x] if isinstance(x, Cut) else twins[x.get_system()].Eval(x)
-            for x in self._seen
-        ]
-        return np.concatenate(rates + seen)
+            rates = twin.system.EvalTimeDerivatives(twin.context)
+            values.append(rates.CopyToVector()[: states.size])
+        for port in self._seen:
+            if isinstance(port, Cut):
+                values.append(parts[port])
+            else:
+                twin = twins[port.get_system()]
+                values.append(twin.PortOf(port).Eval(twin.context))
+        return np.concatenate(values)
 
-    def _Parts(self, point: Array) -> dict[States | Cut, Array]:
-        """Returns the parts of a point."""
-        sizes = [x.size for x in self._states] + [len(x.value) for x in self._cuts]
-        values = np.split(point, np.cumsum(sizes)[:-1])
-        return dict(zip([*self._states, *self._cuts], values, strict=True))
-
-    def _Set(
-        self, twins: Mapping[System, _Twin], x: States | Cut, value: Array
-    ) -> None:
-        """Sets states, or what is delivered at a cut."""
-        if isinstance(x, States):
-            _SetFirstStates(twins[x.system].context, value)
-            return
-        for port in self._ports[x]:
-            twin = twins[port.get_system()]
-            index = int(port.get_index())
-            twin.system.get_input_port(index).FixValue(twin.context, value)
-
-    def _CutOrPort(self, port: InputPort | OutputPort) -> Cut | InputPort | OutputPort:
+    def _CutOrPort(self, port: Port, cuts: Sequence[Cut]) -> Cut | Port:
         """Returns where a signal is read: the cut that replaces a delay, or a port."""
         if isinstance(port, InputPort):
-            return LeafPorts(port)[0]
+            return _LeafPorts(port)[0]
         index = int(port.get_index())
-        source = OutputOf(self._blocks, port.get_system(), index)
-        system = self._blocks[source.block].system
-        for cut in self._cuts:
-            if cut.delay is system:
-                return cut
-        return port
+        source = OutputOf(self.blocks, port.get_system(), index)
+        system = self.blocks[source.block].system
+        return next((cut for cut in cuts if cut.delay is system), port)
 
     def _UseDifferences(self) -> None:
         """Names the blocks that do not convert, and gives the conversion up."""
         self.by_differences = tuple(
             block.path
-            for block in self._blocks
-            if not _Converts(block.system, self._contexts[block.system])
+            for block in self.blocks
+            if not _Converts(block.system, self.contexts[block.system])
         )
         self._duals = {}
-
-
-def _PortsOfEach(cuts: Sequence[Cut]) -> dict[Cut, list[InputPort]]:
-    """Returns the ports of each cut; one of two cuts is the first one's."""
-    taken: set[str] = set()
-    ports = {}
-    for cut in cuts:
-        names = {port.GetFullDescription(): port for port in cut.ports}
-        ports[cut] = [port for name, port in names.items() if name not in taken]
-        taken |= names.keys()
-    return ports
-
-
-def _SetFirstStates(context: Any, values: Array) -> None:
-    """Sets the first continuous states in a Context of any scalar type."""
-    x = context.get_continuous_state_vector().CopyToVector()
-    x[: len(values)] = values
-    context.SetContinuousState(x)
 
 
 def _Converts(system: System, context: Context) -> bool:

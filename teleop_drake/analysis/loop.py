@@ -52,6 +52,7 @@ The blocks themselves describe what is frozen, idle or a delay (kernel.linear_pa
 
 import math
 from dataclasses import replace
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -71,7 +72,6 @@ from teleop_drake.analysis.tool_motion import ToolMotion
 from teleop_drake.arrays import Array, Indices
 from teleop_drake.blocks.environments import CONTACT, SurfacesOf
 from teleop_drake.blocks.operators import ConstantVelocityOperator
-from teleop_drake.contexts import ContextsIn
 from teleop_drake.engine.flatten import Flatten
 from teleop_drake.kernel.linear_part import (
     FROZEN_WEIGHTS,
@@ -166,24 +166,25 @@ class Linearizer:
         self.diagram = teleoperator
         self._root = teleoperator.CreateDefaultContext()
         self._default = teleoperator.CreateDefaultContext()
-        self._contexts = ContextsIn(teleoperator, self._root)
+        self._function = CutDiagram(teleoperator, self._root)
+        self._contexts = self._function.contexts
         self._environment = teleoperator.GetSubsystemByName("environment")
         self._master = teleoperator.GetSubsystemByName("master")
         robot = teleoperator.GetSubsystemByName("robot")
-        blocks = Flatten(teleoperator)
-        self._parts = ReadLoopParts(blocks, self._contexts)
+        parts = ReadLoopParts(self._function)
+        self._parts = parts
         self._cuts = CutTeleoperator(
-            teleoperator, self._parts, self._contexts, at_ports=at_ports
+            teleoperator, self._function, parts, at_ports=at_ports
         )
+        self._signals = self._cuts.Signals()
         self._motion = ToolMotion(
             config=self._scenario.robot,
             robot=robot,
             context=self._contexts[robot],
-            states=self._parts["robot"].states,
+            states=parts["robot"].states,
             num_axes=self._scenario.num_axes,
         )
         # The states of controller and environment are chosen, the master's are not.
-        parts = self._parts
         self._chosen = parts["controller"].states + parts["environment"].states
         slave_states = [self._motion.states, *self._chosen]
         self._states = [*slave_states, *parts["master"].states]
@@ -193,14 +194,10 @@ class Linearizer:
         if at_ports:
             device = self._master.GetSubsystemByName("haptic_device")
             seen = [*seen, device.GetInputPort("felt_velocity")]
-        entering = [cut.entering for cut in self._cuts.all if cut.entering is not None]
-        self._function = CutDiagram(
-            teleoperator,
-            self._contexts,
-            states=self._states,
-            cuts=self._cuts.all,
-            seen=[*entering, *seen],
-        )
+        cuts = list(chain.from_iterable(self._cuts))
+        entering = [cut.entering for cut in cuts if cut.entering is not None]
+        self._function.Choose(self._states, cuts, [*entering, *seen])
+        self._num_signals = sum(len(cut.value) for cut in cuts)
 
     def Loop(self, point: OperatingPoint) -> LoopModel:
         """Returns the model of the loop at an operating point, and of its motion."""
@@ -232,7 +229,7 @@ class Linearizer:
         """Returns the model of the loop as if the operating point were at rest."""
         settled = self._Settle(point)
         system = self._System(point, settled.slopes, is_checked=is_checked)
-        signals = np.arange(self._cuts.num_signals)
+        signals = np.arange(self._num_signals)
         parts = self._parts.values()
         assumptions = set().union(*(part.assumptions for part in parts))
         delay_times = [time for part in parts for time in part.delay_times]
@@ -240,7 +237,7 @@ class Linearizer:
             point=point,
             system=system.part(np.arange(self._num_states), signals, signals),
             num_slave_states=self._num_slave_states,
-            signals=self._cuts.Signals(),
+            signals=self._signals,
             frozen_weights=FROZEN_WEIGHTS in assumptions,
             idle_passivity=IDLE_PASSIVITY in assumptions,
             inner_delays=tuple(delay_times),
@@ -265,7 +262,7 @@ class Linearizer:
             [x.size for x in self._states],
         )
         n = self._scenario.num_axes
-        num_signals = self._cuts.num_signals
+        num_signals = self._num_signals
         delayed = np.arange(2 * n, num_signals)
         # Seen are the tool's position, velocity and acceleration and the felt velocity.
         tool_velocity = num_signals + n + np.arange(n)
@@ -277,7 +274,7 @@ class Linearizer:
                 inputs=np.arange(num_signals),
                 outputs=np.concatenate([felt_velocity, tool_velocity, delayed]),
             ),
-            signals=self._cuts.Signals(),
+            signals=self._signals,
             idle_passivity=any(
                 IDLE_PASSIVITY in part.assumptions for part in self._parts.values()
             ),
@@ -300,7 +297,7 @@ class Linearizer:
         self._SettleCuts()
         step = min(_STEP, _STEP_SHARE * self._SurfaceDistance(point))
         if point.forward_packet is not None:
-            self._cuts.forward.Set(point.forward_packet)
+            self._cuts.forward[0].Set(point.forward_packet)
             values, slopes = self._Evaluate(step)
         else:
             values, slopes = self._Trim(step)
@@ -319,16 +316,17 @@ class Linearizer:
     def _SettleCuts(self) -> None:
         """Fixes at each cut what enters it, from the tool to the forward packet."""
         cuts = self._cuts
-        cuts.forward.Set(np.zeros_like(cuts.forward.value))
-        for cut in (*cuts.ports, *cuts.inner_slave, cuts.back, *cuts.inner_master):
-            cut.Settle()
+        (forward,) = cuts.forward
+        forward.Set(np.zeros_like(forward.value))
+        at_ports = [*cuts.hand, *cuts.tool]
+        to_master = [*at_ports, *cuts.inner_slave, *cuts.back, *cuts.inner_master]
         # What the hand feels may come out of the delays in the master.
-        for cut in (*cuts.ports, *cuts.inner_master, cuts.forward):
+        for cut in (*to_master, *at_ports, *cuts.inner_master, forward):
             cut.Settle()
 
     def _Evaluate(self, step: float) -> tuple[Array, Array]:
         """Returns values and slopes, once the cuts inside of the slave have settled."""
-        for cut in (*self._cuts.ports, *self._cuts.inner_slave):
+        for cut in (*self._cuts.hand, *self._cuts.tool, *self._cuts.inner_slave):
             cut.Settle()
         return self._function.Evaluate(step)
 
@@ -338,7 +336,7 @@ class Linearizer:
         They are the tool's acceleration and the rates of the states that are chosen.
         """
         n = self._scenario.num_axes
-        acceleration = self._num_states + self._cuts.num_signals + 2 * n + np.arange(n)
+        acceleration = self._num_states + self._num_signals + 2 * n + np.arange(n)
         first = self._motion.states.size
         return np.r_[acceleration, first : self._num_slave_states]
 
@@ -348,7 +346,7 @@ class Linearizer:
         Returns:
             Values and slopes, as CutDiagram.Evaluate().
         """
-        forward = self._cuts.forward
+        (forward,) = self._cuts.forward
         for _ in range(_MAX_TRIM_STEPS):
             values, slopes = self._Evaluate(step)
             change = self._NewtonStep(values, slopes)
@@ -370,25 +368,21 @@ class Linearizer:
         command, does not change.
         """
         N = self._num_states
-        cuts = self._cuts
         rows = self._StoppedRates()
         first = self._motion.states.size
-        packet = cuts.Places(cuts.forward)
-        columns = np.r_[first : self._num_slave_states, N + packet]
+        packet = N + self._signals.forward
+        columns = np.r_[first : self._num_slave_states, packet]
         # Delays deliver what goes into them, and the tool feels its environment.
-        closed = N + cuts.Places(*cuts.ports[1:], *cuts.inner_slave)
+        closed = N + np.r_[self._signals.tool, self._signals.inner_slave]
         loop = np.eye(len(closed)) - slopes[np.ix_(closed, closed)]
         delivered = np.linalg.solve(loop, slopes[np.ix_(closed, columns)])
         slope = slopes[np.ix_(rows, columns)]
         slope = slope + slopes[np.ix_(rows, closed)] @ delivered
-        is_free = np.any(slopes[N + packet] != 0, axis=1)
-        num_chosen = self._num_slave_states - first
-        free = np.flatnonzero(np.r_[np.ones(num_chosen, dtype=bool), is_free])
+        is_free = np.ones(len(columns), dtype=bool)
+        is_free[-len(packet) :] = np.any(slopes[packet] != 0, axis=1)
         change = np.zeros(len(columns))
-        if len(free):
-            change[free] = np.linalg.lstsq(slope[:, free], -values[rows], rcond=1e-10)[
-                0
-            ]
+        free = slope[:, is_free]
+        change[is_free] = np.linalg.lstsq(free, -values[rows], rcond=1e-10)[0]
         return change
 
     def _SurfaceDistance(self, point: OperatingPoint) -> float:
@@ -424,7 +418,7 @@ class Linearizer:
             )
         num_joint_states = self._motion.states.size
         coordinates, rates = self._motion.Coordinates(
-            slopes[:num_joint_states], slopes[N + self._cuts.num_signals :]
+            slopes[:num_joint_states], slopes[N + self._num_signals :]
         )
         slopes[:num_joint_states] = rates
         # The coordinates are a function of the state: d/d(coordinates).

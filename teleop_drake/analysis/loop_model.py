@@ -22,8 +22,13 @@ _NEGLIGIBLE = 1e-9
 
 
 class Signals(NamedTuple):
-    """Which of the signals of a model pass which of the delays that are cut."""
+    """Which of the signals of a model are the forces at its ports or pass which delay.
 
+    The loop has no ports.
+    """
+
+    hand: Indices
+    tool: Indices
     forward: Indices
     inner_slave: Indices
     back: Indices
@@ -76,9 +81,10 @@ class LoopModel:
 
         The return packet is the one that is sent.
         """
-        forward, inner, back, _ = self.signals
-        states = np.arange(self.num_slave_states)
-        return self.system.part(states, np.r_[forward, inner], np.r_[back, inner])
+        at = self.signals
+        inputs = np.r_[at.forward, at.inner_slave]
+        outputs = np.r_[at.back, at.inner_slave]
+        return self.system.part(np.arange(self.num_slave_states), inputs, outputs)
 
     @property
     def master(self) -> StateSpace:
@@ -86,9 +92,11 @@ class LoopModel:
 
         The forward packet is the one that is sent.
         """
-        forward, _, back, inner = self.signals
+        at = self.signals
         states = np.arange(self.num_slave_states, self.system.num_states)
-        return self.system.part(states, np.r_[back, inner], np.r_[forward, inner])
+        inputs = np.r_[at.back, at.inner_master]
+        outputs = np.r_[at.forward, at.inner_master]
+        return self.system.part(states, inputs, outputs)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,8 +128,7 @@ class TwoPortModel:
     Attributes:
         num_axes: n of each of the four.
         system: As above.
-        signals: Which of the delayed signals, counted without the ports, pass which
-            delay.
+        signals: Which of the signals are forces at the ports or pass which delay.
         idle_passivity: As in LoopModel.
     """
 
@@ -146,14 +153,14 @@ class TwoPortModel:
             forward_delay: T_f in s, >= 0.
             return_delay: T_r in s, >= 0.
         """
-        delays = np.full(
-            sum(len(x) for x in self.signals), forward_delay + return_delay
-        )
+        n = self.num_axes
+        delays = np.full(len(self.system.D), forward_delay + return_delay)
         delays[self.signals.forward] = forward_delay
         delays[self.signals.back] = return_delay
-        delayed = replace(self.system, delays=tuple(delays))
+        # Those of the forces at the ports count for nothing.
+        delayed = replace(self.system, delays=tuple(delays[2 * n :]))
         y = delayed.frequency_response(frequencies)
-        y[:, self.num_axes :] *= -1
+        y[:, n:] *= -1
         return y
 
 
@@ -171,7 +178,8 @@ def CutLoop(model: LoopModel) -> StateSpace:
         L, not minimal: its states are those of the slave and of the master.
     """
     system = model.system
-    forward, inner_slave, back, inner_master = model.signals
+    forward = model.signals.forward
+    back = model.signals.back
     by_input = np.vstack([system.B, system.D])
     by_output = np.hstack([system.C, system.D])
     heard = back[_Nonzero(by_input[:, back].T)]
@@ -185,7 +193,8 @@ def CutLoop(model: LoopModel) -> StateSpace:
         closed = back
         crossing = sent
     rest = np.delete(np.arange(len(system.D)), closed)
-    kept = np.flatnonzero(np.isin(rest, np.r_[crossing, inner_slave, inner_master]))
+    inside = (model.signals.inner_slave, model.signals.inner_master)
+    kept = np.flatnonzero(np.isin(rest, np.concatenate([crossing, *inside])))
     loop = system.closed(closed).part(np.arange(system.num_states), kept, kept)
     return _MergeInputs(-loop)
 

@@ -1,20 +1,14 @@
 """The four systems between the channels, and the cuts that open their loop."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.analysis.cut_diagram import (
-    Contexts,
-    Cut,
-    CutAtDelay,
-    CutBehind,
-    States,
-)
+from teleop_drake.analysis.cut_diagram import Cut, CutDiagram, States
 from teleop_drake.analysis.loop_model import Signals
-from teleop_drake.arrays import Indices
 from teleop_drake.engine.flatten import Block
 from teleop_drake.kernel.linear_part import LinearPartOf
 from teleop_drake.validation import ScenarioError, Within
@@ -43,37 +37,31 @@ class LoopPart:
     assumptions: set[str] = field(default_factory=set)
 
 
-def ReadLoopParts(blocks: list[Block], contexts: Contexts) -> dict[str, LoopPart]:
+def ReadLoopParts(opened: CutDiagram) -> dict[str, LoopPart]:
     """Returns the four systems of a teleoperator by their names.
-
-    Args:
-        blocks: Those of the teleoperator.
-        contexts: Of every system in it.
 
     Raises:
         ScenarioError: If a block has no linear model, or a state that is not
             continuous.
     """
     parts = {name: LoopPart() for name in PARTS}
-    for block in blocks:
+    for block in opened.blocks:
         name = block.path.split("/")[0]
         if name in parts:
-            _AddBlock(parts[name], name, block, blocks, contexts)
+            _AddBlock(parts[name], name, block, opened)
     return parts
 
 
-def _AddBlock(
-    part: LoopPart, name: str, block: Block, blocks: list[Block], contexts: Contexts
-) -> None:
+def _AddBlock(part: LoopPart, name: str, block: Block, opened: CutDiagram) -> None:
     """Adds what a block describes itself to be."""
     system = block.system
-    context = contexts[system]
+    context = opened.contexts[system]
     with Within(name):
         described = LinearPartOf(system)
     part.blocks.append(system)
     part.assumptions.add(described.assumption)
     if described.delay:
-        cut = CutAtDelay(blocks, system, contexts)
+        cut = opened.CutAtDelay(system)
         part.delays.append(cut)
         part.delay_times += [described.delay] * len(cut.value)
     is_sampled = context.num_discrete_state_groups() and not described.has_modes
@@ -89,102 +77,68 @@ def _AddBlock(
         part.states.append(States(system, context, size))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LoopCuts:
+class LoopCuts(NamedTuple):
     """The cuts that open the loop, in the order of the signals of its model.
 
     Attributes:
-        ports: Cuts at the operator's hand and at the tool; empty for the loop.
+        hand: The force at the operator's hand; empty for the loop.
+        tool: The force at the tool; empty for the loop.
         forward: The forward channel.
         inner_slave: Delays in the slave.
         back: The return channel.
         inner_master: Delays in the master.
     """
 
-    ports: Sequence[Cut]
-    forward: Cut
-    inner_slave: Sequence[Cut]
-    back: Cut
-    inner_master: Sequence[Cut]
-
-    @property
-    def all(self) -> list[Cut]:
-        """All cuts, in their order."""
-        delays = [self.forward, *self.inner_slave, self.back, *self.inner_master]
-        return [*self.ports, *delays]
-
-    @property
-    def num_signals(self) -> int:
-        """How many signals are delivered at all cuts."""
-        return sum(len(cut.value) for cut in self.all)
-
-    def Places(self, *cuts: Cut) -> Indices:
-        """Returns the places of what some cuts deliver among all signals."""
-        places: list[int] = []
-        first = 0
-        for cut in self.all:
-            end = first + len(cut.value)
-            if cut in cuts:
-                places += range(first, end)
-            first = end
-        return np.array(places, dtype=np.intp)
+    hand: list[Cut]
+    tool: list[Cut]
+    forward: list[Cut]
+    inner_slave: list[Cut]
+    back: list[Cut]
+    inner_master: list[Cut]
 
     def Signals(self) -> Signals:
-        """Returns which of the delayed signals pass which delay."""
-        first = self.Places(self.forward)[0]
-        return Signals(
-            forward=self.Places(self.forward) - first,
-            inner_slave=self.Places(*self.inner_slave) - first,
-            back=self.Places(self.back) - first,
-            inner_master=self.Places(*self.inner_master) - first,
-        )
+        """Returns the places of what each of the cuts delivers among all signals."""
+        sizes = [sum(len(cut.value) for cut in cuts) for cuts in self]
+        ends = np.cumsum(sizes)
+        return Signals(*np.split(np.arange(ends[-1]), ends[:-1]))
 
 
 def CutTeleoperator(
     teleoperator: Diagram,
+    opened: CutDiagram,
     parts: dict[str, LoopPart],
-    contexts: Contexts,
     *,
     at_ports: bool,
 ) -> LoopCuts:
     """Returns the cuts that open the loop of a teleoperator.
 
     Args:
+        opened: The teleoperator.
         parts: Its parts, by ReadLoopParts().
-        contexts: Of every system in it.
         at_ports: Whether it is cut at the hand and at the tool, too.
     """
-    master, controller, environment, robot = (
-        teleoperator.GetSubsystemByName(name)
-        for name in ("master", "controller", "environment", "robot")
-    )
-    ports = []
+    master = teleoperator.GetSubsystemByName("master")
+    controller = teleoperator.GetSubsystemByName("controller")
+    hand = []
+    tool = []
     if at_ports:
         device = master.GetSubsystemByName("haptic_device")
-        operator = master.GetSubsystemByName("surgeon")
-        hand = CutBehind(
-            device.GetOutputPort("haptic_force"),
-            [operator.GetInputPort("haptic_force")],
-            contexts,
-        )
-        tool = CutBehind(
-            environment.GetOutputPort("environment_force"),
-            [x.GetInputPort("environment_force") for x in (robot, controller)],
-            contexts,
-        )
-        ports = [hand, tool]
+        environment = teleoperator.GetSubsystemByName("environment")
+        hand = [opened.CutAt(device.GetOutputPort("haptic_force"))]
+        tool = [opened.CutAt(environment.GetOutputPort("environment_force"))]
+    forward = opened.CutAt(
+        controller.GetInputPort("forward_packet"),
+        master.GetOutputPort("forward_packet"),
+    )
+    back = opened.CutAt(
+        master.GetInputPort("return_packet"),
+        controller.GetOutputPort("return_packet"),
+    )
     return LoopCuts(
-        ports=ports,
-        forward=CutBehind(
-            master.GetOutputPort("forward_packet"),
-            [controller.GetInputPort("forward_packet")],
-            contexts,
-        ),
-        inner_slave=[cut for name in SLAVE for cut in parts[name].delays],
-        back=CutBehind(
-            controller.GetOutputPort("return_packet"),
-            [master.GetInputPort("return_packet")],
-            contexts,
-        ),
+        hand=hand,
+        tool=tool,
+        forward=[forward],
+        inner_slave=list(chain.from_iterable(parts[name].delays for name in SLAVE)),
+        back=[back],
         inner_master=parts["master"].delays,
     )

@@ -17,18 +17,10 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.analysis.cut_diagram import (
-    Contexts,
-    Cut,
-    CutAtDelay,
-    CutDiagram,
-    LeafPorts,
-    States,
-)
+from teleop_drake.analysis.cut_diagram import CutDiagram, States
 from teleop_drake.analysis.port_model import PortModel
 from teleop_drake.blocks.environments import SurfacesOf
-from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine.flatten import Block, Flatten, OutputOf
+from teleop_drake.engine.flatten import Block
 from teleop_drake.kernel import KernelIn
 from teleop_drake.kernel.linear_part import LinearPartOf
 from teleop_drake.validation import Refuse
@@ -77,18 +69,22 @@ def LinearizePorts(
         ValueError: If a port is not in the diagram, a block holds samples (a channel of
             packets, a delay that varies), or a law bends at the operating point.
     """
-    own = _CopyContext(diagram, context)
-    contexts = ContextsIn(diagram, own)
+    function = CutDiagram(diagram, _CopyContext(diagram, context))
+    blocks = function.blocks
+    contexts = function.contexts
     for port in (input_port, output_port or input_port):
         if port.get_system() not in contexts:
             Refuse("port", _PathOf(port), "one in the diagram")
-    blocks = Flatten(diagram)
     held = _Held(blocks, contexts)
     delays = _Delays(blocks, contexts)
-    delay_cuts = {system: CutAtDelay(blocks, system, contexts) for system in delays}
+    delay_cuts = [function.CutAtDelay(system) for system in delays]
     if is_settled:
-        _Settle(blocks, delay_cuts)
-    entry = _CutAtPort(blocks, input_port, contexts)
+        # A value passes one more delay each time.
+        for cut in delay_cuts * len(delay_cuts):
+            cut.Settle()
+    entry = function.CutAt(input_port)
+    if not entry.ports:
+        Refuse("port", _PathOf(input_port), "connected to another system")
     seen = output_port or entry.entering
     if seen is None:
         Refuse("output_port", None, "given, because the input is not connected")
@@ -99,13 +95,8 @@ def LinearizePorts(
     ]
     # What the input port receives without a deviation comes first, where it counts.
     entering = [] if is_opened or entry.entering is None else [entry.entering]
-    function = CutDiagram(
-        diagram,
-        contexts,
-        states=states,
-        cuts=[entry, *delay_cuts.values()],
-        seen=[*entering, seen, *(cut.entering for cut in delay_cuts.values())],
-    )
+    late = [cut.entering for cut in delay_cuts]
+    function.Choose(states, [entry, *delay_cuts], [*entering, seen, *late])
     _, slopes = function.Evaluate(_STEP)
     if function.Bends(_STEP, slopes):
         allowed = "where every law has one slope; one bends here, as at a surface"
@@ -114,7 +105,11 @@ def LinearizePorts(
     added = input_port.size() if entering else 0
     # A deviation that is added closes the loop through a copy of its columns.
     slopes = np.hstack([slopes[:, : n + added], slopes[:, n:]])
-    times = [delays[system] for system, cut in delay_cuts.items() for _ in cut.value]
+    times = [
+        time
+        for time, cut in zip(delays.values(), delay_cuts, strict=True)
+        for _ in cut.value
+    ]
     model = PortModel(
         A=slopes[:n, :n],
         B=slopes[:n, n:],
@@ -158,14 +153,17 @@ def _CopyContext(diagram: Diagram, context: Context) -> Context:
     """Returns a copy of a Context that has values at the diagram's inputs."""
     own = diagram.CreateDefaultContext()
     own.SetTimeStateAndParametersFrom(context)
+    diagram.FixInputPortsFrom(diagram, context, own)
     for i in range(diagram.num_input_ports()):
         port = diagram.get_input_port(i)
-        is_known = port.HasValue(context)
-        port.FixValue(own, port.Eval(context) if is_known else np.zeros(port.size()))
+        if not port.HasValue(own):
+            port.FixValue(own, np.zeros(port.size()))
     return own
 
 
-def _Delays(blocks: list[Block], contexts: Contexts) -> dict[System, float]:
+def _Delays(
+    blocks: list[Block], contexts: Mapping[System, Context]
+) -> dict[System, float]:
     """Returns the delays in s of the blocks that are delays, as in their Contexts."""
     delays = {}
     for block in blocks:
@@ -176,62 +174,12 @@ def _Delays(blocks: list[Block], contexts: Contexts) -> dict[System, float]:
     return delays
 
 
-def _Settle(blocks: list[Block], cuts: Mapping[System, Cut]) -> None:
-    """Lets each delay deliver what goes into it, also where that is another delay's."""
-    sources = {
-        block.system: blocks[source.block].system
-        for block in blocks
-        if block.system in cuts
-        for source in block.inputs.values()
-    }
-    # The value passes one more delay each time.
-    for _ in cuts:
-        for system, cut in cuts.items():
-            before = cuts.get(sources.get(system))
-            if before is None:
-                cut.Settle()
-            else:
-                cut.Set(before.value)
-
-
 def _PathOf(port: InputPort | OutputPort) -> str:
     """Returns a port's name behind the path of its system."""
     return f"{port.get_system().GetSystemPathname()}:{port.get_name()}"
 
 
-def _Receivers(blocks: list[Block], port: InputPort | OutputPort) -> list[InputPort]:
-    """Returns the ports of blocks that receive a signal."""
-    if isinstance(port, InputPort):
-        return LeafPorts(port)
-    source = OutputOf(blocks, port.get_system(), int(port.get_index()))
-    return [
-        block.system.GetInputPort(name)
-        for block in blocks
-        for name, own in block.inputs.items()
-        if own == source
-    ]
-
-
-def _CutAtPort(
-    blocks: list[Block], port: InputPort | OutputPort, contexts: Contexts
-) -> Cut:
-    """Returns the cut at a port, with what it receives now."""
-    leaves = _Receivers(blocks, port)
-    if not leaves:
-        Refuse("port", _PathOf(port), "connected to another system")
-    leaf = leaves[0]
-    system = leaf.get_system()
-    (block,) = (x for x in blocks if x.system is system)
-    source = block.inputs.get(leaf.get_name())
-    entering = None
-    if source is not None:
-        entering = blocks[source.block].system.GetOutputPort(source.port)
-    has_value = leaf.HasValue(contexts[system])
-    value = leaf.Eval(contexts[system]) if has_value else np.zeros(leaf.size())
-    return Cut(leaves, contexts, entering, np.array(value))
-
-
-def _Held(blocks: list[Block], contexts: Contexts) -> tuple[str, ...]:
+def _Held(blocks: list[Block], contexts: Mapping[System, Context]) -> tuple[str, ...]:
     """Returns what has a discrete state that is held; refuses other such blocks."""
     held = []
     for block in blocks:
