@@ -14,6 +14,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
 
 from teleop_drake.arrays import Array, Indices
 from teleop_drake.numerics.bisection import bisect
@@ -37,10 +38,6 @@ _INWARDS = 2 * SAME_INSTANT
 
 # At a flat place a value is exact long before its place is.
 _ROUNDS_TO_EXTREMES = 7
-
-# A quartic through five such points goes beyond half of its values' range by at most
-# this factor: the sum of the sizes of Lagrange's polynomials.
-_LEBESGUE = 2.3
 
 
 class Crossing(NamedTuple):
@@ -162,7 +159,9 @@ class Pieces:
         powers = _powers(y[piece])
         was_in = is_in[piece, node]
         share = bisect(
-            lambda x: (_value(powers, x) >= 0) == was_in, NODES[node], NODES[node + 1]
+            lambda x: (polyval(x, powers, tensor=False) >= 0) == was_in,
+            NODES[node],
+            NODES[node + 1],
         )
         times = self.begin[piece] + share * (self.end - self.begin)[piece]
         return [
@@ -202,14 +201,7 @@ def maximum(y: Array, span: slice) -> Array:
     """
     if span.start >= span.stop:
         return value_before(y, span)
-    y = y[span]
-    most = y.max(axis=1)
-    least = y.min(axis=1)
-    # Few pieces can reach beyond the largest value at a point.
-    reach = (most + least) / 2 + _LEBESGUE * (most - least) / 2
-    may_be = reach >= most.max(axis=0)
-    pieces = may_be.reshape(len(y), -1).any(axis=1)
-    return extremes(y[pieces]).max(axis=(0, 1))
+    return extremes(y[span]).max(axis=(0, 1))
 
 
 def minimum(y: Array, span: slice) -> Array:
@@ -225,20 +217,21 @@ def extremes(y: Array) -> Array:
     """
     columns = y.reshape(*y.shape[:2], -1)
     powers = _powers(columns)
-    slope = powers[:, 1:] * np.arange(1, DEGREE + 1)[:, np.newaxis]
-    is_up = np.stack([_value(slope, np.asarray(x)) >= 0 for x in NODES], axis=1)
+    slope = polyder(powers)
+    is_up = polyval(NODES, slope) >= 0
     values = np.repeat(columns, 2, axis=1)[:, :-1]
     # Between two points of a piece the slope changes its sign.
-    piece, node, column = np.nonzero(is_up[:, 1:] != is_up[:, :-1])
-    was_up = is_up[piece, node, column]
-    own_slope = slope[piece, :, column]
+    piece, column, node = np.nonzero(is_up[..., 1:] != is_up[..., :-1])
+    was_up = is_up[piece, column, node]
+    own_slope = slope[:, piece, column]
     share = bisect(
-        lambda x: (_value(own_slope, x) >= 0) == was_up,
+        lambda x: (polyval(x, own_slope, tensor=False) >= 0) == was_up,
         NODES[node],
         NODES[node + 1],
         _ROUNDS_TO_EXTREMES,
     )
-    values[piece, 2 * node + 1, column] = _value(powers[piece, :, column], share)
+    extreme = polyval(share, powers[:, piece, column], tensor=False)
+    values[piece, 2 * node + 1, column] = extreme
     return values.reshape(len(y), -1, *y.shape[2:])
 
 
@@ -311,11 +304,11 @@ def settling_time(pieces: Pieces, span: slice, bands: Sequence[Band]) -> float |
     powers = [_powers(band.y[span] - band.centre) for band in bands]
 
     def is_outside(piece: Indices, share: Array) -> Array:
-        distances = [
-            np.linalg.norm(_value(c[piece], share[..., None]), axis=-1) for c in powers
-        ]
-        is_out = [d >= band.radius for d, band in zip(distances, bands, strict=True)]
-        return np.logical_or.reduce(is_out)
+        is_out = np.zeros(share.shape, dtype=bool)
+        for band, own in zip(bands, powers, strict=True):
+            offset = polyval(share[..., None], own[:, piece], tensor=False)
+            is_out |= np.linalg.norm(offset, axis=-1) >= band.radius
+        return is_out
 
     # The state at the points in the order of time, and where it is not the one before.
     piece = np.repeat(np.arange(len(begin)), DEGREE + 1)
@@ -343,20 +336,11 @@ def settling_time(pieces: Pieces, span: slice, bands: Sequence[Band]) -> float |
 
 
 def _powers(y: Array) -> Array:
-    """Returns the coefficients of ascending powers (k, 5, ...) of quartics in [0, 1].
+    """Returns the coefficients of ascending powers (5, k, ...) of quartics in [0, 1].
 
     Those of a constant are exactly 0 but for the first one.
     """
-    first = y[:, :1]
-    powers = np.tensordot(to_powers(DEGREE), y - first, axes=(1, 1))
-    powers = np.moveaxis(powers, 0, 1)
-    powers[:, :1] += first
+    first = y[:, 0]
+    powers = np.tensordot(to_powers(DEGREE), y - y[:, :1], axes=(1, 1))
+    powers[0] += first
     return powers
-
-
-def _value(powers: Array, share: Array) -> Array:
-    """Returns polynomials (k, d + 1, ...) at shares of their pieces."""
-    value = powers[:, -1]
-    for power in range(powers.shape[1] - 2, -1, -1):
-        value = value * share + powers[:, power]
-    return value
