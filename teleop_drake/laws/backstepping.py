@@ -48,26 +48,21 @@ Step 4 needs dW3/dt = -beta3 z Phi^T. The thesis loses this sign between (4.38) 
 (5.51).
 """
 
-from collections import namedtuple
-from dataclasses import dataclass, fields
-from typing import Any, NamedTuple, cast
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from teleop_drake.arrays import Array
+from teleop_drake.laws.gains import LawGains, min_eigenvalue
 from teleop_drake.laws.gaussian_network import Lattice, gaussian_functions
 from teleop_drake.laws.task_space import position_rate
 from teleop_drake.numerics.jacobi import singular_values, symmetric_eigen
 from teleop_drake.validation import CheckGain, CheckNumber, Refuse
 
 
-def _min_eigenvalue(matrix: Array) -> float:
-    """Returns the smallest eigenvalue of a matrix's symmetric part."""
-    return float(np.linalg.eigvalsh((matrix + matrix.T) / 2)[0])
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
-class BacksteppingGains:
+class BacksteppingGains(LawGains):
     """The constants of the law; n is the number of task axes.
 
     "Positive definite" means x^T A x > 0 for every x != 0; such a matrix need not be
@@ -97,7 +92,6 @@ class BacksteppingGains:
             what is stated above.
     """
 
-    Lambda: Array
     G1: Array
     G2: Array
     P: Array
@@ -111,21 +105,12 @@ class BacksteppingGains:
     Psi_min: float
 
     def __post_init__(self) -> None:
-        n = len(np.atleast_1d(self.Lambda))
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.type is not float:
-                value = np.array(value, dtype=float)
-                if value.shape != (n, n) or not np.isfinite(value).all():
-                    allowed = f"a finite {n} x {n} matrix, the size of Lambda"
-                    Refuse(field.name, value, allowed)
-                value.setflags(write=False)
-                object.__setattr__(self, field.name, value)
+        super().__post_init__()
         for name in ("G2", "P"):
-            CheckGain(name, getattr(self, name), n)
-        if _min_eigenvalue(self.Lambda) <= 0.0:
+            CheckGain(name, getattr(self, name), self.num_axes)
+        if min_eigenvalue(self.Lambda) <= 0.0:
             Refuse("Lambda", self.Lambda, "positive definite")
-        if _min_eigenvalue(self.P @ self.G1) <= 0.0:
+        if min_eigenvalue(self.P @ self.G1) <= 0.0:
             allowed = "such that P G1 is positive definite (s^T P G1 s > 0)"
             Refuse("G1", self.G1, allowed)
         for name in ("beta1", "beta2", "beta3", "nu1", "nu3"):
@@ -136,21 +121,6 @@ class BacksteppingGains:
         if sigma <= self.Psi_min or np.linalg.det(self.Psi0) <= 0.0:
             allowed = "of positive determinant, its singular values greater than "
             Refuse("Psi0", self.Psi0, f"{allowed}Psi_min, {self.Psi_min:g}")
-
-    @property
-    def num_axes(self) -> int:
-        """Number n of task axes."""
-        return len(self.Lambda)
-
-    def as_numbers(self) -> "BacksteppingGains":
-        """Returns the gains as a named tuple, which machine code can read."""
-        values = [getattr(self, field.name) for field in fields(self)]
-        return cast(BacksteppingGains, _Numbers(*values))
-
-
-_Numbers = namedtuple(  # type: ignore[misc]
-    "_Numbers", [field.name for field in fields(BacksteppingGains)]
-)
 
 
 class BacksteppingState(NamedTuple):

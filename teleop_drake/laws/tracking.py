@@ -25,25 +25,17 @@ opposite sign in (3.19) and (3.27), from a wrong sign in front of Phi^T w~ in (3
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
 from teleop_drake.arrays import Array
+from teleop_drake.laws.gains import LawGains, min_eigenvalue
 from teleop_drake.validation import CheckNumber, Refuse
 
 
-class TrackingNumbers(NamedTuple):
-    """The constants of the law without any check; see TrackingGains."""
-
-    Lambda: Array
-    G1: Array
-    beta: float
-    nu: float
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TrackingGains:
+class TrackingGains(LawGains):
     """The constants of the law; n is the number of task axes.
 
     Attributes:
@@ -58,37 +50,19 @@ class TrackingGains:
             what is stated above.
     """
 
-    Lambda: Array
     G1: Array
     beta: float
     nu: float
+    allowed_matrix: ClassVar = "a positive definite {n} x {n} matrix"
 
     def __post_init__(self) -> None:
-        n = len(np.atleast_1d(self.Lambda))
+        super().__post_init__()
         for name in ("Lambda", "G1"):
-            matrix = np.array(getattr(self, name), dtype=float)
-            if (
-                matrix.shape != (n, n)
-                or not np.isfinite(matrix).all()
-                or np.linalg.eigvalsh(matrix + matrix.T)[0] <= 0
-            ):
-                Refuse(name, matrix, f"a positive definite {n} x {n} matrix")
-            matrix.setflags(write=False)
-            object.__setattr__(self, name, matrix)
+            matrix = getattr(self, name)
+            if min_eigenvalue(matrix) <= 0:
+                Refuse(name, matrix, self.allowed_matrix.format(n=self.num_axes))
         for name in ("beta", "nu"):
             CheckNumber(name, getattr(self, name), minimum=0)
-
-    @property
-    def num_axes(self) -> int:
-        """Number of task axes n."""
-        return len(self.Lambda)
-
-    def as_numbers(self) -> TrackingNumbers:
-        """Returns the constants as machine code can read them."""
-        return TrackingNumbers(self.Lambda, self.G1, self.beta, self.nu)
-
-
-Gains = TrackingGains | TrackingNumbers
 
 
 def task_dynamics(M: Array, bias: Array, J: Array, J_dot_qdot: Array) -> Array:
@@ -116,13 +90,15 @@ def task_dynamics(M: Array, bias: Array, J: Array, J_dot_qdot: Array) -> Array:
     return np.concatenate((M_r.ravel(), h_r))
 
 
-def tracking_error(gains: Gains, r: Array, v: Array, r_d: Array, v_d: Array) -> Array:
+def tracking_error(
+    gains: TrackingGains, r: Array, v: Array, r_d: Array, v_d: Array
+) -> Array:
     """Returns s = (v - v_d) + Lambda (r - r_d) in m/s (n) (3.11)."""
     return v - v_d + gains.Lambda @ (r - r_d)
 
 
 def tracking_force(
-    gains: Gains,
+    gains: TrackingGains,
     dynamics: Array,
     weights: Array,
     Phi: Array,
@@ -140,7 +116,7 @@ def tracking_force(
 
 
 def weights_rate(
-    gains: Gains, dynamics: Array, weights: Array, Phi: Array, s: Array
+    gains: TrackingGains, dynamics: Array, weights: Array, Phi: Array, s: Array
 ) -> Array:
     """Returns dW/dt in N/s, row by row (3.27, its sign corrected)."""
     n = s.size
