@@ -21,26 +21,24 @@ _NEGLIGIBLE = 1e-150
 
 
 def symmetric_eigen(matrix: Array) -> tuple[Array, Array]:
-    """Returns ascending eigenvalues (n) and eigenvectors (n, n) of a symmetric matrix.
+    """Returns eigenvalues (n) and eigenvectors (n, n) of a symmetric matrix.
+
+    They are in no order.
 
     Args:
         matrix: (n, n). Column i of the eigenvectors belongs to eigenvalue i.
     """
     A = matrix.copy()
-    n = len(A)
-    V = np.eye(n)
-    for i, j in _pairs(n):
+    V = np.eye(len(A))
+    for i, j in _pairs(len(A)):
         cosine, sine = _rotation(A[i, j], A[j, j] - A[i, i])
         for M in (A, A.T, V):
             _rotate(M, i, j, cosine, sine)
-    values = [A[i, i] for i in range(n)]
-    vectors = [V[:, i] for i in range(n)]
-    _sort(values, vectors)
-    return np.array(values), np.stack(vectors, axis=1)
+    return np.diag(A), V
 
 
 def singular_values(matrix: Array) -> tuple[Array, Array, Array]:
-    """Returns U (n, n), descending singular values (n) and V^T (n, n) of a matrix.
+    """Returns U (n, n), singular values (n), in no order, and V^T (n, n) of a matrix.
 
     A column of U whose singular value vanishes is nan: nothing determines it.
 
@@ -48,21 +46,16 @@ def singular_values(matrix: Array) -> tuple[Array, Array, Array]:
         matrix: (n, n) = U diag(sigma) V^T.
     """
     U = matrix.copy()
-    n = len(U)
-    V = np.eye(n)
-    for i, j in _pairs(n):
+    V = np.eye(len(U))
+    for i, j in _pairs(len(U)):
         a = U[:, i]
         b = U[:, j]
         cosine, sine = _rotation((a * b).sum(), (b * b).sum() - (a * a).sum())
         for M in (U, V):
             _rotate(M, i, j, cosine, sine)
-    negatives = [-np.sqrt((U[:, i] * U[:, i]).sum()) for i in range(n)]
-    both = [np.concatenate((U[:, i], V[:, i])) for i in range(n)]
-    _sort(negatives, both)
-    sigma = -np.array(negatives)
-    columns = np.stack(both, axis=1)
-    is_regular = sigma > n * _EPSILON * sigma[0]
-    return columns[:n] / np.where(is_regular, sigma, np.nan), sigma, columns[n:].T
+    sigma = np.sqrt((U * U).sum(axis=0))
+    is_regular = sigma > len(U) * _EPSILON * np.linalg.norm(sigma)
+    return U / np.where(is_regular, sigma, np.nan), sigma, V.T
 
 
 def _pairs(n: int) -> list[tuple[int, int]]:
@@ -95,15 +88,3 @@ def _rotate(M: Array, i: int, j: int, cosine: Any, sine: Any) -> None:
     second = M[:, j].copy()
     M[:, i] = cosine * first - sine * second
     M[:, j] = sine * first + cosine * second
-
-
-def _sort(keys: list[Any], columns: list[Any]) -> None:
-    """Sorts keys in place, and columns in the same order."""
-    for end in range(len(keys) - 1, 0, -1):
-        for k in range(end):
-            is_swapped = keys[k] > keys[k + 1]
-            for items in (keys, columns):
-                first = items[k]
-                second = items[k + 1]
-                items[k] = np.where(is_swapped, second, first)
-                items[k + 1] = np.where(is_swapped, first, second)
