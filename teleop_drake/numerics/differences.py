@@ -5,6 +5,7 @@ step 0 (Richardson), which is exact for polynomials of degree 8.
 """
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 
@@ -21,29 +22,21 @@ def differentiate(function: Callable[[Array], Array], x0: Array, steps: Array) -
         x0: Where (n).
         steps: The longest step of each entry of x, > 0 (n).
     """
-    columns = [
-        _differentiate_by(function, x0, j, float(longest))
-        for j, longest in enumerate(steps)
-    ]
+    columns = []
+    for j, longest in enumerate(steps):
+        row = []
+        for i in range(_NUM_STEPS):
+            high = x0.copy()
+            high[j] += longest / 2**i
+            low = x0.copy()
+            low[j] -= longest / 2**i
+            row.append((function(high) - function(low)) / (high[j] - low[j]))
+        for k in range(1, _NUM_STEPS):
+            # Each extrapolation removes the next even power of the step.
+            row = [
+                after + (after - before) / (4**k - 1) for before, after in pairwise(row)
+            ]
+        columns.append(row[0])
     if not columns:
         return np.zeros((len(function(x0)), 0))
     return np.array(columns).T
-
-
-def _differentiate_by(
-    function: Callable[[Array], Array], x0: Array, j: int, longest: float
-) -> Array:
-    """Returns the derivative by x[j] (k), with steps up to a longest one."""
-    row: list[Array] = []
-    for i in range(_NUM_STEPS):
-        above = row
-        high = x0.copy()
-        high[j] += longest / 2**i
-        low = x0.copy()
-        low[j] -= longest / 2**i
-        row = [(function(high) - function(low)) / (high[j] - low[j])]
-        # Each extrapolation removes the next even power of the step.
-        for k in range(i):
-            correction = (row[k] - above[k]) / (4 ** (k + 1) - 1)
-            row.append(row[k] + correction)
-    return row[-1]

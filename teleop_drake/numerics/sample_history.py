@@ -116,10 +116,8 @@ class SampleHistory:
             and time - self.times[-2] < spacing
         ):
             keep -= 1  # The sample between the two adds nothing but length.
-        first = 0
         # The samples just before the oldest one in use serve its stencil.
-        while first + _NUM_KEPT < keep and self.times[first + _NUM_KEPT] < now:
-            first += 1
+        first = max(0, bisect_left(self.times, now, 0, keep) - _NUM_KEPT)
         polynomials = {}
         i = self._interval(now)
         if 0 <= i < keep - 1 and self.times[i] < self.times[i + 1]:
@@ -130,10 +128,9 @@ class SampleHistory:
         jumps = self.jumps
         if keep == 0 or self.times[-1] == time:
             jumps = (*jumps, time)
-        if jumps and jumps[0] <= now:
-            jumps = tuple(jump for jump in jumps if jump > now)
+        ahead = tuple(jump for jump in jumps if jump > now)
         times = (*self.times[first:keep], time)
-        return SampleHistory(times, values, jumps, now, polynomials)
+        return SampleHistory(times, values, ahead, now, polynomials)
 
     def eval(self, time: float) -> Array:
         """Returns the signal (k) at a time between (or just behind) the samples.
@@ -276,18 +273,28 @@ def stencil_window(times: Sequence[float], i: int) -> list[int]:
         i: A sample that is older than the next.
     """
     spacing = (times[i + 1] - times[i]) / 4
-    window = [i, i + 1]
-    # Older samples.
-    j = i - 1
-    while j >= 0 and len(window) < _REACH + 2 and times[j] < times[j + 1]:
-        if times[window[0]] - times[j] >= spacing:
-            window.insert(0, j)
-        j -= 1
-    # Newer samples.
-    most = len(window) + _REACH
-    j = i + 2
-    while j < len(times) and len(window) < most and times[j - 1] < times[j]:
-        if times[j] - times[window[-1]] >= spacing:
-            window.append(j)
-        j += 1
-    return window
+    older = _neighbours(times, range(i, -1, -1), spacing)
+    newer = _neighbours(times, range(i + 1, len(times)), spacing)
+    return [*older[::-1], i, i + 1, *newer]
+
+
+def _neighbours(times: Sequence[float], indices: range, spacing: float) -> list[int]:
+    """Returns the samples behind the first one that a polynomial may be built from.
+
+    They end at a jump, and at the largest number of them.
+
+    Args:
+        indices: Of the samples, from the first one on.
+        spacing: The shortest time in s from one to the next.
+    """
+    found: list[int] = []
+    last = times[indices[0]]
+    before = last
+    for j in indices[1:]:
+        if times[j] == before or len(found) == _REACH:
+            break
+        before = times[j]
+        if abs(before - last) >= spacing:
+            found.append(j)
+            last = before
+    return found

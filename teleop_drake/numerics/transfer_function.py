@@ -60,25 +60,15 @@ def realize_transfer_function(
     B = np.zeros((order, 1))
     B[-1:] = 1.0
     # What remains of the numerator after the constant part of H.
-    # Drake takes no view of one element with a stride of its own.
-    C = (num[1:] - num[0] * den[1:])[np.newaxis, ::-1].copy()
-    D = num[:1, np.newaxis].copy()
-    return _on_axes(num_axes, A, B, C, D)
+    C = (num[1:] - num[0] * den[1:])[np.newaxis, ::-1]
+    return _on_axes(num_axes, A, B, C, num[:1, np.newaxis])
 
 
-def _on_axes(
-    num_axes: int, A: Array, B: Array, C: Array, D: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Returns the matrices of equal, independent axes from those of one axis."""
-    if num_axes == 1:
-        return A, B, C, D
+def _on_axes(num_axes: int, *matrices: Array) -> tuple[Array, Array, Array, Array]:
+    """Returns the matrices of equal, independent axes from A, B, C, D of one axis."""
     axes = np.eye(num_axes)
-    return (
-        np.asarray(np.kron(axes, A), dtype=float),
-        np.asarray(np.kron(axes, B), dtype=float),
-        np.asarray(np.kron(axes, C), dtype=float),
-        np.asarray(np.kron(axes, D), dtype=float),
-    )
+    A, B, C, D = (np.asarray(np.kron(axes, matrix), float) for matrix in matrices)
+    return A, B, C, D
 
 
 def low_frequency_resistance(numerator: ArrayLike, denominator: ArrayLike) -> float:
