@@ -27,6 +27,7 @@ No method is shared with delay_margin, so that each can check the other.
 import math
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebder, chebvander
 
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.numerics.state_space import StateSpace
@@ -63,17 +64,17 @@ def characteristic_roots(loop: StateSpace, *, count: int = 8) -> ComplexArray:
     longest = max(loop.delays, default=0.0)
     if longest == 0:
         without_delay = loop.opened.closed(np.arange(len(loop.D)))
-        return _rightmost(np.linalg.eigvals(without_delay.A).astype(complex), count)
+        return rightmost(np.linalg.eigvals(without_delay.A).astype(complex), count)
     num_points = _num_points(loop)
     while True:
-        raw = _rightmost(_collocation_roots(loop, num_points), count)
+        raw = rightmost(_collocation_roots(loop, num_points), count)
         roots = np.array([_polish(s, loop) for s in raw])
         # A root of the problem is one that Newton's method hardly has to move. Others
         # are of the discretisation's own making.
         moved = np.abs(roots - raw) * longest
         is_found = moved < 1e-3 * (1 + np.abs(raw) * longest)
         if is_found.all() or num_points >= _ENOUGH_POINTS:
-            return _rightmost(roots[is_found], count)
+            return rightmost(roots[is_found], count)
         num_points *= 2
 
 
@@ -94,24 +95,25 @@ def _num_points(loop: StateSpace) -> int:
     return min(_FEWEST_POINTS + math.ceil(0.6 * turn), _MAX_POINTS)
 
 
-def _rightmost(roots: ComplexArray, count: int) -> ComplexArray:
-    """Returns the first roots by real part; a pair is not torn apart."""
+def rightmost(roots: ComplexArray, count: int | None = None) -> ComplexArray:
+    """Returns roots by descending real part, the upper root of a pair first.
+
+    Args:
+        count: How many, at most, and one more where a pair would be torn apart; None:
+            all of them.
+    """
     roots = roots[np.lexsort((-roots.imag, -np.round(roots.real, 12)))]
-    if 0 < count < len(roots) and roots[count - 1].imag > 0:
+    if count and count < len(roots) and roots[count - 1].imag > 0:
         count += 1
     return roots[:count]
 
 
 def _differentiation_matrix(num_points: int) -> Array:
     """Returns d/dx on the Chebyshev points on [-1, 1], descending."""
-    k = np.arange(num_points + 1)
-    x = np.cos(np.pi * k / num_points)
-    weights = np.where((k == 0) | (k == num_points), 2.0, 1.0) * (-1.0) ** k
-    difference = x[:, None] - x + np.eye(num_points + 1)
-    matrix = np.outer(weights, 1 / weights) / difference
-    # Rows sum to zero: constants have no derivative.
-    matrix -= np.diag(matrix.sum(axis=1))
-    return matrix
+    x = np.cos(np.pi * np.arange(num_points + 1) / num_points)
+    # From the values to the coefficients of a series and on to its derivative.
+    of_series = chebvander(x, num_points - 1) @ chebder(np.eye(num_points + 1))
+    return of_series @ np.linalg.inv(chebvander(x, num_points))
 
 
 def _collocation_roots(loop: StateSpace, num_points: int) -> ComplexArray:

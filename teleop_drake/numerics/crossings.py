@@ -8,9 +8,9 @@ crossing is located to the last digit.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from teleop_drake.arrays import Array, ComplexArray, Indices
+from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.numerics.bisection import halve
 from teleop_drake.numerics.state_space import StateSpace
 
@@ -30,6 +30,9 @@ _NUM_EXTREMUM_SWEEPS = 12
 
 # An extremum of log |l| farther than this from 0 is no crossing in disguise.
 _NEAR_CROSSING = 0.5
+
+# Extrema are located to this share of their frequencies: the magnitude to its square.
+_FINEST = 1e-7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,15 +95,14 @@ def sweep_frequencies(loop: StateSpace, more_poles: ArrayLike = ()) -> Array:
     slow_modes = modes[modes > 1e-9 * high]
     slowest = min(float(slow_modes.min(initial=high)), high)
     low = 1e-4 * slowest
-    frequencies = [np.geomspace(low, high, _NUM_SWEEP_POINTS)]
-    for pole in poles[poles.imag > low]:
-        # The peak of a pole is as wide as the pole is far from the axis.
-        width = max(abs(pole.real), 1e-9 * abs(pole))
-        offsets = np.geomspace(width / 8, abs(pole), _NUM_POLE_POINTS)
-        frequencies.append(pole.imag + offsets)
-        frequencies.append(pole.imag - offsets)
+    # The peak of a pole is as wide as the pole is far from the axis.
+    near = poles[poles.imag > low]
+    widths = np.maximum(np.abs(near.real), 1e-9 * np.abs(near))
+    offsets = np.geomspace(widths / 8, np.abs(near), _NUM_POLE_POINTS)
+    around = [*(near.imag + offsets), *(near.imag - offsets)]
+    even = np.geomspace(low, high, _NUM_SWEEP_POINTS)
     # np.unique() imports all of numpy.ma.
-    result = np.sort(np.concatenate(frequencies))
+    result = np.sort(np.concatenate([even, *around]))
     is_new = np.diff(result, prepend=-np.inf) > 0
     is_inside = (result >= low) & (result <= high)
     return result[is_new & is_inside]
@@ -123,38 +125,21 @@ def crossings_between(loop: StateSpace, grid: Array) -> list[Crossing]:
     Args:
         grid: Ascending frequencies in rad/s, dense enough for all that it does.
     """
-    gains = _gains(loop, grid)
-    return [
-        crossing
-        for locus in range(gains.shape[1])
-        for crossing in _crossings_of_locus(loop, grid, gains[:, locus], locus)
-    ]
-
-
-def _crossings_of_locus(
-    loop: StateSpace, grid: Array, gains: Array, locus: int
-) -> list[Crossing]:
-    """Returns where an eigenlocus crosses the unit circle.
-
-    Args:
-        grid: Frequencies in rad/s (K).
-        gains: log |l| of the eigenlocus there (K).
-        locus: Its number among the eigenloci.
-    """
-    w, g = _add_extrema(loop, grid, gains, locus)
-    # A neutral root is where |l| tends to 1 for w to 0: no crossing.
-    is_sure = np.abs(g) > _MAGNITUDE_TOLERANCE
-    w = w[is_sure]
-    is_above = g[is_sure] > 0
+    w, gains = _refine(loop, grid)
     crossings = []
-    for k in np.flatnonzero(is_above[:-1] != is_above[1:]):
-        frequency = _find_crossing(loop, locus, float(w[k]), float(w[k + 1]))
-        crossing = Crossing(
-            frequency=frequency,
-            delay=_phase_to_cross(loop, locus, frequency) / frequency,
-            direction=1 if is_above[k] else -1,
-        )
-        crossings.append(crossing)
+    for locus in range(gains.shape[1]):
+        # A neutral root is where |l| tends to 1 for w to 0: no crossing.
+        sure = np.flatnonzero(np.abs(gains[:, locus]) > _MAGNITUDE_TOLERANCE)
+        is_above = gains[sure, locus] > 0
+        for k in np.flatnonzero(np.diff(is_above)):
+            low, high = w[sure[k : k + 2]].tolist()
+            frequency = _find_crossing(loop, locus, low, high)
+            crossing = Crossing(
+                frequency=frequency,
+                delay=_phase_to_cross(loop, locus, frequency) / frequency,
+                direction=1 if is_above[k] else -1,
+            )
+            crossings.append(crossing)
     return crossings
 
 
@@ -185,57 +170,40 @@ def _gains(loop: StateSpace, frequencies: Array) -> Array:
     return np.log(np.maximum(np.abs(eigenloci(loop, frequencies)), 1e-300))
 
 
-def _add_extrema(
-    loop: StateSpace, w: Array, g: Array, locus: int
-) -> tuple[Array, Array]:
-    """Adds the extrema at which g = log |l| changes sign between two points.
+def _refine(loop: StateSpace, w: Array) -> tuple[Array, Array]:
+    """Returns frequencies (K) that show where loci only just cross 1, and _gains().
 
     Args:
-        w: Frequencies in rad/s, ascending (K).
-        g: log |l| of the eigenlocus there (K).
-        locus: Its number among the eigenloci.
-
-    Returns:
-        Frequencies, ascending, and log |l| there.
+        w: Ascending frequencies in rad/s, of which others are added in between.
     """
-    added_w = []
-    added_g = []
-    for k in _closest_points(g):
-        sign = 1.0 if g[k] > 0 else -1.0
-        frequency, value = _least_gain(loop, locus, w[k - 1], w[k + 1], sign)
-        if sign * value < 0:
-            added_w.append(frequency)
-            added_g.append(value)
-    all_w = np.concatenate([w, added_w])
-    all_g = np.concatenate([g, added_g])
-    order = np.argsort(all_w)
-    return all_w[order], all_g[order]
-
-
-def _closest_points(g: Array) -> Indices:
-    """Returns the inner points at which g comes closest to 0 without a crossing."""
-    before = g[:-2]
-    here = g[1:-1]
-    after = g[2:]
-    size = np.abs(here)
-    is_least = (size <= np.abs(before)) & (size <= np.abs(after))
-    is_above = here > 0
-    is_on_one_side = (is_above == (before > 0)) & (is_above == (after > 0))
-    # Where |l| is 1, as next to a neutral root, rounding makes extrema of its own.
-    is_sure = size > _MAGNITUDE_TOLERANCE
-    is_near = size < _NEAR_CROSSING
-    return np.flatnonzero(is_least & is_on_one_side & is_sure & is_near) + 1
-
-
-def _least_gain(
-    loop: StateSpace, locus: int, low: float, high: float, sign: float
-) -> tuple[float, float]:
-    """Returns where sign * log |l| is least between two frequencies, and log |l|."""
+    gains = _gains(loop, w)
     for _ in range(_NUM_EXTREMUM_SWEEPS):
-        w = np.geomspace(low, high, _NUM_INNER_POINTS)
-        values = _gains(loop, w)[:, locus]
-        # Not one of the ends: the extremum is between its two neighbours.
-        least = int(np.clip(np.argmin(sign * values), 1, len(w) - 2))
-        low = w[least - 1]
-        high = w[least + 1]
-    return float(w[least]), float(values[least])
+        closest = np.flatnonzero(_are_closest(gains).any(axis=1))
+        closest = closest[w[closest + 2] > (1 + _FINEST) * w[closest]]
+        if len(closest) == 0:
+            break
+        low = w[closest]
+        high = w[closest + 2]
+        added = np.geomspace(low, high, _NUM_INNER_POINTS)[1:-1].ravel()
+        w = np.concatenate([w, added])
+        gains = np.concatenate([gains, _gains(loop, added)])
+        order = np.argsort(w, kind="stable")
+        w = w[order]
+        gains = gains[order]
+    return w, gains
+
+
+def _are_closest(gains: Array) -> NDArray[np.bool_]:
+    """Returns where each locus comes closest to 1 without a crossing (K - 2, m).
+
+    Args:
+        gains: log |l| at K points; the first and the last one are none of them.
+    """
+    size = np.abs(gains)
+    here = size[1:-1]
+    is_least = here <= np.minimum(size[:-2], size[2:])
+    has_passed = np.diff(gains > 0, axis=0)
+    is_on_one_side = ~(has_passed[:-1] | has_passed[1:])
+    # Where |l| is 1, as next to a neutral root, rounding makes extrema of its own.
+    is_near = (here > _MAGNITUDE_TOLERANCE) & (here < _NEAR_CROSSING)
+    return is_least & is_on_one_side & is_near

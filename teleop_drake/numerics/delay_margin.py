@@ -35,6 +35,7 @@ as a polynomial times s^k g(s, T), it does where g(0, T), a polynomial in T, is 
 """
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -120,29 +121,21 @@ def unstable_roots(
     count = _unstable_without_delay(loop, slow)
     changes: list[tuple[float, int]] = []
     for crossing in crossings:
-        if crossing.frequency == 0:
-            # A real root passes, once.
-            if crossing.delay <= 0:
-                count += crossing.direction > 0
-            elif crossing.delay < max_delay:
-                changes.append((crossing.delay, crossing.direction))
-            continue
-        # A pair passes, at every delay that turns the phase as far.
-        period = 2 * math.pi / crossing.frequency
+        # A real root passes once, a pair at every delay that turns the phase as far.
+        is_pair = crossing.frequency > 0
+        period = 2 * math.pi / crossing.frequency if is_pair else math.inf
+        change = 2 * crossing.direction if is_pair else crossing.direction
         delay = crossing.delay
-        if delay < AXIS_TOLERANCE * period:
-            # The pair is on the axis without delay.
-            count += 2 * (crossing.direction > 0)
+        if delay <= (AXIS_TOLERANCE * period if is_pair else 0.0):
+            # It is on the axis without delay.
+            count += max(change, 0)
             delay += period
         while delay < max_delay:
-            changes.append((delay, 2 * crossing.direction))
+            changes.append((delay, change))
             delay += period
-    delays = [0.0]
-    counts = [count]
-    for delay, change in sorted(changes):
-        delays.append(delay)
-        counts.append(counts[-1] + change)
-    return np.array(delays), np.array(counts)
+    changes.sort()
+    delays = [0.0, *(delay for delay, _ in changes)]
+    return np.array(delays), np.cumsum([count, *(change for _, change in changes)])
 
 
 def _unstable_without_delay(loop: StateSpace, slow: float) -> int:
@@ -178,15 +171,14 @@ def stable_delays(
     if not is_delay_robust(loop):
         return []
     delays, counts = unstable_roots(loop, max_delay, crossings, slow)
-    ends = [*delays[1:], max_delay]
-    intervals: list[tuple[float, float]] = []
-    for begin, end, count in zip(delays, ends, counts, strict=True):
-        if count != 0 or end <= begin:
-            continue
-        touches_last = bool(intervals) and intervals[-1][1] == begin
-        first = intervals.pop()[0] if touches_last else begin
-        intervals.append((float(first), float(end)))
-    return intervals
+    ends = np.append(delays[1:], max_delay)
+    lasts = ends > delays
+    is_stable = counts[lasts] == 0
+    # The places at which intervals of stability begin and end, one after the other.
+    changes = np.flatnonzero(np.diff(is_stable, prepend=False, append=False))
+    begins = delays[lasts][changes[::2]]
+    finishes = ends[lasts][changes[1::2] - 1]
+    return list(zip(begins.tolist(), finishes.tolist(), strict=True))
 
 
 def delay_margin(
@@ -210,12 +202,24 @@ def delay_margin(
 
 
 def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
-    """Returns the delays >= 0 at which a real root passes through neutral ones."""
+    """Returns the delays >= 0 at which a real root passes through neutral ones.
+
+    With k neutral roots, det(s, T) = s^k g(s, T), and g(0, T) = 0 at these delays.
+    """
     order = neutral_root_count(loop)
     if order == 0:
         return []
-    g = _ReducedDeterminant(loop, order)
-    polynomial = g.at_zero()
+    modes = np.abs(np.linalg.eigvals(closed_loop_matrix(loop)))
+    modes = modes[modes > _SLOW * np.linalg.norm(loop.A)]
+    radius = _CIRCLE_SHARE * float(modes.min(initial=1.0))
+    taylor = partial(_reduced_taylor, loop, order, radius)
+    # A polynomial of degree k in T goes through its values at k + 1 delays. Its unit of
+    # time is that of the slowest mode that is not neutral.
+    unit = 1 / max(radius, 1e-6)
+    nodes = np.arange(order + 1)
+    polynomial = np.polyfit(nodes, [taylor(unit * x)[0] for x in nodes], order)
+    sizes = np.abs(polynomial)
+    polynomial[sizes < _NEGLIGIBLE_COEFFICIENT * sizes.max()] = 0.0
     slope_by_delay = np.polyder(polynomial)
     passages = []
     num_without_delay = 0
@@ -226,66 +230,36 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
         if root.real < AXIS_TOLERANCE:
             num_without_delay += 1
             continue
-        delay = g.unit * float(root.real)
+        delay = unit * float(root.real)
         # Near 0, g = g_s s + g_T (T - delay): the root moves at -g_T/g_s.
         g_T = float(np.polyval(slope_by_delay, root.real))
-        g_s = g.taylor(delay)[1]
+        g_s = taylor(delay)[1]
         direction = -1 if g_T * g_s > 0 else 1
         passages.append(Crossing(frequency=0.0, delay=delay, direction=direction))
     # The others leave 0 as the delay does. A small delay shows their side.
-    ascending = g.taylor(0.01 * g.unit)[: num_without_delay + 1]
+    ascending = taylor(0.01 * unit)[: num_without_delay + 1]
     for s in np.roots(ascending[::-1]):
         direction = 1 if s.real > 0 else -1
         passages.append(Crossing(frequency=0.0, delay=0.0, direction=direction))
     return passages
 
 
-class _ReducedDeterminant:
-    """The function g(s, T) = det(s, T)/s^k of a loop with k neutral roots.
+def _reduced_taylor(loop: StateSpace, order: int, radius: float, delay: float) -> Array:
+    """Returns the first coefficients of g by ascending powers of s (k + 1).
 
     det(s, T) is that of the loop's characteristic matrix, and so (1) as a polynomial in
-    s and e^(-s T).
-
-    Attributes:
-        unit: A delay in s, that of the slowest mode that is not neutral.
+    s and e^(-s T). The coefficients follow by Cauchy's integral formula on a circle
+    about 0.
 
     Args:
         loop: L, with k >= 1 neutral roots.
         order: k.
+        radius: Of the circle in 1/s, or less for long delays.
+        delay: T in s.
     """
-
-    def __init__(self, loop: StateSpace, order: int):
-        self._loop = loop
-        self._order = order
-        modes = np.abs(np.linalg.eigvals(closed_loop_matrix(loop)))
-        modes = modes[modes > _SLOW * np.linalg.norm(loop.A)]
-        self._radius = _CIRCLE_SHARE * float(modes.min(initial=1.0))
-        self.unit = 1 / max(self._radius, 1e-6)
-
-    def taylor(self, delay: float) -> Array:
-        """Returns the first coefficients of g by ascending powers of s (k + 1).
-
-        By Cauchy's integral formula, on a circle about 0.
-
-        Args:
-            delay: T in s.
-        """
-        turns = np.arange(_NUM_CIRCLE_POINTS) / _NUM_CIRCLE_POINTS
-        radius = min(self._radius, _LARGEST_TURN / max(delay, 1e-9))
-        s = radius * np.exp(2j * np.pi * turns)
-        matrix, _ = self._loop.fed_back(delay).characteristic_matrix(s)
-        powers = s ** np.arange(self._order + 1)[:, np.newaxis]
-        g = np.linalg.det(matrix) / s**self._order
-        return (g / powers).mean(axis=1).real
-
-    def at_zero(self) -> Array:
-        """Returns g(0, T) as a polynomial in T/unit, highest power first (k + 1).
-
-        A polynomial of degree k goes through its values at k + 1 delays.
-        """
-        nodes = np.arange(self._order + 1)
-        values = [self.taylor(self.unit * x)[0] for x in nodes]
-        polynomial = np.polyfit(nodes, np.array(values), self._order)
-        sizes = np.abs(polynomial)
-        polynomial[sizes < _NEGLIGIBLE_COEFFICIENT * sizes.max()] = 0.0
-        return polynomial
+    turns = np.arange(_NUM_CIRCLE_POINTS) / _NUM_CIRCLE_POINTS
+    s = min(radius, _LARGEST_TURN / max(delay, 1e-9)) * np.exp(2j * np.pi * turns)
+    matrix, _ = loop.fed_back(delay).characteristic_matrix(s)
+    g = np.linalg.det(matrix) / s**order
+    powers = s ** np.arange(order + 1)[:, np.newaxis]
+    return (g / powers).mean(axis=1).real

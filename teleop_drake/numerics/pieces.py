@@ -311,8 +311,7 @@ def settling_time(pieces: Pieces, span: slice, bands: Sequence[Band]) -> float |
         return is_out
 
     # The state at the points in the order of time, and where it is not the one before.
-    piece = np.repeat(np.arange(len(begin)), DEGREE + 1)
-    node = np.tile(np.arange(DEGREE + 1), len(begin))
+    piece, node = np.indices((len(begin), DEGREE + 1)).reshape(2, -1)
     is_moving = is_outside(piece, NODES[node])
     if is_moving[-1]:
         return None

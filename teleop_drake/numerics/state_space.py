@@ -120,15 +120,14 @@ class StateSpace:
         Args:
             s: In 1/s (...,).
         """
-        n = self.num_states
-        k = len(self.delays)
-        rates = np.diag(np.repeat([1.0, 0.0], [n, k]))
-        at_once = np.block([[-self.A, np.zeros((n, k))], [-self.C, np.eye(k)]])
-        late = np.block([[np.zeros((n, n)), self.B], [np.zeros((k, n)), self.D]])
-        times = np.concatenate([np.zeros(n), self.delays])
+        is_state = np.repeat([1.0, 0.0], [self.num_states, len(self.delays)])
+        times = np.concatenate([np.zeros(self.num_states), self.delays])
+        matrix = np.block([[self.A, self.B], [self.C, self.D]])
         at = np.asarray(s)[..., np.newaxis, np.newaxis]
-        arriving = late * np.exp(-at * times)
-        return at * rates + at_once - arriving, rates + times * arriving
+        arriving = matrix * np.exp(-at * times)
+        by_s = np.diag(is_state)
+        at_once = np.diag(1 - is_state)
+        return at * by_s + at_once - arriving, by_s + times * arriving
 
     def newton_step(self, s: complex) -> complex:
         """Returns the step from s of Newton's method to a root, in 1/s.
@@ -144,7 +143,9 @@ class StateSpace:
             trace = np.trace(np.linalg.solve(matrix, slope))
         except np.linalg.LinAlgError:
             return 0j
-        return complex(-1 / trace) if trace else complex(np.inf)
+        if trace == 0:
+            return complex(np.inf)
+        return complex(-1 / trace)
 
     def part(
         self, states: ArrayLike, inputs: ArrayLike, outputs: ArrayLike

@@ -120,17 +120,19 @@ def part(series: Series, begin: float, end: float) -> Series:
     # Both sides of a jump at an end are kept.
     first = min(steps[i, 0], np.searchsorted(times, begin))
     last = max(steps[j, -1], np.searchsorted(times, end, "right") - 1)
-    new_times = times[first : last + 1].copy()
-    new_signals = {name: x[first : last + 1].copy() for name, x in signals.items()}
+    rows = slice(first, last + 1)
+    new_times = times[rows].copy()
+    new_signals = {name: x[rows].copy() for name, x in signals.items()}
     for k in {i, j}:
-        nodes = np.clip([starts[k], ends[k]], begin, end)
-        if nodes[0] == starts[k] and nodes[1] == ends[k]:
+        low = max(starts[k], begin)
+        high = min(ends[k], end)
+        if low == starts[k] and high == ends[k]:
             continue
-        nodes = nodes[0] + shares(steps.shape[1] - 1) * (nodes[1] - nodes[0])
-        new_times[steps[k] - first] = nodes
+        own = steps[k] - first
+        nodes = low + shares(steps.shape[1] - 1) * (high - low)
+        new_times[own] = nodes
         for name, x in signals.items():
-            cut = interpolate(times, x, steps[k : k + 1], nodes)
-            new_signals[name][steps[k] - first] = cut
+            new_signals[name][own] = interpolate(times, x, steps[k : k + 1], nodes)
     return new_times, new_signals, steps[kept] - first
 
 
@@ -147,8 +149,7 @@ def finite_part(series: Series) -> Series:
         return series
     count = int(np.argmin(is_finite))
     steps = steps[steps[:, -1] < count]
-    if count > 0:
-        count = int(steps[-1, -1]) + 1 if len(steps) else 1
+    count = int(steps[-1, -1]) + 1 if len(steps) else min(count, 1)
     return times[:count], {name: x[:count] for name, x in signals.items()}, steps
 
 
