@@ -6,7 +6,7 @@ not convert, they are central differences of the diagram itself.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
@@ -22,11 +22,11 @@ from pydrake.systems.framework import (
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine.flatten import Flatten, OutputOf
+from teleop_drake.engine.flatten import Flatten, OutputOf, Source
 from teleop_drake.kernel.block import DualBlock
 from teleop_drake.numerics.differences import differentiate
 
-Port = InputPort | OutputPort
+Port: TypeAlias = InputPort | OutputPort
 
 # How far apart slopes are compared, relative to values of 1 and more, and by which
 # share of the largest one they may differ. Curvature makes far less of so short a way.
@@ -94,6 +94,7 @@ class Cut:
         value: What they receive at the operating point.
         delay: The block between `entering` and the ports that delays the signal, if
             any.
+        time: By how long it does, in s.
     """
 
     ports: list[InputPort]
@@ -101,6 +102,7 @@ class Cut:
     entering: Port | None
     value: Array
     delay: System | None = None
+    time: float = 0.0
 
     def Get(self) -> Array:
         """Returns what the ports receive at the operating point."""
@@ -122,6 +124,17 @@ class Cut:
         assert self.entering is not None
         twin = self.originals[self.entering.get_system()]
         self.Set(np.array(self.entering.Eval(twin.context)))
+
+
+def Split(entries: Sequence[States | Cut], values: Array) -> list[Array]:
+    """Returns the parts of a vector that belong to each of some states and cuts."""
+    sizes = [len(x.Get()) for x in entries]
+    return np.split(values, np.cumsum(sizes)[:-1])
+
+
+def TimesOf(delays: Sequence[Cut]) -> tuple[float, ...]:
+    """Returns the delays in s at some cuts, an entry for each signal."""
+    return tuple(cut.time for cut in delays for _ in cut.value)
 
 
 def _LeafPorts(port: InputPort) -> list[InputPort]:
@@ -163,6 +176,11 @@ class CutDiagram:
         self._root = root
         self._originals = {x: _Twin(x, own) for x, own in self.contexts.items()}
         self._duals: dict[System, _Twin] = {}
+        self._sources = {
+            (block.system, name): source
+            for block in self.blocks
+            for name, source in block.inputs.items()
+        }
         self._entries: list[States | Cut] = []
 
     def CutAt(self, port: Port, entering: Port | None = None) -> Cut:
@@ -180,32 +198,36 @@ class CutDiagram:
         if not ports:
             return cut
         leaf = ports[0]
-        (block,) = (x for x in self.blocks if x.system is leaf.get_system())
-        context = self.contexts[block.system]
+        system = leaf.get_system()
+        context = self.contexts[system]
         if leaf.HasValue(context):
             cut.value = np.array(leaf.Eval(context))
-        source = block.inputs.get(leaf.get_name())
+        source = self._sources.get((system, leaf.get_name()))
         if entering is None and source is not None:
             cut.entering = self.blocks[source.block].system.GetOutputPort(source.port)
         return cut
 
-    def CutAtDelay(self, delay: System) -> Cut:
-        """Returns the cut at the ports that a delay is connected to."""
+    def CutAtDelay(self, delay: System, time: float) -> Cut:
+        """Returns the cut at the ports that a delay of a time in s is connected to."""
         cut = self.CutAt(delay.get_output_port(), delay.get_input_port())
         cut.delay = delay
+        cut.time = time
         return cut
 
     def _Receivers(self, port: Port) -> list[InputPort]:
         """Returns the ports of blocks that receive a signal."""
         if isinstance(port, InputPort):
             return _LeafPorts(port)
-        output = OutputOf(self.blocks, port.get_system(), int(port.get_index()))
+        output = self._SourceOf(port)
         return [
-            block.system.GetInputPort(name)
-            for block in self.blocks
-            for name, source in block.inputs.items()
+            system.GetInputPort(name)
+            for (system, name), source in self._sources.items()
             if source == output
         ]
+
+    def _SourceOf(self, port: OutputPort) -> Source:
+        """Returns the block that an output comes from, and its port."""
+        return OutputOf(self.blocks, port.get_system(), int(port.get_index()))
 
     def Choose(
         self, states: Sequence[States], cuts: Sequence[Cut], seen: Sequence[Port]
@@ -218,11 +240,6 @@ class CutDiagram:
                 cuts have the same port, the first of them counts.
             seen: Ports at which values are wanted.
         """
-        taken: set[str] = set()
-        for cut in cuts:
-            names = {port.GetFullDescription(): port for port in cut.ports}
-            cut.ports = [port for name, port in names.items() if name not in taken]
-            taken |= names.keys()
         self._states = states
         self._entries = [*states, *cuts]
         self._seen = [self._CutOrPort(port, cuts) for port in seen]
@@ -270,15 +287,14 @@ class CutDiagram:
         # alike. numpy.random would have to be imported.
         shares = 0.5 + (0.309 * np.arange(1, len(point) + 1)) % 0.5
         signs = (-1.0) ** np.arange(len(point))
-        side = _NEAR * shares * signs * sizes
-        ahead = self._Exact(point + side)
-        behind = self._Exact(point - side)
+        way = shares * signs * sizes
+        ahead = self._Exact(point + _NEAR * way)
+        behind = self._Exact(point - _NEAR * way)
         if ahead is not None and behind is not None:
             return self._IsLarge(ahead[1] - behind[1], slopes)
-        ways = np.diag(step * sizes / 8)
-        bends = [self._IsLarge(self._Bend(point, way), slopes) for way in ways]
+        bend = self._Bend(point, step / 8 * way)
         self._Values(point)
-        return any(bends)
+        return self._IsLarge(bend, slopes)
 
     def _Bend(self, point: Array, way: Array) -> Array:
         """Returns by how much slopes differ on both sides of a point (K).
@@ -336,10 +352,10 @@ class CutDiagram:
 
     def _Evaluate(self, twins: Twins, point: Array) -> Array:
         """Returns the values at a point (K), of the scalar type of the twins."""
-        ends = np.cumsum([len(x.Get()) for x in self._entries])[:-1]
-        parts = dict(zip(self._entries, np.split(point, ends), strict=True))
-        for x, value in parts.items():
-            x.SetIn(twins, value)
+        parts = dict(zip(self._entries, Split(self._entries, point), strict=True))
+        # Of two cuts at the same port, the value of the first is what remains.
+        for x in reversed(self._entries):
+            x.SetIn(twins, parts[x])
         values = []
         for states in self._states:
             twin = twins[states.system]
@@ -357,9 +373,7 @@ class CutDiagram:
         """Returns where a signal is read: the cut that replaces a delay, or a port."""
         if isinstance(port, InputPort):
             return _LeafPorts(port)[0]
-        index = int(port.get_index())
-        source = OutputOf(self.blocks, port.get_system(), index)
-        system = self.blocks[source.block].system
+        system = self.blocks[self._SourceOf(port).block].system
         return next((cut for cut in cuts if cut.delay is system), port)
 
     def _UseDifferences(self) -> None:

@@ -5,7 +5,6 @@ sides of the architecture, and therefore the energy that the sides dissipate or 
 for example in the handle of P+d.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,32 +52,26 @@ def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
     """
     if "forward_packet_sent" not in recording.signals:
         Refuse("recording", "without packets", "a run of a teleoperation")
-    n = recording["tool_velocity"].shape[1]
-    everything = slice(None)
-    hand = [("force_command", everything), ("felt_velocity", everything)]
-    if "felt_velocity" not in recording.signals:
-        # The thesis's packets, [F_h; v_d] and [p_WT; v_WT].
-        hand = [("forward_packet_sent", slice(0, n))]
-        hand.append(("return_packet_received", slice(n, 2 * n)))
-    tool = [("control_force", everything), ("tool_velocity", everything)]
-    return _Balance(recording, hand + tool)
-
-
-def _Balance(
-    recording: Recording, signals: Sequence[tuple[str, slice]]
-) -> EnergyBalance:
-    """Returns the balance of force and velocity at the master and at the slave."""
     time = recording.time
     steps = recording.steps
-    F_m, v_m, F_s, v_s = (recording[name][:, part] for name, part in signals)
-    work = np.zeros(len(time))
-    shares = integrate_product(F_m[steps], v_m[steps])
-    shares -= integrate_product(F_s[steps], v_s[steps])
+    F_c = recording["control_force"]
+    v = recording["tool_velocity"]
+    if "felt_velocity" in recording.signals:
+        F_h = recording["force_command"]
+        v_felt = recording["felt_velocity"]
+    else:
+        # The thesis's packets, [F_h; v_d] and [p_WT; v_WT].
+        n = v.shape[1]
+        F_h = recording["forward_packet_sent"][:, :n]
+        v_felt = recording["return_packet_received"][:, n : 2 * n]
+    shares = integrate_product(F_h[steps], v_felt[steps])
+    shares -= integrate_product(F_c[steps], v[steps])
     length = time[steps[:, -1:]] - time[steps[:, :1]]
+    work = np.zeros(len(time))
     work[steps[:, 1:]] = length * shares.sum(axis=2)
     return EnergyBalance(
         time=time,
-        power_in=np.sum(F_m * v_m, axis=1),
-        power_out=np.sum(F_s * v_s, axis=1),
+        power_in=np.sum(F_h * v_felt, axis=1),
+        power_out=np.sum(F_c * v, axis=1),
         energy=np.cumsum(work),
     )

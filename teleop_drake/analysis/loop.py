@@ -53,12 +53,11 @@ The blocks themselves describe what is frozen, idle or a delay (kernel.linear_pa
 import math
 from dataclasses import replace
 from itertools import chain
-from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Diagram, System
 
-from teleop_drake.analysis.cut_diagram import CutDiagram
+from teleop_drake.analysis.cut_diagram import Cut, CutDiagram, Split, States, TimesOf
 from teleop_drake.analysis.loop_model import (
     CutLoop,
     LoopModel,
@@ -66,7 +65,7 @@ from teleop_drake.analysis.loop_model import (
     MotionRate,
     TwoPortModel,
 )
-from teleop_drake.analysis.loop_parts import CutTeleoperator, ReadLoopParts
+from teleop_drake.analysis.loop_parts import CutTeleoperator, ReadLoopBlocks, StatesOf
 from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.analysis.tool_motion import ToolMotion
 from teleop_drake.arrays import Array, Indices
@@ -103,19 +102,6 @@ _LEAST_DISTANCE = 1e-9
 # Steps of Newton's method that choose the packet, and the relative change at its end.
 _MAX_TRIM_STEPS = 10
 _TRIMMED = 1e-12
-
-
-class _Settled(NamedTuple):
-    """The diagram at an operating point.
-
-    Attributes:
-        residual: The largest rate that is left.
-        slopes: Of the rates of the states, of what enters each cut and of what is seen
-            (rows) by the states and by what is delivered at each cut (columns).
-    """
-
-    residual: float
-    slopes: Array
 
 
 def FindHeldForce(system: System) -> tuple[System, HeldForce] | None:
@@ -171,23 +157,24 @@ class Linearizer:
         self._environment = teleoperator.GetSubsystemByName("environment")
         self._master = teleoperator.GetSubsystemByName("master")
         robot = teleoperator.GetSubsystemByName("robot")
-        parts = ReadLoopParts(self._function)
-        self._parts = parts
+        blocks = ReadLoopBlocks(self._function)
+        self._blocks = blocks
+        self._assumptions = {x.described.assumption for x in blocks}
         self._cuts = CutTeleoperator(
-            teleoperator, self._function, parts, at_ports=at_ports
+            teleoperator, self._function, blocks, at_ports=at_ports
         )
         self._signals = self._cuts.Signals()
         self._motion = ToolMotion(
             config=self._scenario.robot,
             robot=robot,
             context=self._contexts[robot],
-            states=parts["robot"].states,
+            states=StatesOf(blocks, "robot"),
             num_axes=self._scenario.num_axes,
         )
         # The states of controller and environment are chosen, the master's are not.
-        self._chosen = parts["controller"].states + parts["environment"].states
+        self._chosen = StatesOf(blocks, "controller") + StatesOf(blocks, "environment")
         slave_states = [self._motion.states, *self._chosen]
-        self._states = [*slave_states, *parts["master"].states]
+        self._states = [*slave_states, *StatesOf(blocks, "master")]
         self._num_slave_states = sum(x.size for x in slave_states)
         self._num_states = sum(x.size for x in self._states)
         seen = self._motion.Seen()
@@ -206,50 +193,39 @@ class Linearizer:
         if speed == 0:
             return model
         time = _SHARE * self._SurfaceDistance(point) / speed
-        loops = []
-        for moment in (-time, time):
-            position = point.position + moment * point.velocity
-            loops.append(CutLoop(self._AtRest(replace(point, position=position))))
-        here = CutLoop(model)
-        behind, ahead = loops
+        behind, ahead = (
+            CutLoop(self._AtRest(replace(point, position=point.position + way)))
+            for way in (-time * point.velocity, time * point.velocity)
+        )
+        loops = (behind, CutLoop(model), ahead)
         # The rates of both ends, and of the loop that is closed without delay.
-        rates = [
-            _MotionRate(here.A, behind.A, ahead.A, 2 * time),
-            _MotionRate(
-                closed_loop_matrix(here),
-                closed_loop_matrix(behind),
-                closed_loop_matrix(ahead),
-                2 * time,
-            ),
-        ]
-        motion = Motion(rate=max(rates), loops=(behind, ahead), time=2 * time)
+        open_rate = _MotionRate([loop.A for loop in loops], 2 * time)
+        closed_rate = _MotionRate(list(map(closed_loop_matrix, loops)), 2 * time)
+        motion = Motion(
+            rate=max(open_rate, closed_rate), loops=(behind, ahead), time=2 * time
+        )
         return replace(model, motion=motion)
 
     def _AtRest(self, point: OperatingPoint, *, is_checked: bool = False) -> LoopModel:
         """Returns the model of the loop as if the operating point were at rest."""
-        settled = self._Settle(point)
-        system = self._System(point, settled.slopes, is_checked=is_checked)
+        system, residual = self._Linearize(point, is_checked=is_checked)
         signals = np.arange(self._num_signals)
-        parts = self._parts.values()
-        assumptions = set().union(*(part.assumptions for part in parts))
-        delay_times = [time for part in parts for time in part.delay_times]
         return LoopModel(
             point=point,
             system=system.part(np.arange(self._num_states), signals, signals),
             num_slave_states=self._num_slave_states,
             signals=self._signals,
-            frozen_weights=FROZEN_WEIGHTS in assumptions,
-            idle_passivity=IDLE_PASSIVITY in assumptions,
-            inner_delays=tuple(delay_times),
+            frozen_weights=FROZEN_WEIGHTS in self._assumptions,
+            idle_passivity=IDLE_PASSIVITY in self._assumptions,
+            inner_delays=TimesOf([*self._cuts.inner_slave, *self._cuts.inner_master]),
             motion=None,
             by_differences=self._function.by_differences,
-            trim_residual=settled.residual,
+            trim_residual=residual,
         )
 
     def TwoPort(self, point: OperatingPoint) -> TwoPortModel:
         """Returns the model between hand and environment; needs `at_ports`."""
-        settled = self._Settle(point)
-        system = self._System(point, settled.slopes, is_checked=True)
+        system, _ = self._Linearize(point, is_checked=True)
         # Neither the device nor the environment is part of the two-port.
         device = self._master.GetSubsystemByName("haptic_device")
         outside = {
@@ -275,34 +251,72 @@ class Linearizer:
                 outputs=np.concatenate([felt_velocity, tool_velocity, delayed]),
             ),
             signals=self._signals,
-            idle_passivity=any(
-                IDLE_PASSIVITY in part.assumptions for part in self._parts.values()
-            ),
+            idle_passivity=IDLE_PASSIVITY in self._assumptions,
         )
 
-    # The operating point.
+    def _Linearize(
+        self, point: OperatingPoint, *, is_checked: bool
+    ) -> tuple[StateSpace, float]:
+        """Returns the model at an operating point, in the tool's coordinates.
 
-    def _Settle(self, point: OperatingPoint) -> _Settled:
-        """Brings the Contexts to an operating point and linearises there."""
+        Returns:
+            The model from what is delivered at the cuts to what enters there and what
+            else is seen, and the largest rate that is left.
+        """
+        self._Settle(point)
+        step = min(_STEP, _STEP_SHARE * self._SurfaceDistance(point))
+        if point.forward_packet is None:
+            values, slopes = self._Trim(step)
+        else:
+            self._cuts.forward[0].Set(point.forward_packet)
+            values, slopes = self._Evaluate(step)
+        if is_checked and self._function.Bends(step, slopes):
+            raise ScenarioError(
+                f"teleoperator = a law that bends at the operating point "
+                f"{point.name!r}, as one that switches there: must have one "
+                "linear model"
+            )
+        N = self._num_states
+        num_joint_states = self._motion.states.size
+        coordinates, rates = self._motion.Coordinates(
+            slopes[:num_joint_states], slopes[N + self._num_signals :]
+        )
+        slopes[:num_joint_states] = rates
+        # The coordinates are a function of the state: d/d(coordinates).
+        by_state = np.eye(N)
+        by_state[:num_joint_states] = coordinates[:, :N]
+        by_coordinates = slopes[:, :N] @ np.linalg.inv(by_state)
+        by_input = slopes[:, N:]
+        model = StateSpace(
+            A=by_coordinates[:N],
+            B=by_input[:N],
+            C=by_coordinates[N:],
+            D=by_input[N:],
+        )
+        return model, float(np.abs(values[self._StoppedRates()]).max())
+
+    def _Settle(self, point: OperatingPoint) -> None:
+        """Brings the Contexts to an operating point.
+
+        Each cut is fixed at what enters it, from the tool to the forward packet.
+        """
         self._root.SetTimeStateAndParametersFrom(self._default)
         if point.holds_force:
             self._HoldForce()
-        for name, part in self._parts.items():
-            for block in part.blocks:
-                with Within(name):
-                    state = LinearPartOf(block, point.estimates).state
-                if state is not None:
-                    self._contexts[block].SetContinuousState(state)
+        for block in self._blocks:
+            with Within(block.part):
+                state = LinearPartOf(block.system, point.estimates).state
+            if state is not None:
+                self._contexts[block.system].SetContinuousState(state)
         self._motion.Place(point.position, point.velocity)
-        self._SettleCuts()
-        step = min(_STEP, _STEP_SHARE * self._SurfaceDistance(point))
-        if point.forward_packet is not None:
-            self._cuts.forward[0].Set(point.forward_packet)
-            values, slopes = self._Evaluate(step)
-        else:
-            values, slopes = self._Trim(step)
-        residual = np.abs(values[self._StoppedRates()]).max()
-        return _Settled(float(residual), slopes)
+        cuts = self._cuts
+        (forward,) = cuts.forward
+        forward.Set(np.zeros_like(forward.value))
+        at_ports = [*cuts.hand, *cuts.tool]
+        to_master = [*at_ports, *cuts.inner_slave, *cuts.back, *cuts.inner_master]
+        # What the hand feels may come out of the delays in the master.
+        for cut in (*to_master, *at_ports, *cuts.inner_master, forward):
+            cut.Settle()
 
     def _HoldForce(self) -> None:
         """Gives the operator the mode in which it holds a force."""
@@ -312,17 +326,6 @@ class Linearizer:
             Refuse("surgeon", self._scenario.surgeon.kind, allowed)
         operator, held = found
         self._contexts[operator].SetDiscreteState(held.state)
-
-    def _SettleCuts(self) -> None:
-        """Fixes at each cut what enters it, from the tool to the forward packet."""
-        cuts = self._cuts
-        (forward,) = cuts.forward
-        forward.Set(np.zeros_like(forward.value))
-        at_ports = [*cuts.hand, *cuts.tool]
-        to_master = [*at_ports, *cuts.inner_slave, *cuts.back, *cuts.inner_master]
-        # What the hand feels may come out of the delays in the master.
-        for cut in (*to_master, *at_ports, *cuts.inner_master, forward):
-            cut.Settle()
 
     def _Evaluate(self, step: float) -> tuple[Array, Array]:
         """Returns values and slopes, once the cuts inside of the slave have settled."""
@@ -346,19 +349,15 @@ class Linearizer:
         Returns:
             Values and slopes, as CutDiagram.Evaluate().
         """
-        (forward,) = self._cuts.forward
+        chosen: list[States | Cut] = [*self._chosen, *self._cuts.forward]
         for _ in range(_MAX_TRIM_STEPS):
             values, slopes = self._Evaluate(step)
             change = self._NewtonStep(values, slopes)
-            chosen = [*(x.Get() for x in self._chosen), forward.value]
-            x = np.concatenate(chosen) + change
+            x = np.concatenate([entry.Get() for entry in chosen]) + change
             if np.abs(change).max() <= _TRIMMED * max(1.0, float(np.abs(x).max())):
                 break
-            ends = np.cumsum([len(part) for part in chosen])[:-1]
-            *state_values, packet = np.split(x, ends)
-            for states, value in zip(self._chosen, state_values, strict=True):
-                states.Set(value)
-            forward.Set(packet)
+            for entry, value in zip(chosen, Split(chosen, x), strict=True):
+                entry.Set(value)
         return values, slopes
 
     def _NewtonStep(self, values: Array, slopes: Array) -> Array:
@@ -399,40 +398,6 @@ class Linearizer:
             Refuse("position", point.position, allowed)
         return min(distance, 1.0)
 
-    # The model.
-
-    def _System(
-        self, point: OperatingPoint, slopes: Array, *, is_checked: bool
-    ) -> StateSpace:
-        """Returns the model with these slopes, in the tool's coordinates.
-
-        From what is delivered at the cuts to what enters there and what else is seen.
-        """
-        N = self._num_states
-        step = min(_STEP, _STEP_SHARE * self._SurfaceDistance(point))
-        if is_checked and self._function.Bends(step, slopes):
-            raise ScenarioError(
-                f"teleoperator = a law that bends at the operating point "
-                f"{point.name!r}, as one that switches there: must have one "
-                "linear model"
-            )
-        num_joint_states = self._motion.states.size
-        coordinates, rates = self._motion.Coordinates(
-            slopes[:num_joint_states], slopes[N + self._num_signals :]
-        )
-        slopes[:num_joint_states] = rates
-        # The coordinates are a function of the state: d/d(coordinates).
-        by_state = np.eye(N)
-        by_state[:num_joint_states] = coordinates[:, :N]
-        by_coordinates = slopes[:, :N] @ np.linalg.inv(by_state)
-        by_input = slopes[:, N:]
-        return StateSpace(
-            A=by_coordinates[:N],
-            B=by_input[:N],
-            C=by_coordinates[N:],
-            D=by_input[N:],
-        )
-
 
 def _MakeTeleoperator(scenario: Scenario, *, at_ports: bool) -> Diagram:
     """Makes the scenario's teleoperator with an operator that has a linear model."""
@@ -446,8 +411,14 @@ def _MakeTeleoperator(scenario: Scenario, *, at_ports: bool) -> Diagram:
     return MakeTeleoperator(scenario, operator=operator)
 
 
-def _MotionRate(here: Array, behind: Array, ahead: Array, time: float) -> float:
-    """Returns MotionRate() of a matrix from its values a time apart."""
+def _MotionRate(matrices: list[Array], time: float) -> float:
+    """Returns MotionRate() of a matrix behind, at and ahead of a point.
+
+    Args:
+        matrices: The three.
+        time: Between the first and the last, in s.
+    """
+    behind, here, ahead = matrices
     change = ahead - behind
     change[np.abs(change) <= _ROUNDING * np.abs(here).max(initial=0.0)] = 0.0
     return MotionRate(here, change / time)

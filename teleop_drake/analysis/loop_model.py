@@ -82,9 +82,8 @@ class LoopModel:
         The return packet is the one that is sent.
         """
         at = self.signals
-        inputs = np.r_[at.forward, at.inner_slave]
-        outputs = np.r_[at.back, at.inner_slave]
-        return self.system.part(np.arange(self.num_slave_states), inputs, outputs)
+        states = np.arange(self.num_slave_states)
+        return self._Side(states, at.forward, at.back, at.inner_slave)
 
     @property
     def master(self) -> StateSpace:
@@ -94,9 +93,13 @@ class LoopModel:
         """
         at = self.signals
         states = np.arange(self.num_slave_states, self.system.num_states)
-        inputs = np.r_[at.back, at.inner_master]
-        outputs = np.r_[at.forward, at.inner_master]
-        return self.system.part(states, inputs, outputs)
+        return self._Side(states, at.back, at.forward, at.inner_master)
+
+    def _Side(
+        self, states: Indices, received: Indices, sent: Indices, inner: Indices
+    ) -> StateSpace:
+        """Returns the model of one side, with its states and its signals."""
+        return self.system.part(states, np.r_[received, inner], np.r_[sent, inner])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -192,11 +195,10 @@ def CutLoop(model: LoopModel) -> StateSpace:
     else:
         closed = back
         crossing = sent
-    rest = np.delete(np.arange(len(system.D)), closed)
     inside = (model.signals.inner_slave, model.signals.inner_master)
-    kept = np.flatnonzero(np.isin(rest, np.concatenate([crossing, *inside])))
-    loop = system.closed(closed).part(np.arange(system.num_states), kept, kept)
-    return _MergeInputs(-loop)
+    signals = np.concatenate([closed, crossing, *inside])
+    kept = system.part(np.arange(system.num_states), signals, signals)
+    return _MergeInputs(-kept.closed(np.arange(len(closed))))
 
 
 def _MergeInputs(loop: StateSpace) -> StateSpace:
@@ -235,11 +237,12 @@ def MotionRate(A: Array, A_dot: Array) -> float:
     fastest = float(np.abs(modes).max(initial=0.0))
     if fastest == 0 or not np.any(A_dot):
         return 0.0
-    exponents = np.linspace(-_NUM_DECADES, 0, _NUM_DECADES * _NUM_CIRCLES + 1)
+    smallest = fastest * 10.0**-_NUM_DECADES
+    radii = np.geomspace(smallest, fastest, _NUM_DECADES * _NUM_CIRCLES + 1)
     # The directions of the modes, too: none slips through between two points.
     angles = np.concatenate([np.linspace(0, np.pi, _NUM_ANGLES), np.angle(modes)])
     directions = np.exp(1j * angles)[:, None, None] * np.eye(len(A))
-    for k, radius in enumerate(fastest * 10**exponents):
+    for k, radius in enumerate(radii):
         try:
             moved = np.linalg.solve(radius * directions - A, A_dot)
         except np.linalg.LinAlgError:  # A root to the last digit.

@@ -1,7 +1,5 @@
 """The four systems between the channels, and the cuts that open their loop."""
 
-from dataclasses import dataclass, field
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -9,72 +7,66 @@ from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.analysis.cut_diagram import Cut, CutDiagram, States
 from teleop_drake.analysis.loop_model import Signals
-from teleop_drake.engine.flatten import Block
-from teleop_drake.kernel.linear_part import LinearPartOf
+from teleop_drake.kernel.linear_part import LinearPart, LinearPartOf
 from teleop_drake.validation import ScenarioError, Within
 
-SLAVE = ("controller", "environment", "robot")
-PARTS = ("master", *SLAVE)
+PARTS = ("master", "controller", "environment", "robot")
 """The systems that a linear model is made of; the channels are cut."""
 
 
-@dataclass(eq=False)
-class LoopPart:
-    """The blocks of one of the four systems, as they describe themselves.
+class LoopBlock(NamedTuple):
+    """A block of one of the four systems, as it describes itself.
 
     Attributes:
-        blocks: The blocks.
-        states: Those of their states that are states of the model.
-        delays: Cuts at constant delays inside.
-        delay_times: Their delays in s, an entry for each signal.
-        assumptions: What the linear model takes for granted, see linear_part.
+        part: Name of the system.
+        system: The block.
+        described: What it contributes to the linear model.
+        states: Those of its states that are states of the model; None: none is.
+        cut: The cut at it if it is a delay.
     """
 
-    blocks: list[System] = field(default_factory=list)
-    states: list[States] = field(default_factory=list)
-    delays: list[Cut] = field(default_factory=list)
-    delay_times: list[float] = field(default_factory=list)
-    assumptions: set[str] = field(default_factory=set)
+    part: str
+    system: System
+    described: LinearPart
+    states: States | None
+    cut: Cut | None
 
 
-def ReadLoopParts(opened: CutDiagram) -> dict[str, LoopPart]:
-    """Returns the four systems of a teleoperator by their names.
+def ReadLoopBlocks(opened: CutDiagram) -> list[LoopBlock]:
+    """Returns the blocks of the four systems of a teleoperator.
 
     Raises:
         ScenarioError: If a block has no linear model, or a state that is not
             continuous.
     """
-    parts = {name: LoopPart() for name in PARTS}
+    found = []
     for block in opened.blocks:
-        name = block.path.split("/")[0]
-        if name in parts:
-            _AddBlock(parts[name], name, block, opened)
-    return parts
+        part = block.path.split("/")[0]
+        if part not in PARTS:
+            continue
+        system = block.system
+        context = opened.contexts[system]
+        with Within(part):
+            described = LinearPartOf(system)
+        is_sampled = context.num_discrete_state_groups() and not described.has_modes
+        if described.delay is None and (is_sampled or context.num_abstract_states()):
+            raise ScenarioError(
+                f"{part}.{system.get_name()} = a state that is not continuous: must "
+                "be continuous for a linear model"
+            )
+        size = described.num_states
+        if size is None:
+            size = context.num_continuous_states()
+        states = States(system, context, size) if size else None
+        delay = described.delay
+        cut = opened.CutAtDelay(system, delay) if delay else None
+        found.append(LoopBlock(part, system, described, states, cut))
+    return found
 
 
-def _AddBlock(part: LoopPart, name: str, block: Block, opened: CutDiagram) -> None:
-    """Adds what a block describes itself to be."""
-    system = block.system
-    context = opened.contexts[system]
-    with Within(name):
-        described = LinearPartOf(system)
-    part.blocks.append(system)
-    part.assumptions.add(described.assumption)
-    if described.delay:
-        cut = opened.CutAtDelay(system)
-        part.delays.append(cut)
-        part.delay_times += [described.delay] * len(cut.value)
-    is_sampled = context.num_discrete_state_groups() and not described.has_modes
-    if described.delay is None and (is_sampled or context.num_abstract_states()):
-        raise ScenarioError(
-            f"{name}.{system.get_name()} = a state that is not continuous: must "
-            "be continuous for a linear model"
-        )
-    size = described.num_states
-    if size is None:
-        size = context.num_continuous_states()
-    if size:
-        part.states.append(States(system, context, size))
+def StatesOf(blocks: list[LoopBlock], part: str) -> list[States]:
+    """Returns the states of the model that one of the four systems has."""
+    return [x.states for x in blocks if x.part == part and x.states is not None]
 
 
 class LoopCuts(NamedTuple):
@@ -106,7 +98,7 @@ class LoopCuts(NamedTuple):
 def CutTeleoperator(
     teleoperator: Diagram,
     opened: CutDiagram,
-    parts: dict[str, LoopPart],
+    blocks: list[LoopBlock],
     *,
     at_ports: bool,
 ) -> LoopCuts:
@@ -114,7 +106,7 @@ def CutTeleoperator(
 
     Args:
         opened: The teleoperator.
-        parts: Its parts, by ReadLoopParts().
+        blocks: Its blocks, by ReadLoopBlocks().
         at_ports: Whether it is cut at the hand and at the tool, too.
     """
     master = teleoperator.GetSubsystemByName("master")
@@ -134,11 +126,12 @@ def CutTeleoperator(
         master.GetInputPort("return_packet"),
         controller.GetOutputPort("return_packet"),
     )
+    delays = [(x.part == "master", x.cut) for x in blocks if x.cut is not None]
     return LoopCuts(
         hand=hand,
         tool=tool,
         forward=[forward],
-        inner_slave=list(chain.from_iterable(parts[name].delays for name in SLAVE)),
+        inner_slave=[cut for is_master, cut in delays if not is_master],
         back=[back],
-        inner_master=parts["master"].delays,
+        inner_master=[cut for is_master, cut in delays if is_master],
     )

@@ -1,7 +1,6 @@
 """Operating points on the tool's path."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -39,7 +38,7 @@ _BEHIND = 1e-6
 
 # Steps of Newton's method to where a tool rests, and which share of the force may be
 # left there.
-_REST_STEPS = 8
+_REST_STEPS = 12
 _AT_REST = 1e-6
 
 
@@ -153,26 +152,18 @@ def _DepthOfImpact(
         ]
         return float(weights @ forces) * depth / 2
 
-    found = _DepthWhere(Work, energy)
-    if found is None:
-        raise ScenarioError(
-            f"environment.{surface.name} = a surface into which a tool of "
-            f"{energy:g} J comes deeper than {_DEEPEST_IMPACT:g} m: must be one "
-            "that stops it"
-        )
-    return found
-
-
-def _DepthWhere(Function: Callable[[float], float], value: float) -> float | None:
-    """Returns the depth in m at which a growing function has a value, if any."""
     low = 0.0
     high = _SHORTEST_IMPACT
-    while Function(high) < value:
+    while Work(high) < energy:
         if high > _DEEPEST_IMPACT:
-            return None
+            raise ScenarioError(
+                f"environment.{surface.name} = a surface into which a tool of "
+                f"{energy:g} J comes deeper than {_DEEPEST_IMPACT:g} m: must be one "
+                "that stops it"
+            )
         low = high
         high = 2 * high
-    return halve(lambda depth: Function(depth) < value, low, high)[1]
+    return halve(lambda depth: Work(depth) < energy, low, high)[1]
 
 
 def PointOfRest(
@@ -191,29 +182,17 @@ def PointOfRest(
         or the tool does not rest under the force: it leaves the surface, or slides
         along it.
     """
-    contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
-    if contact is None or not contact.Depth(point.position) > 0:
-        return None
     held = np.asarray(force, dtype=float)
-    normal = contact.normal_W
     at_rest = np.zeros_like(point.velocity)
-    on_surface = point.position - float(contact.Depth(point.position)) * normal
-
-    def Reaction(depth: float) -> float:
-        F_e = ForceAt(environment, on_surface + depth * normal, at_rest)
-        return float(contact.Along(F_e))
-
-    push = float(contact.Along(held))
-    depth = _DepthWhere(Reaction, push) if push > 0 else None
-    if depth is None:
-        return None
-    position = on_surface + depth * normal
+    position = point.position
     for _ in range(_REST_STEPS):
         stiffness, _ = StiffnessAndDamping(environment, position)
         excess = held - ForceAt(environment, position, at_rest)
         position = position + np.linalg.lstsq(stiffness, excess, rcond=1e-9)[0]
     excess = held - ForceAt(environment, position, at_rest)
-    if np.abs(excess).max() > _AT_REST * np.abs(held).max():
+    contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
+    is_behind = contact is not None and contact.Depth(position) > 0
+    if not is_behind or np.abs(excess).max() > _AT_REST * np.abs(held).max():
         return None
     return replace(point, position=position, velocity=at_rest, holds_force=True)
 
@@ -241,12 +220,12 @@ def OperatingPointAt(scenario: Scenario, position: float) -> OperatingPoint:
     if not math.isfinite(position) or (way != 0 and not way * speed > 0):
         allowed = f"on the tool's path, from {begin:g} m on with {speed:g} m/s"
         Refuse(POSITION, position, allowed)
-    times = [way / speed if way else 0.0]
+    time = way / speed if way else 0.0
     for surface in surfaces:
         crossing = _CrossingTime(surface, start, velocity)
-        if speed and abs(crossing - times[0]) * abs(speed) < _ON_SURFACE:
-            times.append(crossing + _BEHIND / abs(speed))
-    p_WT = start + velocity * times[-1]
+        if speed and abs(crossing - time) * abs(speed) < _ON_SURFACE:
+            time = crossing + _BEHIND / abs(speed)
+    p_WT = start + velocity * time
     try:
         scenario.robot.JointPositions(p_WT)
     except ScenarioError as e:

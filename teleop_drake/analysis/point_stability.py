@@ -36,7 +36,10 @@ from numpy.typing import NDArray
 
 from teleop_drake.analysis.loop_model import CutLoop, LoopModel, Motion
 from teleop_drake.arrays import ComplexArray
-from teleop_drake.numerics.characteristic_roots import characteristic_roots
+from teleop_drake.numerics.characteristic_roots import (
+    characteristic_roots,
+    rightmost,
+)
 from teleop_drake.numerics.crossings import Crossing, closed_loop_matrix
 from teleop_drake.numerics.delay_margin import (
     delay_margin,
@@ -144,7 +147,7 @@ class PointStability:
         roots = characteristic_roots(self.loop.fed_back(delay), count=more)
         roots = roots[~self._AreNeutral(roots)]
         roots = np.concatenate([roots, self.hidden_modes])
-        return _RightmostFirst(roots)[:count]
+        return rightmost(roots)[:count]
 
     def _AreNeutral(self, roots: ComplexArray) -> NDArray[np.bool_]:
         """Returns which roots of the loop cannot be distinguished from roots at 0."""
@@ -224,7 +227,7 @@ def AnalyzeModel(
     motion_rate = model.motion.rate if model.motion else 0.0
     unresolved = max(motion_rate, _NEUTRAL * fastest)
     is_neutral = np.abs(hidden) < unresolved
-    hidden_modes = _RightmostFirst(hidden[~is_neutral])
+    hidden_modes = rightmost(hidden[~is_neutral])
     crossings = _ResolvedCrossings(model, loop, max_delay, unresolved)
     # Hidden modes do not depend on the delay. If one of them does not decay, the loop
     # is unstable at every delay.
@@ -236,7 +239,7 @@ def AnalyzeModel(
     without_delay = np.linalg.eigvals(closed_loop_matrix(loop))
     num_slow = int(np.sum(np.abs(without_delay) < unresolved))
     slave_roots = np.linalg.eigvals(model.slave.A).astype(complex)
-    slave_roots = _RightmostFirst(slave_roots[np.abs(slave_roots) >= unresolved])
+    slave_roots = rightmost(slave_roots[np.abs(slave_roots) >= unresolved])
     return PointStability(
         model=model,
         loop=loop,
@@ -264,11 +267,6 @@ def _ResolvedCrossings(
         # A root that passes through 0 stays in the circle of unresolved roots.
         crossings = [x for x in crossings if x.frequency > 0]
     return [x for x in crossings if _IsResolved(motion, x, unresolved)]
-
-
-def _RightmostFirst(roots: ComplexArray) -> ComplexArray:
-    """Returns roots by descending real part, the upper root of a pair first."""
-    return roots[np.lexsort((-roots.imag, -roots.real.round(12)))]
 
 
 def _AllDecay(modes: ComplexArray) -> bool:

@@ -17,7 +17,7 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.analysis.cut_diagram import CutDiagram, States
+from teleop_drake.analysis.cut_diagram import Cut, CutDiagram, States, TimesOf
 from teleop_drake.analysis.port_model import PortModel
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.engine.flatten import Block
@@ -76,11 +76,10 @@ def LinearizePorts(
         if port.get_system() not in contexts:
             Refuse("port", _PathOf(port), "one in the diagram")
     held = _Held(blocks, contexts)
-    delays = _Delays(blocks, contexts)
-    delay_cuts = [function.CutAtDelay(system) for system in delays]
+    delays = _CutDelays(function)
     if is_settled:
         # A value passes one more delay each time.
-        for cut in delay_cuts * len(delay_cuts):
+        for cut in delays * len(delays):
             cut.Settle()
     entry = function.CutAt(input_port)
     if not entry.ports:
@@ -95,8 +94,8 @@ def LinearizePorts(
     ]
     # What the input port receives without a deviation comes first, where it counts.
     entering = [] if is_opened or entry.entering is None else [entry.entering]
-    late = [cut.entering for cut in delay_cuts]
-    function.Choose(states, [entry, *delay_cuts], [*entering, seen, *late])
+    late = [cut.entering for cut in delays if cut.entering is not None]
+    function.Choose(states, [entry, *delays], [*entering, seen, *late])
     _, slopes = function.Evaluate(_STEP)
     if function.Bends(_STEP, slopes):
         allowed = "where every law has one slope; one bends here, as at a surface"
@@ -105,17 +104,12 @@ def LinearizePorts(
     added = input_port.size() if entering else 0
     # A deviation that is added closes the loop through a copy of its columns.
     slopes = np.hstack([slopes[:, : n + added], slopes[:, n:]])
-    times = [
-        time
-        for time, cut in zip(delays.values(), delay_cuts, strict=True)
-        for _ in cut.value
-    ]
     model = PortModel(
         A=slopes[:n, :n],
         B=slopes[:n, n:],
         C=slopes[n:, :n],
         D=slopes[n:, n:],
-        delays=tuple(times),
+        delays=TimesOf(delays),
         by_differences=function.by_differences,
         held=held,
         is_opened=is_opened,
@@ -161,17 +155,16 @@ def _CopyContext(diagram: Diagram, context: Context) -> Context:
     return own
 
 
-def _Delays(
-    blocks: list[Block], contexts: Mapping[System, Context]
-) -> dict[System, float]:
-    """Returns the delays in s of the blocks that are delays, as in their Contexts."""
-    delays = {}
-    for block in blocks:
-        if LinearPartOf(block.system).delay:
-            (delay,) = KernelIn(block.system, contexts[block.system]).delays
+def _CutDelays(function: CutDiagram) -> list[Cut]:
+    """Returns the cuts at all delays, with the times of their Contexts."""
+    cuts = []
+    for block in function.blocks:
+        system = block.system
+        if LinearPartOf(system).delay:
+            (delay,) = KernelIn(system, function.contexts[system]).delays
             assert not callable(delay.time)
-            delays[block.system] = delay.time
-    return delays
+            cuts.append(function.CutAtDelay(system, delay.time))
+    return cuts
 
 
 def _PathOf(port: InputPort | OutputPort) -> str:
