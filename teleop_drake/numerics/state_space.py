@@ -211,18 +211,24 @@ def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
         eigenvalues of the removed modes.
     """
     scale = _balance(system)
-    A = system.A * scale / scale[:, np.newaxis]
-    B = system.B / scale[:, np.newaxis]
-    C = system.C * scale
+    balanced = _in_coordinates(system, np.diag(scale), np.diag(1 / scale))
     # What the input reaches.
-    V, hidden = _reachable(A, B)
-    A = V.T @ A @ V
-    B = V.T @ B
-    C = C @ V
+    V, hidden = _reachable(balanced.A, balanced.B)
+    reached = _in_coordinates(balanced, V, V.T)
     # What the output sees: the reachable space of the dual system.
-    W, unseen = _reachable(A.T, C.T)
-    minimal = StateSpace(A=W.T @ A @ W, B=W.T @ B, C=C @ W, D=system.D)
+    W, unseen = _reachable(reached.A.T, reached.C.T)
+    minimal = _in_coordinates(reached, W, W.T)
     return minimal, np.concatenate([hidden, unseen])
+
+
+def _in_coordinates(system: StateSpace, basis: Array, inverse: Array) -> StateSpace:
+    """Returns the system of the states z, with x = basis z and z = inverse x."""
+    return replace(
+        system,
+        A=inverse @ system.A @ basis,
+        B=inverse @ system.B,
+        C=system.C @ basis,
+    )
 
 
 def _reachable(A: Array, B: Array) -> tuple[Array, ComplexArray]:
