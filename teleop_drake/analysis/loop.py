@@ -65,7 +65,12 @@ from teleop_drake.analysis.loop_model import (
     MotionRate,
     TwoPortModel,
 )
-from teleop_drake.analysis.loop_parts import CutTeleoperator, ReadLoopBlocks, StatesOf
+from teleop_drake.analysis.loop_parts import (
+    CutTeleoperator,
+    ReadLoopBlocks,
+    SignalsAt,
+    StatesOf,
+)
 from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.analysis.tool_motion import ToolMotion
 from teleop_drake.arrays import Array, Indices
@@ -163,7 +168,7 @@ class Linearizer:
         self._cuts = CutTeleoperator(
             teleoperator, self._function, blocks, at_ports=at_ports
         )
-        self._signals = self._cuts.Signals()
+        self._signals = SignalsAt(self._cuts)
         self._motion = ToolMotion(
             config=self._scenario.robot,
             robot=robot,

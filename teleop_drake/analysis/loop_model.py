@@ -1,7 +1,7 @@
 """Linear models of the loop and of the two-port between hand and tool."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,18 +21,31 @@ _NUM_ANGLES = 9
 _NEGLIGIBLE = 1e-9
 
 
-class Signals(NamedTuple):
-    """Which of the signals of a model are the forces at its ports or pass which delay.
+T = TypeVar("T")
 
-    The loop has no ports.
+
+class AtCuts(NamedTuple, Generic[T]):
+    """Something for each of the cuts that open the loop, in the order of its signals.
+
+    Attributes:
+        hand: The force at the operator's hand; empty for the loop.
+        tool: The force at the tool; empty for the loop.
+        forward: The forward channel.
+        inner_slave: Delays in the slave.
+        back: The return channel.
+        inner_master: Delays in the master.
     """
 
-    hand: Indices
-    tool: Indices
-    forward: Indices
-    inner_slave: Indices
-    back: Indices
-    inner_master: Indices
+    hand: T
+    tool: T
+    forward: T
+    inner_slave: T
+    back: T
+    inner_master: T
+
+
+Signals = AtCuts[Indices]
+"""Which of the signals of a model are delivered at which cut."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.analysis.cut_diagram import Cut, CutDiagram, States
-from teleop_drake.analysis.loop_model import Signals
+from teleop_drake.analysis.loop_model import AtCuts, Signals
 from teleop_drake.kernel.linear_part import LinearPart, LinearPartOf
 from teleop_drake.validation import ScenarioError, Within
 
@@ -69,30 +69,15 @@ def StatesOf(blocks: list[LoopBlock], part: str) -> list[States]:
     return [x.states for x in blocks if x.part == part and x.states is not None]
 
 
-class LoopCuts(NamedTuple):
-    """The cuts that open the loop, in the order of the signals of its model.
+LoopCuts = AtCuts[list[Cut]]
+"""The cuts that open the loop of a teleoperator."""
 
-    Attributes:
-        hand: The force at the operator's hand; empty for the loop.
-        tool: The force at the tool; empty for the loop.
-        forward: The forward channel.
-        inner_slave: Delays in the slave.
-        back: The return channel.
-        inner_master: Delays in the master.
-    """
 
-    hand: list[Cut]
-    tool: list[Cut]
-    forward: list[Cut]
-    inner_slave: list[Cut]
-    back: list[Cut]
-    inner_master: list[Cut]
-
-    def Signals(self) -> Signals:
-        """Returns the places of what each of the cuts delivers among all signals."""
-        sizes = [sum(len(cut.value) for cut in cuts) for cuts in self]
-        ends = np.cumsum(sizes)
-        return Signals(*np.split(np.arange(ends[-1]), ends[:-1]))
+def SignalsAt(cuts: LoopCuts) -> Signals:
+    """Returns the places of what each of the cuts delivers among all signals."""
+    sizes = [sum(len(cut.value) for cut in group) for group in cuts]
+    ends = np.cumsum(sizes)
+    return Signals(*np.split(np.arange(ends[-1]), ends[:-1]))
 
 
 def CutTeleoperator(
