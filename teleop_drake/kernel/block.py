@@ -320,9 +320,11 @@ class FixedBlock(KernelBlock):
     """A block whose ports and kernel are given to its constructor.
 
     Args:
+        name: Name of the block; empty: the diagram gives it one.
         inputs: Width of each input port by its name, in the order of the ports.
         outputs: Width of each output port by its name, in the order of the ports.
         state: The initial continuous state.
+        mode: The initial discrete state.
     """
 
     def __init__(
@@ -333,6 +335,7 @@ class FixedBlock(KernelBlock):
         inputs: Mapping[str, int],
         outputs: Mapping[str, int],
         state: ArrayLike = (),
+        mode: ArrayLike = (),
     ):
         KernelBlock.__init__(self)
         self.set_name(name)
@@ -341,6 +344,8 @@ class FixedBlock(KernelBlock):
             self.DeclareVectorInputPort(port, size)
         if np.size(state):
             self.DeclareContinuousState(BasicVector(np.array(state, dtype=float)))
+        if np.size(mode):
+            self.DeclareDiscreteState(BasicVector(np.array(mode, dtype=float)))
         self.DeclareOutputs(**outputs)
 
     def Kernel(self) -> Kernel:

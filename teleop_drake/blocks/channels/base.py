@@ -4,13 +4,13 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from pydrake.systems.framework import System
 
 from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.kernel import Delay, Kernel, KernelBlock
+from teleop_drake.kernel import Delay, FixedBlock, Kernel
 from teleop_drake.kinds import KindConfig
 from teleop_drake.validation import CheckNumber, Config, Refuse
 
@@ -147,7 +147,7 @@ class ChannelConfig(KindConfig, ABC):
         return np.asarray(sent, dtype=float) + self.delay
 
 
-class ChannelBlock(KernelBlock):
+class ChannelBlock(FixedBlock):
     """Base of the channels' blocks: a vector that comes out later.
 
     | port | name           | size | unit      |
@@ -168,28 +168,32 @@ class ChannelBlock(KernelBlock):
     """
 
     def __init__(self, delay: float, size: int, initial_value: Sequence[float] | None):
-        KernelBlock.__init__(self)
         CheckNumber("delay", delay, "s", minimum=0)
         CheckNumber("size", size, minimum=1)
         if initial_value is not None and len(initial_value) != size:
             Refuse("initial_value", initial_value, f"{size} numbers or null")
         self.initial_value = [0.0] * size if initial_value is None else initial_value
-        self.DeclareVectorInputPort("signal", size)
 
     def DeclarePassThrough(self) -> None:
-        """Declares the output, which is the signal itself."""
-        self._kernel = Kernel(outputs={"delayed_signal": "signal"})
-        self.DeclareOutputs(delayed_signal=len(self.initial_value))
+        """Declares the ports; the output is the signal itself."""
+        self._Declare(Kernel(outputs={"delayed_signal": "signal"}))
 
-    def DeclareDelay(self, delay: Delay) -> None:
-        """Declares the output, which is delayed.
+    def DeclareDelay(self, **line: Any) -> None:
+        """Declares the ports; the output is delayed.
 
         Args:
-            delay: From `signal` to `delayed_signal`, with the block's `initial_value`.
+            line: Further fields of the Delay from `signal` to `delayed_signal`.
         """
-        self._kernel = Kernel(delays=[delay])
-        self.DeclareOutputs(delayed_signal=len(self.initial_value))
+        delay = Delay(
+            signal="signal",
+            output="delayed_signal",
+            initial_value=self.initial_value,
+            **line,
+        )
+        self._Declare(Kernel(delays=[delay]))
 
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        return self._kernel
+    def _Declare(self, kernel: Kernel) -> None:
+        size = len(self.initial_value)
+        inputs = {"signal": size}
+        outputs = {"delayed_signal": size}
+        FixedBlock.__init__(self, "", kernel, inputs=inputs, outputs=outputs)

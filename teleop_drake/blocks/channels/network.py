@@ -22,7 +22,6 @@ from teleop_drake.blocks.channels.packet_statistics import (
 )
 from teleop_drake.blocks.channels.sampled import CheckSamplePeriod
 from teleop_drake.blocks.channels.variable import VaryingDelayConfig
-from teleop_drake.kernel import Delay
 from teleop_drake.validation import (
     REQUIRED,
     CheckNumber,
@@ -85,16 +84,12 @@ class NetworkDelay(ChannelBlock):
         receiver.Check()
         self._network = network
         self._receiver = receiver
-        delay_line = Delay(
-            signal="signal",
-            output="delayed_signal",
-            initial_value=self.initial_value,
+        self.DeclareDelay(
             period=network.sample_period,
             shown=lambda k: network.Shown(k, receiver),
             extrapolates=receiver.policy == "extrapolate",
             end=network.profile.duration,
         )
-        self.DeclareDelay(delay_line)
 
     def Statistics(self, context: Context) -> PacketStatistics:
         """Returns what has become of the packets sent before now."""

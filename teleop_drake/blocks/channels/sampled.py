@@ -9,7 +9,6 @@ from teleop_drake.blocks.channels.base import (
     ChannelConfig,
     ConstantDelay,
 )
-from teleop_drake.kernel import Delay
 from teleop_drake.kernel.ticks import DeclareTicks, Ticks
 from teleop_drake.numerics.instants import TIE
 from teleop_drake.validation import REQUIRED, CheckNumber, Config, Refuse
@@ -67,16 +66,12 @@ class SampledDelay(ChannelBlock):
         num_periods = math.floor(delay / sample_period + TIE)
         offset = delay - num_periods * sample_period
         offset = offset if offset > TIE * sample_period else 0.0
-        DeclareTicks(self, Ticks(sample_period, offset), None)
-        delay_line = Delay(
-            signal="signal",
-            output="delayed_signal",
-            initial_value=self.initial_value,
+        self.DeclareDelay(
             period=sample_period,
             # As Drake counts ticks.
             shown=lambda k: offset + (k + num_periods) * sample_period,
         )
-        self.DeclareDelay(delay_line)
+        DeclareTicks(self, Ticks(sample_period, offset), None)
 
 
 MAX_PACKETS = 100_000

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels.base import ChannelBlock, ChannelConfig
-from teleop_drake.kernel import Delay
 from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.validation import Config
 
@@ -70,14 +69,7 @@ class TransportDelay(ChannelBlock):
         if delay == 0:
             self.DeclarePassThrough()
             return
-        delay_line = Delay(
-            signal="signal",
-            output="delayed_signal",
-            initial_value=self.initial_value,
-            time=self.delay,
-            max_sample_interval=max_sample_interval,
-        )
-        self.DeclareDelay(delay_line)
+        self.DeclareDelay(time=self.delay, max_sample_interval=max_sample_interval)
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns the delay."""

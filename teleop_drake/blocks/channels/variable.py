@@ -18,7 +18,6 @@ from teleop_drake.blocks.channels.base import (
     ConstantDelay,
 )
 from teleop_drake.blocks.channels.trace import ENDS, ReadTrace, Trace
-from teleop_drake.kernel import Delay
 from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,
@@ -286,17 +285,13 @@ class VariableDelay(ChannelBlock):
         ChannelBlock.__init__(
             self, delay=profile.minimum, size=size, initial_value=initial_value
         )
-        delay_line = Delay(
-            signal="signal",
-            output="delayed_signal",
-            initial_value=self.initial_value,
+        self.DeclareDelay(
             time=profile,
             shortest=profile.minimum,
             nonsmooth_times=profile.nonsmooth_times,
             end=profile.duration,
             max_sample_interval=max_sample_interval,
         )
-        self.DeclareDelay(delay_line)
 
 
 @Config

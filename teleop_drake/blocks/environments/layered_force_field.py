@@ -18,7 +18,7 @@ from teleop_drake.blocks.environments.surface import (
     Surface,
     UnitNormal,
 )
-from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
+from teleop_drake.kernel import FixedBlock, Kernel, Term, Transition
 from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.layered_force import (
     LAYER_COLUMNS,
@@ -103,7 +103,7 @@ class LayersEnvironmentConfig(EnvironmentConfig):
         return bool(self.layers) and bool(x >= self.layers[0].start)
 
 
-class LayeredForceField(KernelBlock):
+class LayeredForceField(FixedBlock):
     """Force of the tool on layered material, as the sensor reads it.
 
         F_e = (k_e (x - reference) + d_e v_x) a + k_l (p - p_axis)   (2.14) to (2.16)
@@ -176,7 +176,6 @@ class LayeredForceField(KernelBlock):
         direction: ArrayLike | None = None,
         axis_point: ArrayLike | None = None,
     ):
-        KernelBlock.__init__(self)
         CheckLayers("layers", layers)
         self._surfaces = LayerSurfaces(layers, num_axes, starts_inside, direction)
         point = np.zeros(num_axes) if axis_point is None else axis_point
@@ -184,17 +183,34 @@ class LayeredForceField(KernelBlock):
         starts = columns["start"]
         names = ("empty", *(str(layer.name) for layer in layers))
         self.element_names = dict.fromkeys(self.numeric_parameters, names)
-        self._parameters = {
-            **columns,
-            "axis": np.array([UnitNormal(direction, num_axes), point], dtype=float),
-            # The last number before each layer, and where the next one begins.
-            "before": np.nextafter(starts, -math.inf),
-            "ends": np.array([*starts[1:], math.inf]),
-        }
-        self.DeclareVectorInputPort("tool_position", num_axes)
-        self.DeclareVectorInputPort("tool_velocity", num_axes)
-        self.DeclareDiscreteState(1)
-        self.DeclareOutputs(environment_force=num_axes, layer=1)
+        ends = np.array([*starts[1:], math.inf])
+        here: Term = (layer_at, "layers", "axis", "tool_position")
+        guard = (outside, "before", "ends", "axis", "mode", "tool_position")
+        leaves = {"leaves_layer": Transition(guard=guard, mode=here)}
+        law = ("layers", "axis", "mode", "tool_position", "tool_velocity")
+        FixedBlock.__init__(
+            self,
+            "",
+            Kernel(
+                parameters={
+                    **columns,
+                    "axis": np.array([UnitNormal(direction, num_axes), point], float),
+                    # The last number before each layer, and where the next one begins.
+                    "before": np.nextafter(starts, -math.inf),
+                    "ends": ends,
+                },
+                derived={"layers": (layer_table, *LAYER_COLUMNS)},
+                outputs={
+                    "environment_force": (force_in_layer, *law),
+                    "layer": (index_of_layer, "mode"),
+                },
+                initial_mode=here,
+                transitions=leaves if np.isfinite(ends).any() else {},
+            ),
+            inputs={"tool_position": num_axes, "tool_velocity": num_axes},
+            outputs={"environment_force": num_axes, "layer": 1},
+            mode=[0.0],
+        )
 
     def Surfaces(self) -> tuple[Surface, ...]:
         """Returns where the layers begin, in their order; see LayerSurfaces."""
@@ -203,24 +219,6 @@ class LayeredForceField(KernelBlock):
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns that the tool stays in its layer."""
         return LinearPart(has_modes=True)
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        here: Term = (layer_at, "layers", "axis", "tool_position")
-        guard = (outside, "before", "ends", "axis", "mode", "tool_position")
-        has_borders = np.isfinite(self._parameters["ends"]).any()
-        leaves = {"leaves_layer": Transition(guard=guard, mode=here)}
-        law = ("layers", "axis", "mode", "tool_position", "tool_velocity")
-        return Kernel(
-            parameters=self._parameters,
-            derived={"layers": (layer_table, *LAYER_COLUMNS)},
-            outputs={
-                "environment_force": (force_in_layer, *law),
-                "layer": (index_of_layer, "mode"),
-            },
-            initial_mode=here,
-            transitions=leaves if has_borders else {},
-        )
 
 
 def force_in_layer(

@@ -10,7 +10,7 @@ from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.environments.base import EnvironmentConfig
 from teleop_drake.blocks.environments.layered_force_field import layer_at, outside
 from teleop_drake.blocks.environments.surface import PlaneSurface, Surface, UnitNormal
-from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
+from teleop_drake.kernel import FixedBlock, Kernel, Term, Transition
 from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.needle import NeedlePath, needle_wrench
 from teleop_drake.validation import REQUIRED, CheckVector, Config, Number, Refuse
@@ -78,7 +78,7 @@ class NeedlePathConfig(EnvironmentConfig):
         return (PlaneSurface("entry", self.start, UnitNormal(self.direction, 6)),)
 
 
-class NeedleInTissue(KernelBlock):
+class NeedleInTissue(FixedBlock):
     """Wrench of a needle on tissue, as a sensor at its tip reads it; see laws.needle.
 
     | port | name              | size | unit                              |
@@ -110,21 +110,31 @@ class NeedleInTissue(KernelBlock):
     }
 
     def __init__(self, config: NeedlePathConfig, start: ArrayLike):
-        KernelBlock.__init__(self)
         config.Check()
         self._surfaces = config.Surfaces(start)
-        self._path = config.Path(start)
         starts = np.array([-math.inf, config.start])
-        self._border = {
-            "layers": starts[:, np.newaxis],
-            "axis": UnitNormal(config.direction, 6)[np.newaxis],
-            "before": np.nextafter(starts, -math.inf),
-            "ends": np.array([config.start, math.inf]),
-        }
-        self.DeclareVectorInputPort("tool_position", 6)
-        self.DeclareVectorInputPort("tool_velocity", 6)
-        self.DeclareDiscreteState(1)
-        self.DeclareOutputs(environment_force=6)
+        law = (needle_wrench, "path", "mode", "tool_position", "tool_velocity")
+        here: Term = (layer_at, "layers", "axis", "tool_position")
+        guard = (outside, "before", "ends", "axis", "mode", "tool_position")
+        FixedBlock.__init__(
+            self,
+            "",
+            Kernel(
+                parameters={
+                    "path": config.Path(start),
+                    "layers": starts[:, np.newaxis],
+                    "axis": UnitNormal(config.direction, 6)[np.newaxis],
+                    "before": np.nextafter(starts, -math.inf),
+                    "ends": np.array([config.start, math.inf]),
+                },
+                outputs={"environment_force": law},
+                initial_mode=here,
+                transitions={"crosses_surface": Transition(guard=guard, mode=here)},
+            ),
+            inputs={"tool_position": 6, "tool_velocity": 6},
+            outputs={"environment_force": 6},
+            mode=[0.0],
+        )
 
     def Surfaces(self) -> tuple[Surface, ...]:
         """Returns the surface of the tissue."""
@@ -133,15 +143,3 @@ class NeedleInTissue(KernelBlock):
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns that the tip stays in the tissue, or in front of it."""
         return LinearPart(has_modes=True)
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        law = (needle_wrench, "path", "mode", "tool_position", "tool_velocity")
-        here: Term = (layer_at, "layers", "axis", "tool_position")
-        guard = (outside, "before", "ends", "axis", "mode", "tool_position")
-        return Kernel(
-            parameters={"path": self._path, **self._border},
-            outputs={"environment_force": law},
-            initial_mode=here,
-            transitions={"crosses_surface": Transition(guard=guard, mode=here)},
-        )

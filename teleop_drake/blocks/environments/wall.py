@@ -1,7 +1,8 @@
 """Environments behind one plane: walls that push back, rub, or relax."""
 
+from collections.abc import Mapping
 from types import MappingProxyType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from teleop_drake.blocks.environments.surface import (
     Surface,
     UnitNormal,
 )
-from teleop_drake.kernel import Kernel, KernelBlock
+from teleop_drake.kernel import FixedBlock, Kernel, Term
 from teleop_drake.laws.contact import creep_rate, solid_force, wall_force
 from teleop_drake.validation import REQUIRED, Config, Number
 
@@ -39,7 +40,7 @@ class WallConfig(EnvironmentConfig):
         return (PlaneSurface(CONTACT, self.start, normal_W),)
 
 
-class Wall(KernelBlock):
+class Wall(FixedBlock):
     """Base of the blocks behind one plane.
 
     | port | name              | size | unit                    |
@@ -51,19 +52,40 @@ class Wall(KernelBlock):
     Args:
         config: Where it is, and what it is made of.
         start: p_WT at time 0 in m (n).
+        parameters: Those of the material; the parameter `plane` has the plane.
+        force: The term of the force.
+        rate: The term of the state's rate; None: no state.
 
     Raises:
         ScenarioError: If a value is not allowed.
     """
 
-    def __init__(self, config: WallConfig, start: ArrayLike):
-        KernelBlock.__init__(self)
+    def __init__(
+        self,
+        config: WallConfig,
+        start: ArrayLike,
+        parameters: Mapping[str, Any],
+        force: Term,
+        rate: Term | None = None,
+    ):
         config.Check()
         self._surfaces = config.Surfaces(start)
         (surface,) = self._surfaces
-        self._plane = np.array([surface.point_W, surface.normal_W])
-        self.DeclareVectorInputPort("tool_position", np.size(start))
-        self.DeclareVectorInputPort("tool_velocity", np.size(start))
+        plane = np.array([surface.point_W, surface.normal_W])
+        n = np.size(start)
+        FixedBlock.__init__(
+            self,
+            "",
+            Kernel(
+                parameters={**parameters, "plane": plane},
+                outputs={"environment_force": force},
+                rate=rate,
+                unused=("tool_velocity",),
+            ),
+            inputs={"tool_position": n, "tool_velocity": n},
+            outputs={"environment_force": n},
+            state=() if rate is None else (0.0,),
+        )
 
     def Surfaces(self) -> tuple[Surface, ...]:
         """Returns the surface of what is behind the plane, at rest."""
@@ -142,25 +164,16 @@ class ContactWall(Wall):
     )
 
     def __init__(self, config: HuntCrossleyConfig, start: ArrayLike):
-        Wall.__init__(self, config, start)
         normal_law = [config.stiffness, config.exponent, config.damping]
         friction_law = [0.0, 1e-3]
         if isinstance(config, FrictionWallConfig):
             friction_law = [config.friction, config.creep_speed]
-        self._parameters = {
+        laws = {
             "normal_law": np.array(normal_law, dtype=float),
             "friction_law": np.array(friction_law, dtype=float),
-            "plane": self._plane,
         }
-        self.DeclareOutputs(environment_force=np.size(start))
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        inputs = (*self._parameters, "tool_position", "tool_velocity")
-        return Kernel(
-            parameters=self._parameters,
-            outputs={"environment_force": (wall_force, *inputs)},
-        )
+        force = (wall_force, *laws, "plane", "tool_position", "tool_velocity")
+        Wall.__init__(self, config, start, laws, force)
 
 
 @Config
@@ -214,18 +227,13 @@ class RelaxingTissue(Wall):
     )
 
     def __init__(self, config: StandardLinearSolidConfig, start: ArrayLike):
-        Wall.__init__(self, config, start)
         solid = [config.stiffness, config.branch_stiffness, config.relaxation_time]
-        self._solid = np.array(solid, dtype=float)
-        self.DeclareContinuousState(1)
-        self.DeclareOutputs(environment_force=np.size(start))
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
         inputs = ("solid", "state", "plane", "tool_position")
-        return Kernel(
-            parameters={"solid": self._solid, "plane": self._plane},
-            outputs={"environment_force": (solid_force, *inputs)},
+        Wall.__init__(
+            self,
+            config,
+            start,
+            {"solid": np.array(solid, dtype=float)},
+            force=(solid_force, *inputs),
             rate=(creep_rate, *inputs),
-            unused=("tool_velocity",),
         )

@@ -1,11 +1,8 @@
 """An operator whose commands come from outside while the simulation runs."""
 
-from collections.abc import Mapping
-from typing import Any
-
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.blocks.environments.surface import Surface
 from teleop_drake.blocks.operators.modes import ModalOperator
-from teleop_drake.kernel import Term
 
 
 class HandOperator(ModalOperator):
@@ -29,13 +26,24 @@ class HandOperator(ModalOperator):
 
     optional_inputs = ("line",)
 
-    def DeclareMore(self) -> None:
-        """Declares the input of the hand."""
-        self.DeclareVectorInputPort("line", 2 + 2 * self._num_axes)
-
-    def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
-        """Returns the term of the intended velocity, and its parameters; see kernel."""
-        return (velocity_on_line, "time", "line"), {}
+    def __init__(
+        self,
+        num_axes: int,
+        *,
+        contact_force: ArrayLike | None = None,
+        contact_surface: Surface | None = None,
+        stop_time: float | None = None,
+    ):
+        ModalOperator.__init__(
+            self,
+            num_axes,
+            (velocity_on_line, "time", "line"),
+            {},
+            inputs={"line": 2 + 2 * num_axes},
+            contact_force=contact_force,
+            contact_surface=contact_surface,
+            stop_time=stop_time,
+        )
 
 
 def velocity_on_line(time: float, line: Array) -> Array:

@@ -1,9 +1,7 @@
 """An operator who looks, feels and reacts: a human in the loop."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from pydrake.systems.framework import Diagram, System
@@ -15,7 +13,7 @@ from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.blocks.environments import Surface
 from teleop_drake.blocks.operators.base import OperatorConfig
 from teleop_drake.blocks.operators.modes import ModalOperator
-from teleop_drake.kernel import Kernel, Term
+from teleop_drake.kernel import Term
 from teleop_drake.laws.operator import (
     HumanOperator,
     intended_velocity,
@@ -90,33 +88,25 @@ class HumanHand(ModalOperator):
         stop_time: float | None = None,
     ):
         CheckChoice("goal", goal, GOALS)
-        self._human = human
-        self._follows_position = goal == "position"
+        n = human.velocity.size
+        inputs = ("perceived_motion", "haptic_force", "human")
+        rate: Term = (rate_to_velocity, "state", *inputs)
+        num_states = 4 * n
+        if goal == "position":
+            rate = (rate_to_position, "state", "time", *inputs)
+            num_states = 3 * n
         ModalOperator.__init__(
             self,
-            human.velocity.size,
+            n,
+            (intended_velocity, "state", "human"),
+            {"human": human},
+            inputs={"perceived_motion": 2 * n},
+            rate=rate,
+            state=np.zeros(num_states),
             contact_force=contact_force,
             contact_surface=contact_surface,
             stop_time=stop_time,
         )
-
-    def DeclareMore(self) -> None:
-        """Declares what is perceived, and the state."""
-        n = self._human.velocity.size
-        self.DeclareVectorInputPort("perceived_motion", 2 * n)
-        self.DeclareContinuousState(3 * n if self._follows_position else 4 * n)
-
-    def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
-        """Returns the term of the intended velocity, and its parameters; see kernel."""
-        return (intended_velocity, "state", "human"), {"human": self._human}
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        inputs = ("perceived_motion", "haptic_force", "human")
-        rate: Term = (rate_to_velocity, "state", *inputs)
-        if self._follows_position:
-            rate = (rate_to_position, "state", "time", *inputs)
-        return replace(super().Kernel(), rate=rate)
 
 
 class HumanStation(Diagram):

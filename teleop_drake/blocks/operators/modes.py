@@ -1,20 +1,20 @@
 """Base of the operators: a velocity until contact is felt, then a force."""
 
-from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.environments.surface import Surface
-from teleop_drake.kernel import Kernel, KernelBlock, Term, Transition
+from teleop_drake.kernel import FixedBlock, Kernel, Term, Transition
 from teleop_drake.kernel.linear_part import HeldForce, LinearPart
 from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
 from teleop_drake.validation import CheckNumber, CheckVector
 
 
-class ModalOperator(KernelBlock):
+class ModalOperator(FixedBlock):
     """Base of the operators that command a velocity, then a force, then a stop.
 
         mode 0, velocity: v_d = intended, F_h = force of the haptic device
@@ -45,15 +45,19 @@ class ModalOperator(KernelBlock):
 
     It does not get tired, or let go when the tool bounces off.
 
-    A subclass says in IntentionTerm() what it intends.
-
     Attributes:
-        memory: What a subclass has in the discrete state behind the two, at first.
         jump_times: When the outputs jump or are not smooth in any case, s.
         contact_surface: Where the operator perceives contact; None: nowhere.
 
     Args:
         num_axes: n.
+        intention: The term of v_d in m/s (n) before contact and before the stop.
+        parameters: Those of the term, and of the following.
+        inputs: Width of each further input by its name.
+        rate: The term of the continuous state's rate; None: no state.
+        state: The initial continuous state.
+        memory: What is in the discrete state behind the two, at first.
+        transitions: Further changes of the discrete state.
         contact_force: Force after contact in N (n); None: never switches.
         contact_surface: Where contact is perceived; None: never.
         stop_time: When the stop is commanded in s; None: never.
@@ -62,17 +66,21 @@ class ModalOperator(KernelBlock):
         ValueError: If a size or value is not allowed.
     """
 
-    memory: Sequence[float] = ()
-
     def __init__(
         self,
         num_axes: int,
+        intention: Term,
+        parameters: Mapping[str, Any],
         *,
+        inputs: Mapping[str, int] = MappingProxyType({}),
+        rate: Term | None = None,
+        state: ArrayLike = (),
+        memory: ArrayLike = (),
+        transitions: Mapping[str, Transition] = MappingProxyType({}),
         contact_force: ArrayLike | None = None,
         contact_surface: Surface | None = None,
         stop_time: float | None = None,
     ):
-        KernelBlock.__init__(self)
         n = num_axes
         force = np.zeros(n) if contact_force is None else contact_force
         CheckVector("contact_force", force, n, "N")
@@ -80,64 +88,50 @@ class ModalOperator(KernelBlock):
             CheckVector("contact_surface.point_W", contact_surface.point_W, n, "m")
         if stop_time is not None:
             CheckNumber("stop_time", stop_time, "s", minimum=0)
-        self._num_axes = n
         self._contact_force = np.array(force, dtype=float)
+        self._mode = np.append([0.0, 0.0], memory)
         self.contact_surface = None if contact_force is None else contact_surface
-        self._stop_time = stop_time
         self.jump_times = [] if stop_time is None else [stop_time]
-        self.DeclareVectorInputPort("haptic_force", n)
-        self.DeclareVectorInputPort("felt_position", n)
-        self.DeclareDiscreteState([0.0, 0.0, *self.memory])
-        self.DeclareMore()
-        self.DeclareOutputs(velocity_command=n, force_command=n, mode=1)
-
-    def DeclareMore(self) -> None:
-        """Declares what other inputs a subclass has, and its continuous state."""
-
-    @abstractmethod
-    def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
-        """Returns the term of v_d before contact and before the stop; see kernel.
-
-        With it come its parameters. v_d is in m/s (n).
-        """
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        intention, parameters = self.IntentionTerm()
-        transitions = {}
+        # What switches between the modes.
         parameters = {"contact_force": self._contact_force, **parameters}
+        switches = {}
         if self.contact_surface is not None:
             parameters["point"] = self.contact_surface.point_W
             parameters["normal"] = self.contact_surface.normal_W
-            transitions["perceives_contact"] = Transition(
+            switches["perceives_contact"] = Transition(
                 guard=(past_surface, "mode", "felt_position", "point", "normal"),
                 mode=(with_contact, "mode"),
             )
-        if self._stop_time is not None:
-            transitions["stops"] = Transition(
-                mode=(with_stop, "mode"), offset=self._stop_time
-            )
-        return Kernel(
-            parameters=parameters,
-            outputs={
-                "intended_velocity": intention,
-                "velocity_command": (velocity_command, "mode", "intended_velocity"),
-                "force_command": (
-                    force_command, "mode", "haptic_force", "contact_force"
-                ),
-                "mode": (mode_vector, "mode"),
-            },
-            sizes={"intended_velocity": self._num_axes},
-            transitions=transitions,
-            unused=("felt_position",),
-        )  # fmt: skip
+        if stop_time is not None:
+            switches["stops"] = Transition(mode=(with_stop, "mode"), offset=stop_time)
+        outputs: dict[str, Term] = {
+            "intended_velocity": intention,
+            "velocity_command": (velocity_command, "mode", "intended_velocity"),
+            "force_command": (force_command, "mode", "haptic_force", "contact_force"),
+            "mode": (mode_vector, "mode"),
+        }
+        FixedBlock.__init__(
+            self,
+            "",
+            Kernel(
+                parameters=parameters,
+                rate=rate,
+                outputs=outputs,
+                sizes={"intended_velocity": n},
+                transitions={**switches, **transitions},
+                unused=("felt_position",),
+            ),
+            inputs={"haptic_force": n, "felt_position": n, **inputs},
+            outputs={"velocity_command": n, "force_command": n, "mode": 1},
+            state=state,
+            mode=self._mode,
+        )
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns that what has been perceived stays perceived, and what follows."""
         if self.contact_surface is None:
             return LinearPart(has_modes=True)
-        perceived = with_contact(np.array([0.0, 0.0, *self.memory]))
-        held = HeldForce(state=perceived, force=self._contact_force)
+        held = HeldForce(state=with_contact(self._mode), force=self._contact_force)
         return LinearPart(has_modes=True, held_force=held)
 
 

@@ -1,8 +1,6 @@
 """An operator who moves, and waits until the move is seen to have ended."""
 
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -11,7 +9,7 @@ from teleop_drake.blocks.channels.base import SHORTEST_TIME
 from teleop_drake.blocks.environments import Surface
 from teleop_drake.blocks.operators.base import OperatorConfig
 from teleop_drake.blocks.operators.modes import ModalOperator
-from teleop_drake.kernel import Kernel, Term, Transition
+from teleop_drake.kernel import Transition
 from teleop_drake.laws.operator import operator_mode
 from teleop_drake.validation import CheckVector, Config, Number, Refuse
 
@@ -114,22 +112,6 @@ class MoveAndWaitOperator(ModalOperator):
         contact_surface: Surface | None = None,
     ):
         place = np.array(start, dtype=float)
-        self._habits = config.MakeHabits(place)
-        self.memory = (_MOVES, 0.0, 0.0, *place.tolist())
-        ModalOperator.__init__(self, place.size, **config.Modes(contact_surface))
-        self.longest_step = config.LongestStep()
-
-    def DeclareMore(self) -> None:
-        """Declares the velocity that is seen."""
-        self.DeclareVectorInputPort("felt_velocity", self._num_axes)
-
-    def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
-        """Returns the term of the move's velocity, and its parameters; see kernel."""
-        return (move_velocity, "time", "mode", "habits"), {"habits": self._habits}
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        kernel = super().Kernel()
         phases = {
             "sees_motion": Transition(
                 guard=(speed_of_new_motion, "mode", "felt_velocity", "habits"),
@@ -144,7 +126,17 @@ class MoveAndWaitOperator(ModalOperator):
                 mode=(planned, "mode", "time", "felt_position", "habits"),
             ),
         }
-        return replace(kernel, transitions={**kernel.transitions, **phases})
+        ModalOperator.__init__(
+            self,
+            place.size,
+            (move_velocity, "time", "mode", "habits"),
+            {"habits": config.MakeHabits(place)},
+            inputs={"felt_velocity": place.size},
+            memory=[_MOVES, 0.0, 0.0, *place],
+            transitions=phases,
+            **config.Modes(contact_surface),
+        )
+        self.longest_step = config.LongestStep()
 
 
 def _move(mode: Array, habits: Habits) -> tuple[Array, float]:

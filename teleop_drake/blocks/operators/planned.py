@@ -3,7 +3,7 @@
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,7 +13,7 @@ from teleop_drake.blocks.channels.base import SHORTEST_TIME
 from teleop_drake.blocks.environments import Surface
 from teleop_drake.blocks.operators.base import OperatorConfig
 from teleop_drake.blocks.operators.modes import ModalOperator
-from teleop_drake.kernel import Kernel, Term, Transition
+from teleop_drake.kernel import Term, Transition
 from teleop_drake.numerics.piecewise_polynomial import (
     differentiate_pieces,
     evaluate_pieces,
@@ -109,29 +109,22 @@ class PlannedOperator(ModalOperator):
         contact_surface: Surface | None = None,
         stop_time: float | None = None,
     ):
-        self._plan = plan
+        ends = {
+            f"end_{i}": Transition(mode="mode", offset=first, period=period)
+            for i, (first, period) in enumerate(plan.ends)
+        }
         ModalOperator.__init__(
             self,
             num_axes,
+            plan.velocity,
+            plan.parameters,
+            transitions=ends,
             contact_force=contact_force,
             contact_surface=contact_surface,
             stop_time=stop_time,
         )
         self.jump_times = [*plan.jump_times, *self.jump_times]
         self.longest_step = plan.longest_step
-
-    def IntentionTerm(self) -> tuple[Term, Mapping[str, Any]]:
-        """Returns the term of the planned velocity, and its parameters; see kernel."""
-        return self._plan.velocity, self._plan.parameters
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        kernel = super().Kernel()
-        ends = {
-            f"end_{i}": Transition(mode="mode", offset=first, period=period)
-            for i, (first, period) in enumerate(self._plan.ends)
-        }
-        return replace(kernel, transitions={**kernel.transitions, **ends})
 
 
 class ConstantVelocityOperator(PlannedOperator):

@@ -5,7 +5,7 @@ from dataclasses import field
 
 import numpy as np
 
-from teleop_drake.kernel import Kernel, KernelBlock, Transition
+from teleop_drake.kernel import FixedBlock, Kernel, Transition
 from teleop_drake.laws.actuators import next_sample
 from teleop_drake.validation import CheckNumber, Config, FixedFields, Number, Refuse
 
@@ -13,7 +13,7 @@ SHORTEST_PERIOD = 1e-6
 """Shortest time between samples in s. The simulation steps at least as often."""
 
 
-class SampledSensor(KernelBlock):
+class SampledSensor(FixedBlock):
     """Samples a signal, quantises it, and holds it until the next sample.
 
         sample_k = q floor((signal(k h) + noise_k)/q + 1/2)      held for
@@ -58,35 +58,36 @@ class SampledSensor(KernelBlock):
         seed: int = 0,
         stream: str = "",
     ):
-        KernelBlock.__init__(self)
         CheckNumber("sample_period", sample_period, "s", above=0)
         CheckNumber("resolution", resolution, minimum=0)
         CheckNumber("noise", noise, minimum=0)
         if seed < 0:
             Refuse("seed", seed, "a whole number >= 0")
-        n = self._n = len(initial_value)
-        self._law = float(resolution), float(noise), float(sample_period)
+        n = len(initial_value)
         sequence = np.random.SeedSequence(seed, spawn_key=tuple(stream.encode()))
         generator = 1 + sequence.generate_state(2 * n, np.uint64) % 2147483398
-        self.DeclareVectorInputPort("signal", n)
-        self.DeclareDiscreteState(
-            [0.0, *initial_value, *[0.0] * n, *generator.astype(float)]
+        law = {
+            "resolution": float(resolution),
+            "noise": float(noise),
+            "sample_period": float(sample_period),
+        }
+        samples = Transition(
+            mode=(next_sample, "mode", "signal", *law), period=law["sample_period"]
         )
-        self.DeclareOutputs(sample=n, rate=n)
-
-    def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
-        n = self._n
-        names = ("resolution", "noise", "sample_period")
-        return Kernel(
-            parameters=dict(zip(names, self._law, strict=True)),
-            outputs={"sample": ("mode", 1, 1 + n), "rate": ("mode", 1 + n, 1 + 2 * n)},
-            transitions={
-                "samples": Transition(
-                    mode=(next_sample, "mode", "signal", *names),
-                    period=self._law[2],
-                )
-            },
+        FixedBlock.__init__(
+            self,
+            "",
+            Kernel(
+                parameters=law,
+                outputs={
+                    "sample": ("mode", 1, 1 + n),
+                    "rate": ("mode", 1 + n, 1 + 2 * n),
+                },
+                transitions={"samples": samples},
+            ),
+            inputs={"signal": n},
+            outputs={"sample": n, "rate": n},
+            mode=[0.0, *initial_value, *[0.0] * n, *generator.astype(float)],
         )
 
 
