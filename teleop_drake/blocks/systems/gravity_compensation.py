@@ -4,30 +4,25 @@ from typing import Any
 
 from pydrake.multibody.plant import MultibodyPlant
 
+from teleop_drake.blocks.systems.plant_ports import PlantPorts
 from teleop_drake.kernel.convertible import Convertible, DualOf
 
 
-class _Compensation:
+class _Compensation(PlantPorts):
     """Ports and callback for any scalar type."""
 
-    def _Declare(self: Any, model: Any) -> None:
-        self.model = model
-        # Working memory only: every calculation sets its state before it is read.
-        self._model_context = model.CreateDefaultContext()
+    def Declare(self: Any, T: Any) -> None:
+        """Declares the ports."""
         self._state = self.DeclareVectorInputPort(
-            "plant_state", model.num_multibody_states()
+            "plant_state", self.plant.num_multibody_states()
         )
         self.DeclareVectorOutputPort(
-            "gravity_torque", model.num_velocities(), self._CalcTorque
+            "gravity_torque", self.plant.num_velocities(), self._CalcTorque
         )
 
-    def Mirror(self: Any, other: Any) -> None:
-        """Declares the ports of another block, and takes its model."""
-        self._Declare(other.model.ToAutoDiffXd())
-
     def _CalcTorque(self: Any, context: Any, output: Any) -> None:
-        model = self.model
-        model_context = self._model_context
+        model = self.plant
+        model_context = self._plant_context
         model.SetPositionsAndVelocities(model_context, self._state.Eval(context))
         output.SetFromVector(-model.CalcGravityGeneralizedForces(model_context))
 
@@ -58,4 +53,5 @@ class GravityCompensation(_Compensation, Convertible):
 
     def __init__(self, model: MultibodyPlant):
         Convertible.__init__(self)
-        self._Declare(model)
+        self.model = model
+        self.Use(float, model)

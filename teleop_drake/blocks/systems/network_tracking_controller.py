@@ -8,6 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import ValueProducer
 
+from teleop_drake.blocks.systems.plant_ports import PlantPorts
 from teleop_drake.kernel.callbacks import Weakly
 from teleop_drake.kernel.context_reader import Duals
 from teleop_drake.kernel.convertible import Convertible, DualOf
@@ -26,94 +27,73 @@ _DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
 _FELT = ("tool_position", "tool_velocity")
 
 
-class _Tracking:
+class _Tracking(PlantPorts):
     """Ports and callbacks for any scalar type."""
 
-    def _Declare(
-        self: Any,
-        gains: TrackingGains,
-        network: GaussianNetwork,
-        plant: Any,
-        tool_name: str,
+    def Declare(
+        self: Any, T: Any, gains: TrackingGains, network: GaussianNetwork, frame: Any
     ) -> None:
-        """Declares the ports, and keeps a context of the plant to compute with."""
+        """Declares the ports, each output with what it depends on."""
         self.gains = gains
         self.network = network
-        self.plant = plant
-        # Not the frame itself, which would keep the plant alive, which keeps this.
-        self._tool_frame = plant.GetFrameByName(tool_name).index()
-        # Working memory only: every calculation sets its state before it is read.
-        self._plant_context = plant.CreateDefaultContext()
+        self._tool_frame = frame
         self._origin = np.zeros(3)
         n = gains.num_axes
         N = network.num_functions
         sizes = dict.fromkeys(_DESIRED + _FELT, n)
-        sizes["joint_position"] = plant.num_positions()
-        sizes["joint_velocity"] = plant.num_velocities()
+        sizes["joint_position"] = self.plant.num_positions()
+        sizes["joint_velocity"] = self.plant.num_velocities()
         self._ports = {
             name: self.DeclareVectorInputPort(name, size)
             for name, size in sizes.items()
         }
         self.DeclareContinuousState(n * N)
-        self._DeclareOutputs(n, N)
-
-    def Mirror(self: Any, other: Any) -> None:
-        """Declares the ports of another block, and takes its law."""
-        plant = other.plant.ToAutoDiffXd()
-        name = other.tool_frame.name()
-        self._Declare(other.gains, other.network, plant, name)
-
-    def _DeclareOutputs(self: Any, n: int, N: int) -> None:
-        """Declares the outputs, each with what it depends on, and what they share."""
-        tickets = {name: {port.ticket()} for name, port in self._ports.items()}
-        state = {self.xc_ticket()}
+        tickets = {name: port.ticket() for name, port in self._ports.items()}
+        state = self.xc_ticket()
         position = tickets["tool_position"]
-        joints = tickets["joint_position"] | tickets["joint_velocity"]
-        errors = set().union(*(tickets[name] for name in _DESIRED[:2] + _FELT))
-
-        # Both the force and the weights need them. The index is kept, not the entry,
-        # which would keep this block alive.
-        def Cache(name: str, calc: Any, prerequisites: set[Any]) -> Any:
-            producer = ValueProducer(allocate=Value[object], calc=Weakly(calc))
-            return self.DeclareCacheEntry(name, producer, prerequisites).cache_index()
-
-        self._dynamics = Cache("task_dynamics", self._CalcDynamics, joints)
-        self._basis = Cache("basis_functions", self._CalcBasis, position)
-        everything = state.union(*tickets.values())
-        for name, size, calc, prerequisites in (
-            ("control_force", n, self._CalcControlForce, everything),
-            (
-                "disturbance_estimate",
-                n,
-                self._CalcDisturbanceEstimate,
-                state | position,
-            ),
-            ("weights_1", n * N, self._CalcWeights, state),
-            ("auxiliary_error", n, self._CalcAuxiliaryError, errors),
-        ):
-            self.DeclareVectorOutputPort(
-                name, size, calc, prerequisites_of_calc=prerequisites
-            )
+        errors = {tickets[name] for name in _DESIRED[:2] + _FELT}
+        # Both the force and the weights need the dynamics. The index is kept, not the
+        # entry, which would keep this block alive.
+        self._dynamics = self.DeclareCacheEntry(
+            "task_dynamics",
+            ValueProducer(allocate=Value[object], calc=Weakly(self._CalcDynamics)),
+            {tickets["joint_position"], tickets["joint_velocity"]},
+        ).cache_index()
+        declare = self.DeclareVectorOutputPort
+        declare("control_force", n, self._CalcForce, {state, *tickets.values()})
+        declare("disturbance_estimate", n, self._CalcEstimate, {state, position})
+        declare("weights_1", n * N, self._CalcWeights, {state})
+        declare("auxiliary_error", n, self._CalcError, errors)
 
     def _In(self: Any, context: Any, *names: str) -> list[Any]:
         """Returns the values at some inputs."""
         return [self._ports[name].Eval(context) for name in names]
 
-    def DoCalcTimeDerivatives(self: Any, context: Any, derivatives: Any) -> None:
-        """Evaluates the law; called by Drake several times in every step."""
-        derivatives.SetFromVector(
-            weights_rate(
-                self.gains,
-                self.get_cache_entry(self._dynamics).Eval(context),
-                self._GetWeights(context),
-                self.get_cache_entry(self._basis).Eval(context),
-                self._EvalAuxiliaryError(context),
-            )
-        )
-
-    def _GetWeights(self: Any, context: Any) -> Any:
+    def _Weights(self: Any, context: Any) -> Any:
         """Returns W, row by row."""
         return context.get_continuous_state_vector().CopyToVector()
+
+    def _Basis(self: Any, context: Any) -> Any:
+        """Returns Phi."""
+        return self.network.evaluate(*self._In(context, "tool_position"))
+
+    def _Error(self: Any, context: Any) -> Any:
+        """Returns s."""
+        return tracking_error(self.gains, *self._In(context, *_FELT, *_DESIRED[:2]))
+
+    def _Law(self: Any, context: Any) -> tuple[Any, ...]:
+        """Returns what the force and the rate of the weights follow from."""
+        return (
+            self.gains,
+            self.get_cache_entry(self._dynamics).Eval(context),
+            self._Weights(context),
+            self._Basis(context),
+            self._Error(context),
+        )
+
+    def DoCalcTimeDerivatives(self: Any, context: Any, derivatives: Any) -> None:
+        """Evaluates the law; called by Drake several times in every step."""
+        derivatives.SetFromVector(weights_rate(*self._Law(context)))
 
     def _CalcDynamics(self: Any, context: Any, output: Any) -> None:
         """Calculates the dynamics of the robot in task space (3.6)."""
@@ -145,33 +125,19 @@ class _Tracking:
             )
         )
 
-    def _CalcBasis(self: Any, context: Any, output: Any) -> None:
-        output.set_value(self.network.evaluate(*self._In(context, "tool_position")))
+    def _CalcForce(self: Any, context: Any, output: Any) -> None:
+        motion = self._In(context, "tool_velocity", *_DESIRED[1:])
+        output.SetFromVector(tracking_force(*self._Law(context), *motion))
 
-    def _EvalAuxiliaryError(self: Any, context: Any) -> Any:
-        return tracking_error(self.gains, *self._In(context, *_FELT, *_DESIRED[:2]))
-
-    def _CalcControlForce(self: Any, context: Any, output: Any) -> None:
-        output.SetFromVector(
-            tracking_force(
-                self.gains,
-                self.get_cache_entry(self._dynamics).Eval(context),
-                self._GetWeights(context),
-                self.get_cache_entry(self._basis).Eval(context),
-                self._EvalAuxiliaryError(context),
-                *self._In(context, "tool_velocity", *_DESIRED[1:]),
-            )
-        )
-
-    def _CalcDisturbanceEstimate(self: Any, context: Any, output: Any) -> None:
-        basis = self.get_cache_entry(self._basis).Eval(context)
-        output.SetFromVector(disturbance_estimate(self._GetWeights(context), basis))
+    def _CalcEstimate(self: Any, context: Any, output: Any) -> None:
+        estimate = disturbance_estimate(self._Weights(context), self._Basis(context))
+        output.SetFromVector(estimate)
 
     def _CalcWeights(self: Any, context: Any, output: Any) -> None:
-        output.SetFromVector(self._GetWeights(context))
+        output.SetFromVector(self._Weights(context))
 
-    def _CalcAuxiliaryError(self: Any, context: Any, output: Any) -> None:
-        output.SetFromVector(self._EvalAuxiliaryError(context))
+    def _CalcError(self: Any, context: Any, output: Any) -> None:
+        output.SetFromVector(self._Error(context))
 
 
 class NetworkTrackingController(_Tracking, Convertible):
@@ -237,7 +203,8 @@ class NetworkTrackingController(_Tracking, Convertible):
             allowed = f"{n}, one for each task axis"
             Refuse("network.num_inputs", network.num_inputs, allowed)
         self.set_name("network_tracking_controller")
-        self._Declare(gains, network, plant, tool_name)
+        frame = plant.GetFrameByName(tool_name).index()
+        self.Use(float, plant, gains=gains, network=network, frame=frame)
 
     @property
     def tool_frame(self) -> Frame:

@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
 from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.blocks.systems.plant_ports import PlantPorts
 from teleop_drake.blocks.systems.tool_interface import SpatialJacobian
 from teleop_drake.kernel.convertible import Convertible, DualOf
 from teleop_drake.laws.task_space import (
@@ -15,37 +16,32 @@ from teleop_drake.laws.task_space import (
 )
 from teleop_drake.validation import CheckVector, Refuse
 
+Held = tuple[Array, Array | None]
 
-class _Hold:
+
+def BodyRotation(plant: Any, context: Any, body: Any) -> Any:
+    """Returns R_WB of a body of a plant (3, 3)."""
+    return np.array(plant.EvalBodyPoseInWorld(context, body).rotation().matrix())
+
+
+class _Hold(PlantPorts):
     """Ports and callback for any scalar type."""
 
-    def _Declare(self: Any, plant: Any, tool_name: str) -> None:
-        self.plant = plant
-        # The body is looked up each time; see ToolInterface.
-        self._tool = plant.GetBodyByName(tool_name).index()
-        self.tool_index = int(self._tool)
-        # Working memory only: every calculation sets its state before it is read.
-        self._plant_context = plant.CreateDefaultContext()
+    def Declare(
+        self: Any, T: Any, num_axes: int, tool: Any, gains: PostureGains, held: Held
+    ) -> None:
+        """Declares the ports."""
+        self.num_axes = num_axes
+        self.tool_index = int(tool)
+        self.gains = gains
+        self.held = held
+        self._tool = tool
         self._state = self.DeclareVectorInputPort(
-            "plant_state", plant.num_multibody_states()
+            "plant_state", self.plant.num_multibody_states()
         )
         self.DeclareVectorOutputPort(
-            "hold_torque", plant.num_velocities(), self._CalcTorque
+            "hold_torque", self.plant.num_velocities(), self._CalcTorque
         )
-
-    def Mirror(self: Any, other: Any) -> None:
-        """Declares the ports of another block, and holds what it does."""
-        self.num_axes = other.num_axes
-        self.gains = other.gains
-        self._q_0, self._R_0 = other.held
-        self._keeps_orientation = self._R_0 is not None
-        tool = other.plant.get_body(other._tool)
-        self._Declare(other.plant.ToAutoDiffXd(), tool.name())
-
-    def _ToolRotation(self: Any) -> Any:
-        body = self.plant.get_body(self._tool)
-        pose = self.plant.EvalBodyPoseInWorld(self._plant_context, body)
-        return np.array(pose.rotation().matrix())
 
     def _CalcTorque(self: Any, context: Any, output: Any) -> None:
         """Calculates the torque that holds the posture or the orientation."""
@@ -55,17 +51,16 @@ class _Hold:
         plant.SetPositionsAndVelocities(plant_context, x)
         q, v = np.split(x, 2)
         tool = plant.get_body(self._tool)
+        q_0, R_0 = self.held
         J = SpatialJacobian(plant, plant_context, tool.body_frame())
         J_w = J[:3]
         J_v = np.concatenate((J[3:], J[:3]))[: self.num_axes]
         M = plant.CalcMassMatrix(plant_context)
-        if self._keeps_orientation:
-            R = self._ToolRotation()
-            tau = orientation_torque(
-                self.gains, M, J_v, J_w, self._R_0, R, self._q_0, q, v
-            )
+        if R_0 is None:
+            tau = posture_torque(self.gains, M, J_v, q_0, q, v)
         else:
-            tau = posture_torque(self.gains, M, J_v, self._q_0, q, v)
+            R = BodyRotation(plant, plant_context, tool)
+            tau = orientation_torque(self.gains, M, J_v, J_w, R_0, R, q_0, q, v)
         output.SetFromVector(tau)
 
 
@@ -89,6 +84,7 @@ class PostureHold(_Hold, Convertible):
 
     Attributes:
         plant, num_axes, gains: As given.
+        held: q_0, and R_0 if the orientation is held, else None.
         tool_index: Index of the body whose origin is the tool.
 
     Args:
@@ -121,15 +117,18 @@ class PostureHold(_Hold, Convertible):
         CheckVector("joint_positions", joint_positions, nv, "rad or m")
         if rows > nv:
             Refuse("num_axes", num_axes, f"{nv - 3 * keeps_orientation} or less")
-        self.num_axes = num_axes
-        self.gains = gains
-        self._keeps_orientation = keeps_orientation
-        self._Declare(plant, tool_name)
-        self._q_0 = np.array(joint_positions, dtype=float)
-        plant.SetPositions(self._plant_context, self._q_0)
-        self._R_0: Array = self._ToolRotation()
-
-    @property
-    def held(self) -> tuple[Array, Array | None]:
-        """q_0, and R_0 if the orientation is held."""
-        return self._q_0, self._R_0 if self._keeps_orientation else None
+        tool = plant.GetBodyByName(tool_name)
+        q_0 = np.array(joint_positions, dtype=float)
+        R_0 = None
+        if keeps_orientation:
+            context = plant.CreateDefaultContext()
+            plant.SetPositions(context, q_0)
+            R_0 = BodyRotation(plant, context, tool)
+        self.Use(
+            float,
+            plant,
+            num_axes=num_axes,
+            tool=tool.index(),
+            gains=gains,
+            held=(q_0, R_0),
+        )

@@ -4,13 +4,13 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialAcceleration_
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from teleop_drake.arrays import ArrayLike
+from teleop_drake.blocks.systems.plant_ports import PlantPorts
 from teleop_drake.jit.compiled import CompiledLaw
 from teleop_drake.kernel.convertible import Convertible, DualOf
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
@@ -25,28 +25,23 @@ def SpatialJacobian(plant: Any, context: Any, frame: Any) -> Any:
     )
 
 
-class _Interface:
+class _Interface(PlantPorts):
     """Ports and callbacks for any scalar type."""
 
-    def _Declare(
-        self: Any, T: Any, plant: Any, n: int, tool_name: str, R_WP: Any
-    ) -> None:
-        """Declares the ports, and keeps a context of the plant to compute with."""
+    def Declare(self: Any, T: Any, num_task_axes: int, tool: Any, R_WP: Any) -> None:
+        """Declares the ports."""
+        plant = self.plant
+        n = num_task_axes
         nv = plant.num_velocities()
-        self.plant = plant
-        # The body and its frame are looked up each time: to keep one would keep the
-        # plant, which keeps this, where Python's garbage collector does not see it.
-        self._tool = plant.GetBodyByName(tool_name).index()
-        self.tool_index = int(self._tool)
-        # Working memory only: every calculation sets its state before it is read.
-        self._plant_context = plant.CreateDefaultContext()
+        self.num_task_axes = n
+        self.tool_index = int(tool)
+        self.R_WP = R_WP
+        self._tool = tool
         self._tool_kinematics: Any = partial(tool_kinematics, n)
         self._joint_torques: Any = joint_torques
         if T is float:
             self._tool_kinematics = CompiledLaw(tool_kinematics, n)
             self._joint_torques = CompiledLaw(joint_torques)
-        self.num_task_axes = n
-        self.R_WP = R_WP
 
         self._plant_state = self.DeclareVectorInputPort(
             "plant_state", plant.num_multibody_states()
@@ -73,12 +68,6 @@ class _Interface:
             self._CalcJointTorques,
             state | {self._control_force.ticket(), self._environment_force.ticket()},
         )
-
-    def Mirror(self: Any, other: Any) -> None:
-        """Declares the ports of another block, and takes its plant."""
-        plant = other.plant.ToAutoDiffXd()
-        name = other.plant.get_body(other._tool).name()
-        self._Declare(AutoDiffXd, plant, other.num_task_axes, name, other.R_WP)
 
     def _CalcKinematics(self, context: Any, output: Any) -> None:
         x = self._plant_state.Eval(context)
@@ -184,4 +173,5 @@ class ToolInterface(_Interface, Convertible):
             allowed = "one for each joint, in the order of its generalized velocities"
             Refuse("plant.num_actuators", plant.num_actuators(), allowed)
         R_WP = np.array(np.eye(3) if R_WP is None else R_WP, dtype=float)
-        self._Declare(float, plant, num_task_axes, tool_name, R_WP)
+        tool = plant.GetBodyByName(tool_name).index()
+        self.Use(float, plant, num_task_axes=num_task_axes, tool=tool, R_WP=R_WP)
