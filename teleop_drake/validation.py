@@ -76,6 +76,12 @@ class FixedFields:
             place = f"{path}.{name}"
             CheckGain(place, value, num_axes, may_be_null=may_be_null, **sign)
 
+    def MakeMatrices(self, num_axes: int) -> None:
+        """Turns the fields of GainField() into matrices (n, n), except for nulls."""
+        for name, value, *_ in self._FieldsOf(_GAIN):
+            if value is not None:
+                setattr(self, name, GainMatrix(value, num_axes))
+
     def Gain(self, name: str, num_axes: int) -> Array:
         """Returns a field of GainField() as a matrix (n, n); refuses null."""
         sign = next(sign for x, *_, sign in self._FieldsOf(_GAIN) if x == name)

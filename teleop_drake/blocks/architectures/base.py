@@ -10,7 +10,7 @@ affair; those of the thesis are
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -149,12 +149,22 @@ class ArchitectureConfig(KindConfig, ABC):
         self.CheckNumbers(path)
 
     def Resolve(self, facts: Facts, path: str) -> Any:
-        """Returns the config with every default derived; here nothing derives.
+        """Returns the config with every default derived.
 
         Gains are matrices then, and no null is left that stands for a default. What
         cannot be derived is refused.
         """
-        return self
+        config = replace(self)
+        config.MakeMatrices(facts.num_axes)
+        config.DeriveDefaults(facts, path)
+        config.MakeMatrices(facts.num_axes)
+        return config
+
+    def DeriveDefaults(self, facts: Facts, path: str) -> None:
+        """Replaces each null that stands for a default; here nothing derives.
+
+        Gains that are given are matrices; a derived one may be a number.
+        """
 
     @abstractmethod
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:

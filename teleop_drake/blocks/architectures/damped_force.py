@@ -1,8 +1,7 @@
 """Direct force with local damping injection, against the ground or the command."""
 
 import math
-from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from teleop_drake.validation import (
     CheckGain,
     Config,
     GainField,
-    GainMatrix,
 )
 
 AGAINST = ("ground", "command")
@@ -124,14 +122,12 @@ class DampedForceConfig(ControlLawConfig):
         super().Check(path, num_axes)
         CheckChoice(f"{path}.against", self.against, AGAINST)
 
-    def Resolve(self, facts: Facts, path: str) -> Any:
-        """Returns the config with its default derived."""
-        damping = self.damping
-        if damping is None:
+    def DeriveDefaults(self, facts: Facts, path: str) -> None:
+        """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
+        if self.damping is None:
             field = f"{path}.damping"
             mass = np.linalg.eigvalsh(facts.Told("inertia", field))[-1]
-            damping = 2 * math.sqrt(facts.OperatorStiffness(field) * mass)
-        return replace(self, damping=GainMatrix(damping, facts.num_axes))
+            self.damping = 2 * math.sqrt(facts.OperatorStiffness(field) * mass)
 
     def MakeControlLaw(self, facts: Facts, path: str) -> DampedForce:
         """Makes the law."""

@@ -22,7 +22,6 @@ from teleop_drake.validation import (
     Config,
     FixedFields,
     GainField,
-    GainMatrix,
     Number,
 )
 
@@ -206,6 +205,21 @@ class LocalController(FixedFields):
     # N/m, >= 0. Null: M w^2; 0 at a station to which no motion comes.
     stiffness: np.ndarray | float | None = GainField(None, may_be_zero=True)
 
+    def Derived(self, mass: Any, bandwidth: float, num_axes: int) -> "LocalController":
+        """Returns the controller without nulls; see the fields.
+
+        Args:
+            mass: M in kg, a number or (n, n).
+            bandwidth: w in rad/s; 0: no motion comes to the station.
+        """
+        derived = replace(self)
+        if self.damping is None:
+            derived.damping = 2 * mass * bandwidth
+        if self.stiffness is None:
+            derived.stiffness = mass * bandwidth**2
+        derived.MakeMatrices(num_axes)
+        return derived
+
 
 @Config
 class FourChannelConfig(ArchitectureConfig):
@@ -252,54 +266,37 @@ class FourChannelConfig(ArchitectureConfig):
         self.C_m.CheckGains(f"{path}.C_m", num_axes)
         self.C_s.CheckGains(f"{path}.C_s", num_axes)
 
-    def Resolve(self, facts: Facts, path: str) -> Any:
-        """Returns the config with every default derived."""
-        n = facts.num_axes
+    def DeriveDefaults(self, facts: Facts, path: str) -> None:
+        """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
         # The variant decides what is exchanged, and so the local force.
-        factors = FOUR_CHANNEL_VARIANTS[self.variant]
-        variant = dict(zip(("C1", "C2", "C3", "C4"), factors, strict=True))
-        derived: dict[str, Any] = {
-            name: value
-            for name, value in variant.items()
-            if getattr(self, name) is None
-        }
-        config = replace(self, **derived)
-        for local, exchanged in (("C5", config.C3), ("C6", config.C2)):
-            if getattr(self, local) is None:
-                setattr(config, local, exchanged - 1 if exchanged else 0.0)
-        # The bandwidth leaves the round trip a phase of 1 rad.
-        w = self.bandwidth
-        if w is None:
-            w = facts.DevicePole()
-            T = facts.round_trip
-            w = min(w, 1 / T) if T > 0 else w
-        # The local controllers are critically damped at that bandwidth.
-        M_m = GainMatrix(self.master_mass, n)
-        B_s = self.slave_damping
-        if B_s is None:
-            B_s = 0.0
+        C1, C2, C3, C4 = FOUR_CHANNEL_VARIANTS[self.variant]
+        if self.C1 is None:
+            self.C1 = C1
+        if self.C2 is None:
+            self.C2 = C2
+        if self.C3 is None:
+            self.C3 = C3
+        if self.C4 is None:
+            self.C4 = C4
+        if self.C5 is None:
+            self.C5 = self.C3 - 1 if self.C3 else 0.0
+        if self.C6 is None:
+            self.C6 = self.C2 - 1 if self.C2 else 0.0
+        if self.slave_damping is None:
+            self.slave_damping = 0.0
             if self.variant == "four_channel":
-                B_s = facts.Told("robot_damping", f"{path}.slave_damping")
-
-        def Local(given: LocalController, is_tied: float) -> LocalController:
-            K = M_m * w**2 if is_tied else 0.0
-            B = 2 * M_m * w if is_tied else 0.0
-            return LocalController(
-                damping=GainMatrix(B if given.damping is None else given.damping, n),
-                stiffness=GainMatrix(
-                    K if given.stiffness is None else given.stiffness, n
-                ),
-            )
-
-        return replace(
-            config,
-            master_mass=M_m,
-            master_damping=GainMatrix(self.master_damping, n),
-            slave_damping=GainMatrix(B_s, n),
-            bandwidth=w,
-            C_m=Local(self.C_m, variant["C4"]),
-            C_s=Local(self.C_s, variant["C1"]),
-        )
+                field = f"{path}.slave_damping"
+                self.slave_damping = facts.Told("robot_damping", field)
+        # The bandwidth leaves the round trip a phase of 1 rad.
+        if self.bandwidth is None:
+            self.bandwidth = facts.DevicePole()
+            T = facts.round_trip
+            if T > 0:
+                self.bandwidth = min(self.bandwidth, 1 / T)
+        # The local controllers are critically damped at that bandwidth.
+        n = facts.num_axes
+        self.C_m = self.C_m.Derived(self.master_mass, self.bandwidth if C4 else 0.0, n)
+        self.C_s = self.C_s.Derived(self.master_mass, self.bandwidth if C1 else 0.0, n)
 
     def MakeStation(self, end: str, start: ArrayLike) -> Station:
         """Returns what one end is, master or slave; refuses what it cannot be."""

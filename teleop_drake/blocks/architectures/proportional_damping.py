@@ -1,8 +1,7 @@
 """P+d: position-position control with a spring and damping injection."""
 
 import math
-from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -192,32 +191,28 @@ class ProportionalDampingConfig(ArchitectureConfig):
         """Whether the stiffness derives from the nominal delays."""
         return self.stiffness is None
 
-    def Resolve(self, facts: Facts, path: str) -> Any:
-        """Returns the config with every default derived."""
+    def DeriveDefaults(self, facts: Facts, path: str) -> None:
+        """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
+        if self.master_damping is None:
+            resistance = facts.OperatorResistance(f"{path}.master_damping")
+            self.master_damping = resistance
+        if self.slave_damping is None:
+            self.slave_damping = self.master_damping
+        if self.stiffness is not None:
+            return
         n = facts.num_axes
-        B_m = self.master_damping
-        if B_m is None:
-            B_m = facts.OperatorResistance(f"{path}.master_damping")
-        B_m = GainMatrix(B_m, n)
-        B_s = B_m if self.slave_damping is None else GainMatrix(self.slave_damping, n)
-        mass = GainMatrix(self.master_mass, n)
-        stiffness = self.stiffness
-        if stiffness is None:
-            least = np.linalg.eigvalsh(B_m)[0] * np.linalg.eigvalsh(B_s)[0]
-            stiffness = float(np.linalg.eigvalsh(mass)[0]) * facts.DevicePole() ** 2
-            T = facts.round_trip
-            if T > 0:
-                stiffness = min(stiffness, math.sqrt(4 * least / self.margin) / T)
-            if not stiffness > 0:
-                allowed = "a number, because the dampings or the poles of haptic_device"
-                Refuse(f"{path}.stiffness", None, f"{allowed} are 0")
-        return replace(
-            self,
-            master_mass=mass,
-            master_damping=B_m,
-            slave_damping=B_s,
-            stiffness=GainMatrix(stiffness, n),
+        mass, B_m, B_s = (
+            float(np.linalg.eigvalsh(GainMatrix(gain, n))[0])
+            for gain in (self.master_mass, self.master_damping, self.slave_damping)
         )
+        stiffness = mass * facts.DevicePole() ** 2
+        T = facts.round_trip
+        if T > 0:
+            stiffness = min(stiffness, math.sqrt(4 * B_m * B_s / self.margin) / T)
+        if not stiffness > 0:
+            allowed = "a number, because the dampings or the poles of haptic_device"
+            Refuse(f"{path}.stiffness", None, f"{allowed} are 0")
+        self.stiffness = stiffness
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes both sides."""

@@ -1,7 +1,6 @@
 """Direct force with a model of the robot at the master: Smith's predictor."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -145,30 +144,22 @@ class SmithPredictorConfig(ArchitectureConfig):
     # Local damper at the tool, N s/m, >= 0; see DampedForce. Smith's has none.
     local_damping: np.ndarray | float = GainField(0.0, may_be_zero=True)
 
-    def Resolve(self, facts: Facts, path: str) -> Any:
-        """Returns the config with every default derived."""
-        n = facts.num_axes
-        mass = self.mass
-        damping = self.damping
-        stiffness = self.stiffness
-        local = GainMatrix(self.local_damping, n)
-        if mass is None:
-            mass = facts.Told("inertia", f"{path}.mass")
-        if damping is None:
-            damping = facts.StartDamping(f"{path}.damping") + local
-        if stiffness is None:
-            stiffness = facts.Told("environment_stiffness", f"{path}.stiffness")
-        if np.any(GainMatrix(stiffness, n)[3:]):
+    def DeriveDefaults(self, facts: Facts, path: str) -> None:
+        """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
+        if self.mass is None:
+            self.mass = facts.Told("inertia", f"{path}.mass")
+        if self.damping is None:
+            drag = facts.StartDamping(f"{path}.damping")
+            self.damping = drag + self.local_damping
+        if self.stiffness is None:
+            field = f"{path}.stiffness"
+            self.stiffness = facts.Told("environment_stiffness", field)
+        if self.delay is None:
+            self.delay = facts.round_trip
+        if np.any(GainMatrix(self.stiffness, facts.num_axes)[3:]):
             # y is no rotation: it is the integral of an angular velocity.
-            Refuse(f"{path}.stiffness", stiffness, "0 about axes: a model has no pose")
-        return replace(
-            self,
-            mass=GainMatrix(mass, n),
-            damping=GainMatrix(damping, n),
-            stiffness=GainMatrix(stiffness, n),
-            delay=facts.round_trip if self.delay is None else self.delay,
-            local_damping=local,
-        )
+            allowed = "0 about axes: a model has no pose"
+            Refuse(f"{path}.stiffness", self.stiffness, allowed)
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes both sides."""

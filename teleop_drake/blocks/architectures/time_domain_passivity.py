@@ -1,6 +1,5 @@
 """Direct force under passivity control in the time domain."""
 
-from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -27,7 +26,6 @@ from teleop_drake.validation import (
     CheckNumber,
     Config,
     GainField,
-    GainMatrix,
     Number,
     Refuse,
 )
@@ -278,16 +276,12 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
     # none.
     local_damping: np.ndarray | float = GainField(0.0, may_be_zero=True)
 
-    def Resolve(self, facts: Facts, path: str) -> Any:
-        """Returns the config with every default derived."""
-        damping: Any = self.maximum_damping
-        mobility: Any = self.maximum_mobility
-        energy: Any = self.initial_energy
-        local = GainMatrix(self.local_damping, facts.num_axes)
-        if damping is None:
+    def DeriveDefaults(self, facts: Facts, path: str) -> None:
+        """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
+        if self.maximum_damping is None:
             inertia = facts.Told("inertia", f"{path}.maximum_damping")
-            damping = _Extreme(inertia, 0) / self.horizon
-        if mobility is None:
+            self.maximum_damping = _Extreme(inertia, 0) / self.horizon
+        if self.maximum_mobility is None:
             h: Any = facts.DeviceGain()
             if not h > 0:
                 allowed = "a number, because none derives from haptic_device with"
@@ -295,20 +289,13 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
             # About an axis the device is lever^2 H(s).
             if facts.num_axes == 6:
                 h = h * np.repeat([1.0, facts.haptic_device.lever**2], 3)
-            mobility = 1 / (h * self.horizon)
-        if energy is None:
+            self.maximum_mobility = 1 / (h * self.horizon)
+        if self.initial_energy is None:
             field = f"{path}.initial_energy"
             mass = _Extreme(facts.Told("inertia", field), -1)
-            drag = _Extreme(facts.StartDamping(field) + local, -1)
+            drag = _Extreme(facts.StartDamping(field) + self.local_damping, -1)
             speed_squared = facts.velocity @ facts.velocity
-            energy = (mass / 2 + drag * facts.round_trip) * speed_squared
-        return replace(
-            self,
-            maximum_damping=damping,
-            maximum_mobility=mobility,
-            initial_energy=energy,
-            local_damping=local,
-        )
+            self.initial_energy = (mass / 2 + drag * facts.round_trip) * speed_squared
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes both sides."""

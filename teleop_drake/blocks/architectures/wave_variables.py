@@ -1,7 +1,6 @@
 """Wave variables: the channels carry waves, which delay cannot make active."""
 
-from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from teleop_drake.blocks.architectures.base import (
     SlaveSide,
 )
 from teleop_drake.blocks.architectures.facts import Facts
-from teleop_drake.blocks.channels import ChannelConfig
 from teleop_drake.kernel import Kernel, times
 from teleop_drake.laws.wave_variables import (
     line_power,
@@ -28,7 +26,6 @@ from teleop_drake.validation import (
     CheckNumber,
     Config,
     GainField,
-    GainMatrix,
     Number,
     Refuse,
 )
@@ -220,26 +217,18 @@ class WaveVariablesConfig(ArchitectureConfig):
     # Factor on the arriving returning wave, 0 to 1. Null: as for the forward wave.
     return_scaling: float | None = Number(None, above=0, maximum=1)
 
-    def Resolve(self, facts: Facts, path: str) -> Any:
-        """Returns the config with every default derived."""
-        n = facts.num_axes
-        impedance = self.impedance
-        if impedance is None:
-            impedance = facts.OperatorResistance(f"{path}.impedance")
-        damping = impedance if self.master_damping is None else self.master_damping
-
-        def Scaling(given: float | None, channel: ChannelConfig) -> float:
-            if given is not None:
-                return given
-            return passive_scaling(channel.LargestSlope(facts.duration))
-
-        return replace(
-            self,
-            impedance=GainMatrix(impedance, n),
-            master_damping=GainMatrix(damping, n),
-            forward_scaling=Scaling(self.forward_scaling, facts.forward_channel),
-            return_scaling=Scaling(self.return_scaling, facts.return_channel),
-        )
+    def DeriveDefaults(self, facts: Facts, path: str) -> None:
+        """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
+        if self.impedance is None:
+            self.impedance = facts.OperatorResistance(f"{path}.impedance")
+        if self.master_damping is None:
+            self.master_damping = self.impedance
+        if self.forward_scaling is None:
+            slope = facts.forward_channel.LargestSlope(facts.duration)
+            self.forward_scaling = passive_scaling(slope)
+        if self.return_scaling is None:
+            slope = facts.return_channel.LargestSlope(facts.duration)
+            self.return_scaling = passive_scaling(slope)
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes both sides; refuses a wave that would go round in no time."""
