@@ -130,8 +130,7 @@ class NetworkChannelConfig(VaryingDelayConfig):
             path: The channel's field in a scenario, for messages.
         """
         CheckNumber(f"{path}.sample_period", self.sample_period, "s", above=0)
-        trace = self.MeasuredDelays(duration, path)
-        profile = self.ProfileOf(trace, duration, path)
+        profile, trace = self.Read(duration, path)
         with Within(path):
             return PacketNetwork(
                 profile=profile,

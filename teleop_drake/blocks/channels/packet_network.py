@@ -24,8 +24,9 @@ A ValueError names the parameter by its place in a channel ("jitter.std"), its v
 and what is allowed.
 """
 
+import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
@@ -165,22 +166,6 @@ class Receiver(PacketConfig):
     depth: float = Number(0.0, "s", minimum=0)
 
 
-@dataclass
-class _Block:
-    """The fates of _BLOCK packets, and what the next block goes on from.
-
-    A packet is lost if it arrives at infinity; NaN is beyond the network's duration.
-    """
-
-    arrivals: Array
-    # Whether the chain of the losses ends in its bad state.
-    is_bad: bool
-    # The last g of the jitter.
-    deviate: float
-    # When the latest packet so far arrives.
-    latest: float
-
-
 class PacketNetwork:
     """A network to which a packet is given every sample period.
 
@@ -223,8 +208,9 @@ class PacketNetwork:
             Refuse("seed", seed, "a whole number >= 0")
         self._CheckJitter()
         self._CheckLoss()
-        # Pure values: what a block holds does not depend on who asks.
-        self._blocks: list[_Block] = []
+        # What a block holds does not depend on who asks.
+        self._blocks: list[Array] = []
+        self._fates = self._Fates()
 
     def _CheckJitter(self) -> None:
         """Checks the jitter, and that no delay is negative."""
@@ -242,15 +228,16 @@ class PacketNetwork:
             least = jitter.minimum - mean if jitter.std > 0 else 0.0
         least += self.profile.minimum
         # A margin for the rounding of the sum of the bounds.
-        if least < -1e-12 and jitter.kind == "uniform":
+        if least >= -1e-12:
+            return
+        if jitter.kind == "uniform":
             allowed = f"such that the delay, down to {least:g} s, is never negative"
             Refuse("jitter.std", jitter.std, allowed)
-        if least < -1e-12:
-            allowed = (
-                f">= {jitter.minimum - least:g} (s), so that with what varies with "
-                "time no delay is negative"
-            )
-            Refuse("jitter.minimum", jitter.minimum, allowed)
+        allowed = (
+            f">= {jitter.minimum - least:g} (s), so that with what varies with "
+            "time no delay is negative"
+        )
+        Refuse("jitter.minimum", jitter.minimum, allowed)
 
     def _CheckLoss(self) -> None:
         """Checks the loss, and that the chain of bursts exists."""
@@ -282,8 +269,8 @@ class PacketNetwork:
         """
         block, place = divmod(k, _BLOCK)
         while block >= len(self._blocks):
-            self._blocks.append(self._MakeBlock(len(self._blocks)))
-        arrival = float(self._blocks[block].arrivals[place])
+            self._blocks.append(next(self._fates))
+        arrival = float(self._blocks[block][place])
         if math.isnan(arrival):
             self.profile(k * self.sample_period)
         return arrival
@@ -328,25 +315,30 @@ class PacketNetwork:
         # Of the 256 bits of the counter, the upper half tells the blocks apart.
         return np.random.Generator(np.random.Philox(key=key, counter=block << 128))
 
-    def _MakeBlock(self, block: int) -> _Block:
-        """Returns the fates of a block's packets; the block before it is made."""
-        jitter, deviate = self._JitterOf(block)
-        is_lost, is_bad = self._LossOf(block)
-        sent = np.arange(block * _BLOCK, (block + 1) * _BLOCK) * self.sample_period
-        # As the profile has it.
-        sent = sent[sent <= self.profile.duration * (1 + 1e-9)]
-        arrivals = sent + np.maximum(self.profile(sent) + jitter[: len(sent)], 0.0)
-        arrived = ~is_lost[: len(sent)]
-        if self._is_lost is not None:
-            arrived &= ~self._is_lost(sent)
-        latest = self._blocks[block - 1].latest if block else 0.0
-        if self._jitter.keeps_order and arrived.any():
-            in_order = np.maximum.accumulate(arrivals[arrived])
-            arrivals[arrived] = np.maximum(in_order, latest)
-            latest = arrivals[arrived][-1]
-        fates = np.full(_BLOCK, math.nan)
-        fates[: len(sent)] = np.where(arrived, self._Snap(arrivals), math.inf)
-        return _Block(fates, is_bad, deviate, latest)
+    def _Fates(self) -> Iterator[Array]:
+        """Yields when the packets of a block arrive (s), block after block.
+
+        A packet that is lost arrives at infinity; beyond the duration it is NaN.
+        """
+        latest = 0.0
+        jitters = self._Jitters()
+        losses = self._Losses()
+        for block in itertools.count():
+            sent = np.arange(block * _BLOCK, (block + 1) * _BLOCK) * self.sample_period
+            # As the profile has it.
+            sent = sent[sent <= self.profile.duration * (1 + 1e-9)]
+            delays = self.profile(sent) + next(jitters)[: len(sent)]
+            arrivals = sent + np.maximum(delays, 0.0)
+            arrived = ~next(losses)[: len(sent)]
+            if self._is_lost is not None:
+                arrived &= ~self._is_lost(sent)
+            if self._jitter.keeps_order and arrived.any():
+                in_order = np.maximum.accumulate(arrivals[arrived])
+                arrivals[arrived] = np.maximum(in_order, latest)
+                latest = arrivals[arrived][-1]
+            fates = np.full(_BLOCK, math.nan)
+            fates[: len(sent)] = np.where(arrived, self._Snap(arrivals), math.inf)
+            yield fates
 
     def _Snap(self, times: Array) -> Array:
         # 0.1 + 3 * 0.1 is not 4 * 0.1.
@@ -354,65 +346,74 @@ class PacketNetwork:
         within = same_within(float(times.max(initial=0.0)))
         return np.where(np.abs(times - ticks) <= within, ticks, times)
 
-    def _JitterOf(self, block: int) -> tuple[Array, float]:
-        """Returns the jitter, and the last deviate g if it is correlated."""
+    def _Jitters(self) -> Iterator[Array]:
+        """Yields the jitter of a block's packets in s, block after block."""
         jitter = self._jitter
         std = jitter.std
-        if jitter.kind == "none" or std == 0:
-            return np.zeros(_BLOCK), 0.0
-        random = self._Random("jitter", block)
         excess = self.profile.delay - jitter.minimum
+        if jitter.kind == "none" or std == 0:
+            yield from itertools.repeat(np.zeros(_BLOCK))
         if jitter.kind == "gamma" and not jitter.correlation_time:
-            scale = std**2 / excess
-            return random.gamma((excess / std) ** 2, scale, _BLOCK) - excess, 0.0
+            for block in itertools.count():
+                random = self._Random("jitter", block)
+                scale = std**2 / excess
+                yield random.gamma((excess / std) ** 2, scale, _BLOCK) - excess
 
         from scipy.special import gammaincinv, ndtr, ndtri  # It takes a tenth of a s.
 
-        # Where each packet is in the distribution of the jitter, 0 to 1.
-        deviate = 0.0
-        if jitter.correlation_time:
-            deviates = self._Deviates(block, random.standard_normal(_BLOCK).tolist())
-            deviate = deviates[-1]
-            u = ndtr(deviates)
-        else:
-            u = random.random(_BLOCK)
-        u = np.clip(u, 2.0**-53, 1 - 2.0**-53)
-        if jitter.kind == "gamma":
-            values = gammaincinv((excess / std) ** 2, u) * std**2 / excess - excess
-        elif jitter.kind == "uniform":
-            values = math.sqrt(3) * std * (2 * u - 1)
-        else:
-            # The inverse of the cumulative distribution above the minimum.
-            values = np.maximum(-std * ndtri(u * ndtr(excess / std)), -excess)
-        return values, deviate
+        for shares in self._Shares():
+            u = np.clip(shares, 2.0**-53, 1 - 2.0**-53)
+            if jitter.kind == "gamma":
+                yield gammaincinv((excess / std) ** 2, u) * std**2 / excess - excess
+            elif jitter.kind == "uniform":
+                yield math.sqrt(3) * std * (2 * u - 1)
+            else:
+                # The inverse of the cumulative distribution above the minimum.
+                yield np.maximum(-std * ndtri(u * ndtr(excess / std)), -excess)
 
-    def _Deviates(self, block: int, noise: list[float]) -> list[float]:
-        """Returns g of a block, which goes on from the block before."""
-        a = math.exp(-self.sample_period / self._jitter.correlation_time)
-        g = self._blocks[block - 1].deviate if block else noise[0]
-        deviates = [] if block else [g]
-        for n in noise if block else noise[1:]:
-            g = a * g + math.sqrt(1 - a * a) * n
-            deviates.append(g)
-        return deviates
+    def _Shares(self) -> Iterator[Array]:
+        """Yields where packets are in the distribution of the jitter, 0 to 1."""
+        from scipy.special import ndtr
 
-    def _LossOf(self, block: int) -> tuple[Array, bool]:
-        """Returns what is lost, and whether the chain ends in its bad state."""
+        time = self._jitter.correlation_time
+        a = math.exp(-self.sample_period / time) if time else 0.0
+
+        def Next(g: float, noise: float) -> float:
+            return a * g + math.sqrt(1 - a * a) * noise
+
+        last: list[float] = []
+        for block in itertools.count():
+            random = self._Random("jitter", block)
+            if not time:
+                yield random.random(_BLOCK)
+                continue
+            noise = random.standard_normal(_BLOCK).tolist()
+            deviates = list(itertools.accumulate(last + noise, Next))[-_BLOCK:]
+            last = deviates[-1:]
+            yield ndtr(deviates)
+
+    def _Losses(self) -> Iterator[Array]:
+        """Yields which packets of a block are lost, block after block."""
         loss = self._loss
-        if loss.kind == "none":
-            return np.zeros(_BLOCK, bool), False
-        u = self._Random("loss", block).random(_BLOCK)
-        if loss.kind == "independent":
-            return u < loss.probability, False
+        bursts = self._Bursts()
+        for block in itertools.count():
+            is_burst = loss.kind == "burst"
+            probability = next(bursts) if is_burst else loss.probability
+            yield self._Random("loss", block).random(_BLOCK) < probability
+
+    def _Bursts(self) -> Iterator[Array]:
+        """Yields with what probability packets are lost that are lost in bursts."""
+        loss = self._loss
         share = (loss.probability - loss.good_loss) / (loss.bad_loss - loss.good_loss)
         leave = 1 / loss.burst_length
         enter = leave * share / (1 - share)
-        is_bad = self._blocks[block - 1].is_bad if block else False
-        states: list[bool] = []
-        for step in self._Random("burst", block).random(_BLOCK).tolist():
-            if block == 0 and not states:
-                is_bad = step < share
-            else:
-                is_bad = step >= leave if is_bad else step < enter
-            states.append(is_bad)
-        return u < np.where(states, loss.bad_loss, loss.good_loss), is_bad
+        is_bad: bool | None = None
+        for block in itertools.count():
+            states = []
+            for step in self._Random("burst", block).random(_BLOCK).tolist():
+                if is_bad is None:
+                    is_bad = step < share
+                else:
+                    is_bad = step >= leave if is_bad else step < enter
+                states.append(is_bad)
+            yield np.where(states, loss.bad_loss, loss.good_loss)

@@ -57,8 +57,7 @@ class SampledDelay(ChannelBlock):
     ):
         ChannelBlock.__init__(self, delay=delay, size=size, initial_value=initial_value)
         CheckNumber("sample_period", sample_period, "s", above=0)
-        if 0 < delay < sample_period:
-            Refuse("sample_period", sample_period, f"at most the delay, {delay} s")
+        _CheckAtMostDelay("sample_period", sample_period, delay)
         if delay == 0:
             self.DeclarePassThrough()
             return
@@ -93,6 +92,12 @@ def CheckSamplePeriod(path: str, sample_period: float, delay: float) -> None:
     CheckNumber(f"{path}.sample_period", sample_period, "s", minimum=minimum)
 
 
+def _CheckAtMostDelay(path: str, sample_period: float, delay: float) -> None:
+    """Refuses a sample period that is longer than a delay other than 0, both in s."""
+    if 0 < delay < sample_period:
+        Refuse(path, sample_period, f"at most the delay, {delay:g} (s)")
+
+
 @Config
 class SampledChannelConfig(ChannelConfig):
     """Sends a packet each sample period, which arrives after `delay` and is held.
@@ -109,9 +114,7 @@ class SampledChannelConfig(ChannelConfig):
         """Checks every field."""
         super().Check(path, duration)
         CheckSamplePeriod(path, self.sample_period, self.delay)
-        if 0 < self.delay < self.sample_period:
-            allowed = f"at most the delay, {self.delay:g} (s)"
-            Refuse(f"{path}.sample_period", self.sample_period, allowed)
+        _CheckAtMostDelay(f"{path}.sample_period", self.sample_period, self.delay)
 
     def MakeChannel(
         self,

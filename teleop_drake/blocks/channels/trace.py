@@ -71,25 +71,23 @@ class Trace:
         missing = duration - times[-1]
         if missing <= 0 or end == "refuse":
             return replace(self, times=times)
+        entries = np.arange(len(times))
         if end == "hold":
-            return replace(
-                self,
-                times=np.append(times, duration),
-                delays=np.append(self.delays, self.delays[-1]),
-                is_lost=np.append(self.is_lost, self.is_lost[-1]),
-            )
-        period = times[-1] + times[-1] / (len(times) - 1)
-        count = int(duration / period) + 1
-        if count * len(times) > _MAX_ENTRIES:
-            Refuse("trace_end", end, f"such that there are {_MAX_ENTRIES:g} entries")
-        times = np.concatenate([times + i * period for i in range(count)])
-        # Also the way back from the last entry to the first one.
-        return replace(
-            self,
-            times=np.append(times, count * period),
-            delays=np.append(np.tile(self.delays, count), self.delays[0]),
-            is_lost=np.append(np.tile(self.is_lost, count), self.is_lost[0]),
-        )
+            entries = np.append(entries, entries[-1])
+            times = np.append(times, duration)
+        else:
+            period = times[-1] + times[-1] / (len(times) - 1)
+            count = int(duration / period) + 1
+            if count * len(times) > _MAX_ENTRIES:
+                allowed = f"such that there are {_MAX_ENTRIES:g} entries"
+                Refuse("trace_end", end, allowed)
+            # Also the way back from the last entry to the first one.
+            entries = np.append(np.tile(entries, count), 0)
+            begins = period * np.arange(count)
+            times = np.append(np.add.outer(begins, times), count * period)
+        delays = self.delays[entries]
+        is_lost = self.is_lost[entries]
+        return replace(self, times=times, delays=delays, is_lost=is_lost)
 
     def IsLost(self, times: np.ndarray) -> np.ndarray:
         """Returns whether the last entry until each of some times was lost (K).

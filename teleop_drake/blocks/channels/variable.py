@@ -181,45 +181,42 @@ class VaryingDelayConfig(ChannelConfig):
     # One of ENDS, where the simulation outlasts it: refuse, hold, repeat.
     trace_end: str = "refuse"
 
-    def MeasuredDelays(self, duration: float, path: str) -> Trace | None:
-        """Reads the trace, if there is one."""
-        CheckChoice(f"{path}.trace_end", self.trace_end, ENDS)
-        if self.trace is None:
-            return None
-        read = ReadTrace(f"{path}.trace", self.trace)
-        with Within(path):
-            trace = read.Until(duration, self.trace_end)
-        if trace.times[-1] < duration:
-            allowed = (
-                f"at least as long as the duration, {duration:g} s, not "
-                f"{trace.times[-1]:g} s; trace_end says what to do else, hold or "
-                "repeat"
-            )
-            Refuse(f"{path}.trace", self.trace, allowed)
-        return trace
-
-    def Profile(self, duration: float, path: str = "channel") -> DelayProfile:
-        """Returns how the delay varies with time, jitter apart; reads the trace."""
-        return self.ProfileOf(self.MeasuredDelays(duration, path), duration, path)
-
-    def ProfileOf(
-        self, trace: Trace | None, duration: float, path: str
-    ) -> DelayProfile:
-        """Returns the same with a trace that has been read.
+    def Read(
+        self, duration: float, path: str = "channel"
+    ) -> tuple[DelayProfile, Trace | None]:
+        """Returns how the delay varies with time, jitter apart, and the trace.
 
         Args:
-            trace: What MeasuredDelays() returned.
             duration: Until when, in s.
             path: The channel's field in a scenario, for messages.
         """
+        CheckChoice(f"{path}.trace_end", self.trace_end, ENDS)
+        trace = None
+        if self.trace is not None:
+            trace = ReadTrace(f"{path}.trace", self.trace)
         with Within(path):
-            return DelayProfile(
+            if trace is not None:
+                trace = trace.Until(duration, self.trace_end)
+                if trace.times[-1] < duration:
+                    allowed = (
+                        f"at least as long as the duration, {duration:g} s, not "
+                        f"{trace.times[-1]:g} s; trace_end says what to do else, hold "
+                        "or repeat"
+                    )
+                    Refuse("trace", self.trace, allowed)
+            profile = DelayProfile(
                 delay=self.delay,
                 drift=self.drift,
                 sinusoid=self.sinusoid,
                 trace=None if trace is None else (trace.times, trace.delays),
                 duration=duration,
             )
+        return profile, trace
+
+    def Profile(self, duration: float, path: str = "channel") -> DelayProfile:
+        """Returns how the delay varies with time, jitter apart; reads the trace."""
+        profile, _ = self.Read(duration, path)
+        return profile
 
     def LargestSlope(self, duration: float) -> float:
         """Returns an upper bound of dT/dt, jitter apart."""
@@ -303,14 +300,13 @@ class VariableChannelConfig(VaryingDelayConfig):
     def Check(self, path: str, duration: float) -> None:
         """Checks every field; reads the trace."""
         super().Check(path, duration)
-        trace = self.MeasuredDelays(duration, path)
+        profile, trace = self.Read(duration, path)
         if trace is not None and trace.is_lost.any():
             allowed = (
                 f"without losses, and has {int(trace.is_lost.sum())}; where packets "
                 "are lost, kind must be network"
             )
             Refuse(f"{path}.trace", self.trace, allowed)
-        profile = self.ProfileOf(trace, duration, path)
         with Within(path):
             profile.CheckContinuous(SHORTEST_TIME, self.trace or "")
 

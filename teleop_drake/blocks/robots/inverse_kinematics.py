@@ -23,10 +23,10 @@ _MINIMUM_CONDITION = 0.01
 """Least ratio of the smallest to the largest singular value of the tool's Jacobian.
 Assumed; the two-link arm's own limit, |sin(q2)| >= 0.05, is about the same."""
 
-# Newton's method for a rotation: most steps, and how far one goes, rad or m.
+# Newton's method: most steps, how far one goes at most, and the last one, rad or m.
 _MOST_STEPS = 60
 _LONGEST_STEP = 0.3
-_SHORTEST_STEP = 1e-15
+_SHORTEST_STEP = 1e-13
 
 _NUM_GUESSES = 12
 """The first is the posture. The others lie around it, because a posture may be
@@ -68,69 +68,77 @@ def SolveInverseKinematics(
         ScenarioError: If the tool does not come there, with how near it comes, or if
             the plant is singular there. The message calls the point `start`.
     """
-    target = _Target(plant, np.array(p_WT, dtype=float), R_WT)
-    p = target.p
     posture = np.array(posture, dtype=float)
+    target = _Target(plant, np.array(p_WT, dtype=float), R_WT, posture)
     rng = np.random.default_rng(0)
     guesses = [
         posture + scale * rng.uniform(-1, 1, posture.shape)
         for scale in np.linspace(0.0, 2.0, _NUM_GUESSES)
     ]
-    q = target.Nearest(posture, guesses)
+    found = (target.Solve(guess) for guess in guesses)
+    q = next((q for q in found if q is not None), None)
     if q is None:
         target.RefuseUnreachable(guesses)
-    J = target.Jacobian(q)
-    values = np.linalg.svd(J, compute_uv=False)
-    smallest = values[-1] if len(values) == len(J) else 0.0
-    if not smallest > _MINIMUM_CONDITION * values[0]:
-        allowed = (
-            "away from singular poses (here the smallest singular value of the tool's "
-            f"{len(J)} x {plant.num_velocities()} Jacobian is {smallest:.3g}, the "
-            f"largest {values[0]:.3g}, and the ratio must be > {_MINIMUM_CONDITION:g})"
-        )
-        Refuse("start", p, allowed)
+    target.RefuseSingular(q)
     return q
 
 
 class _Target:
     """A point, and maybe a rotation, that the tool of a plant has to have."""
 
-    def __init__(self, plant: MultibodyPlant, p: Array, R: Array | None):
-        self.p = p
+    def __init__(
+        self, plant: MultibodyPlant, p: Array, R: Array | None, posture: Array
+    ):
         self._plant = plant
+        self._p = p
         self._R = R
+        self._posture = posture
         self._context = plant.CreateDefaultContext()
         self._tool = plant.GetFrameByName(TOOL)
 
-    def Nearest(self, posture: Array, guesses: Sequence[Array]) -> Array | None:
-        """Returns the q with the tool at the target that is nearest to a posture.
+    def At(self, q: Array) -> tuple[Array, Array]:
+        """Returns what is missing to the target, and the tool's Jacobian.
 
-        Returns:
-            That of the first guess from which there is one; None if there is none.
+        The first is in m, and in rad if a rotation is asked for; the second is
+        ToolJacobian(), with that of w_WT below it if a rotation is asked for.
         """
-        for guess in guesses:
-            q, is_solved = self.Solve(posture, guess)
-            if not is_solved:
-                continue
-            q = self.Polish(q)
-            if self.IsReached(q):
-                return q
-        return None
+        self._plant.SetPositions(self._context, q)
+        n = self._p.size
+        pose = self._tool.CalcPoseInWorld(self._context)
+        J = SpatialJacobian(self._plant, self._context, self._tool)
+        Jv = J[3 : 3 + n]
+        error: Array = self._p - pose.translation()[:n]
+        if self._R is None:
+            return error, Jv
+        turn = RotationMatrix(self._R @ pose.rotation().matrix().T).ToAngleAxis()
+        return np.append(error, turn.angle() * turn.axis()), np.vstack([Jv, J[:3]])
 
-    def RefuseUnreachable(self, guesses: Sequence[Array]) -> NoReturn:
-        """Refuses the point, and tells how near the tool comes."""
-        found = [self.Solve(None, guess)[0] for guess in guesses]
-        distances = [np.linalg.norm(self.Error(q)[: self.p.size]) for q in found]
-        distance = min(distances)
-        allowed = f"in reach of the tool, which comes no nearer than {distance:.3g} m"
-        if distance < _TOLERANCE:
-            allowed = "in reach of the tool as it is turned at the posture"
-        Refuse("start", self.p, allowed)
+    def Solve(self, guess: Array) -> Array | None:
+        """Returns the q with the tool at the target that is nearest to the posture.
 
-    def Solve(self, posture: Array | None, guess: Array) -> tuple[Array, bool]:
-        """Returns the solver's q with the tool at the point, near a posture.
+        None: no such q is found from this guess.
+        """
+        q, is_solved = self._NearPoint(guess, must_reach=True)
+        if not is_solved:
+            return None
+        for _ in range(_MOST_STEPS):
+            error, J = self.At(q)
+            step = np.linalg.pinv(J) @ error
+            longest = float(np.abs(step).max())
+            q = q + step * (_LONGEST_STEP / max(longest, _LONGEST_STEP))
+            if longest < _SHORTEST_STEP:
+                break
+        lower = self._plant.GetPositionLowerLimits()
+        upper = self._plant.GetPositionUpperLimits()
+        # Without a rotation the solver has seen to the limits.
+        is_within = self._R is None or ((lower <= q) & (q <= upper)).all()
+        is_there = np.linalg.norm(self.At(q)[0]) < _TOLERANCE
+        return q if is_within and is_there else None
 
-        Without a posture it is the q with the tool as near to the point as possible.
+    def _NearPoint(self, guess: Array, *, must_reach: bool) -> tuple[Array, bool]:
+        """Returns the solver's q with the tool at the point, nearest to the posture.
+
+        If it need not reach the point, it is the q with the tool as near as possible.
         Also told is whether the solver calls it a solution.
         """
         # Few robots need it, and it imports all of Drake's planning.
@@ -139,56 +147,43 @@ class _Target:
         problem = InverseKinematics(self._plant)
         program = problem.get_mutable_prog()
         world = self._plant.world_frame()
-        n = self.p.size
         origin = np.zeros(3)
-        point = np.append(self.p, np.zeros(3 - n))
-        if posture is None:
-            C = np.diag([1.0] * n + [0.0] * (3 - n))
-            problem.AddPositionCost(world, point, self._tool, origin, C)
-        else:
-            free = np.append(np.zeros(n), np.full(3 - n, np.inf))
+        is_free = np.arange(3) >= self._p.size
+        point = np.append(self._p, origin)[:3]
+        if must_reach:
+            slack = np.where(is_free, np.inf, 0.0)
             problem.AddPositionConstraint(
-                self._tool, origin, world, point - free, point + free
+                self._tool, origin, world, point - slack, point + slack
             )
-            program.AddQuadraticErrorCost(np.eye(posture.size), posture, problem.q())
+            identity = np.eye(guess.size)
+            program.AddQuadraticErrorCost(identity, self._posture, problem.q())
+        else:
+            weights = np.diag(np.where(is_free, 0.0, 1.0))
+            problem.AddPositionCost(world, point, self._tool, origin, weights)
         program.SetInitialGuess(problem.q(), guess)
         result = Solve(program)
         return np.array(result.GetSolution(problem.q())), result.is_success()
 
-    def Jacobian(self, q: Array) -> Array:
-        """Returns ToolJacobian(), and below it that of w_WT if a rotation is asked."""
-        self._plant.SetPositions(self._context, q)
-        J = SpatialJacobian(self._plant, self._context, self._tool)
-        Jv = J[3 : 3 + self.p.size]
-        return Jv if self._R is None else np.vstack([Jv, J[:3]])
+    def RefuseUnreachable(self, guesses: Sequence[Array]) -> NoReturn:
+        """Refuses the point, and tells how near the tool comes."""
+        found = [self._NearPoint(guess, must_reach=False)[0] for guess in guesses]
+        distances = [np.linalg.norm(self.At(q)[0][: self._p.size]) for q in found]
+        distance = min(distances)
+        allowed = f"in reach of the tool, which comes no nearer than {distance:.3g} m"
+        if distance < _TOLERANCE:
+            allowed = "in reach of the tool as it is turned at the posture"
+        Refuse("start", self._p, allowed)
 
-    def Error(self, q: Array) -> Array:
-        """Returns what is missing to the point in m, and to the rotation in rad."""
-        self._plant.SetPositions(self._context, q)
-        pose = self._tool.CalcPoseInWorld(self._context)
-        error: Array = self.p - pose.translation()[: self.p.size]
-        if self._R is None:
-            return error
-        turn = RotationMatrix(self._R @ pose.rotation().matrix().T).ToAngleAxis()
-        return np.append(error, turn.angle() * turn.axis())
-
-    def IsReached(self, q: Array) -> bool:
-        """Returns whether the tool is there, and the joints are within their limits."""
-        lower = self._plant.GetPositionLowerLimits()
-        upper = self._plant.GetPositionUpperLimits()
-        # Without a rotation the solver has seen to the limits.
-        is_within = self._R is None or bool(((lower <= q) & (q <= upper)).all())
-        return is_within and bool(np.linalg.norm(self.Error(q)) < _TOLERANCE)
-
-    def Polish(self, q: Array) -> Array:
-        """Returns q after some steps of Newton's method."""
-        num_steps = 3 if self._R is None else _MOST_STEPS
-        for _ in range(num_steps):
-            step = np.linalg.pinv(self.Jacobian(q)) @ self.Error(q)
-            longest = float(np.abs(step).max())
-            if self._R is not None and longest > _LONGEST_STEP:
-                step *= _LONGEST_STEP / longest
-            q = q + step
-            if longest < _SHORTEST_STEP:
-                break
-        return q
+    def RefuseSingular(self, q: Array) -> None:
+        """Refuses a q at which the tool can hardly be moved in some direction."""
+        J = self.At(q)[1]
+        values = np.linalg.svd(J, compute_uv=False)
+        smallest = values[-1] if len(values) == len(J) else 0.0
+        if smallest > _MINIMUM_CONDITION * values[0]:
+            return
+        allowed = (
+            "away from singular poses (here the smallest singular value of the tool's "
+            f"{len(J)} x {J.shape[1]} Jacobian is {smallest:.3g}, the largest "
+            f"{values[0]:.3g}, and the ratio must be > {_MINIMUM_CONDITION:g})"
+        )
+        Refuse("start", self._p, allowed)
