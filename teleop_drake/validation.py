@@ -45,6 +45,9 @@ def GainField(default: float | None, *, may_be_zero: bool = False) -> Any:
     return field(default=default, metadata={_GAIN: {"may_be_zero": may_be_zero}})
 
 
+Gains = np.ndarray | float
+"""The type of a gain: a number, which stands for that times the identity, or (n, n)."""
+
 _NUMBER = "number"
 _GAIN = "gain"
 

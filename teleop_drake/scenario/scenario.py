@@ -263,7 +263,7 @@ class Scenario(_ScenarioBase):
         is_given = not isinstance(controller.initial_psi, str)
         has_psi = controller.is_backstepping or is_given
         if has_psi and "robot" not in unread:
-            controller.CheckInitialPsi(self.Facts())
+            controller.InitialPsi(self.Facts())
         CheckSimulatorConfig(self.simulator)
 
     def _CheckChannels(self, unread: Container[str] = ()) -> None:

@@ -30,6 +30,7 @@ from teleop_drake.validation import (
     Config,
     FixedFields,
     GainMatrix,
+    Gains,
     IsGiven,
     Number,
     Refuse,
@@ -296,14 +297,14 @@ class BacksteppingParameters(FixedFields):
 
     # Weight of the force error in s, m/(N s); symmetric positive definite (eq. 4.2,
     # 5.2).
-    Lambda: np.ndarray | float = 1.0
+    Lambda: Gains = 1.0
     # Gain on s, 1/s; symmetric positive definite, and so is the symmetric part of
     # P G1 (eq. 4.23, 5.22).
-    G1: np.ndarray | float = REQUIRED
+    G1: Gains = REQUIRED
     # Gain on z, 1/s; symmetric positive definite (eq. 4.32, 5.31).
-    G2: np.ndarray | float = REQUIRED
+    G2: Gains = REQUIRED
     # Weight of s in the Lyapunov function; symmetric positive definite (eq. 5.10).
-    P: np.ndarray | float = 1.0
+    P: Gains = 1.0
     # beta of every update law that has none of its own below, >= 0 (eq. 4.52, 5.51).
     adaptation_rate: float = Number(0.1, minimum=0)
     # beta of W1, Psi and W3, >= 0; null: adaptation_rate. Their units differ: where
@@ -317,7 +318,7 @@ class BacksteppingParameters(FixedFields):
     supervision: float = Number(1.0, minimum=0, maximum=1)
     # Psi at time 0, 1/kg: number, n x n matrix, or auto = (I + Lambda D_e) M_r^-1 at
     # the start pose (eq. 5.52); smallest singular value > minimum_psi.
-    initial_psi: np.ndarray | float | str = "auto"
+    initial_psi: Gains | str = "auto"
     # Bound of the projection that keeps Psi invertible, 1/kg, > 0 (eq. 4.53, 5.53).
     minimum_psi: float = Number(0.1, "1/kg", above=0)
     # Lattice of both networks.
@@ -342,9 +343,7 @@ class BacksteppingParameters(FixedFields):
             with np.errstate(all="ignore"):
                 product = gains["P"] @ gains["G1"]
                 product = product + product.T
-            if not (
-                np.all(np.isfinite(product)) and np.all(np.linalg.eigvalsh(product) > 0)
-            ):
+            if not np.isfinite(product).all() or np.linalg.eigvalsh(product)[0] <= 0:
                 allowed = "such that the symmetric part of P G1 is positive definite"
                 Refuse(f"{path}.P", self.P, allowed)
         self.CheckNumbers(path)
@@ -356,35 +355,32 @@ class BacksteppingParameters(FixedFields):
 
         For `auto` that is (I + Lambda D_e) M_r^-1 at the start pose. The thesis
         estimates M_r^-1 for zero joint angles (eq. 5.52), where the planar arm is
-        singular.
+        singular. A Psi that cannot be inverted, or would not stay so, is refused.
         """
         n = facts.num_axes
-        if not isinstance(self.initial_psi, str):
-            return GainMatrix(self.initial_psi, n)
-        field = f"{path}.initial_psi"
-        D_e = facts.Told("environment_damping", field)
-        weight = np.eye(n) + GainMatrix(self.Lambda, n) @ D_e
-        return np.asarray(weight @ np.linalg.inv(facts.Told("inertia", field)))
-
-    def CheckInitialPsi(self, facts: Facts, path: str = "controller") -> None:
-        """Refuses a Psi that cannot be inverted at time 0, or would not stay so."""
-        psi = self.InitialPsi(facts, path)
-        n = facts.num_axes
+        given = self.initial_psi
+        value = Show(given)
+        if isinstance(given, str):
+            field = f"{path}.initial_psi"
+            D_e = facts.Told("environment_damping", field)
+            weight = np.eye(n) + GainMatrix(self.Lambda, n) @ D_e
+            psi = weight @ np.linalg.inv(facts.Told("inertia", field))
+            value += f", here {Show(psi)}"
+        else:
+            psi = GainMatrix(given, n)
         if (
-            (isinstance(self.initial_psi, float) and self.initial_psi <= 0)
+            (isinstance(given, float) and given <= 0)
             or psi.shape != (n, n)
             or not np.all(np.isfinite(psi))
             or not np.min(np.linalg.svd(psi, compute_uv=False)) > self.minimum_psi
             or not np.linalg.slogdet(psi)[0] > 0
         ):
-            value = Show(self.initial_psi)
-            if value == "'auto'":
-                value += f", here {Show(psi)}"
             raise ScenarioError(
                 f"{path}.initial_psi = {value}: must be auto, a positive number or a "
                 f"{n} x {n} matrix with positive determinant, its singular values > "
                 f"minimum_psi = {self.minimum_psi:g}, which may be lowered"
             )
+        return psi
 
 
 @Config
@@ -407,8 +403,7 @@ class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
         self.CheckParameters(path, num_axes, is_needed=True)
 
     def Resolve(self, facts: Facts, path: str) -> BacksteppingGains:
-        """Returns the gains with Psi at time 0, which can be inverted."""
-        self.CheckInitialPsi(facts, path)
+        """Returns the gains with Psi at time 0."""
         n = facts.num_axes
         beta = self.adaptation_rate
         return BacksteppingGains(

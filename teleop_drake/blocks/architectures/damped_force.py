@@ -15,6 +15,7 @@ from teleop_drake.validation import (
     CheckGain,
     Config,
     GainField,
+    Gains,
 )
 
 AGAINST = ("ground", "command")
@@ -113,7 +114,7 @@ class DampedForceConfig(ControlLawConfig):
     # pose. Without delay the damper then brings the tool, on the spring K in free
     # space, to rest without an oscillation in any direction. That is 2 N s/m for the
     # thesis's slider and 2.4 N s/m for its arm. Assumed.
-    damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    damping: Gains | None = GainField(None, may_be_zero=True)
     # What the damper acts against: `ground` damps v, `command` damps v - v_d(t - T_f).
     against: str = "ground"
 

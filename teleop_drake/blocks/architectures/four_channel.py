@@ -3,8 +3,6 @@
 from dataclasses import field, replace
 from typing import Any, ClassVar
 
-import numpy as np
-
 from teleop_drake.arrays import ArrayLike
 from teleop_drake.blocks.architectures.base import (
     Architecture,
@@ -22,6 +20,7 @@ from teleop_drake.validation import (
     Config,
     FixedFields,
     GainField,
+    Gains,
     Number,
 )
 
@@ -201,9 +200,9 @@ class LocalController(FixedFields):
     # N s/m, >= 0. Null: 2 M w with the mass M of the handle and the bandwidth w, which
     # is critical; 0 at a station to which no motion comes. Equal at both stations, so
     # that a lasting force arrives as it was sent.
-    damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    damping: Gains | None = GainField(None, may_be_zero=True)
     # N/m, >= 0. Null: M w^2; 0 at a station to which no motion comes.
-    stiffness: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    stiffness: Gains | None = GainField(None, may_be_zero=True)
 
     def Derived(self, mass: Any, bandwidth: float, num_axes: int) -> "LocalController":
         """Returns the controller without nulls; see the fields.
@@ -231,12 +230,12 @@ class FourChannelConfig(ArchitectureConfig):
     # One of FOUR_CHANNEL_VARIANTS. It decides what null means in C1 to C4.
     variant: str = "four_channel"
     # Mass of the handle, kg, > 0. Assumed: that of the slider (thesis eq. 2.12).
-    master_mass: np.ndarray | float = GainField(0.5)
+    master_mass: Gains = GainField(0.5)
     # Damping of the handle, N s/m, >= 0. Assumed: that of the slider.
-    master_damping: np.ndarray | float = GainField(0.1, may_be_zero=True)
+    master_damping: Gains = GainField(0.1, may_be_zero=True)
     # Damping in the model of the robot, N s/m, >= 0, which C1 compensates. Null: the
     # robot's own in four_channel, none in the other variants.
-    slave_damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    slave_damping: Gains | None = GainField(None, may_be_zero=True)
     # w of the local controllers, rad/s, > 0. Null: 1 / (T_f + T_r), at which the round
     # trip turns the phase by 1 rad, but at most the fastest pole of the haptic device.
     bandwidth: float | None = Number(None, "rad/s", above=0)

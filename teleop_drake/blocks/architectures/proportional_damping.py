@@ -16,7 +16,14 @@ from teleop_drake.blocks.architectures.base import (
 from teleop_drake.blocks.architectures.facts import Facts
 from teleop_drake.kernel import Kernel
 from teleop_drake.laws.proportional import coupling_force, master_rate, slave_force
-from teleop_drake.validation import Config, GainField, GainMatrix, Number, Refuse
+from teleop_drake.validation import (
+    Config,
+    GainField,
+    GainMatrix,
+    Gains,
+    Number,
+    Refuse,
+)
 
 
 class ProportionalMaster(MasterSide):
@@ -172,19 +179,19 @@ class ProportionalDampingConfig(ArchitectureConfig):
     return_parts = ("p_WT",)
 
     # Mass of the handle, kg, > 0. Assumed: that of the slider (thesis eq. 2.12).
-    master_mass: np.ndarray | float = GainField(0.5)
+    master_mass: Gains = GainField(0.5)
     # B_m, damping of the handle, N s/m, >= 0. Null: the resistance of the haptic device
     # at low frequency, so that the operator feels no more of it than of his own.
-    master_damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    master_damping: Gains | None = GainField(None, may_be_zero=True)
     # B_s, damping of the tool, N s/m, >= 0. Null: as B_m.
-    slave_damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    slave_damping: Gains | None = GainField(None, may_be_zero=True)
     # By how much the dampings exceed what stability needs, > 1, for the null below:
     # 4 B_m B_s = margin (T_f + T_r)^2 K^2. Assumed.
     margin: float = Number(2.0, above=1)
     # K, N/m, >= 0. Null: from the margin and the nominal delays, with the smallest
     # dampings, but at most what makes the handle as fast as the fastest pole p of the
     # haptic device, K = M |p|^2.
-    stiffness: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    stiffness: Gains | None = GainField(None, may_be_zero=True)
 
     @property
     def has_gains_of_delay(self) -> bool:

@@ -59,18 +59,7 @@ class RobustBackstepping(AdaptiveBackstepping):
     law = ("robust_backstepping", robust_rate, robust_errors)
 
     numeric_parameters: ClassVar = {
-        "Lambda": "m/(N s)",
-        "G1": "1/s",
-        "G2": "1/s",
-        "P": "",
-        "beta1": "",
-        "beta2": "",
-        "beta3": "",
-        "nu1": "",
-        "nu3": "",
-        "Upsilon": "",
-        "Psi0": "1/kg",
-        "Psi_min": "1/kg",
+        **AdaptiveBackstepping.numeric_parameters,
         "rho1": "m/s^2",
         "eps1": "",
         "rho3": "N/s",
@@ -113,19 +102,14 @@ class RobustTermsConfig(FixedFields):
     def Bounds(self, gains: BacksteppingGains, facts: Facts, path: str) -> RobustBounds:
         """Returns the bounds with every default derived; a width may not be 0."""
         speed = float(np.linalg.norm(facts.velocity))
-        G2, Lambda = (
-            np.linalg.eigvalsh((x + x.T) / 2) for x in (gains.G2, gains.Lambda)
-        )
-        force = speed / float(Lambda[-1])
-        weight = float(np.linalg.eigvalsh(gains.P)[-1])
-        rho3, eps1, eps3 = (
-            derived if given is None else given
-            for given, derived in (
-                (self.force_rate_bound, float(G2[0]) * force),
-                (self.velocity_width, weight * speed),
-                (self.force_width, force),
-            )
-        )
+        force = speed / float(np.linalg.eigvalsh(gains.Lambda)[-1])
+        eps1 = self.velocity_width
+        if eps1 is None:
+            eps1 = float(np.linalg.eigvalsh(gains.P)[-1]) * speed
+        rho3 = self.force_rate_bound
+        if rho3 is None:
+            rho3 = float(np.linalg.eigvalsh(gains.G2)[0]) * force
+        eps3 = force if self.force_width is None else self.force_width
         for name, width in (("velocity_width", eps1), ("force_width", eps3)):
             if not width > 0:
                 Refuse(f"{path}.{name}", None, "given where no velocity is commanded")

@@ -27,6 +27,7 @@ from teleop_drake.validation import (
     Config,
     GainField,
     GainMatrix,
+    Gains,
     Number,
     Refuse,
 )
@@ -133,16 +134,16 @@ class SmithPredictorConfig(ArchitectureConfig):
     return_parts = ("p_WT", "v_ret")
 
     # M of the model, kg, > 0. Null: the apparent mass of the robot at its start.
-    mass: np.ndarray | float | None = GainField(None)
+    mass: Gains | None = GainField(None)
     # B, N s/m, >= 0. Null: that of the robot, of the local damper and, along x, of the
     # layer at the start.
-    damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    damping: Gains | None = GainField(None, may_be_zero=True)
     # K, N/m, >= 0. Null: that of the layer at the start, along x.
-    stiffness: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    stiffness: Gains | None = GainField(None, may_be_zero=True)
     # T, s, >= 0. Null: T_f + T_r, the nominal round trip.
     delay: float | None = Number(None, "s", minimum=0)
     # Local damper at the tool, N s/m, >= 0; see DampedForce. Smith's has none.
-    local_damping: np.ndarray | float = GainField(0.0, may_be_zero=True)
+    local_damping: Gains = GainField(0.0, may_be_zero=True)
 
     def DeriveDefaults(self, facts: Facts, path: str) -> None:
         """Derives what is null; see ArchitectureConfig.DeriveDefaults."""

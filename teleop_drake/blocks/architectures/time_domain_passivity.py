@@ -26,6 +26,7 @@ from teleop_drake.validation import (
     CheckNumber,
     Config,
     GainField,
+    Gains,
     Number,
     Refuse,
 )
@@ -274,7 +275,7 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
     initial_energy: float | None = Number(None, "J", above=0)
     # Local damper at the tool, N s/m, >= 0; see DampedForce. The customary scheme has
     # none.
-    local_damping: np.ndarray | float = GainField(0.0, may_be_zero=True)
+    local_damping: Gains = GainField(0.0, may_be_zero=True)
 
     def DeriveDefaults(self, facts: Facts, path: str) -> None:
         """Derives what is null; see ArchitectureConfig.DeriveDefaults."""

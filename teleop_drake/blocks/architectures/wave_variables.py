@@ -26,6 +26,7 @@ from teleop_drake.validation import (
     CheckNumber,
     Config,
     GainField,
+    Gains,
     Number,
     Refuse,
 )
@@ -207,10 +208,10 @@ class WaveVariablesConfig(ArchitectureConfig):
 
     # b, wave impedance, N s/m, > 0. Null: matched to the operator, whose force is
     # H = K/s + b + O(s) at low frequency: b is the resistance of the haptic device.
-    impedance: np.ndarray | float | None = GainField(None)
+    impedance: Gains | None = GainField(None)
     # Damper at the master's end of the line, N s/m, >= 0. Null: b, which absorbs the
     # returning wave whatever the operator does; 0 is the bare line.
-    master_damping: np.ndarray | float | None = GainField(None, may_be_zero=True)
+    master_damping: Gains | None = GainField(None, may_be_zero=True)
     # Factor on the arriving forward wave, 0 to 1. Null: sqrt(1 - largest dT/dt) of a
     # variable channel that grows, which keeps it passive; 1 for all others.
     forward_scaling: float | None = Number(None, above=0, maximum=1)
