@@ -1,7 +1,6 @@
 """The robots: a file for each kind, and their place in task space."""
 
 import dataclasses
-from typing import Any
 
 from pydrake.systems.framework import System
 
@@ -95,17 +94,9 @@ def MakeRobot(
     Raises:
         ScenarioError: If a field is not allowed, or the model has no such field.
     """
-    fields: dict[str, Any] = {
-        "start": start, "mass": mass, "damping": damping, "elbow": elbow,
-        "link_mass": link_mass, "posture": posture, "gravity": gravity,
-        "gravity_compensation": gravity_compensation, "payload": payload,
-        "payload_error": payload_error, "hold": hold, "hold_frequency": hold_frequency,
-        "hold_damping_ratio": hold_damping_ratio, "friction": friction,
-        "friction_speed": friction_speed, "file": file, "add_motors": add_motors,
-        "tool_frame": tool_frame,
-    }  # fmt: skip
-    kind = ROBOT_KINDS.Find(model, "robot.model")
-    given = {name: value for name, value in fields.items() if value is not None}
+    arguments = dict(locals())
+    kind = ROBOT_KINDS.Find(arguments.pop("model"), "robot.model")
+    given = {name: value for name, value in arguments.items() if value is not None}
     known = [item.name for item in dataclasses.fields(kind)]
     for name, value in given.items():
         if name not in known:

@@ -14,7 +14,7 @@ from teleop_drake.blocks.robots.inverse_kinematics import (
     SolveInverseKinematics,
     ToolRotation,
 )
-from teleop_drake.blocks.robots.robot_diagram import MakeRobotDiagram
+from teleop_drake.blocks.robots.robot_diagram import JointDrive, MakeRobotDiagram
 from teleop_drake.kinds import KindConfig
 from teleop_drake.laws.task_space import MAX_ROTATION
 from teleop_drake.validation import REQUIRED, CheckVector, Config, Refuse, Within
@@ -116,12 +116,15 @@ class PlantRobotConfig(RobotConfig):
         """Returns the q with the tool at a point that is nearest to the posture."""
         plant = self.LoadPlant()
         r = np.asarray(p_WT, dtype=float)
-        posture = self.Posture(plant)
-        R_WT = None
-        if r.size == 6:
-            CheckRotation("start", r)
-            R_WT = RotationOf(r) @ ToolRotation(plant, posture)
-        return SolveInverseKinematics(plant, r[:3], posture, R_WT)
+        R_WT = self.RotationAt(plant, r)
+        return SolveInverseKinematics(plant, r[:3], self.Posture(plant), R_WT)
+
+    def RotationAt(self, plant: MultibodyPlant, r: Array) -> Array | None:
+        """Returns the rotation (3, 3) of the tool at a position; None: any."""
+        if r.size < 6:
+            return None
+        CheckRotation("start", r)
+        return RotationOf(r) @ ToolRotation(plant, self.Posture(plant))
 
     def Check(self, path: str) -> None:
         """Checks every field, loads the plant and poses it."""
@@ -132,12 +135,26 @@ class PlantRobotConfig(RobotConfig):
     def MakeRobot(self, *, gravity: ArrayLike | None = None) -> Diagram:
         """Makes the block; see robot_diagram.MakeRobotDiagram."""
         plant = self.LoadPlant(gravity)
+        q = self.JointPositions(self.start)
         return MakeRobotDiagram(
             plant=plant,
             num_axes=self.num_axes,
-            joint_positions=self.JointPositions(self.start),
+            joint_positions=q,
             posture=self.Posture(plant),
+            drive=self.MakeDrive(plant, q, gravity),
         )
+
+    def MakeDrive(
+        self, plant: MultibodyPlant, q: Array, gravity: ArrayLike | None
+    ) -> JointDrive:
+        """Returns what drives the joints beside the task; here nothing does.
+
+        Args:
+            plant: The plant of the robot.
+            q: Its joint positions at the start (nq).
+            gravity: As in LoadPlant().
+        """
+        return JointDrive()
 
 
 def RotationOf(r: Array) -> Array:

@@ -6,20 +6,11 @@ from typing import ClassVar
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
-from pydrake.systems.framework import Diagram
 
 from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.robots.base import PlantRobotConfig
-from teleop_drake.blocks.robots.inverse_kinematics import (
-    TOOL,
-    SolveInverseKinematics,
-    ToolRotation,
-)
-from teleop_drake.blocks.robots.robot_diagram import (
-    JointDrive,
-    MakeRobotDiagram,
-    ToolBodyName,
-)
+from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolRotation
+from teleop_drake.blocks.robots.robot_diagram import JointDrive, ToolBodyName
 from teleop_drake.blocks.systems.gravity_compensation import GravityCompensation
 from teleop_drake.blocks.systems.posture_hold import PostureHold
 from teleop_drake.laws.task_space import PostureGains
@@ -116,38 +107,23 @@ class DrivenArmConfig(PlantRobotConfig):
         CheckVector("posture", self.posture, plant.num_positions(), "rad or m")
         return np.asarray(self.posture, dtype=float)
 
-    def JointPositions(self, p_WT: ArrayLike) -> Array:
-        """Returns the q with the tool at a point that is nearest to the posture.
+    def RotationAt(self, plant: MultibodyPlant, r: Array) -> Array | None:
+        """Returns the rotation (3, 3) of the tool at a position; None: any.
 
         If the orientation is held, the tool is turned as it is at the posture.
         """
         if self.hold != "orientation":
-            return super().JointPositions(p_WT)
-        plant = self.LoadPlant()
-        posture = self.Posture(plant)
+            return super().RotationAt(plant, r)
         nv = plant.num_velocities()
         if nv < self.num_axes + 3 or self.num_axes == 6:
             allowed = f"none or posture for {self.num_axes} axes and {nv} joints"
             Refuse("hold", self.hold, allowed)
-        R_WT = ToolRotation(plant, posture)
-        return SolveInverseKinematics(plant, p_WT, posture, R_WT)
+        return ToolRotation(plant, self.Posture(plant))
 
-    def MakeRobot(self, *, gravity: ArrayLike | None = None) -> Diagram:
-        """Makes the block; see robot_diagram.MakeRobotDiagram."""
-        plant = self.LoadPlant(gravity)
-        q = self.JointPositions(self.start)
-        return MakeRobotDiagram(
-            plant=plant,
-            num_axes=self.num_axes,
-            joint_positions=q,
-            posture=self.Posture(plant),
-            drive=self._MakeDrive(plant, q, gravity),
-        )
-
-    def _MakeDrive(
+    def MakeDrive(
         self, plant: MultibodyPlant, q: Array, gravity: ArrayLike | None
-    ) -> JointDrive | None:
-        """Returns what drives the joints beside the task, None if nothing does."""
+    ) -> JointDrive:
+        """Returns what drives the joints beside the task; see PlantRobotConfig."""
         drive = JointDrive()
         if self.gravity_compensation:
             known = self.payload + self.payload_error
@@ -164,11 +140,7 @@ class DrivenArmConfig(PlantRobotConfig):
                 ),
                 keeps_orientation=self.hold == "orientation",
             )
-        self._AddFriction(drive, plant)
-        return None if drive == JointDrive() else drive
-
-    def _AddFriction(self, drive: JointDrive, plant: MultibodyPlant) -> None:
-        """Adds the friction of the joints; here there is none but the plant's own."""
+        return drive
 
 
 def AddPayload(plant: MultibodyPlant, mass: float) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.arrays import ArrayLike
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.robots.driven_arm import AddPayload, DrivenArmConfig
 from teleop_drake.blocks.robots.model_file import NewPlant
 from teleop_drake.blocks.robots.robot_diagram import JointDrive
@@ -72,9 +72,13 @@ class Puma560Config(DrivenArmConfig):
             AddPayload(plant, payload)
         return plant
 
-    def _AddFriction(self, drive: JointDrive, plant: MultibodyPlant) -> None:
+    def MakeDrive(
+        self, plant: MultibodyPlant, q: Array, gravity: ArrayLike | None
+    ) -> JointDrive:
+        """Returns what drives the joints beside the task; see PlantRobotConfig."""
+        drive = super().MakeDrive(plant, q, gravity)
         if self.friction == 0:
-            return
+            return drive
         motors = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
         ratios = np.array([abs(motor.default_gear_ratio()) for motor in motors])
         drive.friction = JointFriction(
@@ -82,3 +86,4 @@ class Puma560Config(DrivenArmConfig):
             backward=self.friction * ratios * _COULOMB_BACKWARD,
             speed=self.friction_speed,
         )
+        return drive

@@ -114,7 +114,7 @@ def MakeRobotDiagram(
     }
     applied = "joint_torques.y0"
     reaction = "joint_torques.y1"
-    if drive is not None:
+    if drive is not None and drive != JointDrive():
         reaction = _AddDrive(systems, connections, drive)
         applied = "torque_limits"
     connections["plant.applied_generalized_force"] = reaction
@@ -158,7 +158,7 @@ def _AddDrive(
     """
     # What the motors are to do.
     motors = ["joint_torques.y0"]
-    others = "joint_torques.y1"
+    others = ["joint_torques.y1"]
     if drive.hold is not None:
         systems["posture_hold"] = drive.hold
         connections["posture_hold.plant_state"] = "plant.state"
@@ -170,6 +170,7 @@ def _AddDrive(
     if drive.friction is not None:
         systems["joint_friction"] = drive.friction
         connections["joint_friction.joint_velocity"] = "joint_state.y1"
+        others.append("joint_friction.friction_torque")
     # Within the limits of the motors.
     plant = systems["plant"]
     limits = np.zeros(plant.num_velocities())
@@ -177,18 +178,21 @@ def _AddDrive(
         actuator = plant.get_joint_actuator(index)
         limits[actuator.joint().velocity_start()] = actuator.effort_limit()
     systems["torque_limits"] = Saturation(-limits, limits)
-    connections["torque_limits"] = motors[0]
-    if len(motors) > 1:
-        systems["motor_torques"] = Adder(len(motors), limits.size)
-        connections["torque_limits"] = "motor_torques"
-        for i, torque in enumerate(motors):
-            connections[f"motor_torques.u{i}"] = torque
-    if drive.friction is not None:
-        systems["other_torques"] = Adder(2, limits.size)
-        connections["other_torques.u0"] = others
-        connections["other_torques.u1"] = "joint_friction.friction_torque"
-        others = "other_torques"
-    return others
+    connections["torque_limits"] = _AddSum(systems, connections, "motor", motors)
+    return _AddSum(systems, connections, "other", others)
+
+
+def _AddSum(
+    systems: dict[str, System], connections: Connections, name: str, terms: list[str]
+) -> str:
+    """Adds the sum of the torques at some places, and returns its place."""
+    if len(terms) == 1:
+        return terms[0]
+    size = systems["plant"].num_velocities()
+    systems[f"{name}_torques"] = Adder(len(terms), size)
+    for i, term in enumerate(terms):
+        connections[f"{name}_torques.u{i}"] = term
+    return f"{name}_torques"
 
 
 def _AreMotorsInOrder(plant: MultibodyPlant) -> bool:
