@@ -24,7 +24,7 @@ from teleop_drake.blocks.architectures.own_law import AsControlLaw, Law
 from teleop_drake.blocks.architectures.ports import CheckPorts
 from teleop_drake.blocks.environments import CONTACT, FindSurface, Surface
 from teleop_drake.blocks.systems.actuator import Actuator
-from teleop_drake.blocks.systems.sampled_sensor import SampledSensor, SensorConfig
+from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
 from teleop_drake.scenario import Scenario
 from teleop_drake.wiring import Connections, OutputNames, Wire
 
@@ -174,18 +174,27 @@ def WithDrivesAndSensors(slave_side: System, scenario: Scenario) -> System:
     # Where the law reads what it measures: from a sensor, if there is one.
     measured = {name: name for name in inputs}
     connections: Connections = {}
-    sensor = scenario.sensor
-    if sensor.encoder.sample_period is not None:
-        systems["encoder_sensor"] = _MakeSensor(
-            sensor, "encoder", scenario.robot.start.tolist()
+    sensors = {
+        "encoder": {"tool_position": "sample", "tool_velocity": "rate"},
+        "force": {"environment_force": "sample"},
+    }
+    first = {"encoder": scenario.robot.start.tolist(), "force": [0.0] * n}
+    for name, outlets in sensors.items():
+        config = getattr(scenario.sensor, name)
+        if config.sample_period is None:
+            continue
+        sensor = f"{name}_sensor"
+        systems[sensor] = SampledSensor(
+            sample_period=config.sample_period,
+            initial_value=first[name],
+            resolution=config.resolution,
+            noise=config.noise,
+            seed=scenario.sensor.seed,
+            stream=name,
         )
-        connections["encoder_sensor"] = "tool_position"
-        measured["tool_position"] = "encoder_sensor.sample"
-        measured["tool_velocity"] = "encoder_sensor.rate"
-    if sensor.force.sample_period is not None:
-        systems["force_sensor"] = _MakeSensor(sensor, "force", [0.0] * n)
-        connections["force_sensor"] = "environment_force"
-        measured["environment_force"] = "force_sensor.sample"
+        connections[sensor] = next(iter(outlets))
+        for signal, outlet in outlets.items():
+            measured[signal] = f"{sensor}.{outlet}"
     connections |= {f"law.{name}": place for name, place in measured.items()}
     # The drive stands between the law and the robot.
     if not scenario.actuator.is_ideal:
@@ -204,19 +213,6 @@ def WithDrivesAndSensors(slave_side: System, scenario: Scenario) -> System:
         inputs={"forward_packet": ["law.forward_packet"], **inputs},
         connections=connections,
         outputs=outputs,
-    )
-
-
-def _MakeSensor(sensor: SensorConfig, name: str, start: list[float]) -> SampledSensor:
-    """Makes a sensor of a position or of a force, named by its field in the config."""
-    config = getattr(sensor, name)
-    return SampledSensor(
-        sample_period=config.sample_period,
-        initial_value=start,
-        resolution=config.resolution,
-        noise=config.noise,
-        seed=sensor.seed,
-        stream=name,
     )
 
 

@@ -1,5 +1,6 @@
 """The whole loop as one Diagram: Fig. 2.1 of the thesis."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
@@ -138,14 +139,13 @@ def AddTeleoperator(
     _CheckOwn(robot, environment, own.operator, own.haptic_device, scenario.num_axes)
     surfaces = SurfacesOf(environment) or ()
     CheckStart(start, surfaces)
-    architecture = own.architecture
-    if architecture is None:
-        facts = scenario.Facts(robot, environment)
-        architecture = MakeArchitecture(
-            scenario, control_law=own.control_law, facts=facts
-        )
-    elif own.control_law is not None:
+    if own.architecture is not None and own.control_law is not None:
         Refuse("control_law", own.control_law, "left out with an architecture")
+    architecture = own.architecture or MakeArchitecture(
+        scenario,
+        control_law=own.control_law,
+        facts=scenario.Facts(robot, environment),
+    )
     # The two stations, and the channels between them.
     master = MakeMasterStation(
         scenario,
@@ -155,7 +155,20 @@ def AddTeleoperator(
         haptic_device=own.haptic_device,
     )
     controller = WithDrivesAndSensors(architecture.slave_side, scenario)
-    channels = _MakeChannels(scenario, architecture, master, controller, own, side)
+    packets = {
+        "forward_channel": (
+            master.GetOutputPort("forward_packet").size(),
+            architecture.initial_forward_packet,
+        ),
+        "return_channel": (
+            controller.GetOutputPort("return_packet").size(),
+            architecture.initial_return_packet,
+        ),
+    }
+    channels = {
+        name: _MakeChannel(name, size, initial_value, scenario, own, side)
+        for name, (size, initial_value) in packets.items()
+    }
     parts = {
         "master": master,
         "forward_channel": channels["forward_channel"],
@@ -200,48 +213,31 @@ def _CheckOwn(
         CheckPorts("haptic_device", haptic_device, outputs=outputs, num_axes=num_axes)
 
 
-def _MakeChannels(
+def _MakeChannel(
+    name: str,
+    size: int,
+    initial_value: Sequence[float],
     scenario: Scenario,
-    architecture: Architecture,
-    master: System,
-    controller: System,
     own: OwnSystems,
     side: str | None,
-) -> dict[str, System]:
-    """Returns the channels by name: a user's own, or those of the scenario.
+) -> System:
+    """Returns a channel: a user's own, or that of the scenario.
 
-    Of one side of the loop they let pass what they get.
+    Of one side of the loop it lets pass what it gets.
     """
-    packets = {
-        "forward_channel": (
-            master.GetOutputPort("forward_packet"),
-            architecture.initial_forward_packet,
-        ),
-        "return_channel": (
-            controller.GetOutputPort("return_packet"),
-            architecture.initial_return_packet,
-        ),
-    }
-    channels: dict[str, System] = {}
-    for name, (port, initial_value) in packets.items():
-        size = port.size()
-        channel = getattr(own, name)
-        if side is not None and channel is not None:
+    channel = getattr(own, name)
+    if side is not None:
+        if channel is not None:
             Refuse(name, channel.get_name(), "left out: a side hears packets")
-        if side is not None:
-            channels[name] = TransportDelay(
-                delay=0.0, size=size, initial_value=initial_value
-            )
-            continue
-        if channel is None:
-            channel = getattr(scenario, name).MakeChannel(
-                size=size,
-                initial_value=initial_value,
-                duration=scenario.duration,
-                stream=name,
-            )
-        channels[name] = AsChannel(name, channel, size)
-    return channels
+        return TransportDelay(delay=0.0, size=size, initial_value=initial_value)
+    if channel is None:
+        channel = getattr(scenario, name).MakeChannel(
+            size=size,
+            initial_value=initial_value,
+            duration=scenario.duration,
+            stream=name,
+        )
+    return AsChannel(name, channel, size)
 
 
 _CONNECTIONS = (

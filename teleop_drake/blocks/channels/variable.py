@@ -90,26 +90,26 @@ class DelayProfile:
         sinusoid.CheckNumbers("sinusoid")
         self.delay = float(delay)
         self._drift = float(drift)
-        # The trace counts from its first entry.
-        self._times = self._delays = np.zeros(0)
-        if trace is not None:
-            self._times, self._delays = (np.array(part, dtype=float) for part in trace)
-            self._times -= self._times[0]
-            duration = self._times[-1] if duration is None else duration
         self.duration = math.inf if duration is None else float(duration)
+        if trace is None:
+            trace = ([0.0, 1.0], [0.0, 0.0])
+        elif duration is None:
+            self.duration = float(trace[0][-1] - trace[0][0])
         if not self.duration > 0:
             Refuse("duration", duration, "a number > 0 (s)")
+        # The trace counts from its first entry.
+        self._times, self._delays = (np.array(part, dtype=float) for part in trace)
+        self._times -= self._times[0]
         self.nonsmooth_times: list[float] = self._times[1:-1].tolist()
         # Bounds: the sums of those of the parts.
-        self.minimum = self.delay - sinusoid.amplitude
-        self.minimum += float(self._delays.min()) if len(self._delays) else 0.0
+        self.minimum = self.delay - sinusoid.amplitude + float(self._delays.min())
         if self._drift < 0:
             self.minimum += self._drift * self.duration
         slopes = np.diff(self._delays) / np.diff(self._times)
         self._slopes = {
             "drift": self._drift,
             "sinusoid.amplitude": sinusoid.amplitude * sinusoid.frequency,
-            "trace": float(slopes.max()) if len(slopes) else 0.0,
+            "trace": float(slopes.max()),
         }
         self.max_slope = sum(self._slopes.values())
         if self.minimum < 0:
@@ -160,7 +160,7 @@ class DelayProfile:
         if self._sinusoid.amplitude:
             phase = self._sinusoid.frequency * t + self._sinusoid.phase
             result = result + self._sinusoid.amplitude * np.sin(phase)
-        if len(self._times):
+        if self._delays.any():
             result = result + np.interp(t, self._times, self._delays)
         return result
 

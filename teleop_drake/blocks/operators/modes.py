@@ -86,12 +86,10 @@ class ModalOperator(FixedBlock):
         CheckVector("contact_force", force, n, "N")
         if contact_surface is not None:
             CheckVector("contact_surface.point_W", contact_surface.point_W, n, "m")
-        if stop_time is not None:
-            CheckNumber("stop_time", stop_time, "s", minimum=0)
         self._contact_force = np.array(force, dtype=float)
         self._mode = np.append([0.0, 0.0], memory)
         self.contact_surface = None if contact_force is None else contact_surface
-        self.jump_times = [] if stop_time is None else [stop_time]
+        self.jump_times: list[float] = []
         # What switches between the modes.
         parameters = {"contact_force": self._contact_force, **parameters}
         switches = {}
@@ -103,6 +101,8 @@ class ModalOperator(FixedBlock):
                 mode=(with_contact, "mode"),
             )
         if stop_time is not None:
+            CheckNumber("stop_time", stop_time, "s", minimum=0)
+            self.jump_times = [stop_time]
             switches["stops"] = Transition(mode=(with_stop, "mode"), offset=stop_time)
         outputs: dict[str, Term] = {
             "intended_velocity": intention,

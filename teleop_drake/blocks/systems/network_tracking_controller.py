@@ -37,7 +37,6 @@ class _Tracking(PlantPorts):
         self.gains = gains
         self.network = network
         self._tool_frame = frame
-        self._origin = np.zeros(3)
         n = gains.num_axes
         N = network.num_functions
         sizes = dict.fromkeys(_DESIRED + _FELT, n)
@@ -104,13 +103,11 @@ class _Tracking(PlantPorts):
         plant.SetVelocities(plant_context, qdot)
         world = plant.world_frame()
         n = self.gains.num_axes
-        of_tool = (plant.get_frame(self._tool_frame), self._origin, world, world)
-        Jv_v_WT = plant.CalcJacobianTranslationalVelocity(
-            plant_context, JacobianWrtVariable.kV, *of_tool
-        )
-        Jv_dot_v = plant.CalcBiasTranslationalAcceleration(
-            plant_context, JacobianWrtVariable.kV, *of_tool
-        )
+        tool = plant.get_frame(self._tool_frame)
+        kV = JacobianWrtVariable.kV
+        of_tool = (plant_context, kV, tool, np.zeros(3), world, world)
+        Jv_v_WT = plant.CalcJacobianTranslationalVelocity(*of_tool)
+        Jv_dot_v = plant.CalcBiasTranslationalAcceleration(*of_tool)
 
         def Known(matrix: Any) -> Any:
             return matrix if matrix.dtype == float else matrix.view(Duals)
