@@ -36,6 +36,7 @@ from teleop_drake.validation import (
     Refuse,
     ScenarioError,
     Show,
+    Within,
 )
 
 # The solver stays away from the limit of Psi by its own error; that is far less.
@@ -247,23 +248,24 @@ class NetworkConfig(FixedFields):
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field."""
         n = num_axes
-        CheckVector(f"{path}.lower", self.lower, n, "m")
-        CheckVector(f"{path}.upper", self.upper, n, "m")
-        if not np.all(self.lower < self.upper):
-            allowed = f"> {path}.lower = {Show(self.lower)} m on every axis"
-            Refuse(f"{path}.upper", self.upper, allowed)
-        count = self.count
-        if not IsGiven(count) or len(count) != n or min(count) < 1:
-            Refuse(f"{path}.count", count, f"a list of {n} whole numbers >= 1")
-        self.CheckNumbers(path)
-        CheckChoice(f"{path}.inputs", self.inputs, NETWORK_INPUTS)
-        if self.velocity_count < 1:
-            Refuse(f"{path}.velocity_count", self.velocity_count, ">= 1")
-        if self.has_velocity and self.velocity_range is None:
-            Refuse(f"{path}.velocity_range", None, "a speed in m/s > 0")
-        speeds = self.velocity_count**n if self.has_velocity else 1
-        if math.prod(count) * speeds > MAX_BASIS_FUNCTIONS:
-            Refuse(f"{path}.count", count, f"at most {MAX_BASIS_FUNCTIONS} in all")
+        with Within(path):
+            CheckVector("lower", self.lower, n, "m")
+            CheckVector("upper", self.upper, n, "m")
+            if not np.all(self.lower < self.upper):
+                allowed = f"> {path}.lower = {Show(self.lower)} m on every axis"
+                Refuse("upper", self.upper, allowed)
+            count = self.count
+            if not IsGiven(count) or len(count) != n or min(count) < 1:
+                Refuse("count", count, f"a list of {n} whole numbers >= 1")
+            self.CheckNumbers()
+            CheckChoice("inputs", self.inputs, NETWORK_INPUTS)
+            if self.velocity_count < 1:
+                Refuse("velocity_count", self.velocity_count, ">= 1")
+            if self.has_velocity and self.velocity_range is None:
+                Refuse("velocity_range", None, "a speed in m/s > 0")
+            speeds = self.velocity_count**n if self.has_velocity else 1
+            if math.prod(count) * speeds > MAX_BASIS_FUNCTIONS:
+                Refuse("count", count, f"at most {MAX_BASIS_FUNCTIONS} in all")
 
     @property
     def has_velocity(self) -> bool:

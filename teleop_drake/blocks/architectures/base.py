@@ -21,7 +21,7 @@ from teleop_drake.arrays import Array, ArrayLike, Names
 from teleop_drake.blocks.architectures.facts import Facts
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.kinds import KindConfig
-from teleop_drake.validation import Config, Refuse
+from teleop_drake.validation import Config, Refuse, Within
 from teleop_drake.wiring import OutputNames, Wire
 
 LAW_INPUTS = (
@@ -156,11 +156,12 @@ class ArchitectureConfig(KindConfig, ABC):
         """
         config = replace(self)
         config.MakeMatrices(facts.num_axes)
-        config.DeriveDefaults(facts, path)
+        with Within(path):
+            config.DeriveDefaults(facts)
         config.MakeMatrices(facts.num_axes)
         return config
 
-    def DeriveDefaults(self, facts: Facts, path: str) -> None:
+    def DeriveDefaults(self, facts: Facts) -> None:
         """Replaces each null that stands for a default; here nothing derives.
 
         Gains that are given are matrices; a derived one may be a number.

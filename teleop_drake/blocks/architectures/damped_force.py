@@ -123,12 +123,12 @@ class DampedForceConfig(ControlLawConfig):
         super().Check(path, num_axes)
         CheckChoice(f"{path}.against", self.against, AGAINST)
 
-    def DeriveDefaults(self, facts: Facts, path: str) -> None:
+    def DeriveDefaults(self, facts: Facts) -> None:
         """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
         if self.damping is None:
-            field = f"{path}.damping"
-            mass = np.linalg.eigvalsh(facts.Told("inertia", field))[-1]
-            self.damping = 2 * math.sqrt(facts.OperatorStiffness(field) * mass)
+            mass = np.linalg.eigvalsh(facts.Told("inertia", "damping"))[-1]
+            stiffness = facts.OperatorStiffness("damping")
+            self.damping = 2 * math.sqrt(stiffness * mass)
 
     def MakeControlLaw(self, facts: Facts, path: str) -> DampedForce:
         """Makes the law."""

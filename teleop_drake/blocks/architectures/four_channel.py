@@ -265,7 +265,7 @@ class FourChannelConfig(ArchitectureConfig):
         self.C_m.CheckGains(f"{path}.C_m", num_axes)
         self.C_s.CheckGains(f"{path}.C_s", num_axes)
 
-    def DeriveDefaults(self, facts: Facts, path: str) -> None:
+    def DeriveDefaults(self, facts: Facts) -> None:
         """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
         # The variant decides what is exchanged, and so the local force.
         C1, C2, C3, C4 = FOUR_CHANNEL_VARIANTS[self.variant]
@@ -284,8 +284,7 @@ class FourChannelConfig(ArchitectureConfig):
         if self.slave_damping is None:
             self.slave_damping = 0.0
             if self.variant == "four_channel":
-                field = f"{path}.slave_damping"
-                self.slave_damping = facts.Told("robot_damping", field)
+                self.slave_damping = facts.Told("robot_damping", "slave_damping")
         # The bandwidth leaves the round trip a phase of 1 rad.
         if self.bandwidth is None:
             self.bandwidth = facts.DevicePole()

@@ -130,13 +130,10 @@ def LawConfig(law: Any) -> type[Any] | None:
     if not is_class and not inspect.isfunction(law):
         return None
     fields = []
-    for parameter in _ParametersOf(law):
-        has_default = parameter.default is not parameter.empty
-        default = parameter.default if has_default else REQUIRED
-        kind = _FieldType(law, parameter)
+    for name, kind, default in _FieldsOf(law):
         # Each config has an array of its own.
         make = functools.partial(_Value, kind, default)
-        fields.append((parameter.name, kind, dataclasses.field(default_factory=make)))
+        fields.append((name, kind, dataclasses.field(default_factory=make)))
     place = f"{law.__module__}:{law.__qualname__}"
     return dataclasses.make_dataclass(
         law.__name__,
@@ -167,11 +164,11 @@ def AsControlLaw(law: System | Law, start: ArrayLike) -> System:
     return FunctionLaw(law, start)
 
 
-def _ParametersOf(law: Any) -> list[inspect.Parameter]:
-    """Returns the parameters of a law that are fields in a scenario.
+def _FieldsOf(law: Any) -> list[tuple[str, Any, Any]]:
+    """Returns the fields that a law has in a scenario: name, type and default.
 
-    Those are the constructor's but for `num_axes`, or the function's but for its first
-    five.
+    Those are the parameters of the constructor but for `num_axes`, or those of the
+    function but for its first five. The default is REQUIRED if there is none.
     """
     try:
         signature = inspect.signature(law, eval_str=True)
@@ -182,9 +179,16 @@ def _ParametersOf(law: Any) -> list[inspect.Parameter]:
     if isinstance(law, type):
         variadic = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
         named = [x for x in parameters if x.kind not in variadic]
-        return [x for x in named if x.name != "num_axes"]
-    _CheckArguments(law, parameters)
-    return parameters[len(LAW_INPUTS) :]
+        chosen = [x for x in named if x.name != "num_axes"]
+    else:
+        _CheckArguments(law, parameters)
+        chosen = parameters[len(LAW_INPUTS) :]
+    fields = []
+    for parameter in chosen:
+        has_default = parameter.default is not parameter.empty
+        default = parameter.default if has_default else REQUIRED
+        fields.append((parameter.name, _FieldType(law, parameter), default))
+    return fields
 
 
 def _CheckArguments(law: Law, parameters: list[inspect.Parameter]) -> None:
@@ -209,15 +213,14 @@ def _CheckArguments(law: Law, parameters: list[inspect.Parameter]) -> None:
 def _Gains(function: Law, given: Mapping[str, Any]) -> Record:
     """Returns the gains of a function in the order of its arguments, as numbers."""
     gains = {}
-    known = _ParametersOf(function)
+    place = f"gains of {_NameOf(function)}"
+    known = _FieldsOf(function)
     for name in given:
-        CheckChoice(f"gains of {_NameOf(function)}", name, [x.name for x in known])
-    for parameter in known:
-        name = parameter.name
-        value = given.get(name, parameter.default)
-        if value is parameter.empty:
-            Refuse(f"gains of {_NameOf(function)}", name, "given: it has no default")
-        kind = _FieldType(function, parameter)
+        CheckChoice(place, name, [field for field, _, _ in known])
+    for name, kind, default in known:
+        value = given.get(name, default)
+        if value is REQUIRED:
+            Refuse(place, name, "given: it has no default")
         if kind not in (float, np.ndarray):
             Refuse(f"{_NameOf(function)}: {name}", value, "a number or an array")
         gains[name] = _Value(kind, value)

@@ -198,11 +198,10 @@ class ProportionalDampingConfig(ArchitectureConfig):
         """Whether the stiffness derives from the nominal delays."""
         return self.stiffness is None
 
-    def DeriveDefaults(self, facts: Facts, path: str) -> None:
+    def DeriveDefaults(self, facts: Facts) -> None:
         """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
         if self.master_damping is None:
-            resistance = facts.OperatorResistance(f"{path}.master_damping")
-            self.master_damping = resistance
+            self.master_damping = facts.OperatorResistance("master_damping")
         if self.slave_damping is None:
             self.slave_damping = self.master_damping
         if self.stiffness is not None:
@@ -218,7 +217,7 @@ class ProportionalDampingConfig(ArchitectureConfig):
             stiffness = min(stiffness, math.sqrt(4 * B_m * B_s / self.margin) / T)
         if not stiffness > 0:
             allowed = "a number, because the dampings or the poles of haptic_device"
-            Refuse(f"{path}.stiffness", None, f"{allowed} are 0")
+            Refuse("stiffness", None, f"{allowed} are 0")
         self.stiffness = stiffness
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:

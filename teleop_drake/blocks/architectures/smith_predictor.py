@@ -145,22 +145,20 @@ class SmithPredictorConfig(ArchitectureConfig):
     # Local damper at the tool, N s/m, >= 0; see DampedForce. Smith's has none.
     local_damping: Gains = GainField(0.0, may_be_zero=True)
 
-    def DeriveDefaults(self, facts: Facts, path: str) -> None:
+    def DeriveDefaults(self, facts: Facts) -> None:
         """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
         if self.mass is None:
-            self.mass = facts.Told("inertia", f"{path}.mass")
+            self.mass = facts.Told("inertia", "mass")
         if self.damping is None:
-            drag = facts.StartDamping(f"{path}.damping")
-            self.damping = drag + self.local_damping
+            self.damping = facts.StartDamping("damping") + self.local_damping
         if self.stiffness is None:
-            field = f"{path}.stiffness"
-            self.stiffness = facts.Told("environment_stiffness", field)
+            self.stiffness = facts.Told("environment_stiffness", "stiffness")
         if self.delay is None:
             self.delay = facts.round_trip
         if np.any(GainMatrix(self.stiffness, facts.num_axes)[3:]):
             # y is no rotation: it is the integral of an angular velocity.
             allowed = "0 about axes: a model has no pose"
-            Refuse(f"{path}.stiffness", self.stiffness, allowed)
+            Refuse("stiffness", self.stiffness, allowed)
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes both sides."""

@@ -277,24 +277,24 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
     # none.
     local_damping: Gains = GainField(0.0, may_be_zero=True)
 
-    def DeriveDefaults(self, facts: Facts, path: str) -> None:
+    def DeriveDefaults(self, facts: Facts) -> None:
         """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
         if self.maximum_damping is None:
-            inertia = facts.Told("inertia", f"{path}.maximum_damping")
+            inertia = facts.Told("inertia", "maximum_damping")
             self.maximum_damping = _Extreme(inertia, 0) / self.horizon
         if self.maximum_mobility is None:
             h: Any = facts.DeviceGain()
             if not h > 0:
                 allowed = "a number, because none derives from haptic_device with"
-                Refuse(f"{path}.maximum_mobility", None, f"{allowed} s H(s) -> {h:g}")
+                Refuse("maximum_mobility", None, f"{allowed} s H(s) -> {h:g}")
             # About an axis the device is lever^2 H(s).
             if facts.num_axes == 6:
                 h = h * np.repeat([1.0, facts.haptic_device.lever**2], 3)
             self.maximum_mobility = 1 / (h * self.horizon)
         if self.initial_energy is None:
-            field = f"{path}.initial_energy"
-            mass = _Extreme(facts.Told("inertia", field), -1)
-            drag = _Extreme(facts.StartDamping(field) + self.local_damping, -1)
+            mass = _Extreme(facts.Told("inertia", "initial_energy"), -1)
+            damping = facts.StartDamping("initial_energy") + self.local_damping
+            drag = _Extreme(damping, -1)
             speed_squared = facts.velocity @ facts.velocity
             self.initial_energy = (mass / 2 + drag * facts.round_trip) * speed_squared
 

@@ -218,10 +218,10 @@ class WaveVariablesConfig(ArchitectureConfig):
     # Factor on the arriving returning wave, 0 to 1. Null: as for the forward wave.
     return_scaling: float | None = Number(None, above=0, maximum=1)
 
-    def DeriveDefaults(self, facts: Facts, path: str) -> None:
+    def DeriveDefaults(self, facts: Facts) -> None:
         """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
         if self.impedance is None:
-            self.impedance = facts.OperatorResistance(f"{path}.impedance")
+            self.impedance = facts.OperatorResistance("impedance")
         if self.master_damping is None:
             self.master_damping = self.impedance
         if self.forward_scaling is None:

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import field
-from typing import ClassVar
 
 import numpy as np
 from pydrake.systems.framework import Context
@@ -103,8 +102,8 @@ class NetworkChannelConfig(VaryingDelayConfig):
     """Sends a packet each sample period through a network that has its ways with it."""
 
     kind = "network"
-    draws_random_numbers: ClassVar[bool] = True
-    has_packet_statistics: ClassVar[bool] = True
+    draws_random_numbers = True
+    has_packet_statistics = True
 
     # Time between packets, s, > 0.
     sample_period: float = REQUIRED

@@ -6,7 +6,7 @@ T(t) = delay + drift t + amplitude sin(frequency t + phase) + trace(t)
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -169,7 +169,7 @@ class DelayProfile:
 class VaryingDelayConfig(ChannelConfig):
     """A channel whose delay varies; `delay` is the mean, on which the rest adds."""
 
-    file_fields: ClassVar[tuple[str, ...]] = ("trace",)
+    file_fields = ("trace",)
 
     # Growth of the delay, s/s.
     drift: float = 0.0

@@ -10,7 +10,14 @@ from pydrake.systems.framework import System
 from teleop_drake.arrays import ArrayLike
 from teleop_drake.blocks.environments import Surface
 from teleop_drake.kinds import KindConfig
-from teleop_drake.validation import REQUIRED, CheckVector, Config, Number, Refuse
+from teleop_drake.validation import (
+    REQUIRED,
+    CheckVector,
+    Config,
+    Number,
+    Refuse,
+    Within,
+)
 
 # Largest velocity on each axis, m/s: more than any hand reaches.
 _MOST_VELOCITY = 1000.0
@@ -37,15 +44,16 @@ class OperatorConfig(KindConfig, ABC):
 
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field; refuses the first bad one by a ScenarioError."""
-        CheckVector(f"{path}.velocity", self.velocity, num_axes, "m/s")
-        if np.abs(self.velocity).max() > _MOST_VELOCITY:
-            allowed = f"at most {_MOST_VELOCITY:g} m/s on each axis"
-            Refuse(f"{path}.velocity", self.velocity, allowed)
-        if not np.any(self.velocity):
-            Refuse(f"{path}.velocity", self.velocity, "non-zero on at least one axis")
-        if self.contact_force is not None:
-            CheckVector(f"{path}.contact_force", self.contact_force, num_axes, "N")
-        self.CheckNumbers(path)
+        with Within(path):
+            CheckVector("velocity", self.velocity, num_axes, "m/s")
+            if np.abs(self.velocity).max() > _MOST_VELOCITY:
+                allowed = f"at most {_MOST_VELOCITY:g} m/s on each axis"
+                Refuse("velocity", self.velocity, allowed)
+            if not np.any(self.velocity):
+                Refuse("velocity", self.velocity, "non-zero on at least one axis")
+            if self.contact_force is not None:
+                CheckVector("contact_force", self.contact_force, num_axes, "N")
+            self.CheckNumbers()
 
     @abstractmethod
     def MakeOperator(

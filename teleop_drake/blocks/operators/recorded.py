@@ -1,7 +1,6 @@
 """An operator who repeats what a hand did."""
 
 import math
-from typing import ClassVar
 
 import numpy as np
 
@@ -21,7 +20,7 @@ class RecordedConfig(PlannedConfig):
     """v_d(t) from a file: straight lines between its rows, zero before and after."""
 
     kind = "recorded"
-    file_fields: ClassVar[tuple[str, ...]] = ("file",)
+    file_fields = ("file",)
 
     # CSV of time (s, ascending) and v_d (m/s, n entries); a header line is allowed.
     # More than MAX_UNEVEN rows are at equal distances, except for the last one.

@@ -5,7 +5,6 @@ For the two links of Appendix A it gives what (A.1) to (A.14) say, as two_link_a
 
 import re
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 from pydrake.multibody.parsing import Parser
@@ -39,7 +38,7 @@ class ArmConfig(DrivenArmConfig):
     """
 
     kind = "arm"
-    file_fields: ClassVar[tuple[str, ...]] = ("file",)
+    file_fields = ("file",)
 
     # An SDF or URDF file with one model. One that is not joined to the world stands at
     # its origin. Each joint has a motor: a URDF names it in a `transmission`. In a

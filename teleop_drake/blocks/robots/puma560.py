@@ -3,7 +3,6 @@
 import math
 from dataclasses import field
 from importlib import resources
-from typing import ClassVar
 
 import numpy as np
 from pydrake.multibody.parsing import Parser
@@ -44,7 +43,7 @@ class Puma560Config(DrivenArmConfig):
     """
 
     kind = "puma560"
-    default_gravity: ClassVar[tuple[float, float, float]] = (0, 0, -_STANDARD_GRAVITY)
+    default_gravity = (0, 0, -_STANDARD_GRAVITY)
 
     # The joint positions near which those at the start lie, rad, 6 entries.
     posture: np.ndarray | None = field(default_factory=_Nominal)

@@ -11,7 +11,6 @@ c21 of (A.4) is misprinted in the thesis; see thesis/errata. The angles of a poi
 
 import functools
 import math
-from typing import ClassVar
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -38,7 +37,7 @@ class TwoLinkArmConfig(PlantRobotConfig):
     """Two equal links in the horizontal plane (thesis eq. 2.13; Appendix A)."""
 
     kind = "two_link_arm"
-    is_frictionless: ClassVar[bool] = True
+    is_frictionless = True
 
     # up (y > 0) or down (y < 0) at the start pose.
     elbow: str | None = None
