@@ -44,9 +44,8 @@ def test_names_are_those_of_their_files(name):
 
 
 def test_every_name_has_one_place():
-    tables = (dut._PLACES, dut.blocks._PLACES)
-    places = [name for table in tables for names in table.values() for name in names]
-    assert sorted(places) == sorted(dut.__all__)
+    places = [name for names in dut._PLACES.values() for name in names]
+    assert sorted([*places, *dut.blocks.__all__]) == sorted(dut.__all__)
 
 
 def test_an_unknown_name_is_an_attribute_error():

@@ -90,16 +90,15 @@ class DelayProfile:
         sinusoid.CheckNumbers("sinusoid")
         self.delay = float(delay)
         self._drift = float(drift)
-        self.duration = math.inf if duration is None else float(duration)
-        if trace is None:
-            trace = ([0.0, 1.0], [0.0, 0.0])
-        elif duration is None:
-            self.duration = float(trace[0][-1] - trace[0][0])
+        # The trace counts from its first entry.
+        parts = ([0.0, 1.0], [0.0, 0.0]) if trace is None else trace
+        self._times, self._delays = (np.array(part, dtype=float) for part in parts)
+        self._times -= self._times[0]
+        if duration is None:
+            duration = math.inf if trace is None else self._times[-1]
+        self.duration = float(duration)
         if not self.duration > 0:
             Refuse("duration", duration, "a number > 0 (s)")
-        # The trace counts from its first entry.
-        self._times, self._delays = (np.array(part, dtype=float) for part in trace)
-        self._times -= self._times[0]
         self.nonsmooth_times: list[float] = self._times[1:-1].tolist()
         # Bounds: the sums of those of the parts.
         self.minimum = self.delay - sinusoid.amplitude + float(self._delays.min())

@@ -172,7 +172,7 @@ class ContactWall(Wall):
             "normal_law": np.array(normal_law, dtype=float),
             "friction_law": np.array(friction_law, dtype=float),
         }
-        force = (wall_force, *laws, "plane", "tool_position", "tool_velocity")
+        force: Term = (wall_force, *laws, "plane", "tool_position", "tool_velocity")
         Wall.__init__(self, config, start, laws, force)
 
 

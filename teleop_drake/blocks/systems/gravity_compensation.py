@@ -4,8 +4,7 @@ from typing import Any
 
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.blocks.systems.plant_ports import PlantPorts
-from teleop_drake.kernel.convertible import Convertible, DualOf
+from teleop_drake.kernel.convertible import Convertible, DualOf, PlantPorts
 
 
 class _Compensation(PlantPorts):

@@ -6,9 +6,8 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
 from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.systems.plant_ports import PlantPorts
 from teleop_drake.blocks.systems.tool_interface import SpatialJacobian
-from teleop_drake.kernel.convertible import Convertible, DualOf
+from teleop_drake.kernel.convertible import Convertible, DualOf, PlantPorts
 from teleop_drake.laws.task_space import (
     PostureGains,
     orientation_torque,

@@ -10,9 +10,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from teleop_drake.arrays import ArrayLike
-from teleop_drake.blocks.systems.plant_ports import PlantPorts
 from teleop_drake.jit.compiled import CompiledLaw
-from teleop_drake.kernel.convertible import Convertible, DualOf
+from teleop_drake.kernel.convertible import Convertible, DualOf, PlantPorts
 from teleop_drake.laws.task_space import joint_torques, tool_kinematics
 from teleop_drake.validation import Refuse
 
