@@ -7,12 +7,13 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from teleop_drake.blocks.architectures import Architecture
 from teleop_drake.blocks.architectures.own_law import Law
-from teleop_drake.blocks.architectures.ports import AsChannel, CheckPorts
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.scenario import AsTeleoperation, CheckStart, Scenario, ScenarioLike
 from teleop_drake.signals import MarkLoop, NamedSignals
 from teleop_drake.stations import (
+    AsChannel,
+    CheckPorts,
     MakeArchitecture,
     MakeMasterStation,
     WithDrivesAndSensors,

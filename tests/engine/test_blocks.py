@@ -33,7 +33,7 @@ from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid, Variab
 from teleop_drake.blocks.environments import LayerConfig, Surface
 from teleop_drake.blocks.environments.layered_force_field import LayeredForceField
 from teleop_drake.blocks.operators import ConstantVelocityOperator
-from teleop_drake.blocks.operators.modes import past_surface, with_stop
+from teleop_drake.blocks.operators.base import past_surface, with_stop
 from teleop_drake.blocks.operators.planned import TrapezoidConfig
 from teleop_drake.blocks.systems.disturbance_force import DisturbanceForce
 from teleop_drake.engine.check import (

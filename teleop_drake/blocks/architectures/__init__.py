@@ -7,10 +7,10 @@ from teleop_drake.blocks.architectures.base import (
     Architecture,
     ArchitectureConfig,
     ControlLawConfig,
+    Facts,
 )
 from teleop_drake.blocks.architectures.damped_force import DampedForceConfig
 from teleop_drake.blocks.architectures.direct_force import DirectForceConfig
-from teleop_drake.blocks.architectures.facts import Facts
 from teleop_drake.blocks.architectures.four_channel import FourChannelConfig
 from teleop_drake.blocks.architectures.own_law import LawConfig
 from teleop_drake.blocks.architectures.proportional_damping import (

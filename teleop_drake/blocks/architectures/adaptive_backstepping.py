@@ -8,8 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig
-from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig, Facts
 from teleop_drake.jit.compiled import Law
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.kernel.linear_part import FROZEN_WEIGHTS, LinearPart

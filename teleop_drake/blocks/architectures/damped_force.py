@@ -6,8 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from teleop_drake.arrays import ArrayLike
-from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig
-from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig, Facts
 from teleop_drake.kernel import FixedBlock, Kernel, Term
 from teleop_drake.laws.proportional import braked_force, damper_force, velocity_error
 from teleop_drake.validation import (

@@ -1,7 +1,6 @@
 """The thesis's baseline: the haptic force acts on the tool as it arrives."""
 
-from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig
-from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig, Facts
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.validation import CheckNumber, Config
 

@@ -8,10 +8,10 @@ from teleop_drake.blocks.architectures.base import (
     Architecture,
     ArchitectureConfig,
     CheckStart,
+    Facts,
     MasterSide,
     SlaveSide,
 )
-from teleop_drake.blocks.architectures.facts import Facts
 from teleop_drake.kernel import Kernel
 from teleop_drake.laws.four_channel import Station, master_rate, slave_force
 from teleop_drake.validation import (

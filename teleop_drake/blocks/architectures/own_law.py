@@ -15,8 +15,7 @@ import numpy as np
 from pydrake.systems.framework import System
 
 from teleop_drake.arrays import Array, ArrayLike, Record
-from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig
-from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig, Facts
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.kernel.terms import WORDS
 from teleop_drake.validation import REQUIRED, CheckChoice, Config, Refuse, ScenarioError

@@ -9,7 +9,7 @@ from teleop_drake.blocks.architectures.adaptive_backstepping import (
     AdaptiveBackstepping,
     AdaptiveBacksteppingConfig,
 )
-from teleop_drake.blocks.architectures.facts import Facts
+from teleop_drake.blocks.architectures.base import Facts
 from teleop_drake.laws.backstepping import BacksteppingGains
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.robust_backstepping import (

@@ -16,11 +16,11 @@ from pydrake.systems.primitives import (
 from teleop_drake.blocks.architectures.base import (
     Architecture,
     ArchitectureConfig,
+    Facts,
     MakeLawArchitecture,
 )
 from teleop_drake.blocks.architectures.damped_force import DampedForce
 from teleop_drake.blocks.architectures.direct_force import DirectForce
-from teleop_drake.blocks.architectures.facts import Facts
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.validation import (
     CheckNumber,

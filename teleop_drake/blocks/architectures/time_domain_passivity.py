@@ -7,10 +7,10 @@ import numpy as np
 from teleop_drake.blocks.architectures.base import (
     Architecture,
     ArchitectureConfig,
+    Facts,
     MasterSide,
     SlaveSide,
 )
-from teleop_drake.blocks.architectures.facts import Facts
 from teleop_drake.kernel import Kernel, Name, times
 from teleop_drake.kernel.linear_part import IDLE_PASSIVITY, LinearPart
 from teleop_drake.laws.passivity import (

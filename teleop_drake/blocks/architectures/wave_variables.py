@@ -9,10 +9,10 @@ from teleop_drake.blocks.architectures.base import (
     Architecture,
     ArchitectureConfig,
     CheckStart,
+    Facts,
     MasterSide,
     SlaveSide,
 )
-from teleop_drake.blocks.architectures.facts import Facts
 from teleop_drake.kernel import Kernel, times
 from teleop_drake.laws.wave_variables import (
     line_power,

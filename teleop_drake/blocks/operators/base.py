@@ -1,17 +1,23 @@
-"""Base of the configs of operators."""
+"""Bases of the operators: of their configs, and of those that change modes."""
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import System
 
-from teleop_drake.arrays import ArrayLike
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.environments import Surface
+from teleop_drake.kernel import FixedBlock, Kernel, Term, Transition
+from teleop_drake.kernel.linear_part import HeldForce, LinearPart
 from teleop_drake.kinds import KindConfig
+from teleop_drake.laws.operator import force_command, operator_mode, velocity_command
 from teleop_drake.validation import (
     REQUIRED,
+    CheckNumber,
     CheckVector,
     Config,
     Number,
@@ -109,3 +115,151 @@ class OperatorConfig(KindConfig, ABC):
     def LongestStep(self) -> float:
         """Returns the longest step in s that the solver may take, infinity if any."""
         return math.inf
+
+
+class ModalOperator(FixedBlock):
+    """Base of the operators that command a velocity, then a force, then a stop.
+
+        mode 0, velocity: v_d = intended, F_h = force of the haptic device
+        mode 1, force:    v_d = 0,        F_h = contact_force
+        mode 2, stopped:  v_d = 0,        F_h = 0 if the mode was 1, otherwise the
+                                          haptic device brakes the tool
+
+    Contact is perceived, once and for all, when the felt tool position reaches
+    `contact_surface`; that is a return delay after the tool touched it.
+
+    | port | name             | size | unit                     |
+    |------|------------------|------|--------------------------|
+    | in   | haptic_force     | n    | N                        |
+    | in   | felt_position    | n    | m, from the return channel |
+    | out  | velocity_command | n    | m/s                      |
+    | out  | force_command    | n    | N                        |
+    | out  | mode             | 1    | 0, 1 or 2                |
+
+    State (discrete, 2): [contact perceived, stopped], each 0 or 1. A returned
+    position that moves continuously is watched by a witness function if the Context
+    has an accuracy (context.SetAccuracy); one that jumps, as behind a sampled
+    channel, is checked at the end of every step, which is the instant of the jump
+    if an unrestricted update made it.
+
+    Initial value: velocity mode.
+
+    Direct feedthrough: haptic_force to force_command; nothing else.
+
+    It does not get tired, or let go when the tool bounces off.
+
+    Attributes:
+        jump_times: When the outputs jump or are not smooth in any case, s.
+        contact_surface: Where the operator perceives contact; None: nowhere.
+
+    Args:
+        num_axes: n.
+        intention: The term of v_d in m/s (n) before contact and before the stop.
+        parameters: Those of the term, and of the following.
+        inputs: Width of each further input by its name.
+        rate: The term of the continuous state's rate; None: no state.
+        state: The initial continuous state.
+        memory: What is in the discrete state behind the two, at first.
+        transitions: Further changes of the discrete state.
+        contact_force: Force after contact in N (n); None: never switches.
+        contact_surface: Where contact is perceived; None: never.
+        stop_time: When the stop is commanded in s; None: never.
+
+    Raises:
+        ValueError: If a size or value is not allowed.
+    """
+
+    def __init__(
+        self,
+        num_axes: int,
+        intention: Term,
+        parameters: Mapping[str, Any],
+        *,
+        inputs: Mapping[str, int] = MappingProxyType({}),
+        rate: Term | None = None,
+        state: ArrayLike = (),
+        memory: ArrayLike = (),
+        transitions: Mapping[str, Transition] = MappingProxyType({}),
+        contact_force: ArrayLike | None = None,
+        contact_surface: Surface | None = None,
+        stop_time: float | None = None,
+    ):
+        n = num_axes
+        force = np.zeros(n) if contact_force is None else contact_force
+        CheckVector("contact_force", force, n, "N")
+        if contact_surface is not None:
+            CheckVector("contact_surface.point_W", contact_surface.point_W, n, "m")
+        self._contact_force = np.array(force, dtype=float)
+        self._mode = np.append([0.0, 0.0], memory)
+        self.contact_surface = None if contact_force is None else contact_surface
+        self.jump_times: list[float] = []
+        # What switches between the modes.
+        parameters = {"contact_force": self._contact_force, **parameters}
+        switches = {}
+        if self.contact_surface is not None:
+            parameters["point"] = self.contact_surface.point_W
+            parameters["normal"] = self.contact_surface.normal_W
+            switches["perceives_contact"] = Transition(
+                guard=(past_surface, "mode", "felt_position", "point", "normal"),
+                mode=(with_contact, "mode"),
+            )
+        if stop_time is not None:
+            CheckNumber("stop_time", stop_time, "s", minimum=0)
+            self.jump_times = [stop_time]
+            switches["stops"] = Transition(mode=(with_stop, "mode"), offset=stop_time)
+        outputs: dict[str, Term] = {
+            "intended_velocity": intention,
+            "velocity_command": (velocity_command, "mode", "intended_velocity"),
+            "force_command": (force_command, "mode", "haptic_force", "contact_force"),
+            "mode": (mode_vector, "mode"),
+        }
+        FixedBlock.__init__(
+            self,
+            "",
+            Kernel(
+                parameters=parameters,
+                rate=rate,
+                outputs=outputs,
+                sizes={"intended_velocity": n},
+                transitions={**switches, **transitions},
+                unused=("felt_position",),
+            ),
+            inputs={"haptic_force": n, "felt_position": n, **inputs},
+            outputs={"velocity_command": n, "force_command": n, "mode": 1},
+            state=state,
+            mode=self._mode,
+        )
+
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns that what has been perceived stays perceived, and what follows."""
+        if self.contact_surface is None:
+            return LinearPart(has_modes=True)
+        held = HeldForce(state=with_contact(self._mode), force=self._contact_force)
+        return LinearPart(has_modes=True, held_force=held)
+
+
+def mode_vector(state: Array) -> Array:
+    """Returns operator_mode() as a vector."""
+    return np.array([operator_mode(state)])
+
+
+def past_surface(
+    state: Array, felt_position: Array, point: Array, normal: Array
+) -> Array:
+    """Returns the depth in m at which contact is perceived (1).
+
+    It is negative after contact has been perceived.
+    """
+    if operator_mode(state) != 0:
+        return np.full(1, -1.0)
+    return np.array([np.sum((felt_position - point) * normal)])
+
+
+def with_contact(state: Array) -> Array:
+    """Returns the state after contact was perceived."""
+    return np.concatenate(([1.0], state[1:]))
+
+
+def with_stop(state: Array) -> Array:
+    """Returns the state after the stop."""
+    return np.concatenate((state[:1], [1.0], state[2:]))

@@ -2,7 +2,7 @@
 
 from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.environments.surface import Surface
-from teleop_drake.blocks.operators.modes import ModalOperator
+from teleop_drake.blocks.operators.base import ModalOperator
 
 
 class HandOperator(ModalOperator):

@@ -11,8 +11,7 @@ from teleop_drake.arrays import ArrayLike
 from teleop_drake.blocks.channels.base import SHORTEST_TIME
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.blocks.environments import Surface
-from teleop_drake.blocks.operators.base import OperatorConfig
-from teleop_drake.blocks.operators.modes import ModalOperator
+from teleop_drake.blocks.operators.base import ModalOperator, OperatorConfig
 from teleop_drake.kernel import Term
 from teleop_drake.laws.operator import (
     HumanOperator,

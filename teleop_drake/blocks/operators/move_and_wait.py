@@ -7,8 +7,7 @@ import numpy as np
 from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.channels.base import SHORTEST_TIME
 from teleop_drake.blocks.environments import Surface
-from teleop_drake.blocks.operators.base import OperatorConfig
-from teleop_drake.blocks.operators.modes import ModalOperator
+from teleop_drake.blocks.operators.base import ModalOperator, OperatorConfig
 from teleop_drake.kernel import Transition
 from teleop_drake.laws.operator import operator_mode
 from teleop_drake.validation import CheckVector, Config, Number, Refuse

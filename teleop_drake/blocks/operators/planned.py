@@ -11,8 +11,7 @@ import numpy as np
 from teleop_drake.arrays import Array, ArrayLike, Interval
 from teleop_drake.blocks.channels.base import SHORTEST_TIME
 from teleop_drake.blocks.environments import Surface
-from teleop_drake.blocks.operators.base import OperatorConfig
-from teleop_drake.blocks.operators.modes import ModalOperator
+from teleop_drake.blocks.operators.base import ModalOperator, OperatorConfig
 from teleop_drake.kernel import Term, Transition
 from teleop_drake.numerics.piecewise_polynomial import (
     differentiate_pieces,

@@ -12,9 +12,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia
 
 from teleop_drake.arrays import ArrayLike
+from teleop_drake.blocks.robots.base import NewPlant
 from teleop_drake.blocks.robots.driven_arm import AddPayload, DrivenArmConfig
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL
-from teleop_drake.blocks.robots.model_file import NewPlant
 from teleop_drake.blocks.robots.robot_diagram import TOOL_BODY
 from teleop_drake.files import ReadText
 from teleop_drake.validation import (

@@ -9,8 +9,8 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.blocks.robots.base import NewPlant
 from teleop_drake.blocks.robots.driven_arm import AddPayload, DrivenArmConfig
-from teleop_drake.blocks.robots.model_file import NewPlant
 from teleop_drake.blocks.robots.robot_diagram import JointDrive
 from teleop_drake.blocks.systems.joint_friction import JointFriction
 from teleop_drake.validation import Config, Number

@@ -3,8 +3,12 @@
 from pydrake.multibody.plant import MultibodyPlant
 
 from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.robots.base import PlantRobotConfig, PointOf
-from teleop_drake.blocks.robots.model_file import LoadModel, ReadModel
+from teleop_drake.blocks.robots.base import (
+    LoadModel,
+    PlantRobotConfig,
+    PointOf,
+    ReadModel,
+)
 from teleop_drake.validation import Config, Number
 
 

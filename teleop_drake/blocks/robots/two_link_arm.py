@@ -16,9 +16,13 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
 from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.robots.base import PlantRobotConfig, PointOf
+from teleop_drake.blocks.robots.base import (
+    LoadModel,
+    PlantRobotConfig,
+    PointOf,
+    ReadModel,
+)
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL
-from teleop_drake.blocks.robots.model_file import LoadModel, ReadModel
 from teleop_drake.validation import CheckChoice, Config, Number, Refuse
 
 # Sign of q2, the bend of the elbow. Stretched forward along x, `down` puts the elbow

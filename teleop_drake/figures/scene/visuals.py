@@ -11,8 +11,8 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.robots import PlantRobotConfig, RobotConfig
+from teleop_drake.blocks.robots.base import TellingShapes
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolJacobian
-from teleop_drake.blocks.robots.model_file import TellingShapes
 
 # Radius of the sticks that stand for links without shapes, as a share of their lengths.
 _STICK = 0.015

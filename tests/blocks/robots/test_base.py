@@ -12,9 +12,15 @@ from kernel_checks import CheckKernel
 from pydrake.systems.primitives import PassThrough
 
 from teleop_drake.blocks.robots import ROBOT_KINDS, ArmConfig, MakeRobot
-from teleop_drake.blocks.robots.base import PlantRobotConfig, PointOf, RobotConfig
+from teleop_drake.blocks.robots.base import (
+    LoadModel,
+    NewPlant,
+    PlantRobotConfig,
+    PointOf,
+    ReadModel,
+    RobotConfig,
+)
 from teleop_drake.blocks.robots.driven_arm import DrivenArmConfig
-from teleop_drake.blocks.robots.model_file import LoadModel, NewPlant, ReadModel
 from teleop_drake.validation import ScenarioError
 
 FILE = str(Path(__file__).parents[3] / "diagrams" / "own_arm.urdf")

@@ -4,11 +4,11 @@ import appendix_a
 import numpy as np
 import pytest
 
+from teleop_drake.blocks.robots.base import LoadModel, ReadModel
 from teleop_drake.blocks.robots.inverse_kinematics import (
     SolveInverseKinematics,
     ToolJacobian,
 )
-from teleop_drake.blocks.robots.model_file import LoadModel, ReadModel
 from teleop_drake.validation import ScenarioError
 
 
