@@ -184,12 +184,10 @@ class Recording:
 
     def __repr__(self) -> str:
         """Returns what was simulated, how it ended and what happened, on one line."""
-        facts = [
-            f"{self.time[-1] if len(self.time) else 0:g} s in {len(self.time)} samples",
-            f"{len(self.signals)} signals",
-            self.termination,
-            *(f"{event.name} at {event.time:.4g} s" for event in self.events[:3]),
-        ]
+        end = self.time[-1] if len(self.time) else 0
+        facts = [f"{end:g} s in {len(self.time)} samples"]
+        facts += [f"{len(self.signals)} signals", self.termination]
+        facts += [f"{event.name} at {event.time:.4g} s" for event in self.events[:3]]
         if len(self.events) > 3:
             facts.append(f"{len(self.events) - 3} more events")
         of = "a diagram"

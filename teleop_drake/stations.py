@@ -232,8 +232,8 @@ def CheckPorts(
     name: str,
     system: Any,
     *,
-    inputs: Mapping[str, int] | None = None,
-    outputs: Mapping[str, int] | None = None,
+    inputs: Mapping[str, int],
+    outputs: Mapping[str, int],
     num_axes: int | None = None,
 ) -> None:
     """Refuses what is no system, or lacks ports, or has ports of another width.
@@ -248,18 +248,16 @@ def CheckPorts(
         ScenarioError: Naming all missing ports, or the first port of another width.
     """
     CheckIsSystem(name, system)
-    wanted_inputs = inputs or {}
-    wanted_outputs = outputs or {}
-    missing = [f"input {x}" for x in wanted_inputs if not system.HasInputPort(x)]
-    missing += [f"output {x}" for x in wanted_outputs if not system.HasOutputPort(x)]
+    missing = [f"input {x}" for x in inputs if not system.HasInputPort(x)]
+    missing += [f"output {x}" for x in outputs if not system.HasOutputPort(x)]
     if missing:
         raise ScenarioError(
             f"{name}: {type(system).__name__} lacks the ports {', '.join(missing)}"
         )
-    sizes = {x: (system.GetOutputPort(x).size(), n) for x, n in wanted_outputs.items()}
-    for port, wanted in wanted_inputs.items():
-        sizes[port] = system.GetInputPort(port).size(), wanted
-    for port, (size, wanted) in sizes.items():
+    sizes = {x: system.GetOutputPort(x).size() for x in outputs}
+    sizes |= {x: system.GetInputPort(x).size() for x in inputs}
+    for port, wanted in {**outputs, **inputs}.items():
+        size = sizes[port]
         if size != wanted:
             entries = "1 entry" if size == 1 else f"{size} entries"
             reason = f"must have {wanted}"

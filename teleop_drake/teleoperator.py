@@ -193,25 +193,19 @@ def _CheckOwn(
     num_axes: int,
 ) -> None:
     """Refuses a system that lacks ports of Fig. 2.1, or has some of another width."""
-    motion = dict.fromkeys(("tool_position", "tool_velocity"), num_axes)
-    force = {"environment_force": num_axes}
-    CheckPorts(
-        "robot",
-        robot,
-        inputs={"control_force": num_axes, **force},
-        outputs=motion,
-        num_axes=num_axes,
-    )
-    CheckPorts(
-        "environment", environment, inputs=motion, outputs=force, num_axes=num_axes
-    )
-    if operator is not None:
-        commands = dict.fromkeys(("velocity_command", "force_command"), num_axes)
-        outputs = {**commands, "mode": 1}
-        CheckPorts("operator", operator, outputs=outputs, num_axes=num_axes)
-    if haptic_device is not None:
-        outputs = {"haptic_force": num_axes}
-        CheckPorts("haptic_device", haptic_device, outputs=outputs, num_axes=num_axes)
+    n = num_axes
+    motion = {"tool_position": n, "tool_velocity": n}
+    force = {"environment_force": n}
+    commands = {"velocity_command": n, "force_command": n, "mode": 1}
+    wanted = {
+        "robot": (robot, {"control_force": n, **force}, motion),
+        "environment": (environment, motion, force),
+        "operator": (operator, {}, commands),
+        "haptic_device": (haptic_device, {}, {"haptic_force": n}),
+    }
+    for name, (system, inputs, outputs) in wanted.items():
+        if system is not None:
+            CheckPorts(name, system, inputs=inputs, outputs=outputs, num_axes=n)
 
 
 def _MakeChannel(

@@ -292,14 +292,13 @@ class MinimumJerkConfig(PlannedConfig):
         """Checks every field; see OperatorConfig.Check."""
         super().Check(path, num_axes)
         previous = [0.0] * num_axes
-        name = "start"
         for i, point in enumerate(self.waypoints):
             place = f"{path}.waypoints.{i}"
             CheckVector(place, point, num_axes, "m")
             if np.array_equal(point, previous):
+                name = "waypoint before" if i else "start"
                 Refuse(place, point, f"another point than the {name}")
             previous = point
-            name = "waypoint before"
         # The rate of a rotation vector is the angular velocity about a fixed axis.
         turns = np.array([point[3:] for point in self.waypoints])
         if turns.size and np.linalg.matrix_rank(turns) > 1:

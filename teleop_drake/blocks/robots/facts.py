@@ -92,10 +92,7 @@ def _ToolInertiaAndDamping(
         return None, None
     inertia: Array = np.linalg.inv(mobility)
     # The dynamically consistent inverse of J, which is J^-1 where there is one.
-    if num_axes == plant.num_velocities():
-        J_inverse = np.linalg.inv(J)
-    else:
-        J_inverse = np.linalg.solve(M, J.T) @ inertia
+    J_inverse = np.linalg.solve(M, J.T) @ inertia
     damping: Array = J_inverse.T @ _JointDamping(plant, context) @ J_inverse
     return inertia, damping
 
@@ -105,9 +102,7 @@ def _JointDamping(plant: MultibodyPlant, context: Context) -> Array:
     damping = np.zeros(plant.num_velocities())
     for index in plant.GetJointIndices():
         joint = plant.get_joint(index)
-        if joint.num_velocities():
-            begin = joint.velocity_start()
-            damping[begin : begin + joint.num_velocities()] = joint.GetDampingVector(
-                context
-            )
+        begin = joint.velocity_start()
+        end = begin + joint.num_velocities()
+        damping[begin:end] = joint.GetDampingVector(context)
     return np.diag(damping)
