@@ -217,8 +217,10 @@ class Recording:
         try:
             import pandas
         except ImportError as e:
-            message = "pandas is not installed: pip install 'teleop-drake[data]'"
-            raise ImportError(message, name="pandas") from e
+            raise ImportError(
+                "pandas is not installed: pip install 'teleop-drake[data]'",
+                name="pandas",
+            ) from e
         return pandas.DataFrame(
             np.hstack(list(self.signals.values())),
             index=pandas.Index(self.time, name="time"),

@@ -148,11 +148,13 @@ def MakeArchitecture(
         law = AsControlLaw(control_law, facts.start)
         n = facts.num_axes
         inputs = dict.fromkeys(LAW_INPUTS, n)
-        outputs = {"control_force": n}
-        CheckPorts("control_law", law, inputs=inputs, outputs=outputs, num_axes=n)
+        CheckPorts(
+            "control_law", law, inputs=inputs, outputs={"control_force": n}, num_axes=n
+        )
         return MakeLawArchitecture(law, facts.start.tolist())
-    chosen = scenario.controller.Chosen()
-    return chosen.MakeArchitecture(facts, scenario.controller.path)
+    return scenario.controller.Chosen().MakeArchitecture(
+        facts, scenario.controller.path
+    )
 
 
 def WithDrivesAndSensors(slave_side: System, scenario: Scenario) -> System:
@@ -289,8 +291,11 @@ def AsChannel(name: str, system: Any, size: int) -> System:
     """
     CheckIsSystem(name, system)
     if system.num_input_ports() != 1 or system.num_output_ports() != 1:
-        counts = f"{system.num_input_ports()} and {system.num_output_ports()}"
-        Refuse(f"{name}: inputs and outputs", counts, "one of each")
+        Refuse(
+            f"{name}: inputs and outputs",
+            f"{system.num_input_ports()} and {system.num_output_ports()}",
+            "one of each",
+        )
     source = system.get_output_port()
     target = system.get_input_port()
     CheckPorts(

@@ -78,17 +78,21 @@ def MakeTeleoperator(
         ScenarioError: If a system of yours lacks a port, or a port has another width.
     """
     builder = DiagramBuilder()
-    systems = OwnSystems(
-        control_law=control_law,
-        architecture=architecture,
-        robot=robot,
-        environment=environment,
-        forward_channel=forward_channel,
-        return_channel=return_channel,
-        operator=operator,
-        haptic_device=haptic_device,
+    AddTeleoperator(
+        builder,
+        scenario,
+        side=side,
+        systems=OwnSystems(
+            control_law=control_law,
+            architecture=architecture,
+            robot=robot,
+            environment=environment,
+            forward_channel=forward_channel,
+            return_channel=return_channel,
+            operator=operator,
+            haptic_device=haptic_device,
+        ),
     )
-    AddTeleoperator(builder, scenario, side=side, systems=systems)
     teleoperator = builder.Build()
     teleoperator.set_name("teleoperator")
     return teleoperator

@@ -145,8 +145,11 @@ class AdaptiveBackstepping(FixedBlock):
         n = gains.num_axes
         N = network.num_functions
         if network.num_inputs not in (n, 2 * n):
-            allowed = f"{n} or {2 * n}, one or two for each task axis"
-            Refuse("network.num_inputs", network.num_inputs, allowed)
+            Refuse(
+                "network.num_inputs",
+                network.num_inputs,
+                f"{n} or {2 * n}, one or two for each task axis",
+            )
         self._n = n
         self._psi_min = gains.Psi_min
         constants: dict[str, Any] = {} if bounds is None else {"bounds": bounds}
@@ -251,8 +254,11 @@ class NetworkConfig(FixedFields):
             CheckVector("lower", self.lower, n, "m")
             CheckVector("upper", self.upper, n, "m")
             if not np.all(self.lower < self.upper):
-                allowed = f"> {path}.lower = {Show(self.lower)} m on every axis"
-                Refuse("upper", self.upper, allowed)
+                Refuse(
+                    "upper",
+                    self.upper,
+                    f"> {path}.lower = {Show(self.lower)} m on every axis",
+                )
             count = self.count
             if not IsGiven(count) or len(count) != n or min(count) < 1:
                 Refuse("count", count, f"a list of {n} whole numbers >= 1")
@@ -345,8 +351,11 @@ class BacksteppingParameters(FixedFields):
                 product = gains["P"] @ gains["G1"]
                 product = product + product.T
             if not np.isfinite(product).all() or np.linalg.eigvalsh(product)[0] <= 0:
-                allowed = "such that the symmetric part of P G1 is positive definite"
-                Refuse(f"{path}.P", self.P, allowed)
+                Refuse(
+                    f"{path}.P",
+                    self.P,
+                    "such that the symmetric part of P G1 is positive definite",
+                )
         self.CheckNumbers(path)
         if is_needed or self.network.is_given:
             self.network.Check(f"{path}.network", num_axes)

@@ -122,8 +122,9 @@ class Facts:
         )
         if not value > 0:
             told = f"whose {name} at low frequency is {value:g} {unit}"
-            allowed = f"a number, because none derives from haptic_device, {told}"
-            Refuse(path, None, allowed)
+            Refuse(
+                path, None, f"a number, because none derives from haptic_device, {told}"
+            )
         return value
 
     def DeviceGain(self) -> float:

@@ -126,12 +126,12 @@ class DampedForceConfig(ControlLawConfig):
         """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
         if self.damping is None:
             mass = np.linalg.eigvalsh(facts.Told("inertia", "damping"))[-1]
-            stiffness = facts.OperatorStiffness("damping")
-            self.damping = 2 * math.sqrt(stiffness * mass)
+            self.damping = 2 * math.sqrt(facts.OperatorStiffness("damping") * mass)
 
     def MakeControlLaw(self, facts: Facts, path: str) -> DampedForce:
         """Makes the law."""
-        damping = self.Resolve(facts, path).damping
         return DampedForce(
-            num_axes=facts.num_axes, damping=damping, against=self.against
+            num_axes=facts.num_axes,
+            damping=self.Resolve(facts, path).damping,
+            against=self.against,
         )

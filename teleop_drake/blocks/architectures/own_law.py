@@ -202,8 +202,11 @@ def _CheckArguments(law: Law, parameters: list[inspect.Parameter]) -> None:
     if not has_inputs or any(x.kind not in positional for x in parameters):
         shown = f"{_NameOf(law)}({', '.join(names)})"
         inputs = ", ".join(LAW_INPUTS)
-        allowed = f"a function of ({inputs}), then of gains, none of them keyword-only"
-        Refuse("control_law", shown, allowed)
+        Refuse(
+            "control_law",
+            shown,
+            f"a function of ({inputs}), then of gains, none of them keyword-only",
+        )
     for gain in gains:
         if gain.name in (*LAW_INPUTS, *WORDS, "rate", "control_force"):
             Refuse("control_law", gain.name, "another name for a gain")
@@ -240,8 +243,11 @@ def _FieldType(law: Any, parameter: inspect.Parameter) -> Any:  # noqa: RET503
         return type(default)
     if default is parameter.empty or isinstance(default, (int, float)):
         return float
-    allowed = "a number, text, true or false, or an array, to be a field of a scenario"
-    Refuse(f"{_NameOf(law)}: {parameter.name}", default, allowed)
+    Refuse(
+        f"{_NameOf(law)}: {parameter.name}",
+        default,
+        "a number, text, true or false, or an array, to be a field of a scenario",
+    )
 
 
 def _Value(kind: Any, value: Any) -> Any:

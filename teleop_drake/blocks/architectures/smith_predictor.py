@@ -157,8 +157,7 @@ class SmithPredictorConfig(ArchitectureConfig):
             self.delay = facts.round_trip
         if np.any(GainMatrix(self.stiffness, facts.num_axes)[3:]):
             # y is no rotation: it is the integral of an angular velocity.
-            allowed = "0 about axes: a model has no pose"
-            Refuse("stiffness", self.stiffness, allowed)
+            Refuse("stiffness", self.stiffness, "0 about axes: a model has no pose")
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
         """Makes both sides."""

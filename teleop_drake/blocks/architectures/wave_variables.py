@@ -237,8 +237,11 @@ class WaveVariablesConfig(ArchitectureConfig):
         facts.CheckStrictlyProper(self.kind)
         is_open = np.allclose(line.master_damping, line.impedance, rtol=1e-12, atol=0)
         if facts.has_no_delay and not is_open:
-            allowed = "null without delay: the wave would go round in no time"
-            Refuse(f"{path}.master_damping", line.master_damping, allowed)
+            Refuse(
+                f"{path}.master_damping",
+                line.master_damping,
+                "null without delay: the wave would go round in no time",
+            )
         start: list[float] = facts.start.tolist()
         # No waves under way, and both at the start.
         packet = [*[0.0] * len(start), *start]

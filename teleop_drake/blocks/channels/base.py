@@ -65,8 +65,11 @@ class ChannelConfig(KindConfig, ABC):
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
         if self.delay != 0 and not SHORTEST_TIME <= self.delay < math.inf:
-            allowed = f"0 or a finite number >= {SHORTEST_TIME:g} (s)"
-            Refuse(f"{path}.delay", self.delay, allowed)
+            Refuse(
+                f"{path}.delay",
+                self.delay,
+                f"0 or a finite number >= {SHORTEST_TIME:g} (s)",
+            )
         if self.seed < 0:
             Refuse(f"{path}.seed", self.seed, "a whole number >= 0")
 

@@ -35,8 +35,11 @@ class DiscreteChannelConfig(ChannelConfig):
         CheckSamplePeriod(path, self.sample_period, self.delay)
         num_periods = self.delay / self.sample_period
         if abs(num_periods - round(num_periods)) > _NEARLY_WHOLE:
-            allowed = f"a whole number of sample periods, {self.sample_period:g} s each"
-            Refuse(f"{path}.delay", self.delay, allowed)
+            Refuse(
+                f"{path}.delay",
+                self.delay,
+                f"a whole number of sample periods, {self.sample_period:g} s each",
+            )
 
     def MakeChannel(
         self,

@@ -150,9 +150,8 @@ class NetworkChannelConfig(VaryingDelayConfig):
         stream: str = "",
     ) -> NetworkDelay:
         """Makes the block; see ChannelConfig.MakeChannel."""
-        network = self.Network(duration, stream=stream)
         return NetworkDelay(
-            network=network,
+            network=self.Network(duration, stream=stream),
             receiver=self.receiver,
             size=size,
             initial_value=initial_value,
@@ -179,8 +178,11 @@ class NetworkChannelConfig(VaryingDelayConfig):
                 packet arrives.
         """
         if self.receiver.policy == "extrapolate":
-            allowed = "newest or playout, because what extrapolates is not a delay"
-            Refuse(f"{path}.receiver.policy", self.receiver.policy, allowed)
+            Refuse(
+                f"{path}.receiver.policy",
+                self.receiver.policy,
+                "newest or playout, because what extrapolates is not a delay",
+            )
         network = self.Network(duration, stream=path, path=path)
         age = ComputePacketStatistics(network, self.receiver, duration).age_mean
         if age is None:

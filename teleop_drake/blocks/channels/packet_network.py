@@ -202,8 +202,11 @@ class PacketNetwork:
         self._seed = seed
         self._stream = stream
         if not 0 < sample_period <= profile.duration or math.isinf(sample_period):
-            allowed = f"a finite number > 0 and <= {profile.duration:g} (s)"
-            Refuse("sample_period", sample_period, allowed)
+            Refuse(
+                "sample_period",
+                sample_period,
+                f"a finite number > 0 and <= {profile.duration:g} (s)",
+            )
         if seed < 0:
             Refuse("seed", seed, "a whole number >= 0")
         self._CheckJitter()
@@ -223,21 +226,28 @@ class PacketNetwork:
         elif jitter.kind != "none":
             CheckNumber("jitter.minimum", jitter.minimum, "s", minimum=0, maximum=mean)
             if jitter.kind == "gamma" and jitter.std > 0 and jitter.minimum == mean:
-                allowed = f"less than the mean delay, {mean:g} s"
-                Refuse("jitter.minimum", jitter.minimum, allowed)
+                Refuse(
+                    "jitter.minimum",
+                    jitter.minimum,
+                    f"less than the mean delay, {mean:g} s",
+                )
             least = jitter.minimum - mean if jitter.std > 0 else 0.0
         least += self.profile.minimum
         # A margin for the rounding of the sum of the bounds.
         if least >= -1e-12:
             return
         if jitter.kind == "uniform":
-            allowed = f"such that the delay, down to {least:g} s, is never negative"
-            Refuse("jitter.std", jitter.std, allowed)
-        allowed = (
+            Refuse(
+                "jitter.std",
+                jitter.std,
+                f"such that the delay, down to {least:g} s, is never negative",
+            )
+        Refuse(
+            "jitter.minimum",
+            jitter.minimum,
             f">= {jitter.minimum - least:g} (s), so that with what varies with "
-            "time no delay is negative"
+            "time no delay is negative",
         )
-        Refuse("jitter.minimum", jitter.minimum, allowed)
 
     def _CheckLoss(self) -> None:
         """Checks the loss, and that the chain of bursts exists."""
@@ -255,11 +265,12 @@ class PacketNetwork:
         bad_share = loss.probability - loss.good_loss
         is_always_bad = bad_share >= loss.bad_loss - loss.good_loss
         if is_always_bad or not loss.good_loss <= loss.probability <= most:
-            allowed = (
+            Refuse(
+                "loss.probability",
+                loss.probability,
                 f">= {loss.good_loss:g} and <= {most:g}, and less than bad_loss, with "
-                "this burst_length, good_loss and bad_loss"
+                "this burst_length, good_loss and bad_loss",
             )
-            Refuse("loss.probability", loss.probability, allowed)
 
     def Arrival(self, k: int) -> float:
         """Returns when packet k, sent at k h, arrives (s); infinity if it is lost.

@@ -68,8 +68,7 @@ class Trace:
                 again, a mean step after the last entry, and `refuse` leaves it.
         """
         times = self.times - self.times[0]
-        missing = duration - times[-1]
-        if missing <= 0 or end == "refuse":
+        if duration <= times[-1] or end == "refuse":
             return replace(self, times=times)
         entries = np.arange(len(times))
         if end == "hold":
@@ -79,15 +78,19 @@ class Trace:
             period = times[-1] + times[-1] / (len(times) - 1)
             count = int(duration / period) + 1
             if count * len(times) > _MAX_ENTRIES:
-                allowed = f"such that there are {_MAX_ENTRIES:g} entries"
-                Refuse("trace_end", end, allowed)
+                Refuse(
+                    "trace_end", end, f"such that there are {_MAX_ENTRIES:g} entries"
+                )
             # Also the way back from the last entry to the first one.
             entries = np.append(np.tile(entries, count), 0)
             begins = period * np.arange(count)
             times = np.append(np.add.outer(begins, times), count * period)
-        delays = self.delays[entries]
-        is_lost = self.is_lost[entries]
-        return replace(self, times=times, delays=delays, is_lost=is_lost)
+        return replace(
+            self,
+            times=times,
+            delays=self.delays[entries],
+            is_lost=self.is_lost[entries],
+        )
 
     def IsLost(self, times: np.ndarray) -> np.ndarray:
         """Returns whether the last entry until each of some times was lost (K).

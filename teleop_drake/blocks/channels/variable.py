@@ -115,8 +115,11 @@ class DelayProfile:
             self._RefuseMinimum("negative")
 
     def _RefuseMinimum(self, what: str) -> NoReturn:
-        allowed = f"such that the delay, down to {self.minimum:.6g} s, is never {what}"
-        Refuse("delay", self.delay, allowed)
+        Refuse(
+            "delay",
+            self.delay,
+            f"such that the delay, down to {self.minimum:.6g} s, is never {what}",
+        )
 
     def CheckContinuous(self, least: float, trace_name: str = "trace") -> None:
         """Checks that a signal can be delayed by T continuously and in order.
@@ -137,11 +140,12 @@ class DelayProfile:
                 "sinusoid.amplitude": self._sinusoid.amplitude,
                 "trace": trace_name,
             }
-            allowed = (
+            Refuse(
+                name,
+                value[name],
                 f"such that dT/dt, up to {self.max_slope:.6g}, is less than 1; where "
-                "packets overtake each other, kind must be network"
+                "packets overtake each other, kind must be network",
             )
-            Refuse(name, value[name], allowed)
 
     def __call__(self, t: Any) -> Any:
         """Returns T(t) in s.
@@ -153,8 +157,7 @@ class DelayProfile:
             ValueError: If one lies beyond the duration.
         """
         if np.any(t > self.duration * (1 + 1e-9)):
-            allowed = f"at most {self.duration:g} s, the duration of the delay"
-            Refuse("t", t, allowed)
+            Refuse("t", t, f"at most {self.duration:g} s, the duration of the delay")
         result = self.delay + self._drift * t
         if self._sinusoid.amplitude:
             phase = self._sinusoid.frequency * t + self._sinusoid.phase
@@ -197,12 +200,13 @@ class VaryingDelayConfig(ChannelConfig):
             if trace is not None:
                 trace = trace.Until(duration, self.trace_end)
                 if trace.times[-1] < duration:
-                    allowed = (
+                    Refuse(
+                        "trace",
+                        self.trace,
                         f"at least as long as the duration, {duration:g} s, not "
                         f"{trace.times[-1]:g} s; trace_end says what to do else, hold "
-                        "or repeat"
+                        "or repeat",
                     )
-                    Refuse("trace", self.trace, allowed)
             profile = DelayProfile(
                 delay=self.delay,
                 drift=self.drift,
@@ -231,8 +235,11 @@ class VaryingDelayConfig(ChannelConfig):
         sent = np.asarray(sent, dtype=float)
         times = np.linspace(0.0, duration, _NUM_TIMES)
         left = times - profile(times)
-        arrivals = np.interp(sent, left, times)
-        return np.where(sent <= left[-1], arrivals, sent + float(profile(duration)))
+        return np.where(
+            sent <= left[-1],
+            np.interp(sent, left, times),
+            sent + float(profile(duration)),
+        )
 
 
 class VariableDelay(ChannelBlock):
@@ -301,11 +308,12 @@ class VariableChannelConfig(VaryingDelayConfig):
         super().Check(path, duration)
         profile, trace = self.Read(duration, path)
         if trace is not None and trace.is_lost.any():
-            allowed = (
+            Refuse(
+                f"{path}.trace",
+                self.trace,
                 f"without losses, and has {int(trace.is_lost.sum())}; where packets "
-                "are lost, kind must be network"
+                "are lost, kind must be network",
             )
-            Refuse(f"{path}.trace", self.trace, allowed)
         with Within(path):
             profile.CheckContinuous(SHORTEST_TIME, self.trace or "")
 

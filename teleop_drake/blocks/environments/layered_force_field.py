@@ -94,8 +94,9 @@ class LayersEnvironmentConfig(EnvironmentConfig):
 
     def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
         """Returns the surfaces that the block tells."""
-        is_inside = self._StartsInside(start)
-        return LayerSurfaces(self.layers, np.size(start), is_inside, self.direction)
+        return LayerSurfaces(
+            self.layers, np.size(start), self._StartsInside(start), self.direction
+        )
 
     def _StartsInside(self, start: ArrayLike) -> bool:
         """Returns whether the tool starts in a layer."""
@@ -279,15 +280,16 @@ def LayerSurfaces(
     surfaces = []
     for layer in layers:
         own = f"layer {layer.name}" if layer.name in (CONTACT, PUNCTURE) else layer.name
-        material = Material(
-            name=layer.name,
-            stiffness=layer.stiffness,
-            damping=layer.damping,
-            relaxed=layer.reference,
-        )
-        told = None if layer.lateral_stiffness else material
+        material = None
+        if not layer.lateral_stiffness:
+            material = Material(
+                name=layer.name,
+                stiffness=layer.stiffness,
+                damping=layer.damping,
+                relaxed=layer.reference,
+            )
         name = names.get(layer.start, own)
-        surfaces.append(PlaneSurface(name, layer.start, normal_W, told))
+        surfaces.append(PlaneSurface(name, layer.start, normal_W, material))
     return tuple(surfaces)
 
 
@@ -307,8 +309,11 @@ def CheckLayers(path: str, layers: Sequence[LayerConfig]) -> None:
         if not isinstance(layer, LayerConfig):
             Refuse(f"{path}.{i}", layer, "a LayerConfig(name=..., start=...)")
         if not layer.name.isidentifier() or layer.name in names:
-            allowed = "unique, of letters, digits and _, not beginning with a digit"
-            Refuse(f"{path}.{i}.name", layer.name, allowed)
+            Refuse(
+                f"{path}.{i}.name",
+                layer.name,
+                "unique, of letters, digits and _, not beginning with a digit",
+            )
         place = f"{path}.{layer.name}"
         names.add(layer.name)
         if not (i == 0 and layer.start == -math.inf):

@@ -73,8 +73,11 @@ class NeedlePathConfig(EnvironmentConfig):
     def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
         """Returns the surface of the tissue, `entry`."""
         if np.size(start) != 6:
-            allowed = f"another one for {np.size(start)} task axes"
-            Refuse("environment.kind", self.kind, allowed)
+            Refuse(
+                "environment.kind",
+                self.kind,
+                f"another one for {np.size(start)} task axes",
+            )
         return (PlaneSurface("entry", self.start, UnitNormal(self.direction, 6)),)
 
 

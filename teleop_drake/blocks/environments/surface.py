@@ -75,8 +75,11 @@ class Surface:
             np.array(x, dtype=float) for x in (self.point_W, self.normal_W)
         )
         if point_W.ndim != 1 or point_W.shape != normal_W.shape:
-            allowed = f"as many numbers as normal_W = {Show(normal_W)} has"
-            Refuse(f"{self.name}.point_W", point_W, allowed)
+            Refuse(
+                f"{self.name}.point_W",
+                point_W,
+                f"as many numbers as normal_W = {Show(normal_W)} has",
+            )
         if np.isnan(point_W).any():
             Refuse(f"{self.name}.point_W", point_W, "a list of numbers (m)")
         if not math.isclose(np.linalg.norm(normal_W), 1.0, rel_tol=1e-5):

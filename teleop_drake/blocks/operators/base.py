@@ -53,8 +53,11 @@ class OperatorConfig(KindConfig, ABC):
         with Within(path):
             CheckVector("velocity", self.velocity, num_axes, "m/s")
             if np.abs(self.velocity).max() > _MOST_VELOCITY:
-                allowed = f"at most {_MOST_VELOCITY:g} m/s on each axis"
-                Refuse("velocity", self.velocity, allowed)
+                Refuse(
+                    "velocity",
+                    self.velocity,
+                    f"at most {_MOST_VELOCITY:g} m/s on each axis",
+                )
             if not np.any(self.velocity):
                 Refuse("velocity", self.velocity, "non-zero on at least one axis")
             if self.contact_force is not None:
@@ -234,8 +237,12 @@ class ModalOperator(FixedBlock):
         """Returns that what has been perceived stays perceived, and what follows."""
         if self.contact_surface is None:
             return LinearPart(has_modes=True)
-        held = HeldForce(state=with_contact(self._mode), force=self._contact_force)
-        return LinearPart(has_modes=True, held_force=held)
+        return LinearPart(
+            has_modes=True,
+            held_force=HeldForce(
+                state=with_contact(self._mode), force=self._contact_force
+            ),
+        )
 
 
 def mode_vector(state: Array) -> Array:

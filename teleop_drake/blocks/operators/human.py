@@ -187,8 +187,11 @@ class HumanConfig(OperatorConfig):
         CheckChoice(f"{path}.goal", self.goal, GOALS)
         delay = self.reaction_delay
         if delay != 0 and not SHORTEST_TIME <= delay < math.inf:
-            allowed = f"0 or a finite number >= {SHORTEST_TIME:g} (s)"
-            Refuse(f"{path}.reaction_delay", delay, allowed)
+            Refuse(
+                f"{path}.reaction_delay",
+                delay,
+                f"0 or a finite number >= {SHORTEST_TIME:g} (s)",
+            )
 
     def MakeOperator(
         self, *, start: ArrayLike, contact_surface: Surface | None = None

@@ -111,20 +111,6 @@ class MoveAndWaitOperator(ModalOperator):
         contact_surface: Surface | None = None,
     ):
         place = np.array(start, dtype=float)
-        phases = {
-            "sees_motion": Transition(
-                guard=(speed_of_new_motion, "mode", "felt_velocity", "habits"),
-                mode=(watching, "mode"),
-            ),
-            "sees_rest": Transition(
-                guard=(slowness, "mode", "felt_velocity", "habits"),
-                mode=(resting, "mode", "time"),
-            ),
-            "plans": Transition(
-                guard=(rest_beyond_reaction, "mode", "time", "habits"),
-                mode=(planned, "mode", "time", "felt_position", "habits"),
-            ),
-        }
         ModalOperator.__init__(
             self,
             place.size,
@@ -132,7 +118,20 @@ class MoveAndWaitOperator(ModalOperator):
             {"habits": config.MakeHabits(place)},
             inputs={"felt_velocity": place.size},
             memory=[_MOVES, 0.0, 0.0, *place],
-            transitions=phases,
+            transitions={
+                "sees_motion": Transition(
+                    guard=(speed_of_new_motion, "mode", "felt_velocity", "habits"),
+                    mode=(watching, "mode"),
+                ),
+                "sees_rest": Transition(
+                    guard=(slowness, "mode", "felt_velocity", "habits"),
+                    mode=(resting, "mode", "time"),
+                ),
+                "plans": Transition(
+                    guard=(rest_beyond_reaction, "mode", "time", "habits"),
+                    mode=(planned, "mode", "time", "felt_position", "habits"),
+                ),
+            },
             **config.Modes(contact_surface),
         )
         self.longest_step = config.LongestStep()

@@ -170,10 +170,9 @@ class ConstantVelocityOperator(PlannedOperator):
     ):
         v_d = np.array(velocity, dtype=float)
         CheckVector("velocity", v_d, v_d.size, "m/s")
-        plan = Plan(velocity="velocity", parameters={"velocity": v_d})
         PlannedOperator.__init__(
             self,
-            plan,
+            Plan(velocity="velocity", parameters={"velocity": v_d}),
             v_d.size,
             contact_force=contact_force,
             contact_surface=contact_surface,
@@ -191,8 +190,9 @@ class ConstantVelocityConfig(OperatorConfig):
         self, *, start: ArrayLike, contact_surface: Surface | None = None
     ) -> ConstantVelocityOperator:
         """Makes the block; see OperatorConfig.MakeOperator."""
-        modes = self.Modes(contact_surface)
-        return ConstantVelocityOperator(velocity=self.velocity, **modes)
+        return ConstantVelocityOperator(
+            velocity=self.velocity, **self.Modes(contact_surface)
+        )
 
 
 class PlannedConfig(OperatorConfig):
@@ -211,8 +211,9 @@ class PlannedConfig(OperatorConfig):
     ) -> PlannedOperator:
         """Makes the block; see OperatorConfig.MakeOperator."""
         n = np.size(self.velocity)
-        modes = self.Modes(contact_surface)
-        return PlannedOperator(plan=self.MakePlan(), num_axes=n, **modes)
+        return PlannedOperator(
+            plan=self.MakePlan(), num_axes=n, **self.Modes(contact_surface)
+        )
 
     def LongestStep(self) -> float:
         """Returns the longest step in s that the solver may take, infinity if any."""
@@ -307,8 +308,7 @@ class MinimumJerkConfig(PlannedConfig):
     def MakePlan(self) -> Plan:
         """Returns the derivative of the path."""
         breaks, position = self.Path()
-        end = float(breaks[-1])
-        return PlanOfPieces(breaks, differentiate_pieces(position), [end])
+        return PlanOfPieces(breaks, differentiate_pieces(position), [float(breaks[-1])])
 
     def Path(self) -> tuple[Array, Array]:
         """Returns breaks (K + 1) in s and coefficients (K, 6, n) of p_d - start."""

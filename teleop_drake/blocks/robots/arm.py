@@ -69,11 +69,12 @@ class ArmConfig(DrivenArmConfig):
         nu = plant.num_actuators()
         B = plant.MakeActuationMatrix()
         if B.shape != (nv, nv) or not np.array_equal(B @ B.T, np.eye(nv)):
-            allowed = (
+            Refuse(
+                "file",
+                self.file,
                 f"an arm with one actuator for each joint, not {nu} actuators for {nv} "
-                "joint velocities; add_motors: true adds those that are missing"
+                "joint velocities; add_motors: true adds those that are missing",
             )
-            Refuse("file", self.file, allowed)
         return plant
 
     def _CheckFile(self) -> None:
@@ -96,8 +97,9 @@ class ArmConfig(DrivenArmConfig):
         if name == TOOL and plant.HasBodyNamed(TOOL, instance):
             return
         if name != TOOL and plant.HasFrameNamed(TOOL, instance):
-            allowed = f"{TOOL}, because the model has a frame so named"
-            Refuse("tool_frame", name, allowed)
+            Refuse(
+                "tool_frame", name, f"{TOOL}, because the model has a frame so named"
+            )
         mark = TOOL_BODY if name == TOOL else TOOL
         body = plant.AddRigidBody(mark, instance, SpatialInertia.Zero())
         plant.WeldFrames(frame, body.body_frame())

@@ -81,8 +81,9 @@ def LoadModel(
             3); None: none.
     """
     with NewPlant(gravity) as plant:
-        text = ElementTree.tostring(model, encoding="unicode")
-        Parser(plant).AddModelsFromString(text, "sdf")
+        Parser(plant).AddModelsFromString(
+            ElementTree.tostring(model, encoding="unicode"), "sdf"
+        )
     return plant
 
 
@@ -118,8 +119,11 @@ class RobotConfig(KindConfig, ABC):
                 or len(self.start) not in (1, 2, 3, 6)
                 or not np.isfinite(np.asarray(self.start, dtype=float)).all()
             ):
-                allowed = "a list of 1, 2 or 3 finite numbers (m), or of 6"
-                Refuse("start", self.start, allowed)
+                Refuse(
+                    "start",
+                    self.start,
+                    "a list of 1, 2 or 3 finite numbers (m), or of 6",
+                )
             CheckRotation("start", self.start)
             self.CheckNumbers()
 
@@ -182,8 +186,9 @@ class PlantRobotConfig(RobotConfig):
         """Returns the q with the tool at a point that is nearest to the posture."""
         plant = self.LoadPlant()
         r = np.asarray(p_WT, dtype=float)
-        R_WT = self.RotationAt(plant, r)
-        return SolveInverseKinematics(plant, r[:3], self.Posture(plant), R_WT)
+        return SolveInverseKinematics(
+            plant, r[:3], self.Posture(plant), self.RotationAt(plant, r)
+        )
 
     def RotationAt(self, plant: MultibodyPlant, r: Array) -> Array | None:
         """Returns the rotation (3, 3) of the tool at a position; None: any."""
@@ -234,8 +239,7 @@ def CheckRotation(path: str, r: ArrayLike) -> None:
     """Refuses a position whose rotation vector is longer than MAX_ROTATION."""
     vector = np.asarray(r, dtype=float)[3:]
     if np.linalg.norm(vector) > MAX_ROTATION:
-        allowed = f"turned by at most {MAX_ROTATION:g} rad from the posture"
-        Refuse(path, r, allowed)
+        Refuse(path, r, f"turned by at most {MAX_ROTATION:g} rad from the posture")
 
 
 def PointOf(p_WT: ArrayLike, num_axes: int) -> Array:

@@ -116,8 +116,11 @@ class DrivenArmConfig(PlantRobotConfig):
             return super().RotationAt(plant, r)
         nv = plant.num_velocities()
         if nv < self.num_axes + 3 or self.num_axes == 6:
-            allowed = f"none or posture for {self.num_axes} axes and {nv} joints"
-            Refuse("hold", self.hold, allowed)
+            Refuse(
+                "hold",
+                self.hold,
+                f"none or posture for {self.num_axes} axes and {nv} joints",
+            )
         return ToolRotation(plant, self.Posture(plant))
 
     def MakeDrive(

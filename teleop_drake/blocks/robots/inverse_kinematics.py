@@ -155,8 +155,9 @@ class _Target:
             problem.AddPositionConstraint(
                 self._tool, origin, world, point - slack, point + slack
             )
-            identity = np.eye(guess.size)
-            program.AddQuadraticErrorCost(identity, self._posture, problem.q())
+            program.AddQuadraticErrorCost(
+                np.eye(guess.size), self._posture, problem.q()
+            )
         else:
             weights = np.diag(np.where(is_free, 0.0, 1.0))
             problem.AddPositionCost(world, point, self._tool, origin, weights)
@@ -181,9 +182,10 @@ class _Target:
         smallest = values[-1] if len(values) == len(J) else 0.0
         if smallest > _MINIMUM_CONDITION * values[0]:
             return
-        allowed = (
+        Refuse(
+            "start",
+            self._p,
             "away from singular poses (here the smallest singular value of the tool's "
             f"{len(J)} x {J.shape[1]} Jacobian is {smallest:.3g}, the largest "
-            f"{values[0]:.3g}, and the ratio must be > {_MINIMUM_CONDITION:g})"
+            f"{values[0]:.3g}, and the ratio must be > {_MINIMUM_CONDITION:g})",
         )
-        Refuse("start", self._p, allowed)

@@ -31,8 +31,11 @@ class HapticDeviceConfig(FixedFields):
         with np.errstate(over="ignore"), Within(path):
             matrices = realize_transfer_function(self.numerator, self.denominator)
         if not all(np.all(np.isfinite(matrix)) for matrix in matrices):
-            allowed = "coefficients that can be divided by the first one"
-            Refuse(f"{path}.denominator", self.denominator, allowed)
+            Refuse(
+                f"{path}.denominator",
+                self.denominator,
+                "coefficients that can be divided by the first one",
+            )
 
     def MakeDevice(self, num_axes: int) -> "HapticDevice":
         """Makes the device."""
@@ -91,15 +94,14 @@ class HapticDevice(Diagram):
         scale = np.append(np.ones(3), np.full(3, lever**2))[:num_axes, np.newaxis]
         C = scale * C
         D = scale * D
-        systems = {
-            "negation": Gain(-1.0, num_axes),
-            "velocity_error": Adder(2, num_axes),
-            "transfer_function": LinearSystem(A, B, C, D),
-        }
         Wire(
             self,
             "haptic_device",
-            systems,
+            {
+                "negation": Gain(-1.0, num_axes),
+                "velocity_error": Adder(2, num_axes),
+                "transfer_function": LinearSystem(A, B, C, D),
+            },
             inputs={
                 "velocity_command": ["velocity_error.u0"],
                 "felt_velocity": ["negation"],

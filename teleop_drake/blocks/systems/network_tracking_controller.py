@@ -126,8 +126,9 @@ class _Tracking(PlantPorts):
         output.SetFromVector(tracking_force(*self._Law(context), *motion))
 
     def _CalcEstimate(self: Any, context: Any, output: Any) -> None:
-        estimate = disturbance_estimate(self._Weights(context), self._Basis(context))
-        output.SetFromVector(estimate)
+        output.SetFromVector(
+            disturbance_estimate(self._Weights(context), self._Basis(context))
+        )
 
     def _CalcWeights(self: Any, context: Any, output: Any) -> None:
         output.SetFromVector(self._Weights(context))
@@ -196,8 +197,9 @@ class NetworkTrackingController(_Tracking, Convertible):
         Convertible.__init__(self)
         n = gains.num_axes
         if network.num_inputs != n:
-            allowed = f"{n}, one for each task axis"
-            Refuse("network.num_inputs", network.num_inputs, allowed)
+            Refuse(
+                "network.num_inputs", network.num_inputs, f"{n}, one for each task axis"
+            )
         self.set_name("network_tracking_controller")
         frame = plant.GetFrameByName(tool_name).index()
         self.Use(float, plant, gains=gains, network=network, frame=frame)

@@ -71,9 +71,6 @@ class SampledSensor(FixedBlock):
             "noise": float(noise),
             "sample_period": float(sample_period),
         }
-        samples = Transition(
-            mode=(next_sample, "mode", "signal", *law), period=law["sample_period"]
-        )
         FixedBlock.__init__(
             self,
             "",
@@ -83,7 +80,12 @@ class SampledSensor(FixedBlock):
                     "sample": ("mode", 1, 1 + n),
                     "rate": ("mode", 1 + n, 1 + 2 * n),
                 },
-                transitions={"samples": samples},
+                transitions={
+                    "samples": Transition(
+                        mode=(next_sample, "mode", "signal", *law),
+                        period=law["sample_period"],
+                    )
+                },
             ),
             inputs={"signal": n},
             outputs={"sample": n, "rate": n},

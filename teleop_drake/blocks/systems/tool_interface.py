@@ -75,8 +75,14 @@ class _Interface(PlantPorts):
         plant.SetPositionsAndVelocities(plant_context, x)
         tool = plant.get_body(self._tool)
         X_WT = plant.EvalBodyPoseInWorld(plant_context, tool).GetAsMatrix34()
-        J_WT = SpatialJacobian(plant, plant_context, tool.body_frame())
-        output.SetFromVector(self._tool_kinematics(self.R_WP, X_WT, J_WT, x))
+        output.SetFromVector(
+            self._tool_kinematics(
+                self.R_WP,
+                X_WT,
+                SpatialJacobian(plant, plant_context, tool.body_frame()),
+                x,
+            )
+        )
 
     def _CalcAcceleration(self, context: Any, output: Any) -> None:
         A_WT = self._accelerations.Eval(context)[self.tool_index]
@@ -169,8 +175,11 @@ class ToolInterface(_Interface, Convertible):
         # Otherwise tau in the order of the velocities would drive the wrong motors.
         B = plant.MakeActuationMatrix()
         if is_wired_to_motors and not np.array_equal(B, np.eye(len(B))):
-            allowed = "one for each joint, in the order of its generalized velocities"
-            Refuse("plant.num_actuators", plant.num_actuators(), allowed)
+            Refuse(
+                "plant.num_actuators",
+                plant.num_actuators(),
+                "one for each joint, in the order of its generalized velocities",
+            )
         R_WP = np.array(np.eye(3) if R_WP is None else R_WP, dtype=float)
         tool = plant.GetBodyByName(tool_name).index()
         self.Use(float, plant, num_task_axes=num_task_axes, tool=tool, R_WP=R_WP)
