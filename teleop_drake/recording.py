@@ -334,13 +334,14 @@ class Recording:
             "format": FORMAT,
             "scenario": ScenarioToYaml(self.scenario),
             "events": [asdict(event) for event in self.events],
-            "surfaces": [surface.ToRecord() for surface in self.surfaces],
+            "surfaces": [asdict(surface) for surface in self.surfaces],
             "solver": asdict(self.solver),
             "channels": {name: asdict(x) for name, x in self.channels.items()},
             **{name: getattr(self, name) for name in _PLAIN},
         }
         arrays = {f"signal.{name}": x for name, x in self.signals.items()}
-        arrays["description"] = np.array(json.dumps(description))
+        text = json.dumps(description, default=np.ndarray.tolist)
+        arrays["description"] = np.array(text)
         with Replacing(path) as temporary, open(temporary, "wb") as file:
             np.savez_compressed(file, time=self.time, steps=self.steps, **arrays)  # type: ignore[arg-type]
 

@@ -31,7 +31,9 @@ def PublicBlocks():
                 yield kind
 
 
-BASES = {"ChannelBlock", "MasterSide", "SlaveSide", "ModalOperator", "Wall"}
+BASES = {
+    *("ChannelBlock", "LawBlock", "MasterSide", "SlaveSide", "ModalOperator", "Wall")
+}
 BLOCKS = [kind for kind in PublicBlocks() if kind.__name__ not in BASES]
 
 

@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig, Facts
+from teleop_drake.blocks.architectures.base import ControlLawConfig, Facts, LawBlock
 from teleop_drake.jit.compiled import Law
-from teleop_drake.kernel import FixedBlock, Kernel
+from teleop_drake.kernel import Kernel
 from teleop_drake.kernel.linear_part import FROZEN_WEIGHTS, LinearPart
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
@@ -42,7 +42,7 @@ from teleop_drake.validation import (
 _AT_LIMIT = 1e-5
 
 
-class AdaptiveBackstepping(FixedBlock):
+class AdaptiveBackstepping(LawBlock):
     """Tracks the operator's delayed velocity and force with two adaptive networks.
 
         s       = (v - v_dd) + Lambda (F_e - F_hd)                          (4.2, 5.2)
@@ -161,7 +161,7 @@ class AdaptiveBackstepping(FixedBlock):
         W1 = n
         Psi = n + n * N
         W3 = n + n * N + n * n
-        FixedBlock.__init__(
+        LawBlock.__init__(
             self,
             name,
             Kernel(
@@ -169,8 +169,8 @@ class AdaptiveBackstepping(FixedBlock):
                 rate=(rate, *taken),
                 outputs={
                     "control_force": ("state", 0, n),
-                    "weights_1": ("state", W1, Psi),
                     "psi": ("state", Psi, W3),
+                    "weights_1": ("state", W1, Psi),
                     "weights_3": ("state", W3, W3 + n * N),
                     "errors": (errors, *taken),
                     "auxiliary_error": ("errors", 0, n),
@@ -178,10 +178,10 @@ class AdaptiveBackstepping(FixedBlock):
                 },
                 sizes={"errors": 2 * n},
             ),
-            inputs=dict.fromkeys(LAW_INPUTS, n),
-            outputs={"control_force": n, "psi": n * n}
-            | dict.fromkeys(("weights_1", "weights_3"), n * N)
-            | dict.fromkeys(("auxiliary_error", "control_force_error"), n),
+            n,
+            psi=n * n,
+            weights_1=n * N,
+            weights_3=n * N,
             state=pack_state(initial_state(gains, N)),
         )
 

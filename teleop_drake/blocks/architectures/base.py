@@ -160,47 +160,44 @@ LAW_INPUTS = (
 """The inputs of every control law, n wide each."""
 
 
-class _Side(FixedBlock):
-    """A side of an architecture that is a kernel; see Architecture.
+class _Part(FixedBlock):
+    """A part of an architecture that is a kernel.
 
     Args:
-        n: Number of task axes, and width of all that is no packet.
-        forward_packet: Width of that packet.
-        return_packet: Width of that packet.
+        n: Number of task axes, and width of the ports.
         state: The continuous state at first.
+        widths: Width of each port that has another one.
     """
 
     inputs: Names = ()
 
     def __init__(
-        self,
-        name: str,
-        kernel: Kernel,
-        n: int,
-        *,
-        forward_packet: int,
-        return_packet: int,
-        state: ArrayLike = (),
+        self, name: str, kernel: Kernel, n: int, *, state: ArrayLike = (), **widths: int
     ):
-        packets = {"forward_packet": forward_packet, "return_packet": return_packet}
         outputs = [name for name in kernel.outputs if name not in kernel.sizes]
         FixedBlock.__init__(
             self,
             name,
             kernel,
-            inputs={name: packets.get(name, n) for name in self.inputs},
-            outputs={name: packets.get(name, n) for name in outputs},
+            inputs={name: widths.get(name, n) for name in self.inputs},
+            outputs={name: widths.get(name, n) for name in outputs},
             state=state,
         )
 
 
-class MasterSide(_Side):
+class LawBlock(_Part):
+    """A control law that is a kernel; see MakeSlaveStation."""
+
+    inputs = LAW_INPUTS
+
+
+class MasterSide(_Part):
     """A master side that is a kernel; see Architecture."""
 
     inputs = ("haptic_force", "velocity_command", "return_packet")
 
 
-class SlaveSide(_Side):
+class SlaveSide(_Part):
     """A slave side that is a kernel; see Architecture."""
 
     inputs = ("forward_packet", *LAW_INPUTS[2:])

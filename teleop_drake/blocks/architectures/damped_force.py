@@ -6,8 +6,8 @@ from typing import ClassVar
 import numpy as np
 
 from teleop_drake.arrays import ArrayLike
-from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig, Facts
-from teleop_drake.kernel import FixedBlock, Kernel, Term
+from teleop_drake.blocks.architectures.base import ControlLawConfig, Facts, LawBlock
+from teleop_drake.kernel import Kernel, Term
 from teleop_drake.laws.proportional import braked_force, damper_force, velocity_error
 from teleop_drake.validation import (
     CheckChoice,
@@ -21,7 +21,7 @@ AGAINST = ("ground", "command")
 """What the damper acts against: the ground, or the commanded velocity."""
 
 
-class DampedForce(FixedBlock):
+class DampedForce(LawBlock):
     """Applies the haptic force as it arrives, and damps the tool without delay.
 
         F_c = F_h(t - T_f) - B v                           against the ground    (1)
@@ -81,7 +81,7 @@ class DampedForce(FixedBlock):
             braked_velocity = (velocity_error, "tool_velocity", "velocity_command")
         else:
             ignored.append("velocity_command")
-        FixedBlock.__init__(
+        LawBlock.__init__(
             self,
             "damped_force",
             Kernel(
@@ -96,8 +96,7 @@ class DampedForce(FixedBlock):
                 sizes={"braked_velocity": num_axes},
                 unused=tuple(ignored),
             ),
-            inputs=dict.fromkeys(LAW_INPUTS, num_axes),
-            outputs={"control_force": num_axes, "damping_force": num_axes},
+            num_axes,
         )  # fmt: skip
 
 

@@ -1,11 +1,16 @@
 """The thesis's baseline: the haptic force acts on the tool as it arrives."""
 
-from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig, Facts
-from teleop_drake.kernel import FixedBlock, Kernel
+from teleop_drake.blocks.architectures.base import (
+    LAW_INPUTS,
+    ControlLawConfig,
+    Facts,
+    LawBlock,
+)
+from teleop_drake.kernel import Kernel
 from teleop_drake.validation import CheckNumber, Config
 
 
-class DirectForce(FixedBlock):
+class DirectForce(LawBlock):
     """Applies the haptic force as it arrives: no controller at the slave.
 
         F_c = F_hd = F_h(t - T_f)                                       (section 2.1)
@@ -31,12 +36,11 @@ class DirectForce(FixedBlock):
 
     def __init__(self, num_axes: int):
         CheckNumber("num_axes", num_axes, minimum=1)
-        FixedBlock.__init__(
+        LawBlock.__init__(
             self,
             "direct_force",
             Kernel(outputs={"control_force": "haptic_force"}, unused=LAW_INPUTS[1:]),
-            inputs=dict.fromkeys(LAW_INPUTS, num_axes),
-            outputs={"control_force": num_axes},
+            num_axes,
         )
 
 

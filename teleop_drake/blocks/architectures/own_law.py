@@ -15,8 +15,13 @@ import numpy as np
 from pydrake.systems.framework import System
 
 from teleop_drake.arrays import Array, ArrayLike, Record
-from teleop_drake.blocks.architectures.base import LAW_INPUTS, ControlLawConfig, Facts
-from teleop_drake.kernel import FixedBlock, Kernel
+from teleop_drake.blocks.architectures.base import (
+    LAW_INPUTS,
+    ControlLawConfig,
+    Facts,
+    LawBlock,
+)
+from teleop_drake.kernel import Kernel
 from teleop_drake.kernel.terms import WORDS
 from teleop_drake.validation import REQUIRED, CheckChoice, Config, Refuse, ScenarioError
 
@@ -25,7 +30,7 @@ Law = Callable[..., ArrayLike]
 _FIELD_TYPES = (float, int, bool, str, np.ndarray)
 
 
-class FunctionLaw(FixedBlock):
+class FunctionLaw(LawBlock):
     """Applies a plain function: F_c = function(F_h, v_d, p_WT, v_WT, F_e, gains...).
 
     | port | name              | size | unit |
@@ -67,16 +72,14 @@ class FunctionLaw(FixedBlock):
         _CheckForce(function, position, parameters)
         # The units of the gains are unknown.
         self.numeric_parameters = dict.fromkeys(parameters, "")  # type: ignore[misc]
-        n = position.size
-        FixedBlock.__init__(
+        LawBlock.__init__(
             self,
             _NameOf(function),
             Kernel(
                 parameters=parameters,
                 outputs={"control_force": (function, *LAW_INPUTS, *parameters)},
             ),
-            inputs=dict.fromkeys(LAW_INPUTS, n),
-            outputs={"control_force": n},
+            position.size,
         )
 
 

@@ -99,18 +99,9 @@ class Surface:
         """
         return self.Along(p_WT) - self.Along(self.point_W)
 
-    def ToRecord(self) -> Record:
-        """Returns plain data, from which FromRecord() gives an equal surface."""
-        return {
-            "name": self.name,
-            "point_W": self.point_W.tolist(),
-            "normal_W": self.normal_W.tolist(),
-            "material": None if self.material is None else vars(self.material),
-        }
-
     @classmethod
     def FromRecord(cls, record: Record) -> "Surface":
-        """Returns the surface that ToRecord() has written."""
+        """Returns the surface that dataclasses.asdict() has made a record of."""
         material = record["material"]
         return cls(**{**record, "material": material and Material(**material)})
 

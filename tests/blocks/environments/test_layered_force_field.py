@@ -266,10 +266,10 @@ def test_config_and_block_tell_the_same_surfaces(n):
     start = np.zeros(n)
     block = Config().MakeEnvironment(start)
     assert isinstance(block, LayeredForceField)
-    told = [surface.ToRecord() for surface in block.Surfaces()]
-    assert told == [x.ToRecord() for x in Config().Surfaces(start)]
-    assert [x["name"] for x in told] == ["tissue", "puncture", "contact"]
-    assert [x["point_W"][0] for x in told] == [0.0, 0.1, 0.2]
+    told = block.Surfaces()
+    assert str(told) == str(Config().Surfaces(start))
+    assert [x.name for x in told] == ["tissue", "puncture", "contact"]
+    assert [x.point_W[0] for x in told] == [0.0, 0.1, 0.2]
 
 
 def test_refuses_a_direction_of_other_axes():

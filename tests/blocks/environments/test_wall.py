@@ -67,7 +67,7 @@ def test_kernel_and_surface_in_any_direction(config, n):
     block = config.MakeEnvironment(np.zeros(n))
     CheckKernel(block)
     (surface,), (told,) = block.Surfaces(), config.Surfaces(np.zeros(n))
-    assert surface.ToRecord() == told.ToRecord() and surface.name == "contact"
+    assert str(surface) == str(told) and surface.name == "contact"
     context = block.CreateDefaultContext()
     across = np.linalg.svd(surface.normal_W[np.newaxis])[2][1:].sum(axis=0)
     for depth in (-0.1, 0.1):
