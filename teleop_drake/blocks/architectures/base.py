@@ -98,9 +98,8 @@ class Facts:
 
     def StartDamping(self, path: str) -> Array:
         """Returns the damping of robot and environment at the start in N s/m (n, n)."""
-        dampings = ("robot_damping", "environment_damping")
-        robot, environment = (self.Told(fact, path) for fact in dampings)
-        return robot + environment
+        robot = self.Told("robot_damping", path)
+        return robot + self.Told("environment_damping", path)
 
     def OperatorResistance(self, path: str) -> float:
         """Returns b of H = K/s + b + O(s) in N s/m; refuses one that is not > 0."""
@@ -121,9 +120,11 @@ class Facts:
             [*device.numerator, *factor], device.denominator
         )
         if not value > 0:
-            told = f"whose {name} at low frequency is {value:g} {unit}"
             Refuse(
-                path, None, f"a number, because none derives from haptic_device, {told}"
+                path,
+                None,
+                "a number, because none derives from haptic_device, whose "
+                f"{name} at low frequency is {value:g} {unit}",
             )
         return value
 

@@ -117,8 +117,9 @@ class _OwnLawConfig(ControlLawConfig):
 
     def _Values(self) -> Record:
         """Returns the values of the law's own fields by their names."""
-        names = [item.name for item in dataclasses.fields(self)]
-        return {name: getattr(self, name) for name in names}
+        return {
+            item.name: getattr(self, item.name) for item in dataclasses.fields(self)
+        }
 
 
 @functools.cache
@@ -180,8 +181,9 @@ def _FieldsOf(law: Any) -> list[tuple[str, Any, Any]]:
     parameters = list(signature.parameters.values())
     if isinstance(law, type):
         variadic = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-        named = [x for x in parameters if x.kind not in variadic]
-        chosen = [x for x in named if x.name != "num_axes"]
+        chosen = [
+            x for x in parameters if x.kind not in variadic and x.name != "num_axes"
+        ]
     else:
         _CheckArguments(law, parameters)
         chosen = parameters[len(LAW_INPUTS) :]

@@ -216,8 +216,11 @@ class ProportionalDampingConfig(ArchitectureConfig):
         if T > 0:
             stiffness = min(stiffness, math.sqrt(4 * B_m * B_s / self.margin) / T)
         if not stiffness > 0:
-            allowed = "a number, because the dampings or the poles of haptic_device"
-            Refuse("stiffness", None, f"{allowed} are 0")
+            Refuse(
+                "stiffness",
+                None,
+                "a number, because the dampings or the poles of haptic_device are 0",
+            )
         self.stiffness = stiffness
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:

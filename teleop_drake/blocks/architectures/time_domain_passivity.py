@@ -285,8 +285,12 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
         if self.maximum_mobility is None:
             h: Any = facts.DeviceGain()
             if not h > 0:
-                allowed = "a number, because none derives from haptic_device with"
-                Refuse("maximum_mobility", None, f"{allowed} s H(s) -> {h:g}")
+                Refuse(
+                    "maximum_mobility",
+                    None,
+                    "a number, because none derives from haptic_device with s H(s) -> "
+                    f"{h:g}",
+                )
             # About an axis the device is lever^2 H(s).
             if facts.num_axes == 6:
                 h = h * np.repeat([1.0, facts.haptic_device.lever**2], 3)

@@ -237,8 +237,7 @@ def RotationOf(r: Array) -> Array:
 
 def CheckRotation(path: str, r: ArrayLike) -> None:
     """Refuses a position whose rotation vector is longer than MAX_ROTATION."""
-    vector = np.asarray(r, dtype=float)[3:]
-    if np.linalg.norm(vector) > MAX_ROTATION:
+    if np.linalg.norm(r[3:]) > MAX_ROTATION:
         Refuse(path, r, f"turned by at most {MAX_ROTATION:g} rad from the posture")
 
 

@@ -168,8 +168,8 @@ class _Target:
     def RefuseUnreachable(self, guesses: Sequence[Array]) -> NoReturn:
         """Refuses the point, and tells how near the tool comes."""
         found = [self._NearPoint(guess, must_reach=False)[0] for guess in guesses]
-        distances = [np.linalg.norm(self.At(q)[0][: self._p.size]) for q in found]
-        distance = min(distances)
+        n = self._p.size
+        distance = min(np.linalg.norm(self.At(q)[0][:n]) for q in found)
         allowed = f"in reach of the tool, which comes no nearer than {distance:.3g} m"
         if distance < _TOLERANCE:
             allowed = "in reach of the tool as it is turned at the posture"

@@ -74,8 +74,12 @@ class TwoLinkArmConfig(PlantRobotConfig):
             for sign in (-1, 1)
         )
         if not nearest <= reach <= farthest:
-            allowed = f"{nearest:.6g} to {farthest:.6g} m from the shoulder"
-            Refuse("start", p, f"{allowed}, not {reach:.6g} m")
+            Refuse(
+                "start",
+                p,
+                f"{nearest:.6g} to {farthest:.6g} m from the shoulder, not "
+                f"{reach:.6g} m",
+            )
         c2 = (reach**2 - L1**2 - L3**2) / (2 * L1 * L3)
         s2 = _ELBOW_SIGNS[str(self.elbow)] * math.sqrt(1 - c2**2)
         q1 = math.atan2(p[1], p[0]) - math.atan2(L3 * s2, L1 + L3 * c2)
