@@ -19,6 +19,12 @@ SHORTEST_TIME = 1e-6
 often, and would never end."""
 
 
+def CheckDelay(path: str, delay: float) -> None:
+    """Refuses a delay in s that is neither 0 nor at least SHORTEST_TIME."""
+    if delay != 0 and not SHORTEST_TIME <= delay < math.inf:
+        Refuse(path, delay, f"0 or a finite number >= {SHORTEST_TIME:g} (s)")
+
+
 @dataclass(frozen=True, kw_only=True)
 class ConstantDelay:
     """A constant delay in the place of a channel.
@@ -64,12 +70,7 @@ class ChannelConfig(KindConfig, ABC):
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
         """
-        if self.delay != 0 and not SHORTEST_TIME <= self.delay < math.inf:
-            Refuse(
-                f"{path}.delay",
-                self.delay,
-                f"0 or a finite number >= {SHORTEST_TIME:g} (s)",
-            )
+        CheckDelay(f"{path}.delay", self.delay)
         if self.seed < 0:
             Refuse(f"{path}.seed", self.seed, "a whole number >= 0")
 

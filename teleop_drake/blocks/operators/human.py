@@ -8,7 +8,7 @@ from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Demultiplexer, LinearSystem, Multiplexer
 
 from teleop_drake.arrays import ArrayLike
-from teleop_drake.blocks.channels.base import SHORTEST_TIME
+from teleop_drake.blocks.channels.base import SHORTEST_TIME, CheckDelay
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.blocks.environments import Surface
 from teleop_drake.blocks.operators.base import ModalOperator, OperatorConfig
@@ -185,13 +185,7 @@ class HumanConfig(OperatorConfig):
         if num_axes == 6:
             Refuse(f"{path}.kind", self.kind, "one without an arm for six axes")
         CheckChoice(f"{path}.goal", self.goal, GOALS)
-        delay = self.reaction_delay
-        if delay != 0 and not SHORTEST_TIME <= delay < math.inf:
-            Refuse(
-                f"{path}.reaction_delay",
-                delay,
-                f"0 or a finite number >= {SHORTEST_TIME:g} (s)",
-            )
+        CheckDelay(f"{path}.reaction_delay", self.reaction_delay)
 
     def MakeOperator(
         self, *, start: ArrayLike, contact_surface: Surface | None = None

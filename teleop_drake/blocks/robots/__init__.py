@@ -94,6 +94,7 @@ def MakeRobot(
     Raises:
         ScenarioError: If a field is not allowed, or the model has no such field.
     """
+    # By their names, before there are other variables.
     arguments = dict(locals())
     kind = ROBOT_KINDS.Find(arguments.pop("model"), "robot.model")
     given = {name: value for name, value in arguments.items() if value is not None}

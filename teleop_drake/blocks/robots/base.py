@@ -124,7 +124,7 @@ class RobotConfig(KindConfig, ABC):
                     self.start,
                     "a list of 1, 2 or 3 finite numbers (m), or of 6",
                 )
-            CheckRotation("start", self.start)
+            CheckRotation(self.start)
             self.CheckNumbers()
 
     @abstractmethod
@@ -194,7 +194,7 @@ class PlantRobotConfig(RobotConfig):
         """Returns the rotation (3, 3) of the tool at a position; None: any."""
         if r.size < 6:
             return None
-        CheckRotation("start", r)
+        CheckRotation(r)
         return RotationOf(r) @ ToolRotation(plant, self.Posture(plant))
 
     def Check(self, path: str) -> None:
@@ -235,10 +235,10 @@ def RotationOf(r: Array) -> Array:
     return RotationMatrix(AngleAxis(angle, axis)).matrix()
 
 
-def CheckRotation(path: str, r: ArrayLike) -> None:
-    """Refuses a position whose rotation vector is longer than MAX_ROTATION."""
+def CheckRotation(r: Array) -> None:
+    """Refuses a start whose rotation vector is longer than MAX_ROTATION."""
     if np.linalg.norm(r[3:]) > MAX_ROTATION:
-        Refuse(path, r, f"turned by at most {MAX_ROTATION:g} rad from the posture")
+        Refuse("start", r, f"turned by at most {MAX_ROTATION:g} rad from the posture")
 
 
 def PointOf(p_WT: ArrayLike, num_axes: int) -> Array:
