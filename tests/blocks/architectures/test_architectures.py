@@ -17,6 +17,7 @@ from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import (
     MakeArchitecture,
+    MakeControlLaw,
     MakeMasterStation,
     MakeSlaveStation,
     ResolveController,
@@ -233,6 +234,5 @@ def test_the_thesis_has_no_master_side():
     scenario = LoadScenario("two_dof_combined")
     architecture = MakeArchitecture(scenario)
     assert architecture.master_side is None
-    law = scenario.controller.Chosen().MakeControlLaw(scenario.Facts(), "controller")
-    expected = MakeSlaveStation(law)
+    expected = MakeSlaveStation(MakeControlLaw(scenario))
     assert architecture.slave_side.num_output_ports() == expected.num_output_ports()
