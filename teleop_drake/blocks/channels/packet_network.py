@@ -26,6 +26,7 @@ and what is allowed.
 
 import itertools
 import math
+import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from typing import ClassVar
@@ -214,6 +215,7 @@ class PacketNetwork:
         # What a block holds does not depend on who asks.
         self._blocks: list[Array] = []
         self._fates = self._Fates()
+        self._lock = threading.Lock()
 
     def _CheckJitter(self) -> None:
         """Checks the jitter, and that no delay is negative."""
@@ -279,8 +281,9 @@ class PacketNetwork:
             ValueError: If it is sent beyond the duration of the profile.
         """
         block, place = divmod(k, _BLOCK)
-        while block >= len(self._blocks):
-            self._blocks.append(next(self._fates))
+        with self._lock:  # Runs in several threads share a channel.
+            while block >= len(self._blocks):
+                self._blocks.append(next(self._fates))
         arrival = float(self._blocks[block][place])
         if math.isnan(arrival):
             self.profile(k * self.sample_period)

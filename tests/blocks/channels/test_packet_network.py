@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -203,6 +204,16 @@ def test_packets_do_not_depend_on_who_asks(correlated):
     backwards = [network.Arrival(k) for k in numbers]
     forwards = other.Arrivals(6000)
     assert backwards == forwards[numbers].tolist()
+
+
+def test_threads_share_a_network():
+    """Runs of one compiled program go side by side."""
+    alone = make(**BUSY, seed=7).Arrivals(100_000)
+    shared = make(**BUSY, seed=7)
+    numbers = range(0, 100_000, 500)
+    with ThreadPoolExecutor(8) as threads:
+        found = [*threads.map(shared.Arrival, numbers)]
+    assert found == alone[numbers].tolist()
 
 
 def test_seeds_and_streams_differ():
