@@ -1,7 +1,7 @@
 """Drake's symbolic expressions as a list of operations on numbers.
 
-The values of a tape are the time, the elements of the given vectors, the constants of
-the expressions, and the result of each row, in this order. A row names its operands by
+The values of a tape are the time, the elements of the given vectors, and the value of
+each row, in this order. A row is a constant, or an operation that names its operands by
 their places among the values. Expressions that differ in their constants alone have the
 same rows, and therefore the same machine code.
 """
@@ -58,6 +58,9 @@ FUNCTIONS: tuple[Callable[..., Any], ...] = (
 )
 """The functions that a row names by their places here."""
 
+# The first entry of a row that is a constant, whose place among them follows.
+_CONSTANT = -1
+
 # More parts take seconds to read and minutes to compile.
 _MAX_PARTS = 50_000
 
@@ -91,11 +94,15 @@ def evaluate_tape(tape: Tape, time: Any, *vectors: Array) -> Array:
         vectors: The values of the variables that MakeTape() was given.
     """
     values = [time]
-    for vector in (*vectors, tape.constants):
+    for vector in vectors:
         for i in range(len(vector)):
             values.append(vector[i])
     for k in range(len(tape.rows)):
-        function = FUNCTIONS[tape.rows[k, 0]]
+        first = tape.rows[k, 0]
+        if first == _CONSTANT:
+            values.append(tape.constants[tape.rows[k, 1]])
+            continue
+        function = FUNCTIONS[first]
         operands = [values[i] for i in tape.rows[k, 1:]]
         values.append(function(*operands[: _NUM_OPERANDS[function]]))
     return np.array([values[i] for i in tape.results])
@@ -119,40 +126,28 @@ def MakeTape(
     Raises:
         UnknownExpression: If a part of an expression is no operation of a tape.
     """
-    variables = [time, *(variable for vector in vectors for variable in vector)]
-    writer = _Writer(variables)
+    writer = _Writer([time, *(variable for vector in vectors for variable in vector)])
     results = [writer.Write(expression) for expression in expressions]
-    return writer.Finish(results)
+    return Tape(
+        rows=np.array(writer.rows, np.int64).reshape(-1, 4),
+        constants=np.array(writer.constants, float),
+        results=np.array(results, np.int64),
+    )
 
 
 class _Writer:
     """Writes the rows of a tape, no operation twice.
 
-    The place of a row's value is -1, -2, ... until all constants are known. Equal
-    constants are not shared, because which numbers are equal would decide which rows
-    there are.
+    Equal constants are not shared, because which numbers are equal would decide which
+    rows there are.
     """
 
     def __init__(self, variables: Sequence[Variable]):
-        self._rows: list[tuple[int, ...]] = []
-        self._constants: list[float] = []
-        self._variables = {x.get_id(): i for i, x in enumerate(variables)}
+        self.rows: list[tuple[int, ...]] = []
+        self.constants: list[float] = []
         self._places: dict[tuple[int, ...], int] = {}
+        self._variables = {x.get_id(): i for i, x in enumerate(variables)}
         self._num_parts = 0
-
-    def Finish(self, results: Sequence[int]) -> Tape:
-        """Returns the tape with the places of its results."""
-        first_row = len(self._variables) + len(self._constants)
-
-        def Places(written: Any) -> Indices:
-            places = np.array(written, np.int64)
-            return np.where(places < 0, first_row - 1 - places, places)
-
-        return Tape(
-            rows=Places(self._rows).reshape(-1, 4),
-            constants=np.array(self._constants, float),
-            results=Places(results),
-        )
 
     def Write(self, value: Expression | Formula | float) -> int:
         """Writes an expression or a formula; returns the place of its value."""
@@ -211,19 +206,22 @@ class _Writer:
         return self._Apply(np.negative, self._Apply(np.floor, negated))
 
     def _Constant(self, value: float) -> int:
-        self._constants.append(value)
-        return len(self._variables) + len(self._constants) - 1
+        self.constants.append(value)
+        return self._Row(_CONSTANT, len(self.constants) - 1)
 
     def _Reduce(self, function: Callable[..., Any], places: Iterable[int]) -> int:
         """Writes a function of two operands that is applied one after another."""
         return functools.reduce(functools.partial(self._Apply, function), places)
 
     def _Apply(self, function: Callable[..., Any], *operands: int) -> int:
+        return self._Row(FUNCTIONS.index(function), *operands)
+
+    def _Row(self, *entries: int) -> int:
         """Writes a row, unless it is there; returns the place of its value."""
-        row = (FUNCTIONS.index(function), *operands, 0, 0)[:4]
+        row = (*entries, 0, 0)[:4]
         if row not in self._places:
-            self._rows.append(row)
-            self._places[row] = -len(self._rows)
+            self._places[row] = len(self._variables) + len(self.rows)
+            self.rows.append(row)
         return self._places[row]
 
 

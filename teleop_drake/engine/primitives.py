@@ -1,59 +1,55 @@
-"""Kernels of Drake's own systems."""
+"""Kernels of Drake's own systems, made of their symbolic form where they have one.
 
-from collections.abc import Callable
+The rate of the continuous state, the periodic discrete update and the vector outputs
+are those of `system.ToSymbolicMaybe()`. The numeric parameters of the Context are
+parameters of the kernel, and so are the constants of the expressions. Therefore other
+numbers compile nothing anew, unless Drake leaves a 0 or a 1 out of its expressions.
+"""
+
 from typing import Any
 
 import numpy as np
+from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import Context, PortDataType, System
-from pydrake.systems.primitives import (
-    AffineSystem,
-    LinearSystem,
-    MatrixGain,
-    WrapToSystem,
-)
+from pydrake.systems.primitives import WrapToSystem
 
 from teleop_drake.arrays import Array
-from teleop_drake.engine.symbolic_kernel import IsOfDrake, SymbolicKernel
-from teleop_drake.kernel import Kernel, Name, Term, Transition
+from teleop_drake.engine.expression_tape import (
+    MakeTape,
+    UnknownExpression,
+    evaluate_tape,
+)
+from teleop_drake.engine.flatten import UnsupportedSystem
+from teleop_drake.kernel import Kernel, Term, Transition
 
 # Farther away than the intervals of angles, and how many bisections find their ends.
 _FAR = 1e3
 _NUM_BISECTIONS = 100
 
 
-def affine(constant: Array, A: Array, x: Array) -> Array:
-    """Returns A x + constant."""
-    return A @ x + constant
-
-
-def affine_of_two(constant: Array, A: Array, x: Array, B: Array, u: Array) -> Array:
-    """Returns A x + B u + constant."""
-    return A @ x + B @ u + constant
-
-
-def wrapped(lows: Array, periods: Array, sizes: Array, u: Array) -> Array:
-    """Returns what is left of each signal in its interval.
-
-    Args:
-        lows: Where the intervals begin.
-        periods: Their lengths; 1 without an interval.
-        sizes: Their lengths; 0 without an interval.
-        u: The signals.
-    """
-    rest: Array = u - sizes * np.floor((u - lows) / periods)
-    return rest
-
-
 def PrimitiveKernel(system: System, context: Context) -> Kernel | None:
     """Returns the kernel of one of Drake's own systems, None if it has none.
+
+    A subclass in Python has none, because its symbolic form is that of its base.
 
     Raises:
         UnsupportedSystem: If only a part of what it computes can be compiled.
     """
     if IsSink(system, context):
-        return Kernel(unused=tuple(map(str, _Inputs(system))))
-    make = KERNELS.get(type(system))
-    return SymbolicKernel(system, context) if make is None else make(system)
+        inputs = map(system.get_input_port, range(system.num_input_ports()))
+        return Kernel(unused=tuple(port.get_name() for port in inputs))
+    if type(system) is WrapToSystem:
+        return _WrapKernel(system)
+    symbolic = system.ToSymbolicMaybe() if _IsOfDrake(system) else None
+    if symbolic is None:
+        return None
+    if context.num_abstract_states() > 0 or context.num_abstract_parameters() > 0:
+        raise UnsupportedSystem(system, "it has a state or parameter that is no vector")
+    try:
+        return _SymbolicReader(system, symbolic, context).Kernel()
+    except (UnknownExpression, RuntimeError) as error:
+        reason = f"it has no symbolic form: {error}"
+        raise UnsupportedSystem(system, reason) from error
 
 
 def IsSink(system: System, context: Context) -> bool:
@@ -68,75 +64,159 @@ def IsSink(system: System, context: Context) -> bool:
         or context.num_continuous_states() > 0
         or context.num_discrete_state_groups() > 0
     )
-    return IsOfDrake(system) and not has_numbers
+    return _IsOfDrake(system) and not has_numbers
 
 
-def _Inputs(system: System) -> list[Name]:
-    ports = map(system.get_input_port, range(system.num_input_ports()))
-    return [port.get_name() for port in ports]
+def _IsOfDrake(system: System) -> bool:
+    """Returns whether the class of a system is one of pydrake's, and no subclass."""
+    return type(system).__module__.partition(".")[0] == "pydrake"
 
 
-def _AffineKernel(system: AffineSystem) -> Kernel:
-    """Returns the kernel of matrices, which may be other ones in the same program."""
-    inputs = _Inputs(system)
-    has_state = system.num_states() > 0
-    is_discrete = has_state and system.time_period() > 0
-    state = "mode" if is_discrete else "state"
-    output: Term = (affine, "y0", "C", state)
-    if system.HasAnyDirectFeedthrough():
-        output = (affine_of_two, "y0", "C", state, "D", *inputs)
-    law: Term = (affine, "f0", "A", state)
-    if inputs:
-        law = (affine_of_two, "f0", "A", state, "B", *inputs)
-    step = Transition(mode=law, period=system.time_period(), is_discrete=True)
-    outputs = {}
-    if system.num_output_ports() > 0:
-        outputs[system.get_output_port(0).get_name()] = output
-    return Kernel(
-        parameters={
-            name: getattr(system, name)() for name in ("A", "B", "C", "D", "f0", "y0")
-        },
-        outputs=outputs,
-        rate=law if has_state and not is_discrete else None,
-        transitions={"steps": step} if is_discrete else {},
-        # Without state, and with D = 0, nothing depends on them.
-        unused=tuple(map(str, inputs)),
-    )
+class _SymbolicReader:
+    """Reads what a system computes from a Context of its symbolic form.
+
+    Args:
+        system: The system.
+        symbolic: Its symbolic form.
+        context: Of the system itself.
+    """
+
+    def __init__(self, system: System, symbolic: Any, context: Context):
+        self._system = system
+        self._symbolic = symbolic
+        self._parameters: dict[str, Any] = {}
+        self._time = Variable("time")
+        # The variables of each vector, by its name in the kernel.
+        self._vectors: dict[str, list[Variable]] = {}
+        self._used: set[str] = set()
+        self._context = symbolic.CreateDefaultContext()
+        self._context.SetTime(Expression(self._time))
+        if context.num_continuous_states() > 0:
+            x = self._New("state", context.num_continuous_states())
+            self._context.SetContinuousState(x)
+        self._SetMode(context)
+        for i in range(context.num_numeric_parameter_groups()):
+            name = f"parameter{i}"
+            numbers = context.get_numeric_parameter(i).CopyToVector()
+            self._parameters[name] = numbers
+            vector = self._context.get_mutable_numeric_parameter(i)
+            vector.SetFromVector(self._New(name, len(numbers)))
+        inputs = map(symbolic.get_input_port, range(symbolic.num_input_ports()))
+        self._input_names = tuple(port.get_name() for port in inputs)
+        for name in self._input_names:
+            port = symbolic.GetInputPort(name)
+            if port.get_data_type() == PortDataType.kVectorValued:
+                port.FixValue(self._context, self._New(name, port.size()))
+
+    def Kernel(self) -> Kernel:
+        """Returns the kernel of the system."""
+        rate = None
+        if "state" in self._vectors:
+            derivatives = self._symbolic.EvalTimeDerivatives(self._context)
+            rate = self._Term("rate", derivatives.CopyToVector())
+        outputs = {}
+        for i in range(self._symbolic.num_output_ports()):
+            port = self._symbolic.get_output_port(i)
+            if port.get_data_type() == PortDataType.kVectorValued:
+                name = port.get_name()
+                outputs[name] = self._Term(name, port.Eval(self._context))
+        transitions = self._Transitions()
+        return Kernel(
+            outputs=outputs,
+            rate=rate,
+            transitions=transitions,
+            parameters=self._parameters,
+            unused=tuple(x for x in self._input_names if x not in self._used),
+        )
+
+    def _SetMode(self, context: Context) -> None:
+        """Sets the discrete states of the symbolic Context to variables."""
+        groups = range(context.num_discrete_state_groups())
+        sizes = [context.get_discrete_state(i).size() for i in groups]
+        if not sizes:
+            return
+        parts = np.split(self._New("mode", sum(sizes)), np.cumsum(sizes)[:-1])
+        for i, part in enumerate(parts):
+            self._context.SetDiscreteState(i, part)
+
+    def _Transitions(self) -> dict[str, Transition]:
+        """Returns the periodic discrete update of the system, if it has one."""
+        timing = self._symbolic.GetUniquePeriodicDiscreteUpdateAttribute()
+        if timing is None and "mode" in self._vectors:
+            reason = "its discrete states have no common period"
+            raise UnsupportedSystem(self._system, reason)
+        if timing is None:
+            return {}
+        values = self._symbolic.EvalUniquePeriodicDiscreteUpdate(self._context)
+        groups = map(values.get_vector, range(values.num_groups()))
+        mode = np.concatenate([group.CopyToVector() for group in groups])
+        step = Transition(
+            mode=self._Term("update", mode),
+            period=timing.period_sec(),
+            offset=timing.offset_sec(),
+            is_discrete=True,
+        )
+        return {"steps": step}
+
+    def _New(self, name: str, size: int) -> Array:
+        """Returns new variables for a vector of the kernel."""
+        self._vectors[name] = [Variable(f"{name}[{i}]") for i in range(size)]
+        return np.array([Expression(x) for x in self._vectors[name]], object)
+
+    def _Term(self, name: str, expressions: Array) -> Term:
+        """Returns the term of expressions, with the vectors that they depend on.
+
+        Args:
+            name: Of what the expressions stand for.
+            expressions: A vector of them.
+        """
+        depends_on = {x.get_id() for e in expressions for x in e.GetVariables()}
+        vectors = {
+            vector: variables
+            for vector, variables in self._vectors.items()
+            if any(x.get_id() in depends_on for x in variables)
+        }
+        self._used |= set(vectors)
+        tape = f"tape of {name}"
+        self._parameters[tape] = MakeTape(
+            expressions, self._time, list(vectors.values())
+        )
+        return (evaluate_tape, tape, "time", *vectors)
+
+
+def wrapped(lows: Array, sizes: Array, u: Array) -> Array:
+    """Returns what is left of each signal in its interval.
+
+    Args:
+        lows: Where the intervals begin.
+        sizes: Their lengths; 0 without an interval.
+        u: The signals.
+    """
+    periods = np.where(sizes > 0, sizes, 1.0)
+    rest: Array = u - sizes * np.floor((u - lows) / periods)
+    return rest
 
 
 def _WrapKernel(system: WrapToSystem) -> Kernel:
     """Returns the kernel of a system whose intervals only its outputs tell."""
     context = system.CreateDefaultContext()
-    size = system.get_input_port().size()
+    port = system.get_input_port()
 
     def At(u: Array) -> Array:
-        system.get_input_port().FixValue(context, u)
+        port.FixValue(context, u)
         y: Array = system.get_output_port().Eval(context)
         return y
 
-    inside = At(np.zeros(size))
-    outside = inside + _FAR
-    is_wrapped = At(outside) != outside
     # The ends of the intervals are the first values that do not stay as they are.
-    below = inside
+    inside = At(np.zeros(port.size()))
+    outside = inside + _FAR
     for _ in range(_NUM_BISECTIONS):
-        middle = (below + outside) / 2
+        middle = (inside + outside) / 2
         stays = At(middle) == middle
-        below = np.where(stays, middle, below)
+        inside = np.where(stays, middle, inside)
         outside = np.where(stays, outside, middle)
-    lows = np.where(is_wrapped, At(outside), 0.0)
-    sizes = np.where(is_wrapped, outside - lows, 0.0)
-    periods = np.where(is_wrapped, sizes, 1.0)
+    lows = At(outside)
     return Kernel(
-        outputs={"y0": (wrapped, "lows", "periods", "sizes", "u0")},
-        parameters={"lows": lows, "periods": periods, "sizes": sizes},
+        outputs={"y0": (wrapped, "lows", "sizes", "u0")},
+        parameters={"lows": lows, "sizes": outside - lows},
     )
-
-
-KERNELS: dict[type[System], Callable[[Any], Kernel]] = {
-    AffineSystem: _AffineKernel,
-    LinearSystem: _AffineKernel,
-    MatrixGain: _AffineKernel,
-    WrapToSystem: _WrapKernel,
-}
-"""Kernels that are not made of the symbolic form of a system, by its class itself."""

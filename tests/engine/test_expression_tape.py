@@ -45,7 +45,7 @@ def test_a_tape_has_the_value_of_its_expression(expression):
 
 def test_a_common_part_is_computed_once():
     tape = MakeTape([symbolic.sin(x) + y, symbolic.sin(x) * y], t, [[x, y]])
-    assert len(tape.rows) == 3
+    assert len(tape.rows) == 3  # No constants among them.
 
 
 def test_constants_do_not_decide_which_rows_there_are():
