@@ -1,6 +1,6 @@
 """The kernels of a MultibodyPlant, and of what asks one."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -64,20 +64,13 @@ def _at_tool(tool: Tool, q: Array, v: Array) -> _ToolState:
     return _ToolState(R, p, J, M, bias, a[0])
 
 
-def limited_efforts(effort_limits: Array, actuation: Array) -> Array:
+def net_efforts(
+    effort_limits: Array, actuators: Indices, actuation: Array, of_instances: Array
+) -> Array:
     """Returns the efforts of the actuators, N m or N.
 
     Args:
         effort_limits: The largest effort of each actuator, N m or N.
-        actuation: The commanded efforts, N m or N.
-    """
-    return np.clip(actuation, -effort_limits, effort_limits)
-
-
-def total_actuation(actuators: Indices, actuation: Array, of_instances: Array) -> Array:
-    """Returns the commanded effort of each actuator, N m or N.
-
-    Args:
         actuators: The actuator that each element of `of_instances` belongs to.
         actuation: The command to all actuators, N m or N.
         of_instances: The commands to those of model instances, N m or N.
@@ -85,21 +78,7 @@ def total_actuation(actuators: Indices, actuation: Array, of_instances: Array) -
     total = actuation.copy()
     for k in range(len(actuators)):
         total[actuators[k]] += of_instances[k]
-    return total
-
-
-def joint_forces(actuated: Indices, efforts: Array, generalized_force: Array) -> Array:
-    """Returns the forces on the joints, N m or N (n).
-
-    Args:
-        actuated: The velocity that each actuator acts on.
-        efforts: Of the actuators, N m or N.
-        generalized_force: What else acts on the joints, N m or N (n).
-    """
-    forces = generalized_force.copy()
-    for k in range(len(actuated)):
-        forces[actuated[k]] += efforts[k]
-    return forces
+    return np.clip(total, -effort_limits, effort_limits)
 
 
 def plant_rate(
@@ -109,9 +88,17 @@ def plant_rate(
     efforts: Array,
     generalized_force: Array,
 ) -> Array:
-    """Returns [v; v_dot] of a plant; see joint_forces()."""
+    """Returns [v; v_dot] of a plant.
+
+    Args:
+        actuated: The velocity that each actuator acts on.
+        efforts: Of the actuators, N m or N.
+        generalized_force: What else acts on the joints, N m or N (n).
+    """
     q, v = np.split(state, 2)
-    forces = joint_forces(actuated, efforts, generalized_force)
+    forces = generalized_force.copy()
+    for k in range(len(actuated)):
+        forces[actuated[k]] += efforts[k]
     return np.append(v, rigid_body.calc_joint_accelerations(tree, q, v, forces))
 
 
@@ -123,20 +110,18 @@ def plant_step(
     efforts: Array,
     generalized_force: Array,
 ) -> Array:
-    """Returns the next state of a discrete plant without contact; see joint_forces().
+    """Returns the next state of a discrete plant without contact; see plant_rate().
 
     Damping acts on the next velocities, all else is that of the present state:
     (M + h D) (v_next - v) = h (forces - D v - bias), q_next = q + h v_next.
 
     Args:
+        tree: The links, whose rotors have the inertia h D besides their own.
         time_step: The period h, s.
     """
     q, v = np.split(state, 2)
-    forces = joint_forces(actuated, efforts, generalized_force)
-    motion = rigid_body.calc_motion(tree, q, v)
-    M, bias = rigid_body.calc_dynamics(tree, motion, v)
-    impulse = time_step * (forces - tree.damping * v - bias)
-    v_next = v + np.linalg.solve(M + time_step * np.diag(tree.damping), impulse)
+    rate = plant_rate(tree, actuated, state, efforts, generalized_force)
+    v_next = v + time_step * rate[len(v) :]
     return np.append(q + time_step * v_next, v_next)
 
 
@@ -322,56 +307,41 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
         UnsupportedSystem: If ReadPlantTree() cannot read the plant.
     """
     read = ReadPlantTree(plant, context)
+    instances = [ModelInstanceIndex(i) for i in range(plant.num_model_instances())]
+    commands: dict[str, list[int]] = {}
+    for i in instances:  # One may have its own input of commands.
+        port = plant.get_actuation_input_port(i)
+        if port.size() > 0 and port.HasValue(context):
+            commands[port.get_name()] = _Places(plant.GetJointActuatorIndices(i))
+    actuators = [place for places in commands.values() for place in places]
     kernel = Kernel(
         parameters={
             "tree": read.tree,
             "actuated": read.actuated,
             "effort_limits": read.effort_limits,
+            "actuators": np.array(actuators, np.int64),
         },
-        # Without collision geometries nothing depends on it.
-        unused=("geometry_query",),
-    )
-    kernel, efforts = _WithEfforts(kernel, plant, context)
-    if plant.time_step() > 0:
-        return _Discrete(kernel, plant, efforts)
-    return _Continuous(kernel, plant, efforts, read)
-
-
-def _WithEfforts(
-    kernel: Kernel, plant: MultibodyPlant, context: Context
-) -> tuple[Kernel, Term]:
-    """Returns a kernel with the commands of all actuators, and the term of efforts.
-
-    A model instance may have its own input of commands.
-    """
-    inputs: dict[str, Indices] = {}
-    for i in map(ModelInstanceIndex, range(plant.num_model_instances())):
-        port = plant.get_actuation_input_port(i)
-        if port.size() > 0 and port.HasValue(context):
-            indices = plant.GetJointActuatorIndices(i)
-            inputs[port.get_name()] = np.array([int(x) for x in indices])
-    if not inputs:
-        return kernel, (limited_efforts, "effort_limits", "actuation")
-    actuators = np.concatenate(list(inputs.values()))
-    kernel = replace(
-        kernel,
-        parameters={**kernel.parameters, "actuators": actuators},
         outputs={
-            "commands of instances": [*inputs],
-            "commands": (
-                total_actuation, "actuators", "actuation", "commands of instances"
+            "commands of instances": [*commands],
+            "net_actuation": (
+                net_efforts, "effort_limits", "actuators", "actuation",
+                "commands of instances",
             ),
         },
-        sizes={
-            "commands of instances": len(actuators),
-            "commands": plant.num_actuators(),
-        },
+        sizes={"commands of instances": len(actuators)},
+        # Without collision geometries nothing depends on it.
+        unused=("geometry_query",),
     )  # fmt: skip
-    return kernel, (limited_efforts, "effort_limits", "commands")
+    if plant.time_step() > 0:
+        return _Discrete(kernel, plant, read, instances)
+    return _Continuous(kernel, plant, read, instances)
 
 
 def _Continuous(
-    kernel: Kernel, plant: MultibodyPlant, efforts: Term, read: PlantTree
+    kernel: Kernel,
+    plant: MultibodyPlant,
+    read: PlantTree,
+    instances: list[ModelInstanceIndex],
 ) -> Kernel:
     """Returns the kernel of a continuous plant."""
     n = plant.num_velocities()
@@ -379,26 +349,22 @@ def _Continuous(
     poses = [read.poses[i] for i in range(num_bodies)]
     outputs: dict[str, Term] = {
         "state": "state",
-        "net_actuation": efforts,
         "generalized_acceleration": ("rate", n, 2 * n),
         "body_spatial_accelerations": (
             body_accelerations, "tree", "links", "points", "state", "rate"
         ),
     }  # fmt: skip
-    for instance in _InstancesOf(plant):
-        accelerations = [n + i for i in instance.velocities]
+    for i in instances:
+        name = plant.GetModelInstanceName(i)
+        states = _StatesOf(plant, i)
+        velocities = states[len(states) // 2 :]
+        actuators = _Places(plant.GetJointActuatorIndices(i))
         outputs |= {
-            f"{instance.name}_state": _Elements("state", instance.states),
-            f"{instance.name}_generalized_acceleration": _Elements(
-                "rate", accelerations
-            ),
-            f"{instance.name}_generalized_contact_forces": (
-                "no_contact", 0, len(accelerations)
-            ),
-            f"{instance.name}_net_actuation": _Elements(
-                "net_actuation", instance.actuators
-            ),
-        }  # fmt: skip
+            f"{name}_state": _Elements("state", states),
+            f"{name}_generalized_acceleration": _Elements("rate", velocities),
+            f"{name}_generalized_contact_forces": ("no_contact", 0, len(velocities)),
+            f"{name}_net_actuation": _Elements("net_actuation", actuators),
+        }
     return replace(
         kernel,
         parameters={
@@ -416,57 +382,56 @@ def _Continuous(
     )  # fmt: skip
 
 
-def _Discrete(kernel: Kernel, plant: MultibodyPlant, efforts: Term) -> Kernel:
-    """Returns the kernel of a discrete plant."""
+def _Discrete(
+    kernel: Kernel,
+    plant: MultibodyPlant,
+    read: PlantTree,
+    instances: list[ModelInstanceIndex],
+) -> Kernel:
+    """Returns the kernel of a discrete plant; its efforts are no output of Drake's."""
+    h = plant.time_step()
+    rotors = read.tree.rotor_inertias + h * read.tree.damping
     step = Transition(
         mode=(
             plant_step, "tree", "actuated", "time_step", "mode", "efforts",
             "applied_generalized_force",
         ),
-        period=plant.time_step(),
+        period=h,
         is_discrete=not plant.has_sampled_output_ports(),
     )  # fmt: skip
-    outputs: dict[str, Term] = {"state": "mode", "efforts": efforts}
-    for instance in _InstancesOf(plant):
-        outputs[f"{instance.name}_state"] = _Elements("mode", instance.states)
+    states = {
+        f"{plant.GetModelInstanceName(i)}_state": _Elements("mode", _StatesOf(plant, i))
+        for i in instances
+    }
     return replace(
         kernel,
-        parameters={**kernel.parameters, "time_step": plant.time_step()},
-        outputs={**kernel.outputs, **outputs},
+        parameters={
+            **kernel.parameters,
+            "tree": read.tree._replace(rotor_inertias=rotors),
+            "time_step": h,
+        },
+        outputs={
+            "commands of instances": kernel.outputs["commands of instances"],
+            "efforts": kernel.outputs["net_actuation"],
+            "state": "mode",
+            **states,
+        },
         transitions={"steps": step},
         sizes={**kernel.sizes, "efforts": plant.num_actuators()},
     )
 
 
-class _Instance(NamedTuple):
-    """A model instance of a plant.
-
-    Attributes:
-        name: Its name, with which its ports begin.
-        states: The elements of the plant's state that are its own.
-        velocities: The elements of the plant's velocities.
-        actuators: The elements of the plant's actuation.
-    """
-
-    name: str
-    states: list[int]
-    velocities: list[int]
-    actuators: list[int]
-
-
-def _InstancesOf(plant: MultibodyPlant) -> Iterator[_Instance]:
-    """Yields the model instances of a plant."""
+def _StatesOf(plant: MultibodyPlant, instance: ModelInstanceIndex) -> list[int]:
+    """Returns the places of a model instance's q and v in the state of its plant."""
     n = plant.num_velocities()
     places = np.arange(float(n))
-    for i in map(ModelInstanceIndex, range(plant.num_model_instances())):
-        positions = plant.GetPositionsFromArray(i, places).astype(int).tolist()
-        velocities = plant.GetVelocitiesFromArray(i, places).astype(int).tolist()
-        yield _Instance(
-            name=plant.GetModelInstanceName(i),
-            states=[*positions, *(n + k for k in velocities)],
-            velocities=velocities,
-            actuators=[int(k) for k in plant.GetJointActuatorIndices(i)],
-        )
+    q = plant.GetPositionsFromArray(instance, places)
+    v = plant.GetVelocitiesFromArray(instance, places)
+    return _Places([*q, *(n + v)])
+
+
+def _Places(numbers: Iterable[Any]) -> list[int]:
+    return [int(number) for number in numbers]
 
 
 def _Elements(name: str, places: list[int]) -> Term:

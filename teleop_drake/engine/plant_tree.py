@@ -1,7 +1,7 @@
 """The bodies and joints of a MultibodyPlant as flat arrays."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -46,143 +46,42 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
     _CheckForces(plant)
     _CheckCollisions(plant, context)
     _CheckJoints(plant, context)
-    links = _ReadLinks(plant, context)
-    inertias = _ReadInertias(plant, context, links.poses)
-    motors = _ReadMotors(plant, context)
-    return PlantTree(
-        tree=RigidBodyTree(
-            parents=links.parents,
-            is_prismatic=links.is_prismatic,
-            frames=links.frames,
-            axes=links.axes,
-            masses=inertias.masses,
-            moments=inertias.moments,
-            inertias=inertias.inertias,
-            rotor_inertias=motors.rotor_inertias,
-            damping=links.damping,
-            gravity=np.array(_Gravity(plant).gravity_vector()),
-        ),
-        poses=links.poses,
-        actuated=motors.actuated,
-        effort_limits=motors.effort_limits,
-    )
-
-
-class _Links(NamedTuple):
-    """The links of a plant, n of them, without their inertias.
-
-    Attributes:
-        poses: As in PlantTree.
-        parents: The link that each link hangs on, -1 for the world (n).
-        is_prismatic: Whether a link slides instead of turning (n).
-        frames: Pose of the joint's frame in the parent's frame (n, 3, 4).
-        axes: Unit vector of the joint in that frame (n, 3).
-        damping: Of the joint, N m s/rad or N s/m (n).
-    """
-
-    poses: dict[int, tuple[int, RigidTransform]]
-    parents: np.ndarray
-    is_prismatic: np.ndarray
-    frames: np.ndarray
-    axes: np.ndarray
-    damping: np.ndarray
-
-
-def _ReadLinks(plant: MultibodyPlant, context: Context) -> _Links:
-    """Reads the joints of a plant, from the world outward."""
     n = plant.num_velocities()
-    links = _Links(
-        poses={int(plant.world_body().index()): (-1, RigidTransform())},
+    tree = RigidBodyTree(
         parents=np.zeros(n, np.int64),
         is_prismatic=np.zeros(n, np.int64),
         frames=np.zeros((n, 3, 4)),
         axes=np.zeros((n, 3)),
+        masses=np.zeros(n),
+        moments=np.zeros((n, 3)),
+        inertias=np.zeros((n, 3, 3)),
+        rotor_inertias=np.zeros(n),
         damping=np.zeros(n),
+        gravity=np.array(_Gravity(plant).gravity_vector()),
     )
-    # Each round reaches the joints next to known bodies.
+    poses = {int(plant.world_body().index()): (-1, RigidTransform())}
     pending = [plant.get_joint(index) for index in plant.GetJointIndices()]
-    while pending:
-        reached = [joint for joint in pending if _IsReached(joint, links.poses)]
-        for joint in reached:
-            _AddLink(links, plant, joint, context)
-        pending = [joint for joint in pending if joint not in reached]
-    return links
-
-
-def _AddLink(
-    links: _Links, plant: MultibodyPlant, joint: Any, context: Context
-) -> None:
-    """Adds the link that hangs on a joint, or a body that is welded to a link."""
-    inboard, outboard, sign = _Ends(joint, links.poses)
-    link, X_LB = links.poses[int(inboard.body().index())]
-    X_LF = X_LB @ inboard.CalcPoseInBodyFrame(context)
-    X_MB = outboard.CalcPoseInBodyFrame(context).inverse()
-    outer = int(outboard.body().index())
-    if isinstance(joint, multibody.WeldJoint):
-        X_FM = joint.X_FM() if sign > 0 else joint.X_FM().inverse()
-        links.poses[outer] = link, X_LF @ X_FM @ X_MB
-        return
-    axis = _Axis(plant, joint)
-    i = joint.velocity_start()
-    if joint.position_start() != i or link >= i:
-        raise UnsupportedSystem(
-            plant, f"the velocity of joint {joint.name()} is out of order"
-        )
-    links.parents[i] = link
-    links.is_prismatic[i] = isinstance(joint, multibody.PrismaticJoint)
-    links.frames[i] = X_LF.GetAsMatrix34()
-    links.axes[i] = sign * axis
-    links.damping[i] = joint.GetDamping(context)
-    links.poses[outer] = i, X_MB
-
-
-class _Inertias(NamedTuple):
-    """Of each of n links, in its frame: mass, first moment and rotational inertia."""
-
-    masses: np.ndarray
-    moments: np.ndarray
-    inertias: np.ndarray
-
-
-def _ReadInertias(
-    plant: MultibodyPlant,
-    context: Context,
-    poses: dict[int, tuple[int, RigidTransform]],
-) -> _Inertias:
-    """Adds up the inertias of the bodies that make a link."""
-    n = plant.num_velocities()
-    sums = _Inertias(np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3)))
+    while pending:  # From the world outward.
+        joint = next(joint for joint in pending if _IsReached(joint, poses))
+        pending.remove(joint)
+        _AddLink(tree, poses, plant, joint, context)
     for index, (link, X_LB) in poses.items():
-        if link < 0:
-            continue
-        body = plant.get_body(multibody.BodyIndex(index))
-        M_B = body.CalcSpatialInertiaInBodyFrame(context)
-        M = M_B.ReExpress(X_LB.rotation()).Shift(-X_LB.translation())
-        sums.masses[link] += M.get_mass()
-        sums.moments[link] += M.CalcComMoment()
-        sums.inertias[link] += M.CalcRotationalInertia().CopyToFullMatrix3()
-    return sums
-
-
-class _Motors(NamedTuple):
-    """The actuators: as in PlantTree, and the inertia of rotors at each joint (n)."""
-
-    actuated: np.ndarray
-    effort_limits: np.ndarray
-    rotor_inertias: np.ndarray
-
-
-def _ReadMotors(plant: MultibodyPlant, context: Context) -> _Motors:
-    actuated = []
-    limits = []
-    rotor_inertias = np.zeros(plant.num_velocities())
-    for index in plant.GetJointActuatorIndices():
-        actuator = plant.get_joint_actuator(multibody.JointActuatorIndex(index))
-        actuated.append(actuator.joint().velocity_start())
-        limits.append(actuator.effort_limit())
-        rotor_inertias[actuated[-1]] += actuator.calc_reflected_inertia(context)
-    return _Motors(
-        np.array(actuated, np.int64), np.array(limits, float), rotor_inertias
+        if link >= 0:
+            body = plant.get_body(multibody.BodyIndex(index))
+            M_B = body.CalcSpatialInertiaInBodyFrame(context)
+            M = M_B.ReExpress(X_LB.rotation()).Shift(-X_LB.translation())
+            tree.masses[link] += M.get_mass()
+            tree.moments[link] += M.CalcComMoment()
+            tree.inertias[link] += M.CalcRotationalInertia().CopyToFullMatrix3()
+    motors = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
+    actuated = [motor.joint().velocity_start() for motor in motors]
+    for i, motor in zip(actuated, motors, strict=True):
+        tree.rotor_inertias[i] += motor.calc_reflected_inertia(context)
+    return PlantTree(
+        tree=tree,
+        poses=poses,
+        actuated=np.array(actuated, np.int64),
+        effort_limits=np.array([motor.effort_limit() for motor in motors], float),
     )
 
 
@@ -191,13 +90,43 @@ def _IsReached(joint: multibody.Joint, poses: dict[int, Any]) -> bool:
     return any(int(body.index()) in poses for body in bodies)
 
 
-def _Ends(
-    joint: multibody.Joint, poses: dict[int, Any]
-) -> tuple[multibody.Frame, multibody.Frame, float]:
-    """Returns a joint's inboard and outboard frame, and the sense of its motion."""
-    if int(joint.parent_body().index()) in poses:
-        return joint.frame_on_parent(), joint.frame_on_child(), 1.0
-    return joint.frame_on_child(), joint.frame_on_parent(), -1.0
+def _AddLink(
+    tree: RigidBodyTree,
+    poses: dict[int, tuple[int, RigidTransform]],
+    plant: MultibodyPlant,
+    joint: Any,
+    context: Context,
+) -> None:
+    """Adds the link that hangs on a joint, or a body that is welded to a link.
+
+    Args:
+        poses: Those of the bodies that were reached, as in PlantTree.
+    """
+    inboard = joint.frame_on_parent()
+    outboard = joint.frame_on_child()
+    is_reversed = int(inboard.body().index()) not in poses
+    if is_reversed:
+        inboard, outboard = outboard, inboard
+    link, X_LB = poses[int(inboard.body().index())]
+    X_LF = X_LB @ inboard.CalcPoseInBodyFrame(context)
+    X_MB = outboard.CalcPoseInBodyFrame(context).inverse()
+    outer = int(outboard.body().index())
+    if isinstance(joint, multibody.WeldJoint):
+        X_FM = joint.X_FM().inverse() if is_reversed else joint.X_FM()
+        poses[outer] = link, X_LF @ X_FM @ X_MB
+        return
+    axis = _Axis(plant, joint)
+    i = joint.velocity_start()
+    if joint.position_start() != i or link >= i:
+        raise UnsupportedSystem(
+            plant, f"the velocity of joint {joint.name()} is out of order"
+        )
+    tree.parents[i] = link
+    tree.is_prismatic[i] = isinstance(joint, multibody.PrismaticJoint)
+    tree.frames[i] = X_LF.GetAsMatrix34()
+    tree.axes[i] = -axis if is_reversed else axis
+    tree.damping[i] = joint.GetDamping(context)
+    poses[outer] = i, X_MB
 
 
 def _Axis(plant: MultibodyPlant, joint: multibody.Joint) -> np.ndarray:
