@@ -10,7 +10,8 @@ is in y beforehand.
 """
 
 import copy
-from collections.abc import Callable, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -50,11 +51,11 @@ class Parameters:
     blocks compute from the same plant is computed once.
 
     Attributes:
-        types: The named tuples among them, by their names in the source.
+        types: The named tuples among them, as T0, T1, ... in the source.
     """
 
     def __init__(self) -> None:
-        self.types: dict[str, Callable[..., Any]] = {}
+        self.types: list[Callable[..., Any]] = []
         self._shared: dict[Any, str] = {}
         self._numbers: list[float] = []
         self._integers: list[int] = []
@@ -65,20 +66,16 @@ class Parameters:
         Args:
             value: A number, an array, or a (named) tuple of them.
         """
+        kind = type(value)
+        if hasattr(value, "_fields"):
+            parts = [self._AddField(kind, i, part) for i, part in enumerate(value)]
+            return f"T{_IndexOf(kind, self.types)}({', '.join(parts)})"
         if isinstance(value, tuple):
-            if not hasattr(value, "_fields"):
-                return f"({', '.join(map(self.Add, value))},)"
-            fields = enumerate(value)
-            parts = ", ".join(self._AddField(type(value), *field) for field in fields)
-            return f"{self._NameOf(type(value))}({parts})"
+            return f"({', '.join(map(self.Add, value))},)"
         array = np.asarray(value)
-        store: list[Any]
-        if array.dtype.kind in "iub":
-            name = "q"
-            store = self._integers
-        else:
-            name = "p"
-            store = self._numbers
+        is_whole = array.dtype.kind in "iub"
+        name = "q" if is_whole else "p"
+        store: list[Any] = self._integers if is_whole else self._numbers
         first = len(store)
         store.extend(array.ravel().tolist())
         if array.ndim == 0:
@@ -98,13 +95,12 @@ class Parameters:
         """Returns the arrays p and q of the source."""
         return np.array(self._numbers, np.float64), np.array(self._integers, np.int64)
 
-    def _NameOf(self, kind: Callable[..., Any]) -> str:
-        for name, known in self.types.items():
-            if known is kind:
-                return name
-        name = f"T{len(self.types)}"
-        self.types[name] = kind
-        return name
+
+def _IndexOf(item: Any, items: list[Any]) -> int:
+    """Returns the index of an item in a list, to which it is added if need be."""
+    if item not in items:
+        items.append(item)
+    return items.index(item)
 
 
 class Program:
@@ -140,25 +136,24 @@ class Program:
         self._parameter_texts: dict[tuple[int, str], tuple[str, int | None]] = {}
         self.functions: list[Law] = []
         # What fills in a part of y or dx.
-        self._terms: dict[Source, tuple[str, slice, Term]] = {}
+        self._terms: dict[Source, Term] = {}
         self.signals: dict[Source, slice] = {}
         self.fed: dict[Source, slice] = {}
-        self.states, num_x = _Slices([x.system.num_continuous_states() for x in blocks])
-        modes = [DiscreteState(block.system.AllocateContext()) for block in blocks]
-        self.modes, num_m = _Slices(list(map(len, modes)))
+        self.states = _Slices(block.system.num_continuous_states() for block in blocks)
+        modes = (DiscreteState(block.system.AllocateContext()) for block in blocks)
+        self.modes = _Slices(map(len, modes))
         self._num_y = 0
+        self._lines: list[str] = []
+        self._under_way: list[Source] = []
+        self._done: set[Source] = set()
         self._readers = [
             _Reader(self, i, blocks[i].system, kernel)
             for i, kernel in enumerate(kernels)
         ]
         for i, kernel in enumerate(kernels):
             self._Declare(i, kernel)
-        self._lines: list[str] = []
-        self._under_way: list[Source] = []
-        self._done: set[Source] = set()
-        for i, kernel in enumerate(kernels):
-            if kernel.rate is not None:
-                self.Write(Source(i, _RATE))
+        for i in range(len(kernels)):
+            self.Write(Source(i, _RATE))
         self.delays: list[tuple[Delay, slice, slice]] = [
             (delay, self.Slot(i, delay.signal), self.signals[Source(i, delay.output)])
             for i, kernel in enumerate(kernels)
@@ -172,9 +167,7 @@ class Program:
         self.transitions: list[tuple[Transition, slice | None, slice, slice]] = [
             (
                 transition,
-                None
-                if transition.guard is None
-                else self.signals[Source(i, _Guard(name))],
+                self.signals.get(Source(i, _Guard(name))),
                 self.signals[Source(i, _Mode(name))],
                 self.modes[i],
             )
@@ -184,11 +177,11 @@ class Program:
         self.text = "\n".join([_HEAD, *self._lines, ""])
         self.names: dict[str, Callable[..., Any]] = {
             "put": put,
-            **self._parameters.types,
+            **{f"T{i}": kind for i, kind in enumerate(self._parameters.types)},
             **{f"f{i}": function for i, function in enumerate(self.functions)},
         }
         self.parameters = self._parameters.as_arrays()
-        self.sizes = self._num_y, num_x, num_m
+        self.sizes = self._num_y, self.states[-1].stop, self.modes[-1].stop
 
     def With(self, kernels: Sequence[Kernel]) -> "Program | None":
         """Returns the program of kernels with other parameters and delays.
@@ -232,7 +225,7 @@ class Program:
 
     def OwnerOf(self, function: Callable[..., Any]) -> System | None:
         """Returns the first block whose kernel has a function."""
-        for output, (_, _, term) in self._terms.items():
+        for output, term in self._terms.items():
             if isinstance(term, tuple) and function in term:
                 return self._blocks[output.block].system
         return None
@@ -241,27 +234,27 @@ class Program:
         """Makes room for all that a block computes."""
         system = self._blocks[i].system
         if kernel.rate is not None:
-            self._terms[Source(i, _RATE)] = "dx", self.states[i], kernel.rate
+            self._terms[Source(i, _RATE)] = kernel.rate
         elif system.num_continuous_states() > 0:
             raise UnsupportedSystem(system, "its kernel has no rate")
         for name, term in kernel.outputs.items():
+            self._terms[Source(i, name)] = term
             size = kernel.sizes.get(name)
             if size is None:
                 size = system.GetOutputPort(name).size()
-            self._DeclareSignal(Source(i, name), size, term)
+            self.signals[Source(i, name)] = self._NewSignal(size)
         for delay in kernel.delays:
             size = len(delay.initial_value)
-            self._DeclareSignal(Source(i, delay.output), size, None)
+            self.signals[Source(i, delay.output)] = self._NewSignal(size)
         num_modes = self.modes[i].stop - self.modes[i].start
         for name, transition in kernel.transitions.items():
             if transition.guard is not None:
-                self._DeclareSignal(Source(i, _Guard(name)), 1, transition.guard)
-            self._DeclareSignal(Source(i, _Mode(name)), num_modes, transition.mode)
-
-    def _DeclareSignal(self, source: Source, size: int, term: Term | None) -> None:
-        self.signals[source] = self._NewSignal(size)
-        if term is not None:
-            self._terms[source] = "y", self.signals[source], term
+                guard = Source(i, _Guard(name))
+                self._terms[guard] = transition.guard
+                self.signals[guard] = self._NewSignal(1)
+            mode = Source(i, _Mode(name))
+            self._terms[mode] = transition.mode
+            self.signals[mode] = self._NewSignal(num_modes)
 
     def _NewSignal(self, size: int) -> slice:
         self._num_y += size
@@ -292,17 +285,20 @@ class Program:
         block = self._blocks[output.block]
         if output in self._under_way:
             raise AlgebraicLoop(block.system, f"{output.port} depends on itself")
-        array, part, term = self._terms[output]
         self._under_way.append(output)
-        expressions = self._readers[output.block].Read(term)
+        expressions = self._readers[output.block].Read(self._terms[output])
         self._under_way.pop()
         self._done.add(output)
         self._lines.append(f"    # {block.path}: {output.port}")
+        array = "y"
+        part = self.signals.get(output)
+        if part is None:
+            array = "dx"
+            part = self.states[output.block]
         first = part.start
         for expression, size in expressions:
             last = part.stop if size is None else first + size
-            target, _ = _Elements(array, slice(first, last))
-            self._lines.append(f"    put({target}, {expression})")
+            self._lines.append(f"    put({array}[{first}:{last}], {expression})")
             first = last
         if first != part.stop:
             raise UnsupportedSystem(
@@ -355,28 +351,25 @@ class _Reader(TermReader[_Texts]):
         return [(f"{text}[{begin}:{end}]", end - begin)]
 
     def Call(self, law: Law, arguments: Sequence[Name | int]) -> _Texts:
-        functions = self._program.functions
-        if law not in functions:
-            functions.append(law)
         texts = ", ".join(text for x in arguments for text, _ in self.Read(x))
-        return [(f"f{functions.index(law)}({texts})", None)]
+        return [(f"f{_IndexOf(law, self._program.functions)}({texts})", None)]
 
     def Word(self, word: str) -> _Texts:
         if word == "time":
             return [("t", None)]
         if word == "state":
-            return [_Elements("x", self._program.states[self._i])]
-        return [_Elements("m", self._program.modes[self._i])]
+            return _Elements("x", self._program.states[self._i])
+        return _Elements("m", self._program.modes[self._i])
 
     def Parameter(self, name: str, value: Any) -> _Texts:
         return [self._program.ParameterText(self._i, name, value)]
 
     def Rate(self, term: Term) -> _Texts:
         self._program.Write(Source(self._i, _RATE))
-        return [_Elements("dx", self._program.states[self._i])]
+        return _Elements("dx", self._program.states[self._i])
 
     def Port(self, name: str) -> _Texts:
-        return [_Elements("y", self._program.Slot(self._i, name))]
+        return _Elements("y", self._program.Slot(self._i, name))
 
 
 _HEAD = "def evaluate(t, x, m, p, q, y, dx, everything):"
@@ -390,12 +383,11 @@ def _Mode(transition: str) -> str:
     return f"mode after {transition}"
 
 
-def _Elements(array: str, part: slice) -> tuple[str, int]:
-    return f"{array}[{part.start}:{part.stop}]", part.stop - part.start
+def _Elements(array: str, part: slice) -> _Texts:
+    return [(f"{array}[{part.start}:{part.stop}]", part.stop - part.start)]
 
 
-def _Slices(sizes: Sequence[int]) -> tuple[list[slice], int]:
-    """Returns the parts of a vector, one after another, and its size."""
-    ends = np.cumsum(sizes, dtype=int).tolist()
-    parts = [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
-    return parts, sum(sizes)
+def _Slices(sizes: Iterable[int]) -> list[slice]:
+    """Returns the parts of a vector that stand one after another."""
+    ends = [0, *itertools.accumulate(sizes)]
+    return list(itertools.starmap(slice, itertools.pairwise(ends)))
