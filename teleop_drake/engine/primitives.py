@@ -1,17 +1,24 @@
-"""Kernels of Drake's own systems, made of their symbolic form where they have one.
+"""Kernels of Drake's own systems, most of them made of their symbolic form.
 
 The rate of the continuous state, the periodic discrete update and the vector outputs
 are those of `system.ToSymbolicMaybe()`. The numeric parameters of the Context are
 parameters of the kernel, and so are the constants of the expressions. Therefore other
 numbers compile nothing anew, unless Drake leaves a 0 or a 1 out of its expressions.
+Matrices often have such elements, so that linear systems have a kernel of their own.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import Context, PortDataType, System
-from pydrake.systems.primitives import WrapToSystem
+from pydrake.systems.primitives import (
+    AffineSystem,
+    LinearSystem,
+    MatrixGain,
+    WrapToSystem,
+)
 
 from teleop_drake.arrays import Array
 from teleop_drake.engine.expression_tape import (
@@ -36,10 +43,9 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel | None:
         UnsupportedSystem: If only a part of what it computes can be compiled.
     """
     if IsSink(system, context):
-        inputs = map(system.get_input_port, range(system.num_input_ports()))
-        return Kernel(unused=tuple(port.get_name() for port in inputs))
-    if type(system) is WrapToSystem:
-        return _WrapKernel(system)
+        return Kernel(unused=_InputNames(system))
+    if type(system) in KERNELS:
+        return KERNELS[type(system)](system)
     symbolic = system.ToSymbolicMaybe() if _IsOfDrake(system) else None
     if symbolic is None:
         return None
@@ -65,6 +71,11 @@ def IsSink(system: System, context: Context) -> bool:
         or context.num_discrete_state_groups() > 0
     )
     return _IsOfDrake(system) and not has_numbers
+
+
+def _InputNames(system: System) -> tuple[str, ...]:
+    ports = map(system.get_input_port, range(system.num_input_ports()))
+    return tuple(port.get_name() for port in ports)
 
 
 def _IsOfDrake(system: System) -> bool:
@@ -101,9 +112,7 @@ class _SymbolicReader:
             self._parameters[name] = numbers
             vector = self._context.get_mutable_numeric_parameter(i)
             vector.SetFromVector(self._New(name, len(numbers)))
-        inputs = map(symbolic.get_input_port, range(symbolic.num_input_ports()))
-        self._input_names = tuple(port.get_name() for port in inputs)
-        for name in self._input_names:
+        for name in _InputNames(symbolic):
             port = symbolic.GetInputPort(name)
             if port.get_data_type() == PortDataType.kVectorValued:
                 port.FixValue(self._context, self._New(name, port.size()))
@@ -120,13 +129,12 @@ class _SymbolicReader:
             if port.get_data_type() == PortDataType.kVectorValued:
                 name = port.get_name()
                 outputs[name] = self._Term(name, port.Eval(self._context))
-        transitions = self._Transitions()
         return Kernel(
             outputs=outputs,
             rate=rate,
-            transitions=transitions,
+            transitions=self._Transitions(),
             parameters=self._parameters,
-            unused=tuple(x for x in self._input_names if x not in self._used),
+            unused=tuple(x for x in _InputNames(self._system) if x not in self._used),
         )
 
     def _SetMode(self, context: Context) -> None:
@@ -184,6 +192,38 @@ class _SymbolicReader:
         return (evaluate_tape, tape, "time", *vectors)
 
 
+def affine(constant: Array, *products: Array) -> Array:
+    """Returns a constant vector plus products, each of a matrix and a vector."""
+    total = constant
+    for k in range(0, len(products), 2):
+        total = total + products[k] @ products[k + 1]
+    return total
+
+
+def _AffineKernel(system: AffineSystem) -> Kernel:
+    """Returns the kernel of matrices, which may be other ones in the same program."""
+    inputs = _InputNames(system)
+    has_state = system.num_states() > 0
+    is_discrete = has_state and system.time_period() > 0
+    state = "mode" if is_discrete else "state"
+    law: Term = (affine, "f0", "A", state)
+    if inputs:
+        law = (*law, "B", *inputs)
+    output: Term = (affine, "y0", "C", state)
+    if system.HasAnyDirectFeedthrough():
+        output = (*output, "D", *inputs)
+    step = Transition(mode=law, period=system.time_period(), is_discrete=True)
+    names = ("A", "B", "C", "D", "f0", "y0")
+    return Kernel(
+        parameters={name: getattr(system, name)() for name in names},
+        outputs={"y0": output} if system.num_output_ports() > 0 else {},
+        rate=law if has_state and not is_discrete else None,
+        transitions={"steps": step} if is_discrete else {},
+        # Without state, and with D = 0, nothing depends on them.
+        unused=inputs,
+    )
+
+
 def wrapped(lows: Array, sizes: Array, u: Array) -> Array:
     """Returns what is left of each signal in its interval.
 
@@ -220,3 +260,12 @@ def _WrapKernel(system: WrapToSystem) -> Kernel:
         outputs={"y0": (wrapped, "lows", "sizes", "u0")},
         parameters={"lows": lows, "sizes": outside - lows},
     )
+
+
+KERNELS: dict[type[System], Callable[[Any], Kernel]] = {
+    AffineSystem: _AffineKernel,
+    LinearSystem: _AffineKernel,
+    MatrixGain: _AffineKernel,
+    WrapToSystem: _WrapKernel,
+}
+"""Kernels that are not made of the symbolic form of a system, by its class itself."""
