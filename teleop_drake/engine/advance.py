@@ -4,9 +4,9 @@ The system is a function `evaluate(t, x, m, p, q, y, dx, everything)` that fills
 rate dx of the state x and the signals y, as teleop_drake.engine.source describes it.
 The outputs of the delays are written into y before each evaluation.
 
-* A delayed signal is stored as one polynomial for each step, through its values at five
-  points of the step, so that no polynomial crosses a jump. Its error is O(step^5), as
-  for the dense output.
+* A delayed signal is a polynomial in each step, through the rows that are recorded at
+  five points of the step, so that no polynomial crosses a jump. Its error is O(step^5),
+  as for the dense output.
 * No step crosses a break, which is the instant of a transition or one of its echoes
   through the delays. The step before a break uses the values before it, and the step
   after it the values after it.
@@ -25,9 +25,8 @@ from teleop_drake.engine.delays import NODES, arrival, fetch
 from teleop_drake.engine.dormand_prince import NUM_STAGES, A, C, E, P
 from teleop_drake.engine.problem import (
     BREAKS,
+    END,
     EVALUATIONS,
-    IS_STARTED,
-    POLYNOMIALS,
     ROWS,
     STEPS,
     TRIES,
@@ -89,16 +88,6 @@ def _interpolate(theta: float, h: float, memory: Memory) -> None:
             _add(h * weight, stages[s], result)
 
 
-def _keep_node(node: int, delays: Delays, memory: Memory) -> None:
-    """Stores the delayed signals at a node of the present polynomial."""
-    values = memory.values[memory.counts[POLYNOMIALS], node]
-    column = 0
-    for d in range(len(delays.times)):
-        for i in range(delays.sizes[d]):
-            values[column + i] = memory.y[delays.signals[d] + i]
-        column += delays.sizes[d]
-
-
 def _record_step(
     evaluate: Evaluate,
     length: float,
@@ -107,28 +96,18 @@ def _record_step(
     problem: Problem,
     memory: Memory,
 ) -> None:
-    """Records the first part of the step, whose end is in y: three rows, and the end.
-
-    Completes the polynomials of the delayed signals.
-    """
+    """Records the first part of the step, whose end is in y: three rows, and the end."""
     t = memory.clock[0]
     row = memory.counts[ROWS]
-    delays = problem.delays
     _write(row + 3, end, memory)
-    _keep_node(4, delays, memory)
     for node in range(1, 4):
         s = NODES[node] * length
         _interpolate(s / h, h, memory)
         _evaluate(True, evaluate, t + s, memory.x_stage, problem, memory, memory.dx)
         _write(row + node - 1, t + s, memory)
-        _keep_node(node, delays, memory)
     memory.row_ends[row + 3] = 1
+    memory.counts[END] = row + 3
     memory.counts[ROWS] = row + 4
-    if len(delays.times) > 0:
-        num = memory.counts[POLYNOMIALS]
-        memory.steps[num, 0] = t
-        memory.steps[num, 1] = t + length
-        memory.counts[POLYNOMIALS] = num + 1
 
 
 def _add(weight: float, source: Array, target: Array) -> None:
@@ -165,52 +144,48 @@ def _record(t: float, memory: Memory) -> None:
 def _add_break(t: float, order: int, memory: Memory) -> None:
     """Adds a break, a time that no step may cross."""
     num = memory.counts[BREAKS]
-    for i in range(num):
-        if abs(memory.breaks[i, 0] - t) <= SAME:
-            memory.breaks[i, 1] = min(memory.breaks[i, 1], float(order))
-            return
-    if num < len(memory.breaks):
-        memory.breaks[num, 0] = t
-        memory.breaks[num, 1] = order
-        memory.counts[BREAKS] = num + 1
+    memory.breaks[num, 0] = t
+    memory.breaks[num, 1] = order
+    memory.counts[BREAKS] = num + 1
 
 
 def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
-    """Adds a break where the present event leaves each delay.
+    """Adds a break where the present event, whose row is the last, leaves each delay.
 
     A jump of a signal remains a jump after any number of delays.
     """
-    num = memory.counts[POLYNOMIALS]
-    column = 0
+    row = memory.counts[ROWS] - 1
     for d in range(len(delays.times)):
         echo = order + 1
         for i in range(delays.sizes[d]):
-            if num > 0:
-                before = memory.values[num - 1, 4, column + i]
-                after = memory.y[delays.signals[d] + i]
-                if abs(after - before) > 1e-9 * (abs(after) + abs(before)):
-                    echo = 1
+            before = memory.rows[row - 1, delays.signals[d] + i]
+            after = memory.rows[row, delays.signals[d] + i]
+            if abs(after - before) > 1e-9 * (abs(after) + abs(before)):
+                echo = 1
         if echo <= _MAX_ECHO and 0.0 < delays.times[d] < math.inf:
             _add_break(arrival(t, d, delays), echo, memory)
-        column += delays.sizes[d]
 
 
 def _take_break(t: float, memory: Memory) -> int:
-    """Removes a break at a time and returns its order; -1 if there is none."""
+    """Removes the breaks at a time; returns the least order, -1 if there is none."""
+    breaks = memory.breaks
+    order = -1
+    num = 0
     for i in range(memory.counts[BREAKS]):
-        if abs(memory.breaks[i, 0] - t) <= SAME:
-            order = int(memory.breaks[i, 1])
-            last = memory.counts[BREAKS] - 1
-            memory.breaks[i, 0] = memory.breaks[last, 0]
-            memory.breaks[i, 1] = memory.breaks[last, 1]
-            memory.counts[BREAKS] = last
-            return order
-    return -1
+        if abs(breaks[i, 0] - t) > SAME:
+            _copy(breaks[i], breaks[num])
+            num += 1
+        elif order < 0 or breaks[i, 1] < order:
+            order = int(breaks[i, 1])
+    memory.counts[BREAKS] = num
+    return order
 
 
 def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) -> None:
-    """Executes a break of an order (-1: none) and the transitions of this instant."""
+    """Executes a break of an order (-1: none), packets and transitions that are due."""
     t = memory.clock[0]
+    if _show_packets(t, problem.delays, memory) and order < 0:
+        order = _MAX_ECHO  # A jump, but too many to follow their echoes.
     has_jumped = order >= 0
     for _ in range(10):  # One transition may bring about another one.
         has_changed = change_modes(has_jumped, problem.transitions, memory)
@@ -223,6 +198,7 @@ def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) ->
     if order >= 0:
         _record(t, memory)
         _add_echoes(t, order, problem.delays, memory)
+    note_guards(True, problem.transitions, memory)
 
 
 def _show_packets(t: float, delays: Delays, memory: Memory) -> bool:
@@ -240,17 +216,12 @@ def _show_packets(t: float, delays: Delays, memory: Memory) -> bool:
 def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     """Executes the breaks, packets and transitions of this instant."""
     t = memory.clock[0]
-    delays = problem.delays
     order = _take_break(t, memory)
     if order >= 0:  # Transitions see what was there before a jump arrives.
         memory.clock[0] = -math.inf
     _evaluate(True, evaluate, t, memory.x, problem, memory, memory.stages[0])
     memory.clock[0] = t
-    if _show_packets(t, delays, memory) and order < 0:
-        order = _MAX_ECHO  # A jump, but too many to follow their echoes.
     _settle(evaluate, order, problem, memory)
-    note_guards(True, problem.transitions, memory)
-    _keep_node(0, delays, memory)
 
 
 def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
@@ -338,17 +309,10 @@ def _locate(
 def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     """Records the first row, and executes the events of the start time."""
     clock = memory.clock
-    delays = problem.delays
-    memory.counts[IS_STARTED] = 1
+    clock[2] = clock[0]
     _evaluate(True, evaluate, clock[0], memory.x, problem, memory, memory.stages[0])
     _record(clock[0], memory)
-    clock[2] = clock[0]
-    _keep_node(0, delays, memory)
-    _copy(memory.values[0, 0], memory.first_values)
-    _show_packets(clock[0], delays, memory)
     _settle(evaluate, 0, problem, memory)
-    note_guards(True, problem.transitions, memory)
-    _keep_node(0, delays, memory)
 
 
 def _is_full(delays: Delays, memory: Memory) -> bool:
@@ -356,7 +320,6 @@ def _is_full(delays: Delays, memory: Memory) -> bool:
     counts = memory.counts
     return (
         counts[ROWS] + 5 > len(memory.row_times)
-        or counts[POLYNOMIALS] + 2 > len(memory.steps)
         or counts[BREAKS] + len(delays.times) > len(memory.breaks)
     )
 
@@ -392,6 +355,7 @@ def advance(
     Args:
         memory: The state, and room for what is recorded: of each step three rows within
             it and one at its end, and another one at the same time after a break.
+            Delays take from the rows what was sent.
         t_end: The end time in s. Events at this very time are not executed.
         accuracy: The largest error of a step in any state.
         max_step: The longest step in s.
@@ -407,7 +371,7 @@ def advance(
     for d in range(len(delays.times)):
         if delays.times[d] > 0.0:
             longest = min(longest, delays.times[d])
-    if counts[IS_STARTED] == 0:
+    if counts[ROWS] == 0:
         _start(evaluate, problem, memory)
     last_try = counts[TRIES] + _MOST_TRIES
     while clock[0] < t_end - SAME:
@@ -450,7 +414,6 @@ def _end_step(
         t_end: When the run ends, s.
     """
     clock = memory.clock
-    counts = memory.counts
     t = clock[0]
     # Whether a transition happens in the step, and at which share of it.
     has_come = is_due(problem.transitions, memory)
@@ -481,6 +444,3 @@ def _end_step(
         _let_happen(evaluate, problem, memory)
         return
     _copy(memory.stages[NUM_STAGES - 1], memory.stages[0])
-    if len(problem.delays.times) > 0:
-        num = counts[POLYNOMIALS]
-        _copy(memory.values[num - 1, 4], memory.values[num, 0])

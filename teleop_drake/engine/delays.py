@@ -1,6 +1,6 @@
 """What comes out of the delays of the system that advance() integrates.
 
-A delayed signal is stored as one polynomial for each step, through its values at five
+A delayed signal is a polynomial in each step, through the rows that are recorded at five
 points of the step, so that no polynomial crosses a jump.
 
 All functions here are in the part of Python that jit/typed_code compiles.
@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.engine.problem import POLYNOMIALS, Delays, Memory
+from teleop_drake.engine.problem import END, Delays, Memory
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.piecewise import NUM_COEFFICIENTS
 
@@ -20,54 +20,50 @@ NODES = np.array([0, 1 / 4, 1 / 2, 3 / 4, 1])
 
 
 def _add_past(
-    s: float,
-    is_after: bool,
-    weight: float,
-    d: int,
-    column: int,
-    delays: Delays,
-    memory: Memory,
+    s: float, is_after: bool, weight: float, d: int, delays: Delays, memory: Memory
 ) -> None:
     """Adds a signal as it was at a time to what comes out of its delay."""
-    num = memory.counts[POLYNOMIALS]
-    first = delays.outputs[d]
-    size = delays.sizes[d]
-    # The last polynomial that begins before s, or at s.
+    times = memory.row_times
+    signal = delays.signals[d]
+    output = delays.outputs[d]
+    # The last row before s, or at s, that does not end the last step.
     low = -1
-    high = num - 1
+    high = memory.counts[END] - 1
     while low < high:
         middle = (low + high + 1) // 2
-        begin = memory.steps[middle, 0]
-        if begin < s - SAME or (is_after and begin <= s + SAME):
+        if times[middle] < s - SAME or (is_after and times[middle] <= s + SAME):
             low = middle
         else:
             high = middle - 1
     if low < 0:
-        for i in range(size):
-            memory.y[first + i] += weight * delays.initial_values[column + i]
+        for i in range(delays.sizes[d]):
+            memory.y[output + i] += weight * delays.initial_values[output + i]
         return
-    begin = memory.steps[low, 0]
-    end = memory.steps[low, 1]
-    theta = min(max((s - begin) / (end - begin), 0.0), 1.0)
+    end = low + 1
+    while memory.row_ends[end] == 0:
+        end += 1
+    begin = end - 4
+    theta = (s - times[begin]) / (times[end] - times[begin])
+    theta = min(max(theta, 0.0), 1.0)
     for a in range(5):
         share = weight
         for b in range(5):
             if a != b:
                 share *= (theta - NODES[b]) / (NODES[a] - NODES[b])
-        for i in range(size):
-            memory.y[first + i] += share * memory.values[low, a, column + i]
+        for i in range(delays.sizes[d]):
+            memory.y[output + i] += share * memory.rows[begin + a, signal + i]
 
 
 def _add_sent(
-    s: float, weight: float, d: int, column: int, delays: Delays, memory: Memory
+    s: float, weight: float, d: int, delays: Delays, memory: Memory
 ) -> None:
     """Adds the value of a signal before the events of an instant; see _add_past."""
     if abs(s - memory.clock[2]) <= SAME:
         for i in range(delays.sizes[d]):
-            value = memory.first_values[column + i]
+            value = memory.rows[0, delays.signals[d] + i]
             memory.y[delays.outputs[d] + i] += weight * value
     else:
-        _add_past(s, False, weight, d, column, delays, memory)
+        _add_past(s, False, weight, d, delays, memory)
 
 
 def evaluate_pieces(
@@ -132,17 +128,14 @@ def fetch(t: float, delays: Delays, memory: Memory) -> None:
     A jump at the start of the step is included, a later jump is not.
     """
     is_after = t <= memory.clock[0]
-    column = 0
     for d in range(len(delays.times)):
-        first = delays.outputs[d]
-        size = delays.sizes[d]
-        for i in range(size):
-            memory.y[first + i] = 0.0
+        for i in range(delays.sizes[d]):
+            memory.y[delays.outputs[d] + i] = 0.0
         if delays.times[d] < math.inf:
             s = t - delay_at(t, d, delays)
-            _add_past(s, is_after, 1.0, d, column, delays, memory)
+            _add_past(s, is_after, 1.0, d, delays, memory)
         elif memory.next_packets[d] == delays.packet_ranges[d, 0]:
-            _add_sent(-math.inf, 1.0, d, column, delays, memory)
+            _add_sent(-math.inf, 1.0, d, delays, memory)
         else:
             k = memory.next_packets[d] - 1
             shown = delays.packets[k, 0]
@@ -151,6 +144,5 @@ def fetch(t: float, delays: Delays, memory: Memory) -> None:
             slope = 0.0
             if previous > -math.inf:
                 slope = (t - shown) / (sent - previous)
-                _add_sent(previous, -slope, d, column, delays, memory)
-            _add_sent(sent, 1.0 + slope, d, column, delays, memory)
-        column += size
+                _add_sent(previous, -slope, d, delays, memory)
+            _add_sent(sent, 1.0 + slope, d, delays, memory)

@@ -9,7 +9,7 @@ from teleop_drake.numerics.instants import same_within
 
 
 class Delays(NamedTuple):
-    """The d delays of a system, with w delayed numbers in all.
+    """The d delays of a system.
 
     Attributes:
         times: The delays in s (d), > 0; infinity for a delay of packets, and the
@@ -17,7 +17,7 @@ class Delays(NamedTuple):
         signals: The index in y at which each delay's signal begins (d).
         outputs: The index in y at which each delay's output begins (d).
         sizes: The width of each signal (d).
-        initial_values: The initial outputs of all delays, one after another (w).
+        initial_values: The initial outputs of the delays, at their places in y (y).
         packet_ranges: The begin and end of each delay's rows in `packets` (d, 2).
         packets: Three times in s for each packet (k, 3): when it is shown, when it was
             sent, and when the earlier packet was sent through which the signal
@@ -85,9 +85,9 @@ class Memory(NamedTuple):
 
     Attributes:
         clock: The time, the length of the next step and the start time, in s (3).
-        counts: Numbers of steps taken, evaluations, polynomials, breaks and rows;
-            whether the first stage is known; and the number of attempts, which are
-            steps, including rejected ones, and events (7).
+        counts: Numbers of steps taken and of evaluations; the index of the last row
+            that ends a step, 0 without one; numbers of breaks, of rows, and of
+            attempts, which are steps, including rejected ones, and events (6).
         x: Continuous state.
         m: Discrete state.
         m_before: Discrete state before the transitions of the present instant.
@@ -101,9 +101,6 @@ class Memory(NamedTuple):
         guards: The value of each guard at the start of the step, and at the start of
             the step before if no event happened in between (k, 2).
         breaks: Time and order of the breaks ahead (b, 2).
-        steps: Begin and end of each polynomial in s (c, 2).
-        values: Delayed signals at the nodes (c, 5, w).
-        first_values: Delayed signals before the first event (w).
         row_times: Times of the recorded rows (r).
         row_ends: 1 for a row at the end of a step, else 0 (r). Three rows within the
             step precede it, and the row at the start of the step precedes these.
@@ -124,16 +121,13 @@ class Memory(NamedTuple):
     ticks: Indices
     guards: Array
     breaks: Array
-    steps: Array
-    values: Array
-    first_values: Array
     row_times: Array
     row_ends: Indices
     rows: Array
 
 
 # The places in `counts`.
-STEPS, EVALUATIONS, POLYNOMIALS, BREAKS, ROWS, IS_STARTED, TRIES = range(7)
+STEPS, EVALUATIONS, END, BREAKS, ROWS, TRIES = range(6)
 
 
 def make_memory(
@@ -152,10 +146,9 @@ def make_memory(
         y: Signals, including those that are fed from outside.
         time: The start time in s. Events that were due before it have happened.
         first_step: Length of the first step in s.
-        room: The number of polynomials and of rows for which memory is reserved.
+        room: The number of rows for which memory is reserved.
     """
     n = len(x)
-    width = len(problem.delays.initial_values)
     transitions = problem.transitions
     periods = problem.transitions.periods
     gone = np.where(transitions.guards < 0, time - transitions.offsets, 0.0)
@@ -163,7 +156,7 @@ def make_memory(
     ticks = np.where(periods < np.inf, np.ceil(gone / periods), gone > 0)
     return Memory(
         clock=np.array([time, first_step, time]),
-        counts=np.zeros(7, np.int64),
+        counts=np.zeros(6, np.int64),
         x=x,
         m=m,
         m_before=m.copy(),
@@ -176,9 +169,6 @@ def make_memory(
         ticks=np.maximum(ticks, 0).astype(np.int64),
         guards=np.zeros((len(ticks), 2)),
         breaks=np.zeros((1024, 2)),
-        steps=np.zeros((room, 2)),
-        values=np.empty((room, 5, width)),
-        first_values=np.zeros(width),
         row_times=np.empty(room),
         row_ends=np.empty(room, np.int64),
         rows=np.empty((room, len(y))),

@@ -30,6 +30,9 @@ _CHUNK = 2048
 # The first rows are fewer, so that a state is seen that a short run comes through.
 _FIRST_CHUNK = 64
 
+# Rows for which there is memory at first. What is not written takes none.
+_ROOM = _FIRST_CHUNK + 4 * _CHUNK
+
 # What the integrator tries at least, s.
 _SHORTEST = 1e-14
 
@@ -109,11 +112,8 @@ class CompiledRun:
             y=start.y.copy(),
             time=start.t,
             first_step=0.1 * max_step,
-            room=_CHUNK,
+            room=_ROOM,
         )
-        self._times = np.empty(0)
-        self._rows = np.empty((0, len(start.y)))
-        self._num_rows = 0
         self._chunk = _CHUNK if is_checked else _FIRST_CHUNK
         self._integrate: Callable[..., Any] = integrator.advance
         self._system: Any = self.problem
@@ -147,25 +147,30 @@ class CompiledRun:
             with the last row of the call before, -1. The run has ended if its time is
             `end` or there is a failure or an error.
         """
-        self._MakeRoomForRows()
+        self._MakeRoom()
+        memory = self.memory
+        first = int(memory.counts[problem.ROWS])
+        end_of_chunk = first + self._chunk
+        chunk = memory._replace(
+            row_times=memory.row_times[:end_of_chunk],
+            row_ends=memory.row_ends[:end_of_chunk],
+            rows=memory.rows[:end_of_chunk],
+        )
         numbers = float(end), self._accuracy, self._max_step
-        arguments = self._system, self.memory, *numbers
         status = integrator.DONE
         try:
-            status = self._integrate(self.evaluator.function, *arguments)
+            function = self.evaluator.function
+            status = self._integrate(function, self._system, chunk, *numbers)
         except Exception as error:  # noqa: BLE001 - A law may raise anything.
             status = integrator.FULL
             if not self._MakesStepShorter(error):
                 self.error = error
-        memory = self.memory
-        num = int(memory.counts[problem.ROWS])
-        memory.counts[problem.ROWS] = 0
-        self._num_rows += num
-        times = memory.row_times[:num]
-        rows = memory.rows[:num]
-        ends = np.flatnonzero(memory.row_ends[:num])
+        end_of_rows = int(memory.counts[problem.ROWS])
+        times = memory.row_times[first:end_of_rows]
+        rows = memory.rows[first:end_of_rows]
+        ends = np.flatnonzero(memory.row_ends[first:end_of_rows])
         steps = ends[:, np.newaxis] + np.arange(-DEGREE, 1)
-        if num:
+        if len(rows):
             visited = self.time, memory.x.copy(), memory.m.copy(), rows[-1]
             self.visited[_MAX_VISITED - 1 :] = [Visited(*visited)]
         if status == integrator.STUCK:
@@ -174,8 +179,6 @@ class CompiledRun:
                 "Error control wants to select step smaller than minimum allowed "
                 f"({1e-14 * max(1.0, abs(self.time)):g})"
             )
-        elif status == integrator.FULL and self._chunk == _CHUNK:
-            self._MakeRoom()
         elif status == integrator.FULL:
             self._chunk = _CHUNK
         return times, rows, steps
@@ -192,7 +195,9 @@ class CompiledRun:
         counts[problem.BREAKS] += 1
 
     def Sample(self, time: float) -> Array:
-        """Integrates until a time in s; returns the signals y then, and keeps no rows.
+        """Integrates until a time in s; returns the signals y then.
+
+        Keeps no rows but those that delays still need.
 
         At the very start they are those before what happens there.
 
@@ -202,16 +207,18 @@ class CompiledRun:
         sample = None
         while sample is None or self.time < time - SAME:
             _, rows, _ = self.Advance(time)
-            self._num_rows = 0
             if self.failure or self.error is not None:
                 raise ArithmeticError(self.failure or self.error)
             if len(rows):
-                sample = rows[0 if time == self.start.t else -1]
-        return sample.copy()
+                sample = rows[0 if time == self.start.t else -1].copy()
+        if self.memory.counts[problem.ROWS] > _CHUNK:
+            self._ForgetRows()
+        return sample
 
     def Rows(self) -> tuple[Array, Array]:
         """Returns the times (k) and the signals y (k, num_y) of all rows so far."""
-        return self._times[: self._num_rows], self._rows[: self._num_rows]
+        num = self.memory.counts[problem.ROWS]
+        return self.memory.row_times[:num], self.memory.rows[:num]
 
     def _MakesStepShorter(self, error: Exception) -> bool:
         """Rejects the step that has raised an error; returns whether it was too long.
@@ -226,29 +233,25 @@ class CompiledRun:
         clock[1] *= 0.1
         return bool(clock[1] > _SHORTEST * max(1.0, self.time))
 
-    def _MakeRoomForRows(self) -> None:
-        """Lets the next rows follow the others in their arrays, which grow."""
-        first = self._num_rows
-        end = self._num_rows + self._chunk
-        if end > len(self._times):
-            # What is not written takes no memory.
-            times, rows = self.Rows()
-            room = max(2 * len(times), _FIRST_CHUNK + 4 * _CHUNK)
-            self._times = np.empty(room)
-            self._rows = np.empty((room, rows.shape[1]))
-            self._times[:first] = times
-            self._rows[:first] = rows
-        self.memory = self.memory._replace(
-            row_times=self._times[first:end],
-            row_ends=np.empty(self._chunk, np.int64),
-            rows=self._rows[first:end],
-        )
-
     def _MakeRoom(self) -> None:
-        """Forgets the polynomials that no delay reaches, and grows what is full."""
+        """Doubles the arrays that have no room for another chunk."""
         memory = self.memory
-        counts = self.memory.counts
-        num = counts[problem.POLYNOMIALS]
+        needed = {
+            "row_times": memory.counts[problem.ROWS] + self._chunk,
+            "row_ends": memory.counts[problem.ROWS] + self._chunk,
+            "rows": memory.counts[problem.ROWS] + self._chunk,
+            "breaks": 2 * memory.counts[problem.BREAKS],
+        }
+        for name, room in needed.items():
+            array = getattr(memory, name)
+            if room > len(array):
+                larger = np.empty((2 * len(array), *array.shape[1:]), array.dtype)
+                larger[: len(array)] = array
+                self.memory = self.memory._replace(**{name: larger})
+
+    def _ForgetRows(self) -> None:
+        """Removes the rows that no delay reaches."""
+        memory = self.memory
         delays = self.problem.delays
         reached = self.time
         for d, time in enumerate(delays.times):
@@ -261,22 +264,14 @@ class CompiledRun:
                 reached = min(reached, previous if np.isfinite(previous) else sent)
             else:
                 reached = -np.inf
-        oldest = int(np.searchsorted(memory.steps[:num, 1], reached - 1e-9))
-        steps = memory.steps
-        values = memory.values
-        if num - oldest > len(steps) // 2:
-            steps, values = (
-                np.concatenate([array, np.zeros_like(array)])
-                for array in (steps, values)
-            )
-        # The polynomial under way is behind the others.
-        steps[: num + 1 - oldest] = steps[oldest : num + 1].copy()
-        values[: num + 1 - oldest] = values[oldest : num + 1].copy()
-        counts[problem.POLYNOMIALS] = num - oldest
-        breaks = memory.breaks
-        if counts[problem.BREAKS] > len(breaks) // 2:
-            breaks = np.concatenate([breaks, np.zeros_like(breaks)])
-        self.memory = memory._replace(steps=steps, values=values, breaks=breaks)
+        counts = memory.counts
+        num = counts[problem.ROWS]
+        # Two steps have ten rows at most.
+        first = max(int(np.searchsorted(memory.row_times[:num], reached)) - 10, 0)
+        for array in (memory.row_times, memory.row_ends, memory.rows):
+            array[: num - first] = array[first:num].copy()
+        counts[problem.ROWS] -= first
+        counts[problem.END] -= first
 
 
 # The integrator in machine code, once it is made.
@@ -306,28 +301,33 @@ def MakeProblem(program: Program, start: float, end: float) -> Packed:
 def _Delays(program: Program, start: float, end: float) -> problem.Delays:
     delays = [delay for delay, _, _ in program.delays]
     packets = [np.reshape(_Packets(delay, end), (-1, 3)) for delay in delays]
-    pieces = [
-        fit_pieces(delay.time, start, end, nonsmooth_times=delay.nonsmooth_times)
-        if callable(delay.time)
-        else _NO_PIECES
-        for delay in delays
-    ]
+    pieces = [_PiecesOf(delay, start, end) for delay in delays]
     times = [
         _Shortest(x) if callable(delay.time) else delay.time
         for delay, x in zip(delays, pieces, strict=True)
     ]
+    initial_values = np.zeros(program.sizes[0])
+    for delay, _, output in program.delays:
+        initial_values[output] = delay.initial_value
     return problem.Delays(
         times=np.array(times, float),
         signals=_Integers(part.start for _, part, _ in program.delays),
         outputs=_Integers(part.start for _, _, part in program.delays),
         sizes=_Integers(part.stop - part.start for _, _, part in program.delays),
-        initial_values=np.array([x for d in delays for x in d.initial_value], float),
+        initial_values=initial_values,
         packet_ranges=_Ranges(packets),
         packets=np.concatenate([np.empty((0, 3)), *packets]),
-        piece_ranges=_Ranges([x.coefficients for x in pieces]),
+        piece_ranges=_Ranges([x.knots for x in pieces]),
         knots=np.concatenate([x.knots for x in (_NO_PIECES, *pieces)]),
         coefficients=np.concatenate([x.coefficients for x in (_NO_PIECES, *pieces)]),
     )
+
+
+def _PiecesOf(delay: Delay, start: float, end: float) -> Pieces:
+    """Returns a delay that varies as polynomials; none of any other."""
+    if not callable(delay.time):
+        return _NO_PIECES
+    return fit_pieces(delay.time, start, end, nonsmooth_times=delay.nonsmooth_times)
 
 
 def _Integers(numbers: Iterable[int]) -> Indices:

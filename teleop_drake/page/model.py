@@ -52,7 +52,7 @@ PERIOD = 0.02
 _LONGEST_FLIGHTS = 60.0
 
 # What has as much room as a run takes.
-_GROWING = ("row_times", "row_ends", "rows", "steps", "values", "breaks")
+_GROWING = ("row_times", "row_ends", "rows", "breaks")
 
 # The largest number that can be squared in a sum.
 _LARGEST = 1e150

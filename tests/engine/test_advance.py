@@ -8,6 +8,7 @@ import pytest
 from teleop_drake.engine import advance as integrator
 from teleop_drake.engine.advance import DONE, FULL, advance
 from teleop_drake.engine.problem import (
+    ROWS,
     TRIES,
     Delays,
     Problem,
@@ -55,15 +56,23 @@ def oscillate(t, x, m, p, q, y, dx, everything):
     y[0] = x[0]
 
 
+def Doubled(array):
+    return np.concatenate([array, np.empty_like(array)])
+
+
 def test_it_goes_on_where_there_was_no_more_room():
     memory = MakeMemory([1.0, 0.0], room=12)
     outcome, calls = FULL, 0
     while outcome == FULL:
         outcome = advance(oscillate, MakeProblem(), memory, 6.0, 1e-10, 0.2)
-        num, memory.counts[4] = memory.counts[4], 0  # The rows are taken away.
+        num = memory.counts[ROWS]
         times, rows = memory.row_times[:num], memory.rows[:num, 0]
         np.testing.assert_allclose(rows, np.cos(times), atol=1e-8)
         calls += 1
+        grown = {"row_times", "row_ends", "rows"}
+        memory = memory._replace(
+            **{name: Doubled(getattr(memory, name)) for name in grown}
+        )
     assert outcome == DONE and calls > 2 and times[-1] == 6.0
 
 
@@ -78,7 +87,7 @@ def OneDelay(time, packets=(), pieces=NO_PIECES):
         signals=np.array([0]),
         outputs=np.array([1]),
         sizes=np.array([1]),
-        initial_values=np.array([1.0]),
+        initial_values=np.array([0.0, 1.0]),
         packet_ranges=np.array([[0, len(packets)]]),
         packets=np.array(packets, dtype=float).reshape(-1, 3),
         piece_ranges=np.array([[0, len(pieces.coefficients)]]),
@@ -97,7 +106,7 @@ def test_a_delay_that_varies():
     memory = MakeMemory([1.0], num_signals=2, problem=problem)
     assert advance(decay, problem, memory, 2.75, 1e-10, 0.1) == DONE
     assert memory.x[0] == pytest.approx(-1.75 + 1.75**2 / 4, abs=1e-9)
-    times = memory.row_times[: memory.counts[4]]
+    times = memory.row_times[: memory.counts[ROWS]]
     # A step ends where the start comes out.
     assert times[np.argmin(np.abs(times - 1))] == pytest.approx(1.0, abs=1e-12)
 
@@ -124,7 +133,7 @@ def test_a_moment_within_a_step_is_found():
     memory = MakeMemory([0.0, 1.0], m=[0.0], num_signals=2, problem=problem)
     memory.clock[1] = 0.1  # The step after that is five times as long, then 1 s.
     assert advance(throw, problem, memory, 3.0, 1e-3, 1.0) == DONE
-    times = memory.row_times[: memory.counts[4]]
+    times = memory.row_times[: memory.counts[ROWS]]
     assert times[np.flatnonzero(np.diff(times) == 0)[-1]] == pytest.approx(
         1 - math.sqrt(0.02), abs=1e-9
     )

@@ -12,9 +12,9 @@ from teleop_drake.engine.problem import (
 
 
 def test_the_counts_have_places_of_their_own():
-    names = "STEPS EVALUATIONS POLYNOMIALS BREAKS ROWS IS_STARTED TRIES"
+    names = "STEPS EVALUATIONS END BREAKS ROWS TRIES"
     places = [getattr(problem, name) for name in names.split()]
-    assert sorted(places) == list(range(7))
+    assert sorted(places) == list(range(6))
 
 
 def test_there_is_room_for_what_is_kept():
@@ -43,7 +43,6 @@ def test_there_is_room_for_what_is_kept():
         room=30,
     )
     assert memory.clock.tolist() == [2.0, 1e-3, 2.0]
-    assert memory.values.shape == (30, 5, 5)
     assert memory.rows.shape == (30, 10)
     assert memory.stages.shape == (7, 4)
     assert memory.next_packets.tolist() == [0, 0]

@@ -11,7 +11,7 @@ import { bisect, powersOf, valueAt } from "./pieces.js";
 const FULL = 1;
 const STUCK = 2;
 const ROWS = 2 * 4;
-const TRIES = 2 * 6;
+const TRIES = 2 * 5;
 
 const NODES_OF_STEP = range(5);
 const QUARTERS = range(4);
