@@ -9,6 +9,7 @@ of the state, as `plant/theta(0)`. `delay` stands for all delays of blocks toget
 """
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -41,10 +42,22 @@ class _Parameter(NamedTuple):
 
     name: str
     unit: str
-    read: Callable[[], Array]
+    read: Callable[[], ArrayLike]
     write: Callable[[Array], None]
     elements: tuple[str, ...] = ()
     is_delay: bool = False
+
+    @property
+    def value(self) -> Array:
+        """The number as an array."""
+        return np.array(self.read(), dtype=float)
+
+    @property
+    def places(self) -> dict[str, tuple[int, ...]]:
+        """The indices of each element, by its place and then by its name."""
+        indices = np.ndindex(self.value.shape)
+        places = {",".join(map(str, place)): place for place in indices if place}
+        return places | {name: (i,) for i, name in enumerate(self.elements)}
 
 
 def NamedParameters(
@@ -64,7 +77,7 @@ def NamedParameters(
     """
     context = context or diagram.CreateDefaultContext()
     return {
-        name: ParameterValue(_AsNumber(parameter.read()), parameter.unit)
+        name: ParameterValue(_AsNumber(parameter.value), parameter.unit)
         for name, parameter in _ParametersIn(diagram, context).items()
     }
 
@@ -110,56 +123,47 @@ def InitialStates(diagram: System, context: Context | None = None) -> dict[str, 
     """
     context = context or diagram.CreateDefaultContext()
     states = _StatesIn(diagram, context)
-    return {name: state.read().item() for name, state in states.items()}
+    return {name: state.value.item() for name, state in states.items()}
 
 
 def ScalarsIn(diagram: System, context: Context) -> dict[str, tuple[float, str]]:
     """Returns value and unit of every element of every parameter by name."""
     scalars = {}
     for name, parameter in _ParametersIn(diagram, context).items():
-        array = np.asarray(parameter.read())
-        for place in np.ndindex(array.shape):
-            inside = ",".join(map(str, place))
-            if len(place) == 1 and parameter.elements:
-                inside = parameter.elements[place[0]]
-            key = f"{name}({inside})" if array.size > 1 else name
-            scalars[key] = array[place].item(), parameter.unit
+        value = parameter.value
+        if value.size == 1:
+            scalars[name] = value.item(), parameter.unit
+            continue
+        # An element's own name comes last.
+        names = {place: inside for inside, place in parameter.places.items()}
+        for place, inside in names.items():
+            scalars[f"{name}({inside})"] = value[place].item(), parameter.unit
     return scalars
 
 
-def _Set(known: Mapping[str, "_Parameter"], name: str, number: Array) -> None:
+def _Set(known: Mapping[str, _Parameter], name: str, number: Array) -> None:
     """Sets one parameter, or one element of it."""
-    whole, bracket, place = (name, "", "") if name in known else name.partition("(")
+    whole, bracket, inside = (name, "", "") if name in known else name.partition("(")
     if whole not in known:
         Refuse("parameter", name, Choices(name, list(known)))
     parameter = known[whole]
-    array = np.array(parameter.read(), dtype=float)
-    if bracket:
+    value = parameter.value
+    if not bracket:
+        if number.shape not in ((), value.shape):
+            Refuse(name, number, f"a number or an array of shape {value.shape}")
+        value[...] = number
+    else:
         if number.ndim:
             Refuse(name, number, "a number")
-        array[_PlaceIn(name, place, parameter, array.shape)] = number
-    else:
-        if number.shape not in ((), array.shape):
-            Refuse(name, number, f"a number or an array of shape {array.shape}")
-        array[...] = number
-    parameter.write(array)
-
-
-def _PlaceIn(  # noqa: RET503
-    name: str, place: str, parameter: _Parameter, shape: tuple[int, ...]
-) -> tuple[int, ...]:
-    """Returns the indices of the element that is named behind a parameter's name."""
-    words = [word.strip() for word in place.removesuffix(")").split(",")]
-    if len(words) == 1 and words[0] in parameter.elements:
-        return (parameter.elements.index(words[0]),)
-    if all(word.isdecimal() for word in words) and len(words) == len(shape):
-        indices = tuple(int(word) for word in words)
-        if np.all(np.less(indices, shape)):
-            return indices
-    allowed = f"a place in an array of shape {shape}"
-    if parameter.elements:
-        allowed += f", or one of {', '.join(parameter.elements)}"
-    Refuse("parameter", name, allowed)
+        words = inside.removesuffix(")").split(",")
+        place = parameter.places.get(",".join(word.strip() for word in words))
+        if place is None:
+            allowed = f"a place in an array of shape {value.shape}"
+            if parameter.elements:
+                allowed += f", or one of {', '.join(parameter.elements)}"
+            Refuse("parameter", name, allowed)
+        value[place] = number
+    parameter.write(value)
 
 
 def _AsNumber(array: Array) -> float | Array:
@@ -168,46 +172,69 @@ def _AsNumber(array: Array) -> float | Array:
 
 def _ParametersIn(diagram: System, context: Context) -> dict[str, _Parameter]:
     """Returns the parameters of all systems in a diagram by their full names."""
-    found: dict[str, _Parameter] = {}
-    for system, own, path in _Leaves(diagram, context):
-        for parameter in _ParametersOf(system, own):
-            found[f"{path}.{parameter.name}" if path else parameter.name] = parameter
-    return found
-
-
-def _Leaves(diagram: System, context: Context) -> Iterator[tuple[System, Context, str]]:
-    """Yields every system that is no diagram, with its Context and its path."""
-    contexts = ContextsIn(diagram, context)
-    for system, path in PathsIn(diagram):
-        if not isinstance(system, Diagram):
-            yield system, contexts[system], path
+    return _Find(diagram, context, _ParametersOf, ".")
 
 
 def _StatesIn(diagram: System, context: Context) -> dict[str, _Parameter]:
     """Returns the states of all systems in a diagram by their full names."""
+    return _Find(diagram, context, _StatesOf, "/")
+
+
+def _Find(
+    diagram: System,
+    context: Context,
+    numbers_of: Callable[[System, Context], Iterator[_Parameter]],
+    sign: str,
+) -> dict[str, _Parameter]:
+    """Returns numbers of the systems in a diagram by path, sign and name.
+
+    Args:
+        numbers_of: Yields those of a system that is no diagram.
+    """
+    contexts = ContextsIn(diagram, context)
     found = {}
-    for system, own, path in _Leaves(diagram, context):
-        for state in _StatesOf(system, own):
-            found[f"{path}/{state.name}" if path else state.name] = state
+    for system, path in PathsIn(diagram):
+        if isinstance(system, Diagram):
+            continue
+        for number in numbers_of(system, contexts[system]):
+            found[f"{path}{sign}{number.name}" if path else number.name] = number
     return found
+
+
+def _InVector(
+    name: str,
+    unit: str,
+    vector: Callable[[], Any],
+    places: slice,
+    shape: tuple[int, ...] = (),
+) -> _Parameter:
+    """Returns the numbers that stand at some places of a vector of Drake's.
+
+    Args:
+        vector: Returns the vector, and tells Drake that it may change.
+        shape: Of the array of the numbers.
+    """
+
+    def Read() -> Array:
+        return cast(Array, vector().CopyToVector()[places].reshape(shape))
+
+    def Write(value: Array) -> None:
+        numbers = vector().CopyToVector()
+        numbers[places] = value.ravel()
+        vector().SetFromVector(numbers)
+
+    return _Parameter(name, unit, Read, Write)
 
 
 def _StatesOf(system: System, context: Context) -> Iterator[_Parameter]:
     """Yields the states of a system that is no diagram."""
-    vector = context.get_mutable_continuous_state_vector()
-    if vector.size() == 0 and context.num_discrete_state_groups() > 0:
+    vector: Callable[[], Any] = context.get_mutable_continuous_state_vector
+    if context.num_continuous_states() == 0 and context.num_discrete_state_groups() > 0:
         if hasattr(system, "Kernel"):
             return  # A mode.
-        vector = context.get_mutable_discrete_state(0)
-    for i, name in enumerate(_StateNames(system, vector)):
-
-        def Read(i: int = i) -> Array:
-            return np.array(vector.GetAtIndex(i))
-
-        def Write(value: Array, i: int = i) -> None:
-            vector.SetAtIndex(i, float(value))
-
-        yield _Parameter(f"{name}(0)", "", Read, Write)
+        vector = partial(context.get_mutable_discrete_state, 0)
+    for i, name in enumerate(_StateNames(system, vector())):
+        yield _InVector(f"{name}(0)", "", vector, slice(i, i + 1))
 
 
 def _StateNames(system: System, vector: Any) -> list[str]:
@@ -236,7 +263,8 @@ def _ParametersOfKernel(block: Any, context: Context) -> Iterator[_Parameter]:
     """Yields the parameters of one of this package's blocks."""
     delays = block.Kernel().delays
     for name, number, unit, shape in block.kernel_parameters.named:
-        yield _InContext(context, number, name, unit, shape)._replace(
+        vector = partial(context.get_mutable_numeric_parameter, number)
+        yield _InVector(name, unit, vector, slice(None), shape)._replace(
             elements=tuple(block.element_names.get(name, ())),
             is_delay=bool(delays) and name.partition(".")[0] == "delay",
         )
@@ -245,43 +273,13 @@ def _ParametersOfKernel(block: Any, context: Context) -> Iterator[_Parameter]:
 def _NumericParameters(context: Context) -> Iterator[_Parameter]:
     """Yields the numeric parameters of a system of Drake's, or of a user's own."""
     for number in range(context.num_numeric_parameter_groups()):
-        names = _FieldsOf(context.get_numeric_parameter(number))
-        if names:
-            yield from _Elements(context, number, names)
-        else:
-            size = context.get_numeric_parameter(number).size()
-            yield _InContext(context, number, f"parameter{number}", "", (size,))
-
-
-def _InContext(
-    context: Context, number: int, name: str, unit: str, shape: tuple[int, ...]
-) -> _Parameter:
-    """Returns a numeric parameter as one array."""
-
-    def Read() -> Array:
-        vector: Array = context.get_numeric_parameter(number).CopyToVector()
-        return vector.reshape(shape)
-
-    def Write(value: Array) -> None:
-        context.get_mutable_numeric_parameter(number).SetFromVector(value.ravel())
-
-    return _Parameter(name, unit, Read, Write)
-
-
-def _Elements(
-    context: Context, number: int, names: dict[str, int]
-) -> Iterator[_Parameter]:
-    """Yields the elements of a numeric parameter that have names of their own."""
-    for name, i in names.items():
-
-        def Read(i: int = i) -> Array:
-            return np.array(context.get_numeric_parameter(number).GetAtIndex(i))
-
-        def Write(value: Array, i: int = i) -> None:
-            vector = context.get_mutable_numeric_parameter(number)
-            vector.SetAtIndex(i, float(value))
-
-        yield _Parameter(name, "", Read, Write)
+        vector = partial(context.get_mutable_numeric_parameter, number)
+        size = vector().size()
+        fields = _FieldsOf(vector())
+        for name, i in fields.items():
+            yield _InVector(name, "", vector, slice(i, i + 1))
+        if not fields:
+            yield _InVector(f"parameter{number}", "", vector, slice(None), (size,))
 
 
 def _FieldsOf(vector: Any) -> dict[str, int]:
@@ -310,21 +308,16 @@ def _ParametersOfPlant(plant: MultibodyPlant, context: Context) -> Iterator[_Par
     for number in range(1, plant.num_bodies()):  # 0 is the world.
         body = plant.get_body(BodyIndex(number))
 
-        def ReadMass(body: Any = body) -> Array:
-            return np.array(body.get_mass(context))
-
         def WriteMass(value: Array, body: Any = body) -> None:
-            CheckNumber("mass", float(value), "kg", minimum=0)  # Drake would exit.
-            body.SetMass(context, float(value))
+            CheckNumber("mass", value.item(), "kg", minimum=0)  # Drake would exit.
+            body.SetMass(context, value.item())
 
-        yield _Parameter(f"{body.name()}.mass", "kg", ReadMass, WriteMass)
+        read = partial(body.get_mass, context)
+        yield _Parameter(f"{body.name()}.mass", "kg", read, WriteMass)
     for joint_index in plant.GetJointIndices():
         joint = plant.get_joint(joint_index)
         if joint.num_velocities() == 0:
             continue
-
-        def ReadDamping(joint: Any = joint) -> Array:
-            return np.array(joint.GetDampingVector(context))
 
         def WriteDamping(value: Array, joint: Any = joint) -> None:
             for number in value:
@@ -333,4 +326,5 @@ def _ParametersOfPlant(plant: MultibodyPlant, context: Context) -> Iterator[_Par
 
         name = f"{joint.name()}.damping"
         unit = "N m s/rad" if joint.type_name() == "revolute" else "N s/m"
-        yield _Parameter(name, unit, ReadDamping, WriteDamping)
+        read = partial(joint.GetDampingVector, context)
+        yield _Parameter(name, unit, read, WriteDamping)
