@@ -18,7 +18,6 @@ import numpy as np
 from pydrake.systems.framework import System
 
 from teleop_drake.arrays import Array, Indices
-from teleop_drake.contexts import DiscreteState
 from teleop_drake.engine.flatten import (
     AlgebraicLoop,
     Block,
@@ -140,8 +139,7 @@ class Program:
         self.signals: dict[Source, slice] = {}
         self.fed: dict[Source, slice] = {}
         self.states = _Slices(block.system.num_continuous_states() for block in blocks)
-        modes = (DiscreteState(block.system.AllocateContext()) for block in blocks)
-        self.modes = _Slices(map(len, modes))
+        self.modes = _Slices(_NumModes(block.system) for block in blocks)
         self._num_y = 0
         self._lines: list[str] = []
         self._under_way: list[Source] = []
@@ -381,6 +379,11 @@ def _Guard(transition: str) -> str:
 
 def _Mode(transition: str) -> str:
     return f"mode after {transition}"
+
+
+def _NumModes(system: System) -> int:
+    values = system.AllocateDiscreteVariables()
+    return sum(values.get_vector(i).size() for i in range(values.num_groups()))
 
 
 def _Elements(array: str, part: slice) -> _Texts:
