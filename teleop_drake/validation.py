@@ -69,15 +69,14 @@ class FixedFields:
 
     def CheckNumbers(self, path: str = "") -> None:
         """Checks every field of Number(); null is allowed where its type has it."""
-        for name, value, may_be_null, limits in self._FieldsOf(_NUMBER):
-            if value is not None or not may_be_null:
-                CheckNumber(f"{path}.{name}" if path else name, value, **limits)
+        for name, limits in _Limits(type(self), _NUMBER).items():
+            place = f"{path}.{name}" if path else name
+            CheckNumber(place, getattr(self, name), **limits)
 
     def CheckGains(self, path: str, num_axes: int) -> None:
         """Checks every field of GainField(); null is allowed where its type has it."""
-        for name, value, may_be_null, sign in self._FieldsOf(_GAIN):
-            place = f"{path}.{name}"
-            CheckGain(place, value, num_axes, may_be_null=may_be_null, **sign)
+        for name, limits in _Limits(type(self), _GAIN).items():
+            CheckGain(f"{path}.{name}", getattr(self, name), num_axes, **limits)
 
     def MakeMatrices(self, num_axes: int) -> None:
         """Turns the fields of GainField() into matrices (n, n), except for nulls."""
@@ -87,14 +86,8 @@ class FixedFields:
 
     def Gain(self, name: str, num_axes: int) -> Array:
         """Returns a field of GainField() as a matrix (n, n); refuses null."""
-        sign = next(sign for x, *_, sign in self._FieldsOf(_GAIN) if x == name)
-        return CheckGain(name, getattr(self, name), num_axes, **sign)
-
-    def _FieldsOf(self, sort: str) -> list[tuple[str, Any, bool, Record]]:
-        """Returns the fields of a sort: name, value, and what _Sort() says."""
-        config: Any = type(self)
-        sorts = _Sort(config, sort)
-        return [(name, getattr(self, name), *what) for name, *what in sorts]
+        limits = {**_Limits(type(self), _GAIN)[name], "may_be_null": False}
+        return CheckGain(name, getattr(self, name), num_axes, **limits)
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Sets a field, or raises an AttributeError if there is no such field."""
@@ -109,21 +102,20 @@ class FixedFields:
 
 
 @functools.cache
-def _Sort(config: type, sort: str) -> list[tuple[str, bool, Record]]:
-    """Returns the fields of a sort, with whether each may be null and what is allowed.
+def _Limits(config: type, sort: str) -> dict[str, Record]:
+    """Returns what is allowed in the fields of a sort, by name.
 
     A subclass that gives a field another default keeps what is allowed.
     """
-    declared = {
-        item.name: item
+    return {
+        item.name: {
+            **item.metadata[sort],
+            "may_be_null": type(None) in get_args(item.type),
+        }
         for base in reversed(config.__mro__)
         for item in getattr(base, "__dataclass_fields__", {}).values()
         if sort in item.metadata
     }
-    return [
-        (name, type(None) in get_args(item.type), item.metadata[sort])
-        for name, item in declared.items()
-    ]
 
 
 _SHORT = reprlib.Repr()
@@ -193,13 +185,17 @@ def CheckNumber(
     above: float = -math.inf,
     minimum: float = -math.inf,
     maximum: float = math.inf,
+    may_be_null: bool = False,
 ) -> None:
     """Refuses what is not finite or not within the bounds; takes None for missing.
 
     Args:
         unit: Its unit, for the message.
         above: Lower bound that is not allowed itself.
+        may_be_null: Whether None is allowed.
     """
+    if value is None and may_be_null:
+        return
     is_finite = value is not None and math.isfinite(value)
     if not is_finite or value <= above or not minimum <= value <= maximum:
         bounds = ((">", above), (">=", minimum), ("<=", maximum))
@@ -238,18 +234,15 @@ def CheckGain(
     n = num_axes
     if value is None and may_be_null:
         return np.zeros((n, n))
-    if isinstance(value, float) and 0 < value < math.inf:
-        return value * np.eye(n)
-    if value is not None:
-        matrix = GainMatrix(value, n)
-        if (
-            matrix.shape == (n, n)
-            and np.all(np.isfinite(matrix))
-            and (np.abs(matrix - matrix.T) <= 1e-12 * np.abs(matrix)).all()
-        ):
-            least = np.linalg.eigvalsh(matrix)[0]
-            if least > 0 or (may_be_zero and least >= 0):
-                return matrix
+    matrix = GainMatrix(np.nan if value is None else value, n)
+    is_symmetric = (
+        matrix.shape == (n, n)
+        and np.isfinite(matrix).all()
+        and (np.abs(matrix - matrix.T) <= 1e-12 * np.abs(matrix)).all()
+    )
+    least = np.linalg.eigvalsh(matrix)[0] if is_symmetric else -math.inf
+    if least > 0 or (may_be_zero and least == 0):
+        return matrix
     sign, kind = ("not negative", "semi") if may_be_zero else ("positive", "")
     matrix_kind = f"symmetric positive {kind}definite {n} x {n} matrix"
     Refuse(path, value, f"{'null, ' * may_be_null}{sign}, or a {matrix_kind}")
