@@ -31,6 +31,7 @@ _SAME_OPERANDS: dict[Any, Callable[..., Any]] = {
     ExpressionKind.Cosh: np.cosh,
     ExpressionKind.Tanh: np.tanh,
     ExpressionKind.Floor: np.floor,
+    ExpressionKind.Ceil: np.ceil,
     ExpressionKind.Div: np.divide,
     ExpressionKind.Min: np.minimum,
     ExpressionKind.Max: np.maximum,
@@ -45,15 +46,20 @@ _SAME_OPERANDS: dict[Any, Callable[..., Any]] = {
     FormulaKind.Not: np.logical_not,
 }
 
-# Of any number of operands.
-_REDUCED = {FormulaKind.And: np.logical_and, FormulaKind.Or: np.logical_or}
+# Of any number of operands, which are taken one after another.
+_REDUCED = {
+    ExpressionKind.Add: np.add,
+    ExpressionKind.Mul: np.multiply,
+    FormulaKind.And: np.logical_and,
+    FormulaKind.Or: np.logical_or,
+}
+
+# The first operand, a number, is left out where it is this one.
+_NEUTRAL = {ExpressionKind.Add: 0.0, ExpressionKind.Mul: 1.0}
 
 FUNCTIONS: tuple[Callable[..., Any], ...] = (
     *_SAME_OPERANDS.values(),
     *_REDUCED.values(),
-    np.negative,
-    np.add,
-    np.multiply,
     np.power,
 )
 """The functions that a row names by their places here."""
@@ -162,48 +168,28 @@ class _Writer:
             return self._Constant(operands[0])
         if kind == ExpressionKind.Var:
             return self._variables[operands[0].get_id()]
-        if kind in _SAME_OPERANDS:
-            return self._Apply(_SAME_OPERANDS[kind], *map(self.Write, operands))
+        if kind == ExpressionKind.Pow:
+            return self._Power(*operands)
+        if kind in _NEUTRAL and operands[0] == _NEUTRAL[kind]:
+            operands = operands[1:]
+        places = map(self.Write, operands)
         if kind in _REDUCED:
-            return self._Reduce(_REDUCED[kind], map(self.Write, operands))
-        if kind not in _WRITERS:
-            raise UnknownExpression(f"{kind.name} is no operation of a tape")
-        return _WRITERS[kind](self, operands)
+            return self._Reduce(_REDUCED[kind], places)
+        if kind in _SAME_OPERANDS:
+            return self._Apply(_SAME_OPERANDS[kind], *places)
+        raise UnknownExpression(f"{kind.name} is no operation of a tape")
 
-    def Sum(self, operands: Sequence[Any]) -> int:
-        """Writes a sum. Its first operand is a number, as Drake has it."""
-        number, *terms = operands
-        places = [self.Write(term) for term in terms]
-        if number != 0:
-            places.insert(0, self._Constant(number))
-        return self._Reduce(np.add, places)
-
-    def Product(self, operands: Sequence[Any]) -> int:
-        """Writes a product. Its first operand is a number, as Drake has it."""
-        number, *factors = operands
-        places = [self.Write(factor) for factor in factors]
-        if abs(number) != 1:
-            places.insert(0, self._Constant(number))
-        product = self._Reduce(np.multiply, places)
-        return self._Apply(np.negative, product) if number == -1 else product
-
-    def Power(self, operands: Sequence[Any]) -> int:
+    def _Power(self, base: Expression, exponent: Expression) -> int:
         """Writes a power, with a whole number as exponent as a product."""
-        base = self.Write(operands[0])
-        exponent = operands[1]
+        place = self.Write(base)
         is_number = exponent.get_kind() == ExpressionKind.Constant
         number = exponent.Evaluate() if is_number else 0.0
         if not (number.is_integer() and 1 <= abs(number) <= _MAX_FACTORS):
-            return self._Apply(np.power, base, self.Write(exponent))
-        product = self._Reduce(np.multiply, [base] * int(abs(number)))
+            return self._Apply(np.power, place, self.Write(exponent))
+        product = self._Reduce(np.multiply, [place] * int(abs(number)))
         if number > 0:
             return product
         return self._Apply(np.divide, self._Constant(1.0), product)
-
-    def Ceiling(self, operands: Sequence[Any]) -> int:
-        """Writes the smallest whole number that is not less than the operand."""
-        negated = self._Apply(np.negative, self.Write(operands[0]))
-        return self._Apply(np.negative, self._Apply(np.floor, negated))
 
     def _Constant(self, value: float) -> int:
         self.constants.append(value)
@@ -223,11 +209,3 @@ class _Writer:
             self._places[row] = len(self._variables) + len(self.rows)
             self.rows.append(row)
         return self._places[row]
-
-
-_WRITERS: dict[Any, Callable[[_Writer, Sequence[Any]], int]] = {
-    ExpressionKind.Add: _Writer.Sum,
-    ExpressionKind.Mul: _Writer.Product,
-    ExpressionKind.Pow: _Writer.Power,
-    ExpressionKind.Ceil: _Writer.Ceiling,
-}

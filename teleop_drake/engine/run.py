@@ -355,14 +355,18 @@ def _Shortest(pieces: Pieces) -> float:
 
 
 def _Transitions(program: Program) -> problem.Transitions:
-    rows = program.transitions
-    offsets = [np.inf if guard else x.offset for x, guard, _, _ in rows]
-    return problem.Transitions(
-        guards=_Integers(guard.start if guard else -1 for _, guard, _, _ in rows),
-        sources=_Integers(source.start for _, _, source, _ in rows),
-        targets=_Integers(target.start for _, _, _, target in rows),
-        sizes=_Integers(target.stop - target.start for _, _, _, target in rows),
-        periods=np.array([x.period for x, _, _, _ in rows], float),
-        offsets=np.array(offsets, float),
-        are_discrete=_Integers(x.is_discrete for x, _, _, _ in rows),
-    )
+    rows = [
+        (
+            guard.start if guard else -1,
+            source.start,
+            target.start,
+            target.stop - target.start,
+            transition.period,
+            np.inf if guard else transition.offset,
+            transition.is_discrete,
+        )
+        for transition, guard, source, target in program.transitions
+    ]
+    kinds = (*[np.int64] * 4, *[np.float64] * 2, np.int64)
+    columns = np.array(rows, float).reshape(-1, len(kinds)).T
+    return problem.Transitions(*map(np.ndarray.astype, columns, kinds))

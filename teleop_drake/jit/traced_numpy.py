@@ -216,6 +216,7 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
         for usual, name in _OPERATIONS.items()
     },
     np.floor: _Operation("floor", np.floor),
+    np.ceil: _Operation("ceil", np.ceil),
     np.less: operator.lt, np.less_equal: operator.le,
     np.greater: operator.gt, np.greater_equal: operator.ge,
     np.equal: operator.eq, np.not_equal: operator.ne,
