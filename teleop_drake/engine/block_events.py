@@ -59,13 +59,17 @@ def CheckEvents(system: System, kernel: Kernel, context: Context) -> None:
         UnsupportedSystem: If the block has events that the kernel does not have, or if
             they cannot be determined.
     """
+    witnesses = _Witnesses(system)
     if isinstance(system, KernelBlock):
-        if system.other_events:
-            reason = f"its kernel does not know its {system.other_events[0]}()"
+        guards = [x for x in kernel.transitions.values() if x.guard is not None]
+        unknown = [f"{name}()" for name in system.other_events]
+        if len(witnesses) > len(guards):
+            unknown.append("witness function")
+        if unknown:
+            reason = f"its kernel does not know its {unknown[0]}"
             raise UnsupportedSystem(system, reason)
-        _CheckWitnesses(system, kernel)
         return
-    if _Witnesses(system):
+    if witnesses:
         reason = "its witness functions are not made of its kernel, as a KernelBlock's"
         raise UnsupportedSystem(system, reason)
     calls: dict[float, list[str]] = {}
@@ -75,19 +79,12 @@ def CheckEvents(system: System, kernel: Kernel, context: Context) -> None:
         if not calls:
             reason = f"its events cannot be determined: {error}"
             raise UnsupportedSystem(system, reason) from error
-    is_python = hasattr(system, "Kernel")
+    # The kernel of one of Drake's own has no function of Python behind its events.
+    periodic = kernel.transitions.values() if hasattr(system, "Kernel") else ()
     for time, handlers in calls.items():
-        num_known = _NumPeriodic(kernel, time) if is_python else 0
-        if len(handlers) > num_known:
+        if len(handlers) > sum(_IsDue(transition, time) for transition in periodic):
             reason = f"its kernel does not know the event {handlers[-1]}()"
             raise UnsupportedSystem(system, reason)
-
-
-def _CheckWitnesses(system: System, kernel: Kernel) -> None:
-    """Refuses a block with more witness functions than its kernel has guards."""
-    guards = [x for x in kernel.transitions.values() if x.guard is not None]
-    if len(_Witnesses(system)) > len(guards):
-        raise UnsupportedSystem(system, "its kernel does not know its witness function")
 
 
 def _Witnesses(system: System) -> list[WitnessFunction]:
@@ -97,17 +94,10 @@ def _Witnesses(system: System) -> list[WitnessFunction]:
     return system.GetWitnessFunctions(context)
 
 
-def _NumPeriodic(kernel: Kernel, time: float) -> int:
-    """Returns how many periodic transitions a kernel has at a time in s."""
-    return sum(
-        _IsDue(transition, time)
-        for transition in kernel.transitions.values()
-        if transition.guard is None
-    )
-
-
 def _IsDue(transition: Transition, time: float) -> bool:
-    """Returns whether a periodic transition happens at a time in s."""
+    """Returns whether a transition happens periodically at a time in s."""
+    if transition.guard is not None:
+        return False
     gone = time - transition.offset
     if transition.period < math.inf:
         gone -= max(round(gone / transition.period), 0) * transition.period

@@ -65,22 +65,21 @@ def Flatten(system: System, path: str = "") -> list[Block]:
         path: Its own place.
     """
     found = _Blocks(system, path)
-    blocks = [Block(system=block, path=path, inputs={}) for block, path in found]
-    places = {block.GetSystemPathname(): i for i, (block, _) in enumerate(found)}
+    blocks = {block: Block(system=block, path=path, inputs={}) for block, path in found}
+    places = {block: i for i, block in enumerate(blocks)}
 
     def Connect(diagram: System) -> None:
         if not isinstance(diagram, Diagram):
             return
         for (target, i), (system, o) in diagram.connection_map().items():
-            pathname, output = _OutputPort(system, int(o))
+            source, output = _OutputPort(system, int(o))
             for block, name in _InputPorts(target, int(i)):
-                inputs = blocks[places[block.GetSystemPathname()]].inputs
-                inputs[name] = Source(places[pathname], output)
+                blocks[block].inputs[name] = Source(places[source], output)
         for part in diagram.GetSystems():
             Connect(part)
 
     Connect(system)
-    return blocks
+    return list(blocks.values())
 
 
 def _Blocks(system: System, path: str) -> list[tuple[System, str]]:
@@ -102,16 +101,14 @@ def OutputOf(blocks: list[Block], system: System, index: int) -> Source:
         blocks: Those of the Diagram, by Flatten().
         system: A block, or a Diagram in the Diagram.
     """
-    pathname, port = _OutputPort(system, index)
-    places = [block.system.GetSystemPathname() for block in blocks]
-    return Source(places.index(pathname), port)
+    source, port = _OutputPort(system, index)
+    return Source([block.system for block in blocks].index(source), port)
 
 
-def _OutputPort(system: System, index: int) -> tuple[str, str]:
-    """Returns the pathname of the block that an output comes from, and its port."""
+def _OutputPort(system: System, index: int) -> tuple[System, str]:
+    """Returns the block that an output comes from, and the name of its port."""
     if not isinstance(system, Diagram):
-        name = system.get_output_port(index).get_name()
-        return system.GetSystemPathname(), name
+        return system, system.get_output_port(index).get_name()
     inner, i = system.get_output_port_locator(OutputPortIndex(index))
     return _OutputPort(inner, int(i))
 
