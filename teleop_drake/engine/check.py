@@ -45,34 +45,27 @@ def CheckVisited(
     Raises:
         KernelDisagrees: If a kernel is wrong; it names the block and what differs.
     """
+    program = evaluator.program
     contexts = ContextsIn(system, context)
+    delayed = {part.start for _, _, part in program.delays}
     for t, x, m, y in visited:
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             continue
         context.SetTime(t)
-        for block, part in zip(evaluator.blocks, evaluator.program.modes, strict=True):
-            SetDiscreteState(contexts[block.system], m[part])
-        _FixDelayed(evaluator, contexts, y)
+        for block, mode in zip(evaluator.blocks, program.modes, strict=True):
+            own = contexts[block.system]
+            SetDiscreteState(own, m[mode])
+            # What comes out of a delay is what it was in the run.
+            for name, source in block.inputs.items():
+                part = program.signals.get(source)
+                if part is not None and part.start in delayed:
+                    block.system.GetInputPort(name).FixValue(own, y[part])
         try:
             context.SetContinuousState(x)
             Compare(evaluator, system, context, y)
         except KernelDisagrees:
             context.SetContinuousState(x + _BESIDE * (1 + np.abs(x)))
             Compare(evaluator, system, context, y)
-
-
-def _FixDelayed(
-    evaluator: Evaluator, contexts: dict[System, Context], y: Array
-) -> None:
-    """Fixes the inputs that receive the output of a delay at its value in y."""
-    program = evaluator.program
-    delayed = {part.start for _, _, part in program.delays}
-    for block in evaluator.blocks:
-        for name, source in block.inputs.items():
-            part = program.signals.get(source)
-            if part is not None and part.start in delayed:
-                port = block.system.GetInputPort(name)
-                port.FixValue(contexts[block.system], y[part])
 
 
 def Compare(

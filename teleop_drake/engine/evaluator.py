@@ -20,12 +20,13 @@ from teleop_drake.engine.flatten import Flatten, UnsupportedSystem
 from teleop_drake.engine.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
 from teleop_drake.engine.primitives import IsSink, PrimitiveKernel
 from teleop_drake.engine.source import Program
-from teleop_drake.engine.zero_delay import HasZeroDelay, PassAtZero
+from teleop_drake.engine.zero_delay import PassAtZero
 from teleop_drake.jit.cache import Kept
 from teleop_drake.jit.native import Evaluate, Library
 from teleop_drake.jit.scalar_code import MakeCode, TraceProgram
 from teleop_drake.jit.symbols import Untraceable
 from teleop_drake.kernel import Kernel, KernelBlock, KernelIn
+from teleop_drake.wiring import OutputNames
 
 _NO_KERNEL = (
     "it offers no kernel; write it as a plain function of its inputs, or give it a "
@@ -44,16 +45,16 @@ def KernelOf(system: System, context: Context) -> Kernel:
     Raises:
         UnsupportedSystem: If it offers no kernel, or one of only a part of it.
     """
-    if hasattr(system, "Kernel"):
-        own = _OwnKernel(system, context)
-        _CheckIsWhole(system, own)
-        return own
     kind = type(system)
-    if kind is MultibodyPlant:
-        return PlantKernel(system, context)
-    if kind in KERNELS_OF_PLANTS:
-        return KERNELS_OF_PLANTS[kind](system)
-    kernel = PrimitiveKernel(system, context)
+    kernel: Kernel | None
+    if hasattr(system, "Kernel"):
+        kernel = _OwnKernel(system, context)
+    elif kind is MultibodyPlant:
+        kernel = PlantKernel(system, context)
+    elif kind in KERNELS_OF_PLANTS:
+        kernel = KERNELS_OF_PLANTS[kind](system)
+    else:
+        kernel = PrimitiveKernel(system, context)
     if kernel is None:
         raise UnsupportedSystem(system, _NO_KERNEL)
     return kernel
@@ -65,21 +66,23 @@ def _OwnKernel(system: Any, context: Context) -> Kernel:
     A block of a user's own names a numeric parameter by its NumericParameterIndex.
     """
     if isinstance(system, KernelBlock):
-        return KernelIn(system, context)
-    kernel: Kernel = system.Kernel()
-    parameters = dict(kernel.parameters)
-    for name, value in kernel.parameters.items():
-        if isinstance(value, NumericParameterIndex):
-            vector = context.get_numeric_parameter(value)
-            parameters[name] = vector.CopyToVector()
-    return replace(kernel, parameters=parameters)
+        kernel = KernelIn(system, context)
+    else:
+        kernel = system.Kernel()
+        parameters = dict(kernel.parameters)
+        for name, value in parameters.items():
+            if isinstance(value, NumericParameterIndex):
+                vector = context.get_numeric_parameter(value)
+                parameters[name] = vector.CopyToVector()
+        kernel = replace(kernel, parameters=parameters)
+    _CheckIsWhole(system, kernel)
+    return kernel
 
 
 def _CheckIsWhole(system: System, kernel: Kernel) -> None:
     """Refuses a subclass that computes more than the kernel that it inherits."""
     known = {*kernel.outputs, *(delay.output for delay in kernel.delays)}
-    for i in range(system.num_output_ports()):
-        name = system.get_output_port(i).get_name()
+    for name in OutputNames(system):
         if name not in known:
             raise UnsupportedSystem(system, f"its kernel has no output {name!r}")
     for cls in type(system).__mro__:
@@ -137,7 +140,7 @@ class Evaluator:
                 self.left_out.append(block.path)
             else:
                 CheckEvents(block.system, kernel, own)
-            if has_zero_delays or HasZeroDelay(kernel):
+            if has_zero_delays or any(delay.time == 0 for delay in kernel.delays):
                 kernel = PassAtZero(block.system, kernel)
             kernels.append(kernel)
         self.program = Program(self.blocks, kernels)

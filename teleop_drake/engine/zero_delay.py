@@ -29,14 +29,11 @@ def PassAtZero(system: System, kernel: Kernel) -> Kernel:
     """
     delays = list(kernel.delays)
     if isinstance(system, TransportDelay) and not delays:
-        delays = [
-            Delay(
-                signal="signal",
-                output="delayed_signal",
-                initial_value=system.initial_value,
-                time=0.0,
-            )
-        ]
+        value = system.initial_value
+        delay = Delay(
+            signal="signal", output="delayed_signal", initial_value=value, time=0.0
+        )
+        delays.append(delay)
     outputs: dict[str, Any] = dict(kernel.outputs)
     parameters = dict(kernel.parameters)
     for k, delay in enumerate(delays):
@@ -48,8 +45,3 @@ def PassAtZero(system: System, kernel: Kernel) -> Kernel:
         outputs[delay.output] = pass_at_zero, time, under_way, delay.signal
         delays[k] = replace(delay, output=under_way)
     return replace(kernel, outputs=outputs, parameters=parameters, delays=delays)
-
-
-def HasZeroDelay(kernel: Kernel) -> bool:
-    """Returns whether a constant delay of a kernel is 0."""
-    return any(delay.time == 0 for delay in kernel.delays)
