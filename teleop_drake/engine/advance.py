@@ -96,7 +96,7 @@ def _record_step(
     problem: Problem,
     memory: Memory,
 ) -> None:
-    """Records the first part of the step, whose end is in y: three rows, and the end."""
+    """Records the first part of the step: three rows, and its end, which is in y."""
     t = memory.clock[0]
     row = memory.counts[ROWS]
     _write(row + 3, end, memory)

@@ -1,7 +1,7 @@
 """What comes out of the delays of the system that advance() integrates.
 
-A delayed signal is a polynomial in each step, through the rows that are recorded at five
-points of the step, so that no polynomial crosses a jump.
+A delayed signal is a polynomial in each step, through the rows that are recorded at
+five points of the step, so that no polynomial crosses a jump.
 
 All functions here are in the part of Python that jit/typed_code compiles.
 """

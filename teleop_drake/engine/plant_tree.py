@@ -1,5 +1,6 @@
 """The bodies and joints of a MultibodyPlant as flat arrays."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,9 +44,8 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
     Raises:
         UnsupportedSystem: If something in the plant moves or acts in another way.
     """
-    _CheckForces(plant)
-    _CheckCollisions(plant, context)
-    _CheckJoints(plant, context)
+    for reason in _Obstacles(plant, context):
+        raise UnsupportedSystem(plant, reason)
     n = plant.num_velocities()
     tree = RigidBodyTree(
         parents=np.zeros(n, np.int64),
@@ -57,7 +57,7 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
         inertias=np.zeros((n, 3, 3)),
         rotor_inertias=np.zeros(n),
         damping=np.zeros(n),
-        gravity=np.array(_Gravity(plant).gravity_vector()),
+        gravity=np.array(plant.gravity_field().gravity_vector()),
     )
     poses = {int(plant.world_body().index()): (-1, RigidTransform())}
     pending = [plant.get_joint(index) for index in plant.GetJointIndices()]
@@ -141,55 +141,34 @@ def _Axis(plant: MultibodyPlant, joint: multibody.Joint) -> np.ndarray:
     )
 
 
-def _Gravity(plant: MultibodyPlant) -> multibody.UniformGravityFieldElement:
-    return plant.get_force_element(multibody.ForceElementIndex(0))
-
-
-def _CheckForces(plant: MultibodyPlant) -> None:
-    """Raises UnsupportedSystem on forces other than gravity."""
+def _Obstacles(plant: MultibodyPlant, context: Context) -> Iterator[str]:
+    """Yields why a plant moves in another way than its tree does."""
+    is_discrete = plant.time_step() > 0
     for i in range(plant.num_force_elements()):
         element = plant.get_force_element(multibody.ForceElementIndex(i))
         if not isinstance(element, multibody.UniformGravityFieldElement):
-            raise UnsupportedSystem(
-                plant, f"force element {i} is a {type(element).__name__}, not gravity"
-            )
-    gravity = _Gravity(plant)
-    for i in range(plant.num_model_instances()):
-        if not gravity.is_enabled(multibody.ModelInstanceIndex(i)):
-            name = plant.GetModelInstanceName(multibody.ModelInstanceIndex(i))
-            raise UnsupportedSystem(plant, f"model instance {name} has no gravity")
+            yield f"force element {i} is a {type(element).__name__}, not gravity"
+    for instance in map(multibody.ModelInstanceIndex, range(plant.num_model_instances())):
+        if not plant.gravity_field().is_enabled(instance):
+            name = plant.GetModelInstanceName(instance)
+            yield f"model instance {name} has no gravity"
     if plant.num_constraints() > 0:
-        raise UnsupportedSystem(plant, "it has constraints")
-
-
-def _CheckCollisions(plant: MultibodyPlant, context: Context) -> None:
-    """Raises UnsupportedSystem if a SceneGraph has pairs of bodies that can collide."""
-    if plant.num_collision_geometries() == 0:
-        return
-    port = plant.get_geometry_query_input_port()
-    if port.HasValue(context):
-        inspector = port.Eval(context).inspector()
-        if not inspector.GetCollisionCandidates():
-            return
-    raise UnsupportedSystem(plant, "its bodies can collide")
-
-
-def _CheckJoints(plant: MultibodyPlant, context: Context) -> None:
-    """Raises UnsupportedSystem on locked joints, and on limits of a discrete plant.
-
-    A continuous plant ignores the limits of its joints.
-    """
-    is_discrete = plant.time_step() > 0
+        yield "it has constraints"
+    if plant.num_collision_geometries() > 0:
+        # Of a SceneGraph, pairs of bodies may not be among those that can collide.
+        port = plant.get_geometry_query_input_port()
+        is_known = port.HasValue(context)
+        if not is_known or port.Eval(context).inspector().GetCollisionCandidates():
+            yield "its bodies can collide"
     for joint_index in plant.GetJointIndices():
         joint = plant.get_joint(joint_index)
         limits = joint.position_lower_limits(), joint.position_upper_limits()
+        # A continuous plant ignores the limits of its joints.
         if is_discrete and np.isfinite(limits).any():
-            reason = f"it is discrete, and joint {joint.name()} has limits"
-            raise UnsupportedSystem(plant, reason)
+            yield f"it is discrete, and joint {joint.name()} has limits"
         if joint.is_locked(context):
-            raise UnsupportedSystem(plant, f"joint {joint.name()} is locked")
+            yield f"joint {joint.name()} is locked"
     for actuator_index in plant.GetJointActuatorIndices():
         actuator = plant.get_joint_actuator(actuator_index)
         if actuator.has_controller():
-            reason = f"actuator {actuator.name()} has a controller"
-            raise UnsupportedSystem(plant, reason)
+            yield f"actuator {actuator.name()} has a controller"

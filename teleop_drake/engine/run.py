@@ -1,6 +1,5 @@
 """Runs a compiled diagram."""
 
-import itertools
 from collections.abc import Callable, Iterable, Sequence, Sized
 from typing import Any, NamedTuple
 
@@ -8,10 +7,19 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from teleop_drake.arrays import Array, Indices
-from teleop_drake.engine import advance as integrator
-from teleop_drake.engine import problem
-from teleop_drake.engine.delays import delay_at, evaluate_pieces
+from teleop_drake.engine.advance import DONE, FULL, STUCK, advance
+from teleop_drake.engine.delays import delay_at
 from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.problem import (
+    BREAKS,
+    END,
+    ROWS,
+    Delays,
+    Memory,
+    Problem,
+    Transitions,
+    make_memory,
+)
 from teleop_drake.engine.source import Program
 from teleop_drake.jit.native import Evaluate, Packed
 from teleop_drake.jit.typed_code import CompileTyped
@@ -104,8 +112,8 @@ class CompiledRun:
         self._accuracy = accuracy
         self._max_step = max_step
         system = system or MakeProblem(evaluator.program, start.t, end)
-        self.problem: problem.Problem = system.value
-        self.memory = problem.make_memory(
+        self.problem: Problem = system.value
+        self.memory = make_memory(
             self.problem,
             x=start.x.copy(),
             m=start.m.copy(),
@@ -115,7 +123,7 @@ class CompiledRun:
             room=_ROOM,
         )
         self._chunk = _CHUNK if is_checked else _FIRST_CHUNK
-        self._integrate: Callable[..., Any] = integrator.advance
+        self._integrate: Callable[..., Any] = advance
         self._system: Any = self.problem
         if isinstance(evaluator.function, Evaluate):
             self._integrate = _CompiledAdvance(self.problem, self.memory)
@@ -130,10 +138,8 @@ class CompiledRun:
     def is_finite(self) -> bool:
         """Whether all numbers are that it computed last."""
         memory = self.memory
-        return all(
-            bool(np.isfinite(x).all())
-            for x in (memory.x, memory.x_stage, memory.x_next, memory.stages)
-        )
+        states = memory.x, memory.x_stage, memory.x_next, *memory.stages
+        return bool(np.isfinite(states).all())
 
     def Advance(self, end: float) -> tuple[Array, Array, Indices]:
         """Integrates for a while.
@@ -149,7 +155,7 @@ class CompiledRun:
         """
         self._MakeRoom()
         memory = self.memory
-        first = int(memory.counts[problem.ROWS])
+        first = int(memory.counts[ROWS])
         end_of_chunk = first + self._chunk
         chunk = memory._replace(
             row_times=memory.row_times[:end_of_chunk],
@@ -157,15 +163,15 @@ class CompiledRun:
             rows=memory.rows[:end_of_chunk],
         )
         numbers = float(end), self._accuracy, self._max_step
-        status = integrator.DONE
+        status = DONE
         try:
             function = self.evaluator.function
             status = self._integrate(function, self._system, chunk, *numbers)
         except Exception as error:  # noqa: BLE001 - A law may raise anything.
-            status = integrator.FULL
+            status = FULL
             if not self._MakesStepShorter(error):
                 self.error = error
-        end_of_rows = int(memory.counts[problem.ROWS])
+        end_of_rows = int(memory.counts[ROWS])
         times = memory.row_times[first:end_of_rows]
         rows = memory.rows[first:end_of_rows]
         ends = np.flatnonzero(memory.row_ends[first:end_of_rows])
@@ -173,13 +179,13 @@ class CompiledRun:
         if len(rows):
             visited = self.time, memory.x.copy(), memory.m.copy(), rows[-1]
             self.visited[_MAX_VISITED - 1 :] = [Visited(*visited)]
-        if status == integrator.STUCK:
+        if status == STUCK:
             # In the words of Drake.
             self.failure = (
                 "Error control wants to select step smaller than minimum allowed "
                 f"({1e-14 * max(1.0, abs(self.time)):g})"
             )
-        elif status == integrator.FULL:
+        elif status == FULL:
             self._chunk = _CHUNK
         return times, rows, steps
 
@@ -191,8 +197,8 @@ class CompiledRun:
         """
         counts = self.memory.counts
         self.memory.y[place] = values
-        self.memory.breaks[counts[problem.BREAKS]] = self.time, 0.0
-        counts[problem.BREAKS] += 1
+        self.memory.breaks[counts[BREAKS]] = self.time, 0.0
+        counts[BREAKS] += 1
 
     def Sample(self, time: float) -> Array:
         """Integrates until a time in s; returns the signals y then.
@@ -211,13 +217,13 @@ class CompiledRun:
                 raise ArithmeticError(self.failure or self.error)
             if len(rows):
                 sample = rows[0 if time == self.start.t else -1].copy()
-        if self.memory.counts[problem.ROWS] > _CHUNK:
+        if self.memory.counts[ROWS] > _CHUNK:
             self._ForgetRows()
         return sample
 
     def Rows(self) -> tuple[Array, Array]:
         """Returns the times (k) and the signals y (k, num_y) of all rows so far."""
-        num = self.memory.counts[problem.ROWS]
+        num = self.memory.counts[ROWS]
         return self.memory.row_times[:num], self.memory.rows[:num]
 
     def _MakesStepShorter(self, error: Exception) -> bool:
@@ -237,10 +243,10 @@ class CompiledRun:
         """Doubles the arrays that have no room for another chunk."""
         memory = self.memory
         needed = {
-            "row_times": memory.counts[problem.ROWS] + self._chunk,
-            "row_ends": memory.counts[problem.ROWS] + self._chunk,
-            "rows": memory.counts[problem.ROWS] + self._chunk,
-            "breaks": 2 * memory.counts[problem.BREAKS],
+            "row_times": memory.counts[ROWS] + self._chunk,
+            "row_ends": memory.counts[ROWS] + self._chunk,
+            "rows": memory.counts[ROWS] + self._chunk,
+            "breaks": 2 * memory.counts[BREAKS],
         }
         for name, room in needed.items():
             array = getattr(memory, name)
@@ -265,13 +271,13 @@ class CompiledRun:
             else:
                 reached = -np.inf
         counts = memory.counts
-        num = counts[problem.ROWS]
+        num = counts[ROWS]
         # Two steps have ten rows at most.
         first = max(int(np.searchsorted(memory.row_times[:num], reached)) - 10, 0)
         for array in (memory.row_times, memory.row_ends, memory.rows):
             array[: num - first] = array[first:num].copy()
-        counts[problem.ROWS] -= first
-        counts[problem.END] -= first
+        counts[ROWS] -= first
+        counts[END] -= first
 
 
 # The integrator in machine code, once it is made.
@@ -279,7 +285,7 @@ _advance: list[Callable[..., int]] = []
 
 
 def _CompiledAdvance(
-    system: problem.Problem, memory: problem.Memory
+    system: Problem, memory: Memory
 ) -> Callable[..., int]:
     """Returns the integrator in machine code, which is that of all diagrams.
 
@@ -288,17 +294,17 @@ def _CompiledAdvance(
     """
     if not _advance:
         types = map(TypeOf, (system, memory, 0.0, 0.0, 0.0))
-        _advance.append(CompileTyped(integrator.advance, (EVALUATE, *types)))
+        _advance.append(CompileTyped(advance, (EVALUATE, *types)))
     return _advance[0]
 
 
 def MakeProblem(program: Program, start: float, end: float) -> Packed:
     """Returns what is integrated between two times in s, a Problem."""
     delays = _Delays(program, start, end)
-    return Packed(problem.Problem(*program.parameters, delays, _Transitions(program)))
+    return Packed(Problem(*program.parameters, delays, _Transitions(program)))
 
 
-def _Delays(program: Program, start: float, end: float) -> problem.Delays:
+def _Delays(program: Program, start: float, end: float) -> Delays:
     delays = [delay for delay, _, _ in program.delays]
     packets = [np.reshape(_Packets(delay, end), (-1, 3)) for delay in delays]
     pieces = [_PiecesOf(delay, start, end) for delay in delays]
@@ -309,7 +315,7 @@ def _Delays(program: Program, start: float, end: float) -> problem.Delays:
     initial_values = np.zeros(program.sizes[0])
     for delay, _, output in program.delays:
         initial_values[output] = delay.initial_value
-    return problem.Delays(
+    return Delays(
         times=np.array(times, float),
         signals=_Integers(part.start for _, part, _ in program.delays),
         outputs=_Integers(part.start for _, _, part in program.delays),
@@ -336,8 +342,8 @@ def _Integers(numbers: Iterable[int]) -> Indices:
 
 def _Ranges(groups: Sequence[Sized]) -> Indices:
     """Returns where each group begins and ends if they stand one after another."""
-    ends = [0, *itertools.accumulate(map(len, groups))]
-    return np.array([ends[:-1], ends[1:]], np.int64).T.copy()
+    ends = np.cumsum([0, *map(len, groups)], dtype=np.int64)
+    return np.stack([ends[:-1], ends[1:]], axis=1)
 
 
 def _Packets(delay: Delay, end: float) -> Sequence[Packet]:
@@ -349,12 +355,11 @@ def _Packets(delay: Delay, end: float) -> Sequence[Packet]:
 
 def _Shortest(pieces: Pieces) -> float:
     """Returns the shortest of a delay that varies, or a little less."""
-    times = np.linspace(pieces.knots[:, 0], pieces.knots[:, 1], 17).ravel().tolist()
-    num = len(pieces.knots)
-    return 0.99 * min(evaluate_pieces(*pieces, 0, num, t) for t in times)
+    at = np.vander(np.linspace(-1.0, 1.0, 17), NUM_COEFFICIENTS, increasing=True)
+    return 0.99 * float((pieces.coefficients @ at.T).min())
 
 
-def _Transitions(program: Program) -> problem.Transitions:
+def _Transitions(program: Program) -> Transitions:
     rows = [
         (
             guard.start if guard else -1,
@@ -369,4 +374,4 @@ def _Transitions(program: Program) -> problem.Transitions:
     ]
     kinds = (*[np.int64] * 4, *[np.float64] * 2, np.int64)
     columns = np.array(rows, float).reshape(-1, len(kinds)).T
-    return problem.Transitions(*map(np.ndarray.astype, columns, kinds))
+    return Transitions(*map(np.ndarray.astype, columns, kinds))
