@@ -14,18 +14,18 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.arrays import Array
+from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.engine.block_events import CheckEvents
 from teleop_drake.engine.flatten import Flatten, UnsupportedSystem
 from teleop_drake.engine.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
 from teleop_drake.engine.primitives import IsSink, PrimitiveKernel
 from teleop_drake.engine.source import Program
-from teleop_drake.engine.zero_delay import PassAtZero
 from teleop_drake.jit.cache import Kept
 from teleop_drake.jit.native import Evaluate, Library
 from teleop_drake.jit.scalar_code import MakeCode, TraceProgram
 from teleop_drake.jit.symbols import Untraceable
-from teleop_drake.kernel import Kernel, KernelBlock, KernelIn
+from teleop_drake.kernel import Delay, Kernel, KernelBlock, KernelIn
 from teleop_drake.wiring import OutputNames
 
 _NO_KERNEL = (
@@ -92,6 +92,39 @@ def _CheckIsWhole(system: System, kernel: Kernel) -> None:
             if name.startswith(("DoCalc", "DoGetWitness")):
                 reason = f"{cls.__name__} has a {name}() that its kernel does not know"
                 raise UnsupportedSystem(system, reason)
+
+
+def pass_at_zero(delay: float, delayed: Array, signal: Array) -> Array:
+    """Returns what comes out of a delay: the signal itself if the delay is 0 s."""
+    passed: Array = np.where(delay > 0.0, delayed, signal)
+    return passed
+
+
+def PassAtZero(system: System, kernel: Kernel) -> Kernel:
+    """Returns a block's kernel, whose constant delays pass signals on where they are 0.
+
+    A program takes what comes out of a delay as given, so that a signal may depend on
+    itself through a delay. Here the output is computed from the signal, which must not
+    depend on the output. It is one kernel for all delays, 0 included.
+    """
+    delays = list(kernel.delays)
+    if isinstance(system, TransportDelay) and not delays:
+        value = system.initial_value
+        delay = Delay(
+            signal="signal", output="delayed_signal", initial_value=value, time=0.0
+        )
+        delays.append(delay)
+    outputs: dict[str, Any] = dict(kernel.outputs)
+    parameters = dict(kernel.parameters)
+    for k, delay in enumerate(delays):
+        if delay.shown is not None or callable(delay.time):
+            continue
+        time = f"time of {delay.output}"
+        under_way = f"{delay.output} under way"
+        parameters[time] = delay.time
+        outputs[delay.output] = pass_at_zero, time, under_way, delay.signal
+        delays[k] = replace(delay, output=under_way)
+    return replace(kernel, outputs=outputs, parameters=parameters, delays=delays)
 
 
 class Evaluator:

@@ -44,7 +44,6 @@ class _ToolState(NamedTuple):
     """A plant and its tool at an instant; see rigid_body.calc_dynamics() for M."""
 
     R: Array
-    p: Array
     J: Array
     M: Array
     bias: Array
@@ -57,11 +56,11 @@ def _at_tool(tool: Tool, q: Array, v: Array) -> _ToolState:
     point = pose[:, 3]
     motion = rigid_body.calc_motion(tree, q, v)
     R = motion.R[link + 1] @ pose[:, :3]
-    p, J = rigid_body.calc_jacobian(tree, motion, link, point)
+    _, J = rigid_body.calc_jacobian(tree, motion, link, point)
     M, bias = rigid_body.calc_dynamics(tree, motion, v)
     rest = np.zeros(len(v))
     a = rigid_body.calc_point_accelerations(tree, motion, [link], [point], v, rest)
-    return _ToolState(R, p, J, M, bias, a[0])
+    return _ToolState(R, J, M, bias, a[0])
 
 
 def net_efforts(
@@ -314,41 +313,40 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
         if port.size() > 0 and port.HasValue(context):
             commands[port.get_name()] = _Places(plant.GetJointActuatorIndices(i))
     actuators = [place for places in commands.values() for place in places]
-    kernel = Kernel(
-        parameters={
-            "tree": read.tree,
-            "actuated": read.actuated,
-            "effort_limits": read.effort_limits,
-            "actuators": np.array(actuators, np.int64),
-        },
-        outputs={
-            "commands of instances": [*commands],
-            "net_actuation": (
-                net_efforts, "effort_limits", "actuators", "actuation",
-                "commands of instances",
-            ),
-        },
-        sizes={"commands of instances": len(actuators)},
+    parameters = {
+        "tree": read.tree,
+        "actuated": read.actuated,
+        "effort_limits": read.effort_limits,
+        "actuators": np.array(actuators, np.int64),
+    }
+    efforts: Term = (
+        net_efforts, "effort_limits", "actuators", "actuation", "commands of instances"
+    )  # fmt: skip
+    make = _Discrete if plant.time_step() > 0 else _Continuous
+    kernel = make(plant, read, efforts, instances)
+    return replace(
+        kernel,
+        parameters={**parameters, **kernel.parameters},
+        outputs={"commands of instances": [*commands], **kernel.outputs},
+        sizes={"commands of instances": len(actuators), **kernel.sizes},
         # Without collision geometries nothing depends on it.
         unused=("geometry_query",),
-    )  # fmt: skip
-    if plant.time_step() > 0:
-        return _Discrete(kernel, plant, read, instances)
-    return _Continuous(kernel, plant, read, instances)
+    )
 
 
 def _Continuous(
-    kernel: Kernel,
     plant: MultibodyPlant,
     read: PlantTree,
+    efforts: Term,
     instances: list[ModelInstanceIndex],
 ) -> Kernel:
-    """Returns the kernel of a continuous plant."""
+    """Returns what a continuous plant has besides the inputs of its actuators."""
     n = plant.num_velocities()
     num_bodies = plant.num_bodies()
     poses = [read.poses[i] for i in range(num_bodies)]
     outputs: dict[str, Term] = {
         "state": "state",
+        "net_actuation": efforts,
         "generalized_acceleration": ("rate", n, 2 * n),
         "body_spatial_accelerations": (
             body_accelerations, "tree", "links", "points", "state", "rate"
@@ -365,30 +363,28 @@ def _Continuous(
             f"{name}_generalized_contact_forces": ("no_contact", 0, len(velocities)),
             f"{name}_net_actuation": _Elements("net_actuation", actuators),
         }
-    return replace(
-        kernel,
+    return Kernel(
         parameters={
-            **kernel.parameters,
             "links": np.array([link for link, _ in poses]),
             "points": np.array([X_LB.translation() for _, X_LB in poses]),
             "no_contact": np.zeros(n),
         },
-        outputs={**kernel.outputs, **outputs},
+        outputs=outputs,
         rate=(
             plant_rate, "tree", "actuated", "state", "net_actuation",
             "applied_generalized_force",
         ),
-        sizes={**kernel.sizes, "body_spatial_accelerations": 6 * num_bodies},
+        sizes={"body_spatial_accelerations": 6 * num_bodies},
     )  # fmt: skip
 
 
 def _Discrete(
-    kernel: Kernel,
     plant: MultibodyPlant,
     read: PlantTree,
+    efforts: Term,
     instances: list[ModelInstanceIndex],
 ) -> Kernel:
-    """Returns the kernel of a discrete plant; its efforts are no output of Drake's."""
+    """Returns what a discrete plant has besides the inputs of its actuators."""
     h = plant.time_step()
     rotors = read.tree.rotor_inertias + h * read.tree.damping
     step = Transition(
@@ -399,25 +395,16 @@ def _Discrete(
         period=h,
         is_discrete=not plant.has_sampled_output_ports(),
     )  # fmt: skip
-    states = {
-        f"{plant.GetModelInstanceName(i)}_state": _Elements("mode", _StatesOf(plant, i))
-        for i in instances
-    }
-    return replace(
-        kernel,
-        parameters={
-            **kernel.parameters,
-            "tree": read.tree._replace(rotor_inertias=rotors),
-            "time_step": h,
-        },
-        outputs={
-            "commands of instances": kernel.outputs["commands of instances"],
-            "efforts": kernel.outputs["net_actuation"],
-            "state": "mode",
-            **states,
-        },
+    outputs: dict[str, Term] = {"state": "mode", "efforts": efforts}
+    for i in instances:
+        name = plant.GetModelInstanceName(i)
+        outputs[f"{name}_state"] = _Elements("mode", _StatesOf(plant, i))
+    tree = read.tree._replace(rotor_inertias=rotors)
+    return Kernel(
+        parameters={"tree": tree, "time_step": h},
+        outputs=outputs,
         transitions={"steps": step},
-        sizes={**kernel.sizes, "efforts": plant.num_actuators()},
+        sizes={"efforts": plant.num_actuators()},
     )
 
 
