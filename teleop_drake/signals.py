@@ -124,10 +124,10 @@ def SignalsOf(system: System) -> dict[str, OutputPort]:
     parts: list[System] = system.GetSystems() if isinstance(system, Diagram) else []
     if not _in_loops.isdisjoint(parts):
         return NamedSignals(parts)
-    signals = {port.get_name(): port for port in _VectorOutputs(system)} or {
+    signals = {port.get_name(): port for port in VectorOutputs(system)} or {
         f"{name}.{port.get_name()}": port
         for part, name in zip(parts, NamesOf(parts), strict=True)
-        for port in _VectorOutputs(part)
+        for port in VectorOutputs(part)
     }
     if not signals:
         Refuse(f"outputs of {NameOf(system)}", None, "one vector or more")
@@ -174,7 +174,8 @@ def NamesOf(systems: Sequence[System]) -> list[str]:
     return names
 
 
-def _VectorOutputs(system: System) -> list[OutputPort]:
+def VectorOutputs(system: System) -> list[OutputPort]:
+    """Returns the output ports of a system that are vectors."""
     ports = map(system.get_output_port, range(system.num_output_ports()))
     return [x for x in ports if x.get_data_type() == PortDataType.kVectorValued]
 
@@ -193,7 +194,7 @@ def NamedSignals(systems: Iterable[System]) -> dict[str, OutputPort]:
     """
     signals: dict[str, OutputPort] = {}
     for system in systems:
-        for port in _VectorOutputs(system):
+        for port in VectorOutputs(system):
             block = system.get_name()
             own = port.get_name()
             name = _NAMES.get((block, own), own)

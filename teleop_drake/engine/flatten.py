@@ -10,7 +10,7 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.signals import NameOf, NamesOf
+from teleop_drake.signals import NameOf, PathsIn
 
 
 class UnsupportedSystem(ValueError):
@@ -64,8 +64,11 @@ def Flatten(system: System, path: str = "") -> list[Block]:
         system: The Diagram, or a block by itself.
         path: Its own place.
     """
-    found = _Blocks(system, path)
-    blocks = {block: Block(system=block, path=path, inputs={}) for block, path in found}
+    blocks = {
+        block: Block(system=block, path=place or NameOf(block), inputs={})
+        for block, place in PathsIn(system, path)
+        if not isinstance(block, Diagram)
+    }
     places = {block: i for i, block in enumerate(blocks)}
 
     def Connect(diagram: System) -> None:
@@ -80,18 +83,6 @@ def Flatten(system: System, path: str = "") -> list[Block]:
 
     Connect(system)
     return list(blocks.values())
-
-
-def _Blocks(system: System, path: str) -> list[tuple[System, str]]:
-    if not isinstance(system, Diagram):
-        return [(system, path or NameOf(system))]
-    folder = f"{path}/" if path else ""
-    parts = system.GetSystems()
-    return [
-        block
-        for part, name in zip(parts, NamesOf(parts), strict=True)
-        for block in _Blocks(part, f"{folder}{name}")
-    ]
 
 
 def OutputOf(blocks: list[Block], system: System, index: int) -> Source:

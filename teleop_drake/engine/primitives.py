@@ -21,6 +21,7 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake.arrays import Array
+from teleop_drake.contexts import DiscreteState, SetDiscreteState
 from teleop_drake.engine.expression_tape import (
     MakeTape,
     UnknownExpression,
@@ -28,6 +29,7 @@ from teleop_drake.engine.expression_tape import (
 )
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Term, Transition
+from teleop_drake.signals import VectorOutputs
 
 # Farther away than the intervals of angles, and how many bisections find their ends.
 _FAR = 1e3
@@ -64,9 +66,8 @@ def IsSink(system: System, context: Context) -> bool:
     Logs, visualizers and a SceneGraph have neither numbers as a state nor an output
     that is a vector.
     """
-    ports = map(system.get_output_port, range(system.num_output_ports()))
     has_numbers = (
-        any(port.get_data_type() == PortDataType.kVectorValued for port in ports)
+        bool(VectorOutputs(system))
         or context.num_continuous_states() > 0
         or context.num_discrete_state_groups() > 0
     )
@@ -105,7 +106,9 @@ class _SymbolicReader:
         if context.num_continuous_states() > 0:
             x = self._New("state", context.num_continuous_states())
             self._context.SetContinuousState(x)
-        self._SetMode(context)
+        num_modes = len(DiscreteState(context))
+        if num_modes > 0:
+            SetDiscreteState(self._context, self._New("mode", num_modes))
         for i in range(context.num_numeric_parameter_groups()):
             name = f"parameter{i}"
             numbers = context.get_numeric_parameter(i).CopyToVector()
@@ -124,11 +127,9 @@ class _SymbolicReader:
             derivatives = self._symbolic.EvalTimeDerivatives(self._context)
             rate = self._Term("rate", derivatives.CopyToVector())
         outputs = {}
-        for i in range(self._symbolic.num_output_ports()):
-            port = self._symbolic.get_output_port(i)
-            if port.get_data_type() == PortDataType.kVectorValued:
-                name = port.get_name()
-                outputs[name] = self._Term(name, port.Eval(self._context))
+        for port in VectorOutputs(self._symbolic):
+            name = port.get_name()
+            outputs[name] = self._Term(name, port.Eval(self._context))
         return Kernel(
             outputs=outputs,
             rate=rate,
@@ -136,16 +137,6 @@ class _SymbolicReader:
             parameters=self._parameters,
             unused=tuple(x for x in _InputNames(self._system) if x not in self._used),
         )
-
-    def _SetMode(self, context: Context) -> None:
-        """Sets the discrete states of the symbolic Context to variables."""
-        groups = range(context.num_discrete_state_groups())
-        sizes = [context.get_discrete_state(i).size() for i in groups]
-        if not sizes:
-            return
-        parts = np.split(self._New("mode", sum(sizes)), np.cumsum(sizes)[:-1])
-        for i, part in enumerate(parts):
-            self._context.SetDiscreteState(i, part)
 
     def _Transitions(self) -> dict[str, Transition]:
         """Returns the periodic discrete update of the system, if it has one."""
