@@ -88,6 +88,15 @@ def _interpolate(theta: float, h: float, memory: Memory) -> None:
             _add(h * weight, stages[s], result)
 
 
+def _evaluate_within(
+    share: float, evaluate: Evaluate, h: float, problem: Problem, memory: Memory
+) -> None:
+    """Evaluates all signals at a share of the step."""
+    t = memory.clock[0] + share * h
+    _interpolate(share, h, memory)
+    _evaluate(True, evaluate, t, memory.x_stage, problem, memory, memory.dx)
+
+
 def _record_step(
     evaluate: Evaluate,
     length: float,
@@ -97,14 +106,12 @@ def _record_step(
     memory: Memory,
 ) -> None:
     """Records the first part of the step: three rows, and its end, which is in y."""
-    t = memory.clock[0]
     row = memory.counts[ROWS]
     _write(row + 3, end, memory)
     for node in range(1, 4):
         s = NODES[node] * length
-        _interpolate(s / h, h, memory)
-        _evaluate(True, evaluate, t + s, memory.x_stage, problem, memory, memory.dx)
-        _write(row + node - 1, t + s, memory)
+        _evaluate_within(s / h, evaluate, h, problem, memory)
+        _write(row + node - 1, memory.clock[0] + s, memory)
     memory.row_ends[row + 3] = 1
     memory.counts[END] = row + 3
     memory.counts[ROWS] = row + 4
@@ -266,27 +273,15 @@ def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> flo
     return error
 
 
-def _is_due_at(
-    share: float, evaluate: Evaluate, h: float, problem: Problem, memory: Memory
-) -> bool:
-    """Returns whether a guard is due at a share of the step."""
-    t = memory.clock[0] + share * h
-    x = memory.x_stage
-    _interpolate(share, h, memory)
-    _evaluate(True, evaluate, t, x, problem, memory, memory.dx)
-    return is_due(problem.transitions, memory)
-
-
 def _find_moment(
     evaluate: Evaluate, h: float, problem: Problem, memory: Memory
 ) -> float:
     """Returns a share of the step at which a guard is due, 1 if there is none."""
     for node in range(1, 2 * len(NODES)):
         share = node / (2 * len(NODES))
-        if _is_due_at(share, evaluate, h, problem, memory):
+        _evaluate_within(share, evaluate, h, problem, memory)
+        if is_due(problem.transitions, memory):
             return share
-    t = memory.clock[0] + h
-    _evaluate(True, evaluate, t, memory.x_next, problem, memory, memory.dx)
     return 1.0
 
 
@@ -299,7 +294,8 @@ def _locate(
         middle = (low + high) / 2
         if not low < middle < high:
             break
-        if _is_due_at(middle, evaluate, h, problem, memory):
+        _evaluate_within(middle, evaluate, h, problem, memory)
+        if is_due(problem.transitions, memory):
             high = middle
         else:
             low = middle
@@ -318,10 +314,9 @@ def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
 def _is_full(delays: Delays, memory: Memory) -> bool:
     """Returns whether there is no room for what another step records."""
     counts = memory.counts
-    return (
-        counts[ROWS] + 5 > len(memory.row_times)
-        or counts[BREAKS] + len(delays.times) > len(memory.breaks)
-    )
+    return counts[ROWS] + 5 > len(memory.row_times) or counts[BREAKS] + len(
+        delays.times
+    ) > len(memory.breaks)
 
 
 def _length_of_step(h: float, t: float, stop: float) -> float:
@@ -417,8 +412,9 @@ def _end_step(
     t = clock[0]
     # Whether a transition happens in the step, and at which share of it.
     has_come = is_due(problem.transitions, memory)
+    is_searched = not has_come and is_near(problem.transitions, memory)
     share = 1.0
-    if not has_come and is_near(problem.transitions, memory):
+    if is_searched:
         share = _find_moment(evaluate, h, problem, memory)
         has_come = share < 1.0
     length = h
@@ -427,8 +423,8 @@ def _end_step(
         if length < h:
             _interpolate(length / h, h, memory)
             _copy(memory.x_stage, memory.x_next)
-        dx = memory.dx
-        _evaluate(True, evaluate, t + length, memory.x_next, problem, memory, dx)
+    if has_come or is_searched:
+        _evaluate(True, evaluate, t + length, memory.x_next, problem, memory, memory.dx)
     note_guards(False, problem.transitions, memory)
     # What the step leaves behind.
     is_at_stop = h == stop - t and length == h

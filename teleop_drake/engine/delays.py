@@ -54,9 +54,7 @@ def _add_past(
             memory.y[output + i] += share * memory.rows[begin + a, signal + i]
 
 
-def _add_sent(
-    s: float, weight: float, d: int, delays: Delays, memory: Memory
-) -> None:
+def _add_sent(s: float, weight: float, d: int, delays: Delays, memory: Memory) -> None:
     """Adds the value of a signal before the events of an instant; see _add_past."""
     if abs(s - memory.clock[2]) <= SAME:
         for i in range(delays.sizes[d]):

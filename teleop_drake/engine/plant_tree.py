@@ -148,7 +148,8 @@ def _Obstacles(plant: MultibodyPlant, context: Context) -> Iterator[str]:
         element = plant.get_force_element(multibody.ForceElementIndex(i))
         if not isinstance(element, multibody.UniformGravityFieldElement):
             yield f"force element {i} is a {type(element).__name__}, not gravity"
-    for instance in map(multibody.ModelInstanceIndex, range(plant.num_model_instances())):
+    instances = range(plant.num_model_instances())
+    for instance in map(multibody.ModelInstanceIndex, instances):
         if not plant.gravity_field().is_enabled(instance):
             name = plant.GetModelInstanceName(instance)
             yield f"model instance {name} has no gravity"

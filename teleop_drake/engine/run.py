@@ -284,9 +284,7 @@ class CompiledRun:
 _advance: list[Callable[..., int]] = []
 
 
-def _CompiledAdvance(
-    system: Problem, memory: Memory
-) -> Callable[..., int]:
+def _CompiledAdvance(system: Problem, memory: Memory) -> Callable[..., int]:
     """Returns the integrator in machine code, which is that of all diagrams.
 
     Args:
