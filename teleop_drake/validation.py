@@ -69,13 +69,13 @@ class FixedFields:
 
     def CheckNumbers(self, path: str = "") -> None:
         """Checks every field of Number(); null is allowed where its type has it."""
-        for name, limits in _Limits(type(self), _NUMBER).items():
+        for name, limits in self._Limits(_NUMBER).items():
             place = f"{path}.{name}" if path else name
             CheckNumber(place, getattr(self, name), **limits)
 
     def CheckGains(self, path: str, num_axes: int) -> None:
         """Checks every field of GainField(); null is allowed where its type has it."""
-        for name, limits in _Limits(type(self), _GAIN).items():
+        for name, limits in self._Limits(_GAIN).items():
             CheckGain(f"{path}.{name}", getattr(self, name), num_axes, **limits)
 
     def MakeMatrices(self, num_axes: int) -> None:
@@ -86,8 +86,12 @@ class FixedFields:
 
     def Gain(self, name: str, num_axes: int) -> Array:
         """Returns a field of GainField() as a matrix (n, n); refuses null."""
-        limits = {**_Limits(type(self), _GAIN)[name], "may_be_null": False}
+        limits = {**self._Limits(_GAIN)[name], "may_be_null": False}
         return CheckGain(name, getattr(self, name), num_axes, **limits)
+
+    def _Limits(self, sort: str) -> dict[str, Record]:
+        config: Any = type(self)
+        return _LimitsOf(config, sort)
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Sets a field, or raises an AttributeError if there is no such field."""
@@ -102,7 +106,7 @@ class FixedFields:
 
 
 @functools.cache
-def _Limits(config: type, sort: str) -> dict[str, Record]:
+def _LimitsOf(config: type, sort: str) -> dict[str, Record]:
     """Returns what is allowed in the fields of a sort, by name.
 
     A subclass that gives a field another default keeps what is allowed.

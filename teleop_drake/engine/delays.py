@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.engine.problem import END, Delays, Memory
+from teleop_drake.engine.problem import END, ROWS, Delays, Memory
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.piecewise import NUM_COEFFICIENTS
 
@@ -22,7 +22,10 @@ NODES = np.array([0, 1 / 4, 1 / 2, 3 / 4, 1])
 def _add_past(
     s: float, is_after: bool, weight: float, d: int, delays: Delays, memory: Memory
 ) -> None:
-    """Adds a signal as it was at a time to what comes out of its delay."""
+    """Adds a signal as it was at a time to what comes out of its delay.
+
+    Before the start it is what has come out in the first row.
+    """
     times = memory.row_times
     signal = delays.signals[d]
     output = delays.outputs[d]
@@ -37,7 +40,7 @@ def _add_past(
             high = middle - 1
     if low < 0:
         for i in range(delays.sizes[d]):
-            memory.y[output + i] += weight * delays.initial_values[output + i]
+            memory.y[output + i] += weight * memory.rows[0, output + i]
         return
     end = low + 1
     while memory.row_ends[end] == 0:
@@ -123,8 +126,11 @@ def arrival(s: float, d: int, delays: Delays) -> float:
 def fetch(t: float, delays: Delays, memory: Memory) -> None:
     """Writes the outputs of the delays into y.
 
-    A jump at the start of the step is included, a later jump is not.
+    A jump at the start of the step is included, a later jump is not. In the first row
+    they are what the caller has set.
     """
+    if memory.counts[ROWS] == 0:
+        return
     is_after = t <= memory.clock[0]
     for d in range(len(delays.times)):
         for i in range(delays.sizes[d]):

@@ -17,7 +17,6 @@ class Delays(NamedTuple):
         signals: The index in y at which each delay's signal begins (d).
         outputs: The index in y at which each delay's output begins (d).
         sizes: The width of each signal (d).
-        initial_values: The initial outputs of the delays, at their places in y (y).
         packet_ranges: The begin and end of each delay's rows in `packets` (d, 2).
         packets: Three times in s for each packet (k, 3): when it is shown, when it was
             sent, and when the earlier packet was sent through which the signal
@@ -33,7 +32,6 @@ class Delays(NamedTuple):
     signals: Indices
     outputs: Indices
     sizes: Indices
-    initial_values: Array
     packet_ranges: Indices
     packets: Array
     piece_ranges: Indices
@@ -91,7 +89,8 @@ class Memory(NamedTuple):
         x: Continuous state.
         m: Discrete state.
         m_before: Discrete state before the transitions of the present instant.
-        y: Signals. The caller sets those that are fed from outside.
+        y: Signals. The caller sets those that are fed from outside, and at first those
+            that come out of delays.
         stages: Rates at the stages of a step (7, n).
         x_stage: State at a stage (n).
         x_next: State at the end of the step (n).
@@ -143,7 +142,8 @@ def make_memory(
     """Returns the initial memory of advance().
 
     Args:
-        y: Signals, including those that are fed from outside.
+        y: Signals, including those that are fed from outside, and what comes out of
+            delays before anything has gone through.
         time: The start time in s. Events that were due before it have happened.
         first_step: Length of the first step in s.
         room: The number of rows for which memory is reserved.

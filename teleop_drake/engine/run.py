@@ -310,15 +310,11 @@ def _Delays(program: Program, start: float, end: float) -> Delays:
         _Shortest(x) if callable(delay.time) else delay.time
         for delay, x in zip(delays, pieces, strict=True)
     ]
-    initial_values = np.zeros(program.sizes[0])
-    for delay, _, output in program.delays:
-        initial_values[output] = delay.initial_value
     return Delays(
         times=np.array(times, float),
         signals=_Integers(part.start for _, part, _ in program.delays),
         outputs=_Integers(part.start for _, _, part in program.delays),
         sizes=_Integers(part.stop - part.start for _, _, part in program.delays),
-        initial_values=initial_values,
         packet_ranges=_Ranges(packets),
         packets=np.concatenate([np.empty((0, 3)), *packets]),
         piece_ranges=_Ranges([x.knots for x in pieces]),
@@ -371,5 +367,5 @@ def _Transitions(program: Program) -> Transitions:
         for transition, guard, source, target in program.transitions
     ]
     kinds = (*[np.int64] * 4, *[np.float64] * 2, np.int64)
-    columns = np.array(rows, float).reshape(-1, len(kinds)).T
-    return Transitions(*map(np.ndarray.astype, columns, kinds))
+    columns: Any = np.array(rows, float).reshape(-1, len(kinds)).T
+    return Transitions(*(x.astype(k) for x, k in zip(columns, kinds, strict=True)))

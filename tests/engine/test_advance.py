@@ -19,7 +19,7 @@ from teleop_drake.numerics.piecewise import Pieces, fit_pieces
 
 NO_PIECES = Pieces(np.empty((0, 2)), np.empty((0, 8)))
 NO_DELAYS = Delays(
-    *(np.empty(0), *[np.empty(0, dtype=int)] * 3, np.empty(0)),
+    *(np.empty(0), *[np.empty(0, dtype=int)] * 3),
     packet_ranges=np.empty((0, 2), dtype=int),
     packets=np.empty((0, 3)),
     piece_ranges=np.empty((0, 2), dtype=int),
@@ -46,7 +46,7 @@ def MakeMemory(x, m=(), num_signals=1, problem=None, room=2000):
         problem,
         x=np.array(x, dtype=float),
         m=np.array(m, dtype=float),
-        y=np.zeros(num_signals),
+        y=np.ones(num_signals),  # What comes out of a delay at first.
         room=room,
     )
 
@@ -87,7 +87,6 @@ def OneDelay(time, packets=(), pieces=NO_PIECES):
         signals=np.array([0]),
         outputs=np.array([1]),
         sizes=np.array([1]),
-        initial_values=np.array([0.0, 1.0]),
         packet_ranges=np.array([[0, len(packets)]]),
         packets=np.array(packets, dtype=float).reshape(-1, 3),
         piece_ranges=np.array([[0, len(pieces.coefficients)]]),

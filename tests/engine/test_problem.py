@@ -21,7 +21,7 @@ def test_there_is_room_for_what_is_kept():
     packets = np.array([[0.5, 0.1, -np.inf], [0.6, 0.2, -np.inf]])
     places = np.zeros(4, int)
     delays = Delays(
-        *(np.array([0.1, np.inf]), places, places, places, np.zeros(5)),
+        *(np.array([0.1, np.inf]), places, places, places),
         packet_ranges=np.array([[0, 0], [0, 2]]),
         packets=packets,
         piece_ranges=np.zeros((2, 2), int),
