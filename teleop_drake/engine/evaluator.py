@@ -180,9 +180,9 @@ class Evaluator:
         if like is not None and self.program.HasCodeOf(like.program):
             self.function = like.function
             return
-        compiler = CompileEvaluate if as_machine_code else _InPython
+        make = CompileEvaluate if as_machine_code else _InPython
         try:
-            self.function = compiler(self.program)
+            self.function = make(self.program)
         except Untraceable as error:
             owner = self.program.OwnerOf(error.function) or system
             raise UnsupportedSystem(owner, str(error)) from error
@@ -214,18 +214,15 @@ class Evaluator:
         """
         program = self.program
         contexts = ContextsIn(self.system, context)
-        num_y, _, num_m = program.sizes
-        y = np.zeros(num_y)
-        m = np.zeros(num_m)
         x = context.get_continuous_state_vector().CopyToVector()
-        for block, part in zip(self.blocks, program.modes, strict=True):
-            m[part] = DiscreteState(contexts[block.system])
+        m = [DiscreteState(contexts[block.system]) for block in self.blocks]
+        y = np.zeros(program.sizes[0])
         for (i, name), part in program.fed.items():
             block = self.blocks[i]
             y[part] = _FedValue(block.system, name, contexts[block.system])
         for delay, _, part in program.delays:
             y[part] = delay.initial_value
-        return x, m, y
+        return x, np.concatenate(m), y
 
 
 def _FedValue(system: System, name: str, context: Context) -> Array:

@@ -132,7 +132,7 @@ class Program:
         self._blocks = blocks
         self.kernels = kernels
         self._parameters = Parameters()
-        self._parameter_texts: dict[tuple[int, str], tuple[str, int | None]] = {}
+        self._parameter_texts: dict[tuple[int, str], str] = {}
         self.functions: list[Law] = []
         # What fills in a part of y or dx.
         self._terms: dict[Source, Term] = {}
@@ -189,21 +189,18 @@ class Program:
         """
         program = copy.copy(self)
         program.kernels = kernels
-        changed = (a for a, b in zip(kernels, self.kernels, strict=True) if a is not b)
-        if any(kernel.parameters for kernel in changed):
-            parameters = Parameters()
-            for (i, name), (text, _) in self._parameter_texts.items():
-                if parameters.Add(kernels[i].parameters[name]) != text:
-                    return None
-            if parameters.types != self._parameters.types:
+        parameters = Parameters()
+        for (i, name), text in self._parameter_texts.items():
+            if parameters.Add(kernels[i].parameters[name]) != text:
                 return None
-            program.parameters = parameters.as_arrays()
+        program.parameters = parameters.as_arrays()
         delays = [delay for kernel in kernels for delay in kernel.delays]
         program.delays = [
             (delay, signal, output)
             for delay, (_, signal, output) in zip(delays, self.delays, strict=True)
         ]
-        return program
+        has_types = parameters.types == self._parameters.types
+        return program if has_types and program.HasTextOf(self) else None
 
     def HasTextOf(self, other: "Program") -> bool:
         """Returns whether another program differs in its numbers and functions alone.
@@ -258,11 +255,10 @@ class Program:
         self._num_y += size
         return slice(self._num_y - size, self._num_y)
 
-    def ParameterText(self, i: int, name: str, value: Any) -> tuple[str, int | None]:
-        """Returns what a parameter of a block is in the source, and its size."""
+    def ParameterText(self, i: int, name: str, value: Any) -> str:
+        """Returns what a parameter of a block is in the source."""
         if (i, name) not in self._parameter_texts:
-            size = None if isinstance(value, tuple) else np.size(value)
-            self._parameter_texts[i, name] = self._parameters.Add(value), size
+            self._parameter_texts[i, name] = self._parameters.Add(value)
         return self._parameter_texts[i, name]
 
     def _CheckInputs(self, i: int) -> None:
@@ -360,7 +356,8 @@ class _Reader(TermReader[_Texts]):
         return _Elements("m", self._program.modes[self._i])
 
     def Parameter(self, name: str, value: Any) -> _Texts:
-        return [self._program.ParameterText(self._i, name, value)]
+        size = None if isinstance(value, tuple) else np.size(value)
+        return [(self._program.ParameterText(self._i, name, value), size)]
 
     def Rate(self, term: Term) -> _Texts:
         self._program.Write(Source(self._i, _RATE))
