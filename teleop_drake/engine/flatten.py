@@ -64,24 +64,20 @@ def Flatten(system: System, path: str = "") -> list[Block]:
         system: The Diagram, or a block by itself.
         path: Its own place.
     """
+    walk = list(PathsIn(system, path))
     blocks = {
         block: Block(system=block, path=place or NameOf(block), inputs={})
-        for block, place in PathsIn(system, path)
+        for block, place in walk
         if not isinstance(block, Diagram)
     }
     places = {block: i for i, block in enumerate(blocks)}
-
-    def Connect(diagram: System) -> None:
+    for diagram, _ in walk:
         if not isinstance(diagram, Diagram):
-            return
-        for (target, i), (system, o) in diagram.connection_map().items():
-            source, output = _OutputPort(system, int(o))
+            continue
+        for (target, i), (part, o) in diagram.connection_map().items():
+            source, output = _OutputPort(part, int(o))
             for block, name in _InputPorts(target, int(i)):
                 blocks[block].inputs[name] = Source(places[source], output)
-        for part in diagram.GetSystems():
-            Connect(part)
-
-    Connect(system)
     return list(blocks.values())
 
 
