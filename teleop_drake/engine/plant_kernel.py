@@ -170,24 +170,29 @@ def gravity_torque(tree: RigidBodyTree, state: Array) -> Array:
     return rigid_body.calc_dynamics(tree, motion, rest)[1]
 
 
-def hold_posture(
-    tool: Tool, num_axes: int, gains: PostureGains, q_0: Array, state: Array
+def hold_torque(
+    tool: Tool,
+    num_axes: int,
+    gains: PostureGains,
+    held: tuple[Array, ...],
+    state: Array,
 ) -> Array:
-    """Returns task_space.posture_torque() of a plant whose state is [q; v]."""
+    """Returns the torque that holds what the task leaves free of a plant, N m or N (n).
+
+    Args:
+        held: q_0, see task_space.posture_torque(); or q_0 and R_0, see
+            task_space.orientation_torque().
+        state: [q; v].
+    """
     q, v = np.split(state, 2)
     at = _at_tool(tool, q, v)
-    J = np.concatenate((at.J[3:], at.J[:3]))[:num_axes]
-    return task_space.posture_torque(gains, at.M, J, q_0, q, v)
-
-
-def hold_orientation(
-    tool: Tool, num_axes: int, gains: PostureGains, q_0: Array, R_0: Array, state: Array
-) -> Array:
-    """Returns task_space.orientation_torque() of a plant whose state is [q; v]."""
-    q, v = np.split(state, 2)
-    at = _at_tool(tool, q, v)
-    J_v = at.J[3 : 3 + num_axes]
     J_w = at.J[:3]
+    J_v = at.J[3:]
+    if len(held) == 1:
+        J = np.concatenate((J_v, J_w))[:num_axes]
+        return task_space.posture_torque(gains, at.M, J, held[0], q, v)
+    q_0, R_0 = held
+    J_v = J_v[:num_axes]
     return task_space.orientation_torque(gains, at.M, J_v, J_w, R_0, at.R, q_0, q, v)
 
 
@@ -267,18 +272,18 @@ def GravityKernel(block: GravityCompensation) -> Kernel:
 
 def HoldKernel(block: PostureHold) -> Kernel:
     """Returns the kernel of the block that holds what the task leaves free."""
-    q_0, R_0 = block.held
-    parameters = {
-        "tool": _ReadTool(block.plant, block.tool_index),
-        "gains": block.gains,
-        "q_0": q_0,
-    }
-    place = "tool", block.num_axes, "gains", "q_0"
-    law: Term = (hold_posture, *place, "plant_state")
-    if R_0 is not None:
-        parameters["R_0"] = R_0
-        law = (hold_orientation, *place, "R_0", "plant_state")
-    return Kernel(parameters=parameters, outputs={"hold_torque": law})
+    return Kernel(
+        parameters={
+            "tool": _ReadTool(block.plant, block.tool_index),
+            "gains": block.gains,
+            "held": tuple(x for x in block.held if x is not None),
+        },
+        outputs={
+            "hold_torque": (
+                hold_torque, "tool", block.num_axes, "gains", "held", "plant_state"
+            ),
+        },
+    )  # fmt: skip
 
 
 KERNELS_OF_PLANTS: dict[type[System], Callable[[Any], Kernel]] = {
