@@ -16,6 +16,7 @@ Initialization events need no comparison: they are executed before a compiled ru
 handlers see a Context of their own, and are executed as in any run of Drake's.
 """
 
+import contextlib
 import gc
 import math
 import sys
@@ -32,13 +33,11 @@ from pydrake.systems.analysis import (
 from pydrake.systems.framework import (
     Context,
     EventStatus,
-    InputPort,
     PortDataType,
     System,
     WitnessFunction,
 )
 
-from teleop_drake.arrays import Array
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, KernelBlock, Transition
 
@@ -111,19 +110,14 @@ def _OwnContext(system: System, context: Context) -> Context:
     for i in range(system.num_input_ports()):
         port = system.get_input_port(i)
         if port.get_data_type() == PortDataType.kVectorValued:
-            port.FixValue(own, _ValueOf(port, context))
+            # An input may depend on a port that is not connected.
+            value = np.zeros(port.size())
+            with contextlib.suppress(Exception):
+                value = port.Eval(context)
+            port.FixValue(own, value)
         elif port.HasValue(context):
             port.FixValue(own, AbstractValue.Make(port.Eval(context)))
     return own
-
-
-def _ValueOf(port: InputPort, context: Context) -> Array:
-    """Returns the value of an input; zeros if it depends on an unconnected port."""
-    try:
-        value: Array = port.Eval(context)
-    except Exception:  # noqa: BLE001 - Drake has no type of its own for this.
-        return np.zeros(port.size())
-    return value
 
 
 def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> None:
