@@ -17,6 +17,7 @@ from pydrake.systems.primitives import (
 
 from teleop_drake.blocks.channels.sampled import SampledDelay
 from teleop_drake.blocks.channels.transport import TransportDelay
+from teleop_drake.engine import run as compiled_runs
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.run import CompiledRun
 from teleop_drake.kernel import Delay, Kernel, KernelBlock, Transition
@@ -128,6 +129,27 @@ def test_the_method_of_steps(delay, every):
         factorials = np.array([math.gamma(i + 1) for i in k])
         exact = np.sum((-1.0) ** k * terms / factorials)
         assert value == pytest.approx(exact, abs=1e-7)
+
+
+@pytest.mark.parametrize("delay", [0.3, 0.05])
+def test_samples_need_few_rows(monkeypatch, delay):
+    """What no delay reaches is forgotten: a loop over a network runs for hours."""
+    monkeypatch.setattr(compiled_runs, "_CHUNK", 40)
+    diagram = delayed_decay(delay)
+    context = diagram.CreateDefaultContext()
+    engine = CompiledRun(
+        Evaluator(diagram, context), context, end=4.0, accuracy=1e-9, max_step=0.1
+    )
+    instants = np.arange(1, 161) / 40
+    num_rows = []
+    samples = []
+    for time in instants:
+        samples.append(engine.Sample(time)[0])
+        num_rows.append(len(engine.Rows()[0]))
+    assert max(num_rows) < 150
+    _, times, rows = run(diagram, 4.0, every=1 / 40)
+    nearest = [np.abs(times - time).argmin() for time in instants]
+    np.testing.assert_allclose(samples, rows[nearest, 0], atol=1e-8)
 
 
 class Switch(LeafSystem):
