@@ -1,6 +1,6 @@
 """Runs a compiled diagram."""
 
-from collections.abc import Callable, Iterable, Sequence, Sized
+from collections.abc import Callable, Sequence, Sized
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -310,11 +310,16 @@ def _Delays(program: Program, start: float, end: float) -> Delays:
         _Shortest(x) if callable(delay.time) else delay.time
         for delay, x in zip(delays, pieces, strict=True)
     ]
+    rows = [
+        (signal.start, output.start, output.stop - output.start)
+        for _, signal, output in program.delays
+    ]
+    signals, outputs, sizes = np.array(rows, np.int64).reshape(-1, 3).T.copy()
     return Delays(
         times=np.array(times, float),
-        signals=_Integers(part.start for _, part, _ in program.delays),
-        outputs=_Integers(part.start for _, _, part in program.delays),
-        sizes=_Integers(part.stop - part.start for _, _, part in program.delays),
+        signals=signals,
+        outputs=outputs,
+        sizes=sizes,
         packet_ranges=_Ranges(packets),
         packets=np.concatenate([np.empty((0, 3)), *packets]),
         piece_ranges=_Ranges([x.knots for x in pieces]),
@@ -328,10 +333,6 @@ def _PiecesOf(delay: Delay, start: float, end: float) -> Pieces:
     if not callable(delay.time):
         return _NO_PIECES
     return fit_pieces(delay.time, start, end, nonsmooth_times=delay.nonsmooth_times)
-
-
-def _Integers(numbers: Iterable[int]) -> Indices:
-    return np.array([*numbers], np.int64)
 
 
 def _Ranges(groups: Sequence[Sized]) -> Indices:
