@@ -23,7 +23,7 @@ from teleop_drake.engine.problem import (
 from teleop_drake.engine.source import Program
 from teleop_drake.jit.native import Evaluate, Packed
 from teleop_drake.jit.typed_code import CompileTyped
-from teleop_drake.jit.typed_expressions import EVALUATE, TypeOf
+from teleop_drake.jit.typed_values import EVALUATE, TypeOf
 from teleop_drake.kernel import Delay, Packet
 from teleop_drake.kernel.packet_line import PacketsUntil
 from teleop_drake.numerics.instants import SAME

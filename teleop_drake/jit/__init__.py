@@ -9,8 +9,9 @@ functions of numpy, math and Python on Numbers. `scalar_code` writes the graph i
 language: each operation where it is first needed.
 
 **The integrator and other loops** over arrays, whose rounds depend on the numbers, are
-translated statement by statement (`typed_code`, `typed_expressions`), with types that
-follow from the arguments.
+translated statement by statement (`typed_code`), with types that follow from the
+arguments. Their expressions are executed by Python, too, with numbers and arrays that
+write what is done with them (`typed_values`).
 
 * *Compiled and cached.* `native` makes an object file from LLVM's code and links it
   into the process. `cache` stores it on disk under the hash of the code, of llvmlite's

@@ -11,7 +11,6 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.jit.scalar_code import LIBRARY_FUNCTIONS
-from teleop_drake.jit.typed_expressions import Header
 
 # Optimisation: from loops, less than this leaves the checks of indices inside.
 _LEVEL = 3
@@ -144,6 +143,24 @@ def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
     call = functools.partial(function, ctypes.c_double(0.0), *taken, ctypes.c_int32(0))
     call.__dict__["owners"] = library, p, dx
     return call
+
+
+# The type of no bytes at all, at any place.
+_Nothing = ctypes.c_char * 0
+
+
+def _Address(array: Array) -> int:
+    """Returns the address of an array, in a third of the time of array.ctypes."""
+    return ctypes.addressof(_Nothing.from_buffer(array.data))
+
+
+def Header(value: Any) -> list[int]:
+    """Returns the memory of a named tuple: the arrays' addresses and dimensions."""
+    if isinstance(value, np.ndarray):
+        return [_Address(value), *value.shape]
+    if isinstance(value, (int, np.integer)):
+        return [int(value)]
+    return [number for item in value for number in Header(item)]
 
 
 class Packed:

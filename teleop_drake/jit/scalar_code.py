@@ -4,6 +4,7 @@ The code has no loops, no arrays besides the arguments, and only known types. LL
 therefore compiles it in a fraction of the time that general code takes.
 """
 
+import struct
 from collections.abc import Callable, Sequence
 from types import FunctionType
 from typing import Any, NamedTuple
@@ -17,15 +18,20 @@ from teleop_drake.jit.symbolic_arrays import (
     Table,
 )
 from teleop_drake.jit.symbols import (
+    COMPARISONS,
     AsReal,
     Number,
     Ref,
     Untraceable,
 )
-from teleop_drake.jit.tracing import BOOLEAN, Graph, Node
-from teleop_drake.jit.typed_expressions import ConstantText
+from teleop_drake.jit.tracing import Graph, Node
 
 Stores = dict[tuple[str, int], Any]
+
+FLOAT = "double"
+INTEGER = "i64"
+BOOLEAN = "i1"
+NOTHING = "void"
 
 LIBRARY_FUNCTIONS = (
     "exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh",
@@ -38,8 +44,85 @@ _INTRINSICS = (
     "cos", "pow",
 )  # fmt: skip
 _WITH_TWO_SIDES = ("pow", "atan2", "fmod", "copysign")
-_ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
-_COMPARISONS = {"lt": "olt", "le": "ole", "gt": "ogt", "ge": "oge", "eq": "oeq"}
+
+# The operations that are one instruction; further operands follow.
+_INSTRUCTIONS = {
+    "neg": "fneg double ",
+    "not": "xor i1 true, ",
+    "and": "and i1 ",
+    "or": "or i1 ",
+}
+
+
+def Declarations() -> list[str]:
+    """Returns the declarations of all functions that Instruction() may call."""
+    return [
+        f"declare double @{_FunctionOf(name)}({_Doubles(name)})"
+        for name in dict.fromkeys((*_INTRINSICS, *LIBRARY_FUNCTIONS))
+    ]
+
+
+def _FunctionOf(operation: str) -> str:
+    return f"llvm.{operation}.f64" if operation in _INTRINSICS else operation
+
+
+def _Doubles(name: str) -> str:
+    return "double, double" if name in _WITH_TWO_SIDES else "double"
+
+
+def Instruction(operation: str, kind: str, values: Sequence[str]) -> str:
+    """Returns an operation on numbers of a type in LLVM's language."""
+    operands = ", ".join(values)
+    prefix = "f" if kind == FLOAT else ""
+    if operation in ("add", "sub", "mul", "div"):
+        return f"{prefix}{operation} {kind} {operands}"
+    if operation in COMPARISONS:
+        is_ordered = operation not in ("eq", "ne")
+        if kind != FLOAT:
+            return f"icmp {'s' * is_ordered}{operation} {kind} {operands}"
+        # What is not a number differs from every number.
+        return f"fcmp {'u' if operation == 'ne' else 'o'}{operation} double {operands}"
+    if operation == "select":
+        condition, yes, no = values
+        return f"select i1 {condition}, {kind} {yes}, {kind} {no}"
+    if operation in _INSTRUCTIONS:
+        return _INSTRUCTIONS[operation] + operands
+    doubles = ", ".join(f"double {value}" for value in values)
+    return f"call double @{_FunctionOf(operation)}({doubles})"
+
+
+def ConstantText(value: Any) -> str:
+    """Returns a number in LLVM's language."""
+    if isinstance(value, (bool, int)):
+        return str(value).lower()
+    return "0x" + struct.pack(">d", value).hex().upper()
+
+
+class CodeWriter:
+    """Writes instructions, each of which names its value.
+
+    Attributes:
+        lines: What is written.
+    """
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self._num_names = 0
+
+    def NewName(self) -> str:
+        """Returns a name that is not used yet, without the % of a value."""
+        self._num_names += 1
+        return f"v{self._num_names}"
+
+    def Do(self, instruction: str) -> str:
+        """Writes an instruction and returns the name of its value."""
+        name = f"%{self.NewName()}"
+        self.lines.append(f"  {name} = {instruction}")
+        return name
+
+    def Store(self, kind: str, value: str, pointer: str) -> None:
+        """Writes a value of a type to memory."""
+        self.lines.append(f"  store {kind} {value}, ptr {pointer}")
 
 
 class ScalarProgram(NamedTuple):
@@ -172,23 +255,12 @@ def MakeCode(program: ScalarProgram) -> str:
         {place: _Operand(value) for place, value in stores.items()}
         for stores in (program.stores, program.more_stores)
     ]
-    writer = _Writer(program.graph.nodes)
-    writer.Store(sides[0])
+    writer = _GraphWriter(program.graph.nodes)
+    writer.StoreAll(sides[0])
     writer.lines += ["  br i1 %wants, label %more, label %done", "more:"]
-    writer.Store(sides[1])
+    writer.StoreAll(sides[1])
     writer.lines += ["  br label %done", "done:", "  ret void", "}"]
-    declarations = [
-        f"declare double @llvm.{name}.f64({_Doubles(name)})" for name in _INTRINSICS
-    ] + [
-        f"declare double @{name}({_Doubles(name)})"
-        for name in LIBRARY_FUNCTIONS
-        if name not in _INTRINSICS
-    ]
-    return "\n".join([*declarations, _HEAD, *writer.lines, ""])
-
-
-def _Doubles(name: str) -> str:
-    return "double, double" if name in _WITH_TWO_SIDES else "double"
+    return "\n".join([*Declarations(), _HEAD, *writer.lines, ""])
 
 
 _HEAD = """
@@ -198,24 +270,21 @@ entry:
   %wants = trunc i32 %all to i1"""
 
 
-class _Writer:
-    """Writes the operations of a graph as lines, each where it is first needed."""
+class _GraphWriter(CodeWriter):
+    """Writes the operations of a graph, each where it is first needed."""
 
     def __init__(self, nodes: Sequence[Node]):
-        self.lines: list[str] = []
+        super().__init__()
         self._nodes = nodes
         # Of the nodes that are computed already.
         self._names: dict[int, str] = {}
-        self._num_names = 0
 
-    def Store(self, stores: Stores) -> None:
+    def StoreAll(self, stores: Stores) -> None:
         """Writes what computes values and puts them where they belong."""
         for (name, i), value in stores.items():
             if isinstance(value, Ref):
                 self._Compute(value.place)
-            operand = self._Operand(value)
-            pointer = self._Pointer(name, i)
-            self.lines.append(f"  store double {operand}, ptr {pointer}")
+            self.Store(FLOAT, self._Operand(value), self._Pointer(name, i))
 
     def _Compute(self, place: int) -> None:
         """Writes a node, after those that it depends on and that are not known yet."""
@@ -228,7 +297,7 @@ class _Writer:
                 arguments = self._nodes[place].arguments
                 pending += [x.place for x in arguments if isinstance(x, Ref)]
         for place in sorted(needed):
-            self._names[place] = self._Instruction(*self._nodes[place])
+            self._names[place] = self._Node(*self._nodes[place])
 
     def _Operand(self, argument: Any) -> str:
         """Returns a constant, or the name of a node that is computed."""
@@ -237,37 +306,15 @@ class _Writer:
         is_boolean = isinstance(argument, (bool, np.bool_))
         return ConstantText((bool if is_boolean else float)(argument))
 
-    def _Assign(self, instruction: str) -> str:
-        self._num_names += 1
-        name = f"%v{self._num_names}"
-        self.lines.append(f"  {name} = {instruction}")
-        return name
-
     def _Pointer(self, array: str, i: int) -> str:
-        return self._Assign(f"getelementptr double, ptr %{array}, i64 {i}")
+        return self.Do(f"getelementptr double, ptr %{array}, i64 {i}")
 
-    def _Instruction(self, operation: str, arguments: Sequence[Any]) -> str:
+    def _Node(self, operation: str, arguments: Sequence[Any]) -> str:
         """Writes an operation and returns the name of its value."""
-        if operation == "load":
-            array, i = arguments
-            if array == "t":
-                return "%t"
-            return self._Assign(f"load double, ptr {self._Pointer(array, i)}")
-        values = [self._Operand(argument) for argument in arguments]
-        if operation in _ARITHMETIC:
-            return self._Assign(f"{_ARITHMETIC[operation]} double {', '.join(values)}")
-        if operation == "neg":
-            return self._Assign(f"fneg double {values[0]}")
-        if operation == "select":
-            yes_or_no, a, b = values
-            return self._Assign(f"select i1 {yes_or_no}, double {a}, double {b}")
-        if operation == "not":
-            return self._Assign(f"xor i1 {values[0]}, true")
-        if operation in ("and", "or"):
-            return self._Assign(f"{operation} i1 {', '.join(values)}")
-        if operation in BOOLEAN:
-            comparison = _COMPARISONS.get(operation, "une")
-            return self._Assign(f"fcmp {comparison} double {', '.join(values)}")
-        name = f"llvm.{operation}.f64" if operation in _INTRINSICS else operation
-        doubles = ", ".join(f"double {value}" for value in values)
-        return self._Assign(f"call double @{name}({doubles})")
+        if operation != "load":
+            values = [self._Operand(argument) for argument in arguments]
+            return self.Do(Instruction(operation, FLOAT, values))
+        array, i = arguments
+        if array == "t":
+            return "%t"
+        return self.Do(f"load double, ptr {self._Pointer(array, i)}")

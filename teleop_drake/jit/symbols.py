@@ -6,6 +6,7 @@ numbers, and `traced_numpy` defines numpy's functions on both.
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
@@ -20,6 +21,67 @@ class Untraceable(Exception):
     def __str__(self) -> str:
         """Returns the place and the reason."""
         return f"{self.place}: {self.args[0]}" if self.place else str(self.args[0])
+
+
+COMPARISONS = frozenset({"lt", "le", "gt", "ge", "eq", "ne"})
+"""The operations that compare two numbers."""
+
+
+def _Operator(operation: str) -> Callable[..., Any]:
+    """Returns the operator of a Symbol that stands for an operation."""
+
+    def Operator(self: "Symbol", *others: Any) -> Any:
+        return self.Operate(operation, self, *others)
+
+    return Operator
+
+
+def _Reflected(operation: str) -> Callable[..., Any]:
+    """Returns the operator of a Symbol behind another value."""
+
+    def Operator(self: "Symbol", other: Any) -> Any:
+        return self.Operate(operation, other, self)
+
+    return Operator
+
+
+class Symbol:
+    """A value whose operators do not compute, but note what is to be computed."""
+
+    __slots__ = ()
+
+    def Operate(self, operation: str, *operands: Any) -> Any:
+        """Returns the value of an operation, one of whose operands is the Symbol."""
+        raise NotImplementedError
+
+    __add__ = _Operator("add")
+    __radd__ = _Reflected("add")
+    __sub__ = _Operator("sub")
+    __rsub__ = _Reflected("sub")
+    __mul__ = _Operator("mul")
+    __rmul__ = _Reflected("mul")
+    __truediv__ = _Operator("div")
+    __rtruediv__ = _Reflected("div")
+    __floordiv__ = _Operator("floordiv")
+    __rfloordiv__ = _Reflected("floordiv")
+    __mod__ = _Operator("mod")
+    __rmod__ = _Reflected("mod")
+    __divmod__ = _Operator("divmod")
+    __rdivmod__ = _Reflected("divmod")
+    __pow__ = _Operator("pow")
+    __rpow__ = _Reflected("pow")
+    __and__ = _Operator("and")
+    __rand__ = _Reflected("and")
+    __or__ = _Operator("or")
+    __ror__ = _Reflected("or")
+    __lt__ = _Operator("lt")
+    __le__ = _Operator("le")
+    __gt__ = _Operator("gt")
+    __ge__ = _Operator("ge")
+    __eq__ = _Operator("eq")
+    __ne__ = _Operator("ne")
+    __neg__ = _Operator("neg")
+    __abs__ = _Operator("fabs")
 
 
 class Ref(NamedTuple):
@@ -232,6 +294,10 @@ def Either(a: Any, b: Any) -> Any:
     return Apply("or", a, b)
 
 
+def _RefuseRemainder(*operands: Any) -> NoReturn:
+    raise Untraceable("a remainder, or a number that is rounded")
+
+
 def WithLimitOf(result: Any, a: Any, b: Any) -> Any:
     """Returns the choice between two numbers, as a whole number if both are."""
     first = LimitOf(a)
@@ -259,7 +325,7 @@ class Dispatched:
         return NUMPY["function"](*arguments)
 
 
-class Number(Dispatched):
+class Number(Dispatched, Symbol):
     """A value that a graph computes.
 
     Attributes:
@@ -292,65 +358,9 @@ class Number(Dispatched):
 
     __hash__ = None  # type: ignore[assignment]
 
-    def __add__(self, other: Any) -> Any:
-        return _Arithmetic("add", self, other)
-
-    def __radd__(self, other: Any) -> Any:
-        return _Arithmetic("add", other, self)
-
-    def __sub__(self, other: Any) -> Any:
-        return _Arithmetic("sub", self, other)
-
-    def __rsub__(self, other: Any) -> Any:
-        return _Arithmetic("sub", other, self)
-
-    def __mul__(self, other: Any) -> Any:
-        return _Arithmetic("mul", self, other)
-
-    def __rmul__(self, other: Any) -> Any:
-        return _Arithmetic("mul", other, self)
-
-    def __truediv__(self, other: Any) -> Any:
-        return _Quotient(self, other)
-
-    def __rtruediv__(self, other: Any) -> Any:
-        return _Quotient(other, self)
-
-    def __pow__(self, other: Any) -> Any:
-        return _Power(self, other)
-
-    def __rpow__(self, other: Any) -> Any:
-        return _Power(other, self)
-
-    def __lt__(self, other: Any) -> Any:
-        return _Comparison("lt", self, other)
-
-    def __le__(self, other: Any) -> Any:
-        return _Comparison("le", self, other)
-
-    def __gt__(self, other: Any) -> Any:
-        return _Comparison("gt", self, other)
-
-    def __ge__(self, other: Any) -> Any:
-        return _Comparison("ge", self, other)
-
-    def __eq__(self, other: object) -> Any:
-        return _Comparison("eq", self, other)
-
-    def __ne__(self, other: object) -> Any:
-        return _Comparison("ne", self, other)
-
-    def __and__(self, other: Any) -> Any:
-        return Both(self, other)
-
-    def __rand__(self, other: Any) -> Any:
-        return Both(other, self)
-
-    def __or__(self, other: Any) -> Any:
-        return Either(self, other)
-
-    def __ror__(self, other: Any) -> Any:
-        return Either(other, self)
+    def Operate(self, operation: str, *operands: Any) -> Any:
+        """Returns the value of an operation, or NotImplemented."""
+        return _OPERATIONS[operation](*operands)
 
     def __invert__(self) -> Any:
         raise Untraceable("~ of a number, which Python and numpy take for two; use not")
@@ -371,9 +381,17 @@ class Number(Dispatched):
             return self
         return Number(self.graph, self.graph.Add("fabs", self).ref, limit=self.limit)
 
-    def _RefuseRemainder(self, *others: Any) -> NoReturn:
-        raise Untraceable("a remainder, or a number that is rounded")
-
-    __mod__ = __rmod__ = __floordiv__ = __rfloordiv__ = _RefuseRemainder
-    __divmod__ = __rdivmod__ = _RefuseRemainder
     __round__ = __floor__ = __ceil__ = _RefuseRemainder
+
+
+_OPERATIONS: dict[str, Callable[..., Any]] = {
+    "add": partial(_Arithmetic, "add"),
+    "sub": partial(_Arithmetic, "sub"),
+    "mul": partial(_Arithmetic, "mul"),
+    "div": _Quotient,
+    "pow": _Power,
+    "and": Both,
+    "or": Either,
+    **{name: partial(_Comparison, name) for name in COMPARISONS},
+    **dict.fromkeys(("mod", "floordiv", "divmod"), _RefuseRemainder),
+}

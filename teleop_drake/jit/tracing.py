@@ -34,6 +34,7 @@ from teleop_drake.jit.symbolic_arrays import (
     Where,
 )
 from teleop_drake.jit.symbols import (
+    COMPARISONS,
     AsReal,
     IsBoolean,
     Number,
@@ -42,7 +43,7 @@ from teleop_drake.jit.symbols import (
 )
 
 # Operations whose value is a boolean.
-BOOLEAN = frozenset({"lt", "le", "gt", "ge", "eq", "ne", "and", "or", "not"})
+_BOOLEAN = COMPARISONS | {"and", "or", "not"}
 
 # Operations that take booleans without conversion.
 _OF_BOOLEANS = frozenset({"and", "or", "not", "select", "load"})
@@ -165,7 +166,7 @@ class Graph:
             raise Untraceable("there are too many operations")
         place = len(self.nodes)
         self.nodes.append(node)
-        if node.operation in BOOLEAN:
+        if node.operation in _BOOLEAN:
             self._booleans.add(place)
         elif not self._IsFinite(node):
             self._infinite.add(place)

@@ -3,12 +3,16 @@
 It consists of numbers, arrays, named tuples of arrays, loops, conditions, and calls of
 functions in the same style. Types follow from the arguments, and a variable has one
 type. Other code is refused with its line when it is compiled.
+
+Statements that decide where a function continues are translated here. Python itself
+executes all other statements and expressions, with `Value`s in the place of numbers and
+arrays: each operation on a Value writes its instruction.
 """
 
 import ast
 import functools
 import inspect
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import FunctionType
 from typing import Any
 
@@ -16,20 +20,27 @@ import numpy as np
 
 from teleop_drake.jit.cache import Kept
 from teleop_drake.jit.native import Library, TypedFunction
-from teleop_drake.jit.typed_expressions import (
-    EVALUATE,
+from teleop_drake.jit.scalar_code import (
+    BOOLEAN,
+    FLOAT,
     INTEGER,
     NOTHING,
     ConstantText,
-    ExpressionWriter,
-    NotTyped,
-    PartsOf,
+    Declarations,
+    Instruction,
+)
+from teleop_drake.jit.typed_values import (
+    TextOf,
     Type,
     TypeOf,
     Value,
+    ValueWriter,
+    Variables,
 )
 
-_INTRINSICS = {"fabs": "double", "sqrt": "double", "pow": "double, double"}
+
+class NotTyped(Exception):
+    """Raised for a function outside of the part of Python that is compiled here."""
 
 
 def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
@@ -48,11 +59,8 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
     return "\n".join(
         [
             "@fault = global ptr null",
-            *module.constants,
-            *(
-                f"declare double @llvm.{name}.f64({arguments})"
-                for name, arguments in _INTRINSICS.items()
-            ),
+            *module.constants.values(),
+            *Declarations(),
             *module.functions,
             "!0 = !{}",
             '!1 = !{!"branch_weights", i32 1000, i32 1}',
@@ -73,10 +81,10 @@ class _Module:
     """The definitions of functions and constants."""
 
     def __init__(self) -> None:
-        self.constants: list[str] = []
+        self.constants: dict[str, str] = {}
         self.functions: list[str] = []
         self._known: dict[tuple[FunctionType, tuple[Type, ...]], tuple[str, Type]] = {}
-        self._arrays: dict[int, Value] = {}
+        self._arrays: dict[int, tuple[Type, str]] = {}
         # Of each file, by their first lines.
         self._definitions: dict[str, dict[int, ast.FunctionDef]] = {}
 
@@ -101,74 +109,165 @@ class _Module:
             name = function.__name__
             if linkage:
                 name = f"{name}.{len(self._known)}"
-            self._known[key] = name, None
+            self._known[key] = name, NOTHING
             code = _Function(self, function, types)
             self._known[key] = name, code.result or NOTHING
             self.functions.append(code.Text(name, linkage))
         return self._known[key]
 
-    def Constant(self, array: Any) -> Value:
-        """Returns a constant array of numpy."""
+    def Array(self, array: Any) -> tuple[Type, str]:
+        """Returns the type and the operand of a constant array of numpy."""
         if id(array) not in self._arrays:
             kind = TypeOf(np.ascontiguousarray(array))
             name = f"@array{len(self._arrays)}"
             items = ", ".join(
-                f"{kind.item} {ConstantText(item.item())}" for item in array.ravel()
+                f"{kind.item} {ConstantText(item)}" for item in array.ravel().tolist()
             )
-            self.constants.append(
+            self.constants[name] = (
                 f"{name} = private constant [{array.size} x {kind.item}] [{items}]"
             )
-            dimensions = tuple(str(n) for n in array.shape)
-            self._arrays[id(array)] = Value(kind, (name, *dimensions))
+            dimensions = "".join(f", {INTEGER} {size}" for size in array.shape)
+            self._arrays[id(array)] = kind, f"{{ptr {name}{dimensions}}}"
         return self._arrays[id(array)]
 
     def Text(self, text: str) -> str:
         """Returns the name of a constant text."""
         name = f'@"{text}"'
         size = len(text) + 1
-        line = f'{name} = private constant [{size} x i8] c"{text}\\00"'
-        if line not in self.constants:
-            self.constants.append(line)
+        self.constants[name] = f'{name} = private constant [{size} x i8] c"{text}\\00"'
         return name
 
 
-class _Function(ExpressionWriter):
+class _Function(ValueWriter):
     """The code of one function for types of arguments, and the type of its result."""
 
     def __init__(
         self, module: _Module, function: FunctionType, types: tuple[Type, ...]
     ):
+        super().__init__()
         self.result: Type = None
-        super().__init__(module, function)
+        self._module = module
+        self._function = function
+        self._variables = Variables(self)
+        self._is_open = True
         # Where `continue` and `break` go.
         self._loops: list[tuple[str, str]] = []
+        self._line = function.__code__.co_firstlineno
+        self._names = self._Outside()
         definition = module.Definition(function)
         names = [argument.arg for argument in definition.args.args]
         if len(names) != len(types):
             raise NotTyped(f"{function.__name__} takes {len(names)} arguments")
-        self._arguments = []
-        for i, (name, kind) in enumerate(zip(names, types, strict=True)):
-            parts = PartsOf(kind)
-            operands = tuple(f"%a{i}_{k}" for k in range(len(parts)))
-            self._arguments += [
-                f"{part} {operand}"
-                for part, operand in zip(parts, operands, strict=True)
-            ]
-            self._Assign(name, Value(kind, operands))
+        self._arguments: list[str] = []
+        for name, kind in zip(names, types, strict=True):
+            operand = f"%{self.NewName()}"
+            self._arguments.append(f"{TextOf(kind)} {operand}")
+            self._variables[name] = Value(self, kind, operand)
         self._Block(definition.body)
-        if self._is_open and self.result not in (None, NOTHING):
-            raise self._Refuse("it may end without returning a number", definition)
+        if self._is_open and self.result:
+            raise NotTyped(f"{self._Where()}: it may end without returning a number")
         if self._is_open:
-            self._lines.append("  ret void")
+            self.lines.append("  ret void")
 
     def Text(self, name: str, linkage: str) -> str:
         """Returns the definition."""
-        head = f"define {linkage} {self.result or NOTHING} @{name}"
-        arguments = ", ".join(self._arguments)
-        lines = [f"{head}({arguments}) {{", "entry:", *self._slots, *self._lines]
         result = self.result or NOTHING
-        value = "" if result == NOTHING else " zeroinitializer"
-        return "\n".join([*lines, "fault:", f"  ret {result}{value}", "}"])
+        arguments = ", ".join(self._arguments)
+        head = f"define {linkage} {result} @{name}({arguments}) {{"
+        value = " zeroinitializer" if self.result else ""
+        end = ["fault:", f"  ret {result}{value}", "}"]
+        return "\n".join([head, "entry:", *self._variables.lines, *self.lines, *end])
+
+    def _Where(self) -> str:
+        return f"{self._function.__name__}(), line {self._line}"
+
+    # What the code has from outside.
+
+    def _Outside(self) -> dict[str, Any]:
+        """Returns what Python executes the function's statements with."""
+        known = {
+            "abs": abs,
+            "float": functools.partial(self._Converted, FLOAT),
+            "int": functools.partial(self._Converted, INTEGER),
+            "len": lambda array: Value(self, INTEGER, array.Part(1)),
+            "min": functools.partial(self._Extreme, "lt"),
+            "max": functools.partial(self._Extreme, "gt"),
+        }
+        names: dict[str, Any] = {"__builtins__": known}
+        given = self._function.__globals__
+        for name in self._function.__code__.co_names:
+            value = given.get(name)
+            if isinstance(value, FunctionType):
+                names[name] = functools.partial(self._Call, value)
+            elif isinstance(value, np.ndarray):
+                names[name] = Value(self, *self._module.Array(value))
+            elif name in given:
+                names[name] = value
+        return names
+
+    def _Converted(self, kind: Type, value: Any) -> Value:
+        value = self.AsValue(value)
+        if (kind, value._kind) == (INTEGER, FLOAT):
+            return Value(self, kind, self.Do(f"fptosi double {value._operand} to i64"))
+        return Value(self, kind, self.As(kind, value))
+
+    def _Extreme(self, comparison: str, first: Any, *others: Any) -> Value:
+        result = self.AsValue(first)
+        for other in others:
+            is_better = result.Operate(comparison, other, result)
+            kind = FLOAT if FLOAT in (TypeOf(other), result._kind) else INTEGER
+            texts = is_better._operand, self.As(kind, other), self.As(kind, result)
+            result = Value(self, kind, self.Do(Instruction("select", kind, texts)))
+        return result
+
+    def _Call(self, function: FunctionType, *arguments: Any) -> Value | None:
+        """Writes a call of another function of Python."""
+        values = [self.AsValue(argument) for argument in arguments]
+        name, kind = self._module.Compile(function, tuple(x._kind for x in values))
+        operands = ", ".join(f"{TextOf(x._kind)} {x._operand}" for x in values)
+        call = f"call {kind} @{name}({operands})"
+        result = None
+        if kind == NOTHING:
+            self.lines.append(f"  {call}")
+        else:
+            result = Value(self, kind, self.Do(call))
+        fault = self.Do("load ptr, ptr @fault")
+        bad = self.Do(f"icmp ne ptr {fault}, null")
+        following = self.NewName()
+        self._Branch(bad, "fault", following, ", !prof !2")
+        self._Label(following)
+        return result
+
+    def Demand(self, condition: str) -> None:
+        """Ends the function with an error unless a condition holds."""
+        good = self.NewName()
+        bad = self.NewName()
+        self._Branch(condition, good, bad, ", !prof !1")
+        self._Label(bad)
+        self.Store("ptr", self._module.Text(self._Where()), "@fault")
+        self._Jump("fault")
+        self._Label(good)
+
+    # Blocks of instructions.
+
+    def _NewLabels(self, number: int) -> list[str]:
+        return [self.NewName() for _ in range(number)]
+
+    def _Label(self, label: str) -> None:
+        """Begins a block, into which the one before goes on if it has no end."""
+        self._Jump(label)
+        self.lines.append(f"{label}:")
+        self._is_open = True
+
+    def _Jump(self, label: str) -> None:
+        if self._is_open:
+            self.lines.append(f"  br label %{label}")
+        self._is_open = False
+
+    def _Branch(self, condition: str, yes: str, no: str, weights: str = "") -> None:
+        line = f"  br i1 {condition}, label %{yes}, label %{no}{weights}"
+        self.lines.append(line)
+        self._is_open = False
 
     # Statements.
 
@@ -176,39 +275,28 @@ class _Function(ExpressionWriter):
         for statement in body:
             if not self._is_open:
                 return  # What follows a return.
-            self._Statement(statement)
+            self._line = statement.lineno
+            try:
+                self._Statement(statement)
+            except NotTyped:  # In a function that it calls.
+                raise
+            except Exception as error:
+                raise NotTyped(f"{self._Where()}: {error}") from error
 
     def _Statement(self, node: ast.stmt) -> None:
         """Writes a statement; refuses statements that have no case here."""
         match node:
+            case ast.Assign(targets=[ast.Name(id=name)], value=value):
+                self._variables[name] = self._Evaluate(value)
             case ast.Expr(value=ast.Constant()) | ast.Pass():
                 pass
-            case ast.Expr(value=ast.Call() as call):
-                self._Expression(call)
-            case ast.Assign(targets=[ast.Name(id=name)], value=value):
-                self._Assign(name, self._Expression(value))
-            case ast.Assign(targets=[ast.Subscript() as target], value=value):
-                self._Store(self._Element(target), self._Expression(value), target)
-            case ast.AugAssign(target=ast.Name(id=name) as target, op=op, value=value):
-                old = self._Expression(target)
-                self._Assign(
-                    name, self._Operate(op, old, self._Expression(value), node)
-                )
-            case ast.AugAssign(target=ast.Subscript() as target, op=op, value=value):
-                place = self._Element(target)
-                old = self._Loaded(place)
-                by = self._Expression(value)
-                self._Store(place, self._Operate(op, old, by, node), target)
-            case ast.If():
-                self._If(node)
+            case ast.Assign(targets=[ast.Subscript()]) | ast.AugAssign() | ast.Expr():
+                code = compile(ast.Module([node], []), self._Where(), "exec")
+                exec(code, self._names, self._variables)
+            case ast.If(test=test, body=body, orelse=orelse):
+                self._If(test, body, orelse)
             case ast.While(test=test, body=body, orelse=[]):
-                head, inner, end = self._Names(3)
-                self._Label(head)
-                self._Branch(self._Truth(self._Expression(test)), inner, end)
-                self._Label(inner)
-                self._Loop(body, head, end)
-                self._Jump(head)
-                self._Label(end)
+                self._Loop(lambda: self._Truth(test), lambda: self._Block(body))
             case ast.For(
                 target=ast.Name(id=name),
                 iter=ast.Call(func=ast.Name(id="range"), args=limits),
@@ -223,43 +311,44 @@ class _Function(ExpressionWriter):
             case ast.Break():
                 self._Jump(self._loops[-1][1])
             case _:
-                raise self._Refuse(type(node).__name__, node)
+                raise TypeError(type(node).__name__)
 
     def _Return(self, value: ast.expr | None) -> None:
         if value is None:
-            self._lines.append("  ret void")
+            self.lines.append("  ret void")
         else:
-            result = self._Expression(value)
-            self.result = self.result or result.type
-            if not isinstance(self.result, str) or self.result == EVALUATE:
-                raise self._Refuse("it returns no number", value)
-            operand = self._As(self.result, result).operands[0]
-            self._lines.append(f"  ret {self.result} {operand}")
+            result = self.AsValue(self._Evaluate(value))
+            self.result = self.result or result._kind
+            if self.result not in (FLOAT, INTEGER, BOOLEAN):
+                raise TypeError("it returns no number")
+            self.lines.append(f"  ret {self.result} {self.As(self.result, result)}")
         self._is_open = False
 
-    def _Store(self, place: Value, value: Value, target: ast.expr) -> None:
-        if place.type.num_dimensions:
-            raise self._Refuse("it writes a whole array", target)
-        kind = place.type.item
-        operand = self._As(kind, value).operands[0]
-        self._lines.append(f"  store {kind} {operand}, ptr {place.operands[0]}")
-
-    def _If(self, node: ast.If) -> None:
-        yes, no, end = self._Names(3)
-        self._Branch(self._Truth(self._Expression(node.test)), yes, no)
+    def _If(
+        self, test: ast.expr, body: Sequence[ast.stmt], orelse: Sequence[ast.stmt]
+    ) -> None:
+        yes, no, end = self._NewLabels(3)
+        self._Branch(self._Truth(test), yes, no)
         ends_open = False
-        for label, body in ((yes, node.body), (no, node.orelse)):
+        for label, part in ((yes, body), (no, orelse)):
             self._Label(label)
-            self._Block(body)
+            self._Block(part)
             ends_open |= self._is_open
             self._Jump(end)
         if ends_open:
             self._Label(end)
 
-    def _Loop(self, body: Sequence[ast.stmt], next_round: str, end: str) -> None:
-        self._loops.append((next_round, end))
-        self._Block(body)
+    def _Loop(self, test: Callable[[], str], body: Callable[[], None]) -> None:
+        """Writes a loop from what writes its condition and what writes its body."""
+        head, inner, end = self._NewLabels(3)
+        self._Label(head)
+        self._Branch(test(), inner, end)
+        self._Label(inner)
+        self._loops.append((head, end))
+        body()
         self._loops.pop()
+        self._Jump(head)
+        self._Label(end)
 
     def _For(
         self, name: str, limits: Sequence[ast.expr], body: Sequence[ast.stmt]
@@ -271,22 +360,57 @@ class _Function(ExpressionWriter):
             limits: Before which number the loop ends, or the first number and that.
         """
         if len(limits) > 2:
-            raise self._Refuse("a range with steps", limits[0])
-        *begin, last = [self._Expression(limit).operand for limit in limits]
-        first = begin[0] if begin else "0"
+            raise TypeError("a range with steps")
+        *begin, last = [self._Evaluate(limit) for limit in limits]
         # The counter is not the variable: as in Python, the body does not change it.
-        counter = self._Slot(INTEGER)
-        self._Put(INTEGER, counter, Value(INTEGER, (first,)))
-        head, inner, following, end = self._Names(4)
-        self._Label(head)
-        i = self._Take(INTEGER, counter)
-        more = self._Do(f"icmp slt i64 {i.operand}, {last}")
-        self._Branch(more, inner, end)
-        self._Label(inner)
-        self._Assign(name, i)
-        self._Loop(body, following, end)
-        self._Label(following)
-        i = self._Take(INTEGER, counter)
-        self._Put(INTEGER, counter, self._Is(INTEGER, f"add i64 {i.operand}, 1"))
-        self._Jump(head)
+        variables = self._variables
+        counter = self.NewName()
+        variables[counter] = begin[0] if begin else 0
+
+        def WriteBody() -> None:
+            variables[name] = variables[counter]
+            variables[counter] += 1
+            self._Block(body)
+
+        self._Loop(lambda: (variables[counter] < last)._operand, WriteBody)
+
+    # Expressions.
+
+    def _Evaluate(self, node: ast.expr) -> Any:
+        """Returns the value of an expression, which Python evaluates in the main."""
+        match node:
+            case ast.BoolOp():
+                return self._Logic(node)
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                opposite = Instruction("not", BOOLEAN, [self._Truth(operand)])
+                return Value(self, BOOLEAN, self.Do(opposite))
+            case ast.Compare(
+                left=left, ops=[op, *more], comparators=[middle, *others]
+            ) if more:
+                first = ast.Compare(left, [op], [middle])
+                second = ast.Compare(middle, more, others)
+                both = [ast.copy_location(x, node) for x in (first, second)]
+                return self._Logic(ast.BoolOp(ast.And(), both))
+        code = compile(ast.Expression(node), self._Where(), "eval")
+        return eval(code, self._names, self._variables)
+
+    def _Truth(self, node: ast.expr) -> str:
+        value = self.AsValue(self._Evaluate(node))
+        if value._kind != BOOLEAN:
+            raise TypeError("the truth of what is no yes or no")
+        return str(value._operand)
+
+    def _Logic(self, node: ast.BoolOp) -> Value:
+        """Returns the result of `and` or `or`, which ask no more than they have to."""
+        name, end = self._NewLabels(2)
+        for operand in node.values:
+            truth = self._Truth(operand)
+            self._variables[name] = Value(self, BOOLEAN, truth)
+            following = self.NewName()
+            if isinstance(node.op, ast.And):
+                self._Branch(truth, following, end)
+            else:
+                self._Branch(truth, end, following)
+            self._Label(following)
         self._Label(end)
+        return self._variables[name]

@@ -142,7 +142,7 @@ class Model:
         """Returns name, shape, whether it is of whole numbers and grows, of each array.
 
         They stand in the order of a header of `problem` and of `memory`; see
-        typed_expressions.Header().
+        native.Header().
         """
         return {
             name: [

@@ -17,7 +17,7 @@ from teleop_drake.engine.source import Program
 from teleop_drake.jit.cache import Kept
 from teleop_drake.jit.scalar_code import MakeCode, TraceProgram
 from teleop_drake.jit.typed_code import MakeTypedCode
-from teleop_drake.jit.typed_expressions import EVALUATE, TypeOf
+from teleop_drake.jit.typed_values import EVALUATE, TypeOf
 
 _TRIPLE = "wasm32-unknown-unknown"
 

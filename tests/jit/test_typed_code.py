@@ -7,16 +7,10 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from teleop_drake.jit.native import Library, ObjectFile
-from teleop_drake.jit.typed_code import MakeTypedCode
-from teleop_drake.jit.typed_expressions import (
-    FLOAT,
-    INTEGER,
-    Header,
-    NotTyped,
-    PartsOf,
-    TypeOf,
-)
+from teleop_drake.jit.native import Header, Library, ObjectFile
+from teleop_drake.jit.scalar_code import FLOAT, INTEGER
+from teleop_drake.jit.typed_code import MakeTypedCode, NotTyped
+from teleop_drake.jit.typed_values import TypeOf
 
 NODES = np.array([[0.5, 2.0], [-1.0, 3.0]])
 
@@ -131,11 +125,7 @@ def compiled(function, *samples):
     library = Library(
         ObjectFile(MakeTypedCode(function, types)), function.__name__, "fault"
     )
-    slots = [
-        ctypes.c_void_p if part == "ptr" else ctypes.c_int64
-        for kind in types
-        for part in PartsOf(kind)
-    ]
+    slots = [ctypes.c_int64 for sample in samples for _ in Header(sample)]
     address = library.Address(function.__name__)
 
     def call(*arguments):
@@ -206,12 +196,12 @@ def test_what_is_outside_is_refused_with_its_line():
         (with_any_step, "a range with steps"),
         (with_a_loop_over_an_array, "For"),
         (with_two_at_once, "Assign"),
-        (with_a_slice, "Slice"),
+        (with_a_slice, "slice"),
     ):
         with pytest.raises(NotTyped, match=reason):
             MakeTypedCode(function, [INTEGER])
     line = with_a_list.__code__.co_firstlineno + 1
-    with pytest.raises(NotTyped, match=rf"with_a_list\(\), line {line}: List"):
+    with pytest.raises(NotTyped, match=rf"with_a_list\(\), line {line}: a list"):
         MakeTypedCode(with_a_list, [INTEGER])
     with pytest.raises(NotTyped, match="a variable is i64 and double"):
         MakeTypedCode(with_two_types, [INTEGER])

@@ -1,0 +1,262 @@
+"""Numbers and arrays in LLVM's code, which write what Python does with them.
+
+typed_code has the statements.
+"""
+
+from abc import abstractmethod
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from teleop_drake.jit.scalar_code import (
+    BOOLEAN,
+    COMPARISONS,
+    FLOAT,
+    INTEGER,
+    CodeWriter,
+    ConstantText,
+    Instruction,
+)
+from teleop_drake.jit.symbols import Symbol
+
+EVALUATE = "evaluate"
+"""The type of a function `evaluate` as scalar_code makes it."""
+
+
+class ArrayType(NamedTuple):
+    """An array: a pointer to its items, and its dimensions."""
+
+    item: str
+    num_dimensions: int
+
+
+class TupleType(NamedTuple):
+    """A named tuple: a pointer to eight bytes for each number in its arrays' headers.
+
+    Attributes:
+        fields: Names and types.
+    """
+
+    fields: tuple[tuple[str, Any], ...]
+
+
+Type = Any
+
+
+def TypeOf(value: Any) -> Type:
+    """Returns the type of an argument."""
+    if isinstance(value, Value):
+        return value._kind
+    if isinstance(value, bool):
+        return BOOLEAN
+    if isinstance(value, (int, np.integer)):
+        return INTEGER
+    if isinstance(value, (float, np.floating)):
+        return FLOAT
+    if isinstance(value, np.ndarray):
+        assert value.flags.c_contiguous and value.dtype.itemsize == 8, value.dtype
+        return ArrayType(FLOAT if value.dtype.kind == "f" else INTEGER, value.ndim)
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        return TupleType(tuple(zip(value._fields, map(TypeOf, value), strict=True)))
+    return EVALUATE
+
+
+def TextOf(kind: Type) -> str:
+    """Returns a type in LLVM's language."""
+    if isinstance(kind, ArrayType):
+        return f"{{{', '.join(['ptr', *[INTEGER] * kind.num_dimensions])}}}"
+    return "ptr" if isinstance(kind, TupleType) or kind == EVALUATE else kind
+
+
+def _NumSlots(kind: Type) -> int:
+    """Returns how many numbers a type has in the header of a named tuple."""
+    if isinstance(kind, TupleType):
+        return sum(_NumSlots(inner) for _, inner in kind.fields)
+    return 1 + kind.num_dimensions if isinstance(kind, ArrayType) else 1
+
+
+class Value(Symbol):
+    """A number, an array, a named tuple or a function `evaluate` in LLVM's code.
+
+    The fields of a named tuple are attributes of its Value. Other attributes therefore
+    begin as no field does.
+
+    Args:
+        code: The function in whose code it is.
+        kind: Its type.
+        operand: Its name in LLVM, or a constant.
+    """
+
+    __slots__ = ("_code", "_kind", "_operand")
+
+    def __init__(self, code: "ValueWriter", kind: Type, operand: str):
+        self._code = code
+        self._kind = kind
+        self._operand = operand
+
+    def __bool__(self) -> bool:
+        raise TypeError("the truth of a number within an expression")
+
+    def Operate(self, operation: str, *operands: Any) -> "Value":
+        """Writes an operation on numbers, which are floats if one of them is."""
+        code = self._code
+        values = [code.AsValue(operand) for operand in operands]
+        is_float = any(value._kind == FLOAT for value in values)
+        kind = FLOAT if is_float or operation in _OF_FLOATS else values[0]._kind
+        texts = [code.As(kind, value) for value in values]
+        if operation == "floordiv" and (kind, texts[1]) == (INTEGER, "2"):
+            return Value(code, kind, code.Do(f"ashr i64 {texts[0]}, 1"))
+        if operation not in _OF_NUMBERS or kind not in (FLOAT, INTEGER):
+            raise TypeError(f"{operation} of {kind}")
+        result = BOOLEAN if operation in COMPARISONS else kind
+        return Value(code, result, code.Do(Instruction(operation, kind, texts)))
+
+    def __getattr__(self, name: str) -> "Value":
+        """Returns a field of a named tuple."""
+        place = 0
+        for field, kind in getattr(self._kind, "fields", ()):
+            if field == name:
+                return self._code.Field(kind, self._operand, place)
+            place += _NumSlots(kind)
+        raise TypeError(f"the attribute {name}")
+
+    def __getitem__(self, key: Any) -> "Value":
+        """Returns an element of an array, or the array of fewer dimensions there."""
+        code = self._code
+        pointer, rest = self._At(key)
+        if not rest:
+            return code.Load(self._kind.item, pointer)
+        return code.Array(ArrayType(self._kind.item, len(rest)), pointer, *rest)
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        """Writes an element of an array."""
+        pointer, rest = self._At(key)
+        if rest:
+            raise TypeError("it writes a whole array")
+        kind = self._kind.item
+        self._code.Store(kind, self._code.As(kind, value), pointer)
+
+    def Part(self, k: int) -> str:
+        """Returns the pointer of an array, or one of its dimensions, from 1 on."""
+        return self._code.Do(f"extractvalue {TextOf(self._kind)} {self._operand}, {k}")
+
+    def _At(self, key: Any) -> tuple[str, list[str]]:
+        """Returns the pointer to what is at an index, and its dimensions.
+
+        The index has to be within the array. An index below 0 is out of bounds here.
+        """
+        code = self._code
+        keys = key if isinstance(key, tuple) else (key,)
+        num_dimensions = getattr(self._kind, "num_dimensions", 0)
+        if len(keys) > num_dimensions:
+            raise TypeError("an index of what is no array of so many dimensions")
+        dimensions = [self.Part(k + 1) for k in range(num_dimensions)]
+        place = "0"
+        for k, dimension in enumerate(dimensions):
+            place = code.Do(f"mul nsw i64 {place}, {dimension}")
+            if k < len(keys):
+                index = code.As(INTEGER, keys[k])
+                code.Demand(code.Do(f"icmp ult i64 {index}, {dimension}"))
+                place = code.Do(f"add nsw i64 {place}, {index}")
+        item = f"getelementptr {self._kind.item}, ptr {self.Part(0)}, i64 {place}"
+        return code.Do(item), dimensions[len(keys) :]
+
+    def __call__(self, t: "Value", *others: "Value") -> None:
+        """Writes a call of `evaluate`, which takes pointers."""
+        code = self._code
+        *arrays, everything = map(code.AsValue, others)
+        pointers = ", ".join(f"ptr {array.Part(0)}" for array in arrays)
+        wanted = code.Do(f"zext i1 {code.As(BOOLEAN, everything)} to i32")
+        arguments = f"double {code.As(FLOAT, t)}, {pointers}, i32 {wanted}"
+        code.lines.append(f"  call void {self._operand}({arguments})")
+
+
+# Operations on numbers, and those of them that take floats alone.
+_OF_FLOATS = frozenset({"div", "pow", "neg", "fabs"})
+_OF_NUMBERS = COMPARISONS | _OF_FLOATS | {"add", "sub", "mul"}
+
+# The initial values of variables that are numbers: nan, and an index that is out of
+# bounds. Arrays are empty.
+_NO_VALUES = {FLOAT: ConstantText(float("nan")), INTEGER: str(-(2**62))}
+
+
+class Variables(dict[str, tuple[Type, str]]):
+    """The types of a function's variables, and their places in memory.
+
+    Attributes:
+        lines: What reserves the memory.
+    """
+
+    def __init__(self, code: "ValueWriter"):
+        super().__init__()
+        self.lines: list[str] = []
+        self._code = code
+
+    def __getitem__(self, name: str) -> Any:
+        """Returns the present value of a variable."""
+        return self._code.Load(*super().__getitem__(name))
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        """Assigns to a variable, which keeps the type of its first value."""
+        code = self._code
+        kind = self.get(name, (TypeOf(value), ""))[0]
+        text = TextOf(kind)
+        if name not in self:
+            slot = f"%{code.NewName()}"
+            super().__setitem__(name, (kind, slot))
+            nothing = _NO_VALUES.get(text, "zeroinitializer")
+            self.lines.append(f"  {slot} = alloca {text}")
+            self.lines.append(f"  store {text} {nothing}, ptr {slot}")
+        code.Store(text, code.As(kind, value), super().__getitem__(name)[1])
+
+
+class ValueWriter(CodeWriter):
+    """Writes what Values need."""
+
+    @abstractmethod
+    def Demand(self, condition: str) -> None:
+        """Ends the function with an error unless a condition holds."""
+
+    def AsValue(self, value: Any) -> Value:
+        """Returns a number of Python's as a constant."""
+        if isinstance(value, Value):
+            return value
+        if not isinstance(value, (bool, int, float)):
+            raise TypeError(f"a {type(value).__name__}")
+        return Value(self, TypeOf(value), ConstantText(value))
+
+    def As(self, kind: Type, value: Any) -> str:
+        """Returns the operand of a number as one of a type."""
+        value = self.AsValue(value)
+        if value._kind == kind:
+            return str(value._operand)
+        if (kind, value._kind) == (FLOAT, INTEGER):
+            return self.Do(f"sitofp i64 {value._operand} to double")
+        raise TypeError(f"a variable is {kind} and {value._kind}")
+
+    def Array(self, kind: Type, pointer: str, *dimensions: str) -> Value:
+        """Returns an array."""
+        array = "poison"
+        for k, part in enumerate([f"ptr {pointer}", *[f"i64 {x}" for x in dimensions]]):
+            array = self.Do(f"insertvalue {TextOf(kind)} {array}, {part}, {k}")
+        return Value(self, kind, array)
+
+    def Load(self, kind: Type, pointer: str) -> Value:
+        """Returns the value of a type that is in memory."""
+        return Value(self, kind, self.Do(f"load {TextOf(kind)}, ptr {pointer}"))
+
+    def Field(self, kind: Type, header: str, place: int) -> Value:
+        """Returns the array or the named tuple at a place in a header.
+
+        No function writes into a header, so that what is read is an invariant load.
+        """
+        pointers = [
+            self.Do(f"getelementptr i64, ptr {header}, i64 {place + k}")
+            for k in range(_NumSlots(kind))
+        ]
+        if isinstance(kind, TupleType):
+            return Value(self, kind, pointers[0])
+        loads = [f"load i64, ptr {pointer}" for pointer in pointers]
+        loads[0] = f"load ptr, ptr {pointers[0]}"
+        parts = [self.Do(f"{load}, !invariant.load !0") for load in loads]
+        return self.Array(kind, *parts)
