@@ -47,10 +47,6 @@ class Contents:
                 else:
                     pending += parts
 
-    def Has(self, value: Any) -> bool:
-        """Returns whether a value is among the contents."""
-        return id(value) in self._known
-
     def Shares(self, array: Any) -> bool:
         """Returns whether an array shares memory with one of the arrays."""
         return any(

@@ -160,118 +160,87 @@ def _AsFloat(value: Any) -> float:
     return result
 
 
-def _Constant(value: Any) -> Any:
-    """Returns a number of Python's as a float; None if it is something else."""
-    if isinstance(value, np.ndarray) and value.ndim == 0:
-        value = value.item()
-    if not isinstance(value, (bool, np.bool_, int, float, np.integer, np.floating)):
-        return None
-    return _AsFloat(value)
-
-
 def _Operand(value: Any) -> Any:
     """Returns a number as a float or a Number of the graph; None for anything else."""
-    return AsReal(value) if isinstance(value, Number) else _Constant(value)
-
-
-def _LimitOfResult(operation: str, a: Any, b: Any) -> float | None:
-    """Returns the largest magnitude of a sum, difference or product of whole numbers.
-
-    Floats have gaps from 2^53 on, where whole numbers of Python's have none.
-    """
-    first = LimitOf(a)
-    second = LimitOf(b)
-    if first is None or second is None:
-        return None
-    limit = first * second if operation == "mul" else first + second
-    if limit > 2.0**53:
-        raise Untraceable("whole numbers that may be beyond 2^53: write float()")
-    return limit
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value.item()
+    return AsReal(value) if isinstance(value, _NUMBERS) else None
 
 
 def Apply(operation: str, *values: Any) -> Any:
     """Returns the value of an operation, of which one argument is a Number."""
-    graph = next(value.graph for value in values if isinstance(value, Number))
-    return graph.Add(operation, *values)
+    graph = None
+    operands = []
+    for value in values:
+        if isinstance(value, Number):
+            graph = value.graph
+        operand = _Operand(value)
+        if operand is None:
+            return NotImplemented
+        operands.append(operand)
+    assert graph is not None
+    return graph.Add(operation, *operands)
 
 
 def _Arithmetic(operation: str, a: Any, b: Any) -> Any:
-    """Returns a sum, a difference or a product."""
-    if IsBoolean(a) and IsBoolean(b):
-        if operation == "mul":
-            return Both(a, b)
+    """Returns a sum, a difference or a product.
+
+    Whole numbers have a limit: floats have gaps from 2^53 on.
+    """
+    are_boolean = IsBoolean(a) and IsBoolean(b)
+    if are_boolean and operation == "mul":
+        return Both(a, b)
+    if are_boolean:
         raise Untraceable(
             "a sum of two comparisons, which numpy takes for `or`: write float()"
         )
-    x = _Operand(a)
-    y = _Operand(b)
-    if x is None or y is None:
-        return NotImplemented
-    limit = _LimitOfResult(operation, a, b)
-    result = _FoldedProduct(x, y) if operation == "mul" else None
+    result = _FoldedProduct(a, b) if operation == "mul" else None
     if result is None:
-        result = Apply(operation, x, y)
-    if limit is None or not isinstance(result, Number):
+        result = Apply(operation, a, b)
+    first = LimitOf(a)
+    second = LimitOf(b)
+    if first is None or second is None or not isinstance(result, Number):
         return result
+    limit = first * second if operation == "mul" else first + second
+    if limit > 2.0**53:
+        raise Untraceable("whole numbers that may be beyond 2^53: write float()")
     return AsWhole(result, limit)
 
 
 def _FoldedProduct(a: Any, b: Any) -> Any:
     """Returns a product that takes no operation; None if it takes one."""
     for x, y in ((a, b), (b, a)):
-        if not isinstance(x, float):
+        if isinstance(x, Number):
             continue
-        if x == 1.0:
-            return y
-        if x == -1.0:
-            return -y
-        if x == 0.0 and y.graph.IsZeroTimes(y):
+        factor = _Operand(x)
+        if factor == 1.0:
+            return AsReal(y)
+        if factor == -1.0:
+            return -AsReal(y)
+        if factor == 0.0 and y.graph.IsZeroTimes(y):
             return 0.0
     return None
 
 
 def _Quotient(a: Any, b: Any) -> Any:
     """Returns a / b."""
-    x = _Operand(a)
-    y = _Operand(b)
-    if x is None or y is None:
-        return NotImplemented
-    if isinstance(y, float) and abs(y) in (0.5, 1.0, 2.0, 4.0):
-        return x * (1 / y)
-    return Apply("div", x, y)
+    divisor = None if isinstance(b, Number) else _Operand(b)
+    if divisor is not None and abs(divisor) in (0.5, 1.0, 2.0, 4.0):
+        return AsReal(a) * (1 / divisor)
+    return Apply("div", a, b)
 
 
 def _Power(a: Any, b: Any) -> Any:
     """Returns a ** b; small powers are products."""
-    x = _Operand(a)
-    y = _Operand(b)
-    if x is None or y is None:
-        return NotImplemented
     base = LimitOf(a)
     exponent = LimitOf(b)
-    if base is None or exponent is None:
-        num_bits = 0.0
-    else:
-        num_bits = exponent * math.log2(max(base, 1.0))
-    if num_bits > 53.0:
+    is_whole = base is not None and exponent is not None
+    if is_whole and exponent * math.log2(max(base, 1.0)) > 53.0:
         raise Untraceable("a power of whole numbers: write float()")
-    if not isinstance(y, float):
-        return Apply("pow", x, y)
-    if y in (0.0, 1.0, 2.0, 3.0, 4.0):
-        result: Any = 1.0
-        for _ in range(int(y)):
-            result = x * result
-        return result
-    if y == 0.5:
-        return Apply("sqrt", x)
-    return Apply("pow", x, y)
-
-
-def _Comparison(operation: str, a: Any, b: Any) -> Any:
-    """Returns whether a comparison holds."""
-    x = _Operand(a)
-    y = _Operand(b)
-    return NotImplemented if x is None or y is None else Apply(operation, x, y)
+    power = None if isinstance(b, Number) else _Operand(b)
+    if power in (0.0, 1.0, 2.0, 3.0, 4.0):
+        return math.prod([AsReal(a)] * int(power), start=1.0)
+    return Apply("sqrt", a) if power == 0.5 else Apply("pow", a, b)
 
 
 def Both(a: Any, b: Any) -> Any:
@@ -281,7 +250,7 @@ def Both(a: Any, b: Any) -> Any:
     for x, y in ((a, b), (b, a)):
         if not isinstance(x, Number):
             return y if x else False
-    return Apply("and", a, b)
+    return a.graph.Add("and", a, b)
 
 
 def Either(a: Any, b: Any) -> Any:
@@ -291,7 +260,7 @@ def Either(a: Any, b: Any) -> Any:
     for x, y in ((a, b), (b, a)):
         if not isinstance(x, Number):
             return True if x else y
-    return Apply("or", a, b)
+    return a.graph.Add("or", a, b)
 
 
 def _RefuseRemainder(*operands: Any) -> NoReturn:
@@ -384,6 +353,8 @@ class Number(Dispatched, Symbol):
     __round__ = __floor__ = __ceil__ = _RefuseRemainder
 
 
+_NUMBERS = (Number, bool, int, float, np.bool_, np.integer, np.floating)
+
 _OPERATIONS: dict[str, Callable[..., Any]] = {
     "add": partial(_Arithmetic, "add"),
     "sub": partial(_Arithmetic, "sub"),
@@ -392,6 +363,6 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "pow": _Power,
     "and": Both,
     "or": Either,
-    **{name: partial(_Comparison, name) for name in COMPARISONS},
+    **{name: partial(Apply, name) for name in COMPARISONS},
     **dict.fromkeys(("mod", "floordiv", "divmod"), _RefuseRemainder),
 }

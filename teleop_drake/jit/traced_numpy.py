@@ -45,20 +45,15 @@ def _Operation(name: str, usual: Callable[..., Any]) -> Callable[..., Any]:
 
     def Of(*values: Any) -> Any:
         values = tuple(v.item() if isinstance(v, np.ndarray) else v for v in values)
-        if any(isinstance(value, Number) for value in values):
-            return Apply(name, *values)
-        return usual(*values)
+        return Apply(name, *values) if HasNumbers(values) else usual(*values)
 
     return Of
 
 
-def _Minimum(a: Any, b: Any) -> Any:
+def _Better(is_better: Callable[..., Any]) -> Callable[..., Any]:
+    """Returns numpy's minimum or maximum of two numbers."""
     # What is not a number stays so.
-    return Where((a < b) | (a != a), a, b)
-
-
-def _Maximum(a: Any, b: Any) -> Any:
-    return Where((a > b) | (a != a), a, b)
+    return lambda a, b: Where(is_better(a, b) | (a != a), a, b)
 
 
 def _LogicalAnd(a: Any, b: Any) -> Any:
@@ -73,28 +68,20 @@ def _Square(a: Any) -> Any:
     return a * a
 
 
-def _Least(*values: Any, **keywords: Any) -> Any:
-    """Returns the minimum as Python's min() does."""
-    if not HasNumbers(values):
-        return min(*values, **keywords)
-    if keywords:
-        raise Untraceable("min() with a key")
-    first, *others = values[0] if len(values) == 1 else values
-    for value in others:
-        first = Where(value < first, value, first)
-    return first
+def _Best(usual: Callable[..., Any], is_better: Callable[..., Any]) -> Any:
+    """Returns Python's min() or max(), extended to Numbers."""
 
+    def Call(*values: Any, **keywords: Any) -> Any:
+        if not HasNumbers(values):
+            return usual(*values, **keywords)
+        if keywords:
+            raise Untraceable(f"{usual.__name__}() with a key")
+        best, *others = values[0] if len(values) == 1 else values
+        for value in others:
+            best = Where(is_better(value, best), value, best)
+        return best
 
-def _Greatest(*values: Any, **keywords: Any) -> Any:
-    """Returns the maximum as Python's max() does."""
-    if not HasNumbers(values):
-        return max(*values, **keywords)
-    if keywords:
-        raise Untraceable("max() with a key")
-    first, *others = values[0] if len(values) == 1 else values
-    for value in others:
-        first = Where(value > first, value, first)
-    return first
+    return Call
 
 
 def _Float(value: Any = 0.0) -> Any:
@@ -163,34 +150,30 @@ def _SearchSorted(a: Any, x: Any, side: str = "left") -> Any:
     return count
 
 
-def _Eliminated(A: Any, B: Any) -> tuple[Any, Any]:
-    """Returns a square matrix as an upper triangle, and B after the same steps."""
-    A = AsNumbers(np.array(Objects(A)))
-    B = AsNumbers(np.array(Objects(B)))
-    if A.ndim != 2 or len(A) != A.shape[1]:
-        raise Untraceable("np.linalg of no square matrix")
-    for i in range(len(A)):
-        for j in range(i + 1, len(A)):
-            is_larger = abs(A[j, i]) > abs(A[i, i])
-            for M in (A, B):
-                upper = Where(is_larger, M[j], M[i])
-                M[j] = Where(is_larger, M[i], M[j])
-                M[i] = upper
-        for j in range(i + 1, len(A)):
-            factor = A[j, i] / Where(A[i, i] == 0.0, 1.0, A[i, i])
-            A[j] = A[j] - factor * A[i]
-            B[j] = B[j] - factor * B[i]
-    return A, B
-
-
 def _Solve(A: Any, B: Any) -> Any:
     """Returns A^-1 B by Gauss's elimination, with pivots."""
-    A, B = _Eliminated(A, B)
-    for i in reversed(range(len(A))):
-        for j in range(i + 1, len(A)):
-            B[i] = B[i] - A[i, j] * B[j]
-        B[i] = B[i] * (1.0 / A[i, i])
-    return B
+    A = Objects(A)
+    B = Objects(B)
+    n = len(A)
+    if A.ndim != 2 or n != A.shape[1]:
+        raise Untraceable("np.linalg of no square matrix")
+    # The equations: what is done to a row of A is done to that of B.
+    rows = AsNumbers(np.hstack((A, B.reshape(n, -1))))
+    for i in range(n):
+        for j in range(i + 1, n):
+            is_larger = abs(rows[j, i]) > abs(rows[i, i])
+            upper = Where(is_larger, rows[j], rows[i])
+            rows[j] = Where(is_larger, rows[i], rows[j])
+            rows[i] = upper
+        for j in range(i + 1, n):
+            pivot = Where(rows[i, i] == 0.0, 1.0, rows[i, i])
+            rows[j] = rows[j] - rows[j, i] / pivot * rows[i]
+    solution = rows[:, n:]
+    for i in reversed(range(n)):
+        for j in range(i + 1, n):
+            solution[i] = solution[i] - rows[i, j] * solution[j]
+        solution[i] = solution[i] * (1.0 / rows[i, i])
+    return solution.reshape(B.shape)
 
 
 def _Inverse(A: Any) -> Any:
@@ -202,6 +185,9 @@ def _Norm(a: Any) -> Any:
     a = AsNumbers(a)
     return (a * a).sum() ** 0.5
 
+
+_LEAST = _Best(min, operator.lt)
+_GREATEST = _Best(max, operator.gt)
 
 # The tables. First the operations of a graph, by numpy's names and by math's.
 _OPERATIONS = {
@@ -223,8 +209,9 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.subtract: operator.sub, np.divide: operator.truediv, np.power: operator.pow,
     np.bitwise_and: operator.and_, np.bitwise_or: operator.or_,
     np.logical_and: _LogicalAnd, np.logical_or: _LogicalOr, np.logical_not: Not,
-    np.invert: Not, np.minimum: _Minimum, np.maximum: _Maximum, np.square: _Square,
-    np.negative: operator.neg, np.positive: operator.pos, np.absolute: abs,
+    np.invert: Not, np.minimum: _Better(operator.lt), np.maximum: _Better(operator.gt),
+    np.square: _Square, np.negative: operator.neg, np.positive: operator.pos,
+    np.absolute: abs,
 }  # fmt: skip
 UFUNCS |= {
     ufunc: np.frompyfunc(function, ufunc.nin, 1)
@@ -240,21 +227,17 @@ _STRUCTURAL = (
 )  # fmt: skip
 
 
-def _Sum(a: Any, axis: int | None = None) -> Any:
-    return AsNumbers(a).sum(axis=axis)
-
-
-def _Any(a: Any) -> Any:
-    return AsNumbers(a).any()
-
-
-def _All(a: Any) -> Any:
-    return AsNumbers(a).all()
+def _Method(name: str) -> Callable[..., Any]:
+    """Returns the function of numpy that calls a method of the array."""
+    return lambda array, *options, **keywords: getattr(AsNumbers(array), name)(
+        *options, **keywords
+    )
 
 
 FUNCTIONS |= {function: Structural(function) for function in _STRUCTURAL}
 FUNCTIONS |= {
-    np.sum: _Sum, np.any: _Any, np.all: _All, np.zeros_like: _ZerosLike,
+    np.sum: _Method("sum"), np.any: _Method("any"), np.all: _Method("all"),
+    np.zeros_like: _ZerosLike,
     np.where: Where, np.clip: _Clip, np.searchsorted: _SearchSorted,
     np.linalg.solve: _Solve, np.linalg.inv: _Inverse, np.linalg.norm: _Norm,
 }  # fmt: skip
@@ -325,7 +308,7 @@ REPLACED: dict[Any, Any] = {
     },
     math.log: _Log,
     **{function: _Array(function) for function in _ARRAYS},
-    float: _Float, np.float64: _Float, int: _Whole, min: _Least, max: _Greatest,
+    float: _Float, np.float64: _Float, int: _Whole, min: _LEAST, max: _GREATEST,
     isinstance: _IsInstance,
     operator.is_: Refusing(operator.is_, "operator.is_"),
     operator.is_not: Refusing(operator.is_not, "operator.is_not"),
@@ -351,7 +334,7 @@ BUILTINS: dict[str, Any] = {
     **vars(builtins),
     **{name: Refusing(getattr(builtins, name), name) for name in _KNOWS_NO_NUMBERS},
     **{name: Refusing(None, name, always=True) for name in _HAS_EFFECTS},
-    "float": _Float, "int": _Whole, "min": _Least, "max": _Greatest,
+    "float": _Float, "int": _Whole, "min": _LEAST, "max": _GREATEST,
     "isinstance": _IsInstance,
 }  # fmt: skip
 """Python's own functions."""

@@ -23,19 +23,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import CodeType, FunctionType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
 from teleop_drake.jit.contents import AreShared, Contents, Reshaped
 from teleop_drake.jit.symbolic_arrays import (
+    AsFloats,
     AsNumbers,
     Objects,
     Where,
 )
 from teleop_drake.jit.symbols import (
     COMPARISONS,
-    AsReal,
     IsBoolean,
     Number,
     Ref,
@@ -44,9 +44,6 @@ from teleop_drake.jit.symbols import (
 
 # Operations whose value is a boolean.
 _BOOLEAN = COMPARISONS | {"and", "or", "not"}
-
-# Operations that take booleans without conversion.
-_OF_BOOLEANS = frozenset({"and", "or", "not", "select", "load"})
 
 # Operations whose value is finite if their arguments are finite.
 _FINITE = frozenset(
@@ -57,6 +54,8 @@ _FINITE = frozenset(
 # A function with more leaves or operations than this is not worth a graph.
 _MAX_LEAVES = 256
 _MAX_NODES = 100_000
+
+_NUMBERS = (Number, int, float, np.generic)
 
 _TOO_MANY_CASES = "there are too many cases, as in a loop until numbers have converged"
 
@@ -79,16 +78,8 @@ class Node(NamedTuple):
     arguments: tuple[Any, ...]
 
 
-class _Leaf(NamedTuple):
-    """One way through a function.
-
-    Attributes:
-        path: The conditions, with their answers.
-        values: The numbers that it returns, and those that it leaves in its arguments.
-    """
-
-    path: list[tuple[Ref, bool]]
-    values: list[Any]
+_Path = list[tuple[Ref, bool]]
+"""The conditions of a way through a function, with their answers."""
 
 
 class _Way(NamedTuple):
@@ -101,7 +92,7 @@ class _Way(NamedTuple):
     """
 
     answers: dict[Ref, bool]
-    path: list[tuple[Ref, bool]]
+    path: _Path
     forced: list[bool]
 
 
@@ -135,16 +126,15 @@ class Graph:
 
     def Add(self, operation: str, *arguments: Any) -> "Number":
         """Returns the value of an operation on numbers, also those of Python."""
-        takes_booleans = operation in _OF_BOOLEANS
         operands: list[Any] = []
         for value in arguments:
             if isinstance(value, Number):
-                operands.append(self._RefOf(value, takes_booleans))
+                if value.graph is not self:
+                    raise Untraceable("it keeps a number from another call")
+                operands.append(value.ref)
             elif value == 0.0 and str(value) == "-0.0" and operation != "neg":
                 # Else it would be taken for 0.0.
                 operands.append(self.Add("neg", 0.0).ref)
-            elif IsBoolean(value) and not takes_booleans:
-                operands.append(float(value))
             else:
                 operands.append(value)
         node = Node(operation, tuple(operands))
@@ -153,13 +143,6 @@ class Graph:
             self._places[node] = self._Append(node)
         place = self._places[node]
         return Number(self, place, place.place in self._booleans)
-
-    def _RefOf(self, value: Number, takes_booleans: bool) -> Ref:
-        if value.graph is not self:
-            raise Untraceable("it keeps a number from another call")
-        if value.is_boolean and not takes_booleans:
-            value = AsReal(value)
-        return value.ref
 
     def _Append(self, node: Node) -> Ref:
         if len(self.nodes) >= _MAX_NODES:
@@ -247,42 +230,34 @@ class Graph:
         is_helper = self._way is not None
         before = Contents((arguments, keywords))
         arrays = [x for x in before.arrays if x.size and x.flags.writeable]
-        # A result that has no caller is only read.
-        known = before if is_helper else None
-        leaves: list[_Leaf] = []
-        first: Any = None
-        shape: Any = None
+        paths: list[_Path] = []
+        results: list[Any] = []
+        # What each way leaves in the arguments.
+        written: list[list[Any]] = []
         forced: list[bool] | None = []
         while forced is not None:
             result, path = self._CallOneWay(function, arguments, keywords, forced)
-            if not path and not leaves:  # There is only one branch.
+            if not path and not paths:  # There is only one branch.
                 return result
-            # All ways have to do the same, but for numbers.
-            if is_helper and _HasAliases(result, before):
-                raise MustJoinCaller(function.__code__)
-            shape_here, values = _Flat(result, known)
-            if not leaves:
-                first = result
-                shape = shape_here
-            is_changed = before.Changed(with_numbers=False)
-            if is_changed or shape_here != shape:
-                if is_helper:
-                    raise MustJoinCaller(function.__code__)
-                what = "changes" if is_changed else "returns"
-                raise Untraceable(f"what it {what} depends on its numbers")
-            # Its arguments are results, too, and the next way gets them as they were.
-            values += [x for array in arrays for x in np.asarray(array).flat]
-            leaves.append(_Leaf(path, values))
-            if len(leaves) > _MAX_LEAVES:
+            if before.Changed(with_numbers=False):
+                _RefuseToMerge(function, "changes", is_helper)
+            paths.append(path)
+            if len(paths) > _MAX_LEAVES:
                 raise Untraceable(_TOO_MANY_CASES)
+            # A result that has no caller is only read.
+            results.append(result if is_helper else AsFloats(Objects(result)))
+            written.append([np.array(Objects(array)) for array in arrays])
+            # The next way gets the arguments as they were.
             before.Restore(arrays)
             forced = _NextWay(path)
-        merged = iter(self._Merge(leaves))
-        result = _Unflat(first, shape, merged)
-        for array in arrays:
-            written = [next(merged) for _ in range(array.size)]
-            np.asarray(array)[...] = Reshaped(written, array.shape)
-        return result
+        joint = _Joint(_Tree(self, list(enumerate(paths))), before)
+        try:
+            merged = joint.Join(results)
+        except _DifferentError:
+            _RefuseToMerge(function, "returns", is_helper)
+        for array, *column in zip(arrays, *written, strict=True):
+            np.asarray(array)[...] = joint.Merged(column)
+        return merged
 
     def _CallOneWay(
         self,
@@ -290,7 +265,7 @@ class Graph:
         arguments: Sequence[Any],
         keywords: dict[str, Any],
         forced: list[bool],
-    ) -> tuple[Any, list[tuple[Ref, bool]]]:
+    ) -> tuple[Any, _Path]:
         """Returns what a function returns on one way, and the conditions of that."""
         outer = self._way
         answers = {} if outer is None else dict(outer.answers)
@@ -301,18 +276,8 @@ class Graph:
         finally:
             self._way = outer
 
-    def _Merge(self, leaves: list[_Leaf], depth: int = 0) -> list[Any]:
-        """Returns the values of the one leaf whose conditions hold."""
-        path, values = leaves[0]
-        if len(path) == depth:
-            return values
-        condition = Number(self, path[depth][0], True)
-        yes = self._Merge([x for x in leaves if x.path[depth][1]], depth + 1)
-        no = self._Merge([x for x in leaves if not x.path[depth][1]], depth + 1)
-        return [Where(condition, *pair) for pair in zip(yes, no, strict=True)]
 
-
-def _NextWay(path: list[tuple[Ref, bool]]) -> list[bool] | None:
+def _NextWay(path: _Path) -> list[bool] | None:
     """Returns the first answers of the way after one; None after the last."""
     answers = [answer for _, answer in path]
     while answers and not answers[-1]:
@@ -335,72 +300,78 @@ def _IsOwn(code: CodeType) -> bool:
     return any(folder in Path(code.co_filename).parents for folder in folders)
 
 
-def _HasAliases(value: Any, known: Contents) -> bool:
-    """Returns whether a new list or array is in a result twice, or parts of it are."""
-    lists: list[Any] = []
-    arrays: list[Any] = []
-    pending = [value]
-    while pending:
-        item = pending.pop()
-        if isinstance(item, np.ndarray) and not known.Shares(item):
-            if any(AreShared(item, other) for other in arrays):
-                return True
-            arrays.append(item)
-        elif isinstance(item, (tuple, list)) and not known.Has(item):
-            if isinstance(item, list):
-                if any(item is other for other in lists):
-                    return True
-                lists.append(item)
-            pending += item
-    return False
+def _RefuseToMerge(function: FunctionType, what: str, is_helper: bool) -> NoReturn:
+    if is_helper:
+        raise MustJoinCaller(function.__code__)
+    raise Untraceable(f"what it {what} depends on its numbers")
 
 
-def _Flat(value: Any, known: Contents | None) -> tuple[Any, list[Any]]:
-    """Returns what a value is made of, and the numbers in it that may differ.
+def _Tree(graph: Graph, ways: Sequence[tuple[int, _Path]], depth: int = 0) -> Any:
+    """Returns a tree of conditions, whose leaves are the numbers of ways.
+
+    A branch is a condition, and the trees where it holds and where it does not.
+    """
+    number, path = ways[0]
+    if len(path) == depth:
+        return number
+    condition = Number(graph, path[depth][0], True)
+    yes = [way for way in ways if way[1][depth][1]]
+    no = [way for way in ways if not way[1][depth][1]]
+    return condition, _Tree(graph, yes, depth + 1), _Tree(graph, no, depth + 1)
+
+
+class _DifferentError(Exception):
+    """Raised for results that differ in more than numbers."""
+
+
+class _Joint:
+    """Joins what a function returns on each way through it.
 
     Args:
-        known: Its arguments. What is part of them is no new value. None: that does not
-            matter, and neither does what kind of numbers there are.
+        tree: The conditions; see _Tree().
+        known: The arguments of the function. What is part of them is no new value.
     """
-    if isinstance(value, (Number, int, float, np.generic)):
-        return ("number", known is not None and IsBoolean(value)), [value]
-    if isinstance(value, (tuple, list)) and not (known and value and known.Has(value)):
-        shapes = []
-        values = []
-        for item in value:
-            shape, inner = _Flat(item, known)
-            shapes.append(shape)
-            values += inner
-        return (type(value), *shapes), values
-    if isinstance(value, np.ndarray):
-        return _FlatArray(value, known)
-    return ("same", id(value)), []
 
+    def __init__(self, tree: Any, known: Contents):
+        self._tree = tree
+        self._known = known
+        self._new: list[Any] = []
 
-def _FlatArray(value: Any, known: Contents | None) -> tuple[Any, list[Any]]:
-    plain = np.asarray(value)
-    if known is None:
-        return ("array", plain.shape), list(Objects(plain).flat)
-    if known.Shares(value):
-        address = plain.__array_interface__["data"]
-        return ("view", address, plain.strides, plain.shape), []
-    if plain.dtype.kind in "fO":
-        items = list(Objects(plain).flat)
-        return ("array", plain.shape, any(map(IsBoolean, items))), items
-    return ("table", plain.shape, plain.dtype, plain.tobytes()), []
+    def Join(self, column: Sequence[Any]) -> Any:
+        """Returns the value of the one way whose conditions hold."""
+        first = column[0]
+        if all(x is first for x in column):
+            return first
+        if all(isinstance(x, _NUMBERS) or self._IsNew(x) for x in column):
+            arrays = [Objects(x) for x in column]
+            kinds = {(x.shape, any(map(IsBoolean, x.flat))) for x in arrays}
+            if len(kinds) == 1:
+                return self.Merged(arrays)[()]
+        elif len({(type(x), isinstance(x, tuple) and len(x)) for x in column}) == 1:
+            kind = type(first)
+            if isinstance(first, tuple):
+                items = [self.Join(items) for items in zip(*column, strict=True)]
+                return kind(*items) if hasattr(kind, "_fields") else kind(items)
+        raise _DifferentError
 
+    def Merged(self, arrays: Sequence[Any]) -> Any:
+        """Returns an array of numbers, those of the way whose conditions hold."""
+        columns = zip(*(array.flat for array in arrays), strict=True)
+        items = [self._Select(self._tree, column) for column in columns]
+        return AsNumbers(Reshaped(items, arrays[0].shape))
 
-def _Unflat(first: Any, shape: Any, values: Any) -> Any:
-    """Returns what is made like the result of the first way, with other numbers."""
-    kind, *others = shape
-    if kind == "number":
-        return next(values)
-    if kind == "array":
-        size = int(np.prod(others[0]))
-        array = AsNumbers(Reshaped([next(values) for _ in range(size)], others[0]))
-        array.flags.writeable = first.flags.writeable
-        return array
-    if isinstance(kind, str):
-        return first
-    items = [_Unflat(*x, values) for x in zip(first, others, strict=True)]
-    return kind(*items) if hasattr(kind, "_fields") else kind(items)
+    def _Select(self, tree: Any, column: Sequence[Any]) -> Any:
+        if isinstance(tree, int):
+            return column[tree]
+        condition, yes, no = tree
+        return Where(condition, self._Select(yes, column), self._Select(no, column))
+
+    def _IsNew(self, value: Any) -> bool:
+        """Returns whether a value is an array of numbers that shares no memory."""
+        is_array = isinstance(value, np.ndarray) and value.flags.writeable
+        if not is_array or np.asarray(value).dtype.kind not in "fO":
+            return False
+        is_shared = self._known.Shares(value)
+        is_new = not (is_shared or any(AreShared(value, x) for x in self._new))
+        self._new.append(value)
+        return is_new
