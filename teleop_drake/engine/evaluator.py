@@ -21,8 +21,7 @@ from teleop_drake.engine.flatten import Flatten, UnsupportedSystem
 from teleop_drake.engine.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
 from teleop_drake.engine.primitives import IsSink, PrimitiveKernel
 from teleop_drake.engine.source import Program
-from teleop_drake.jit.cache import Kept
-from teleop_drake.jit.native import Evaluate, Library
+from teleop_drake.jit.native import Evaluate, Kept, Library
 from teleop_drake.jit.scalar_code import MakeCode, TraceProgram
 from teleop_drake.jit.symbols import Untraceable
 from teleop_drake.kernel import Delay, Kernel, KernelBlock, KernelIn

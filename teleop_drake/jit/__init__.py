@@ -14,7 +14,7 @@ arguments. Their expressions are executed by Python, too, with numbers and array
 write what is done with them (`typed_values`).
 
 * *Compiled and cached.* `native` makes an object file from LLVM's code and links it
-  into the process. `cache` stores it on disk under the hash of the code, of llvmlite's
+  into the process. It stores the file on disk under the hash of the code, of llvmlite's
   version and of the processor. The cache cannot be out of date, because each process
   traces anew.
 * *Read when traced.* As in numba and JAX, machine code contains the values that

@@ -11,9 +11,8 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.jit.cache import Kept
-from teleop_drake.jit.native import BoundEvaluate, Library
-from teleop_drake.jit.scalar_code import IsWhole, LeavesOf, MakeCode, TraceLaw
+from teleop_drake.jit.native import BoundEvaluate, Kept, Library
+from teleop_drake.jit.scalar_code import IsWhole, MakeCode, TraceLaw
 from teleop_drake.jit.symbols import Untraceable
 
 Law = Callable[..., Array]
@@ -82,14 +81,13 @@ class CompiledLaw:
             error.place = error.place or f"{self.law.func.__name__}()"
             TellOnce(error)
             return _Call([], None, result)
-        values = [np.asarray(x) for x in LeavesOf(samples) if not IsWhole(x)]
-        memory = np.concatenate([np.ravel(value) for value in values])
-        ends = np.cumsum([value.size for value in values])
-        places = [
-            memory[end - value.size : end].reshape(value.shape)
-            for end, value in zip(ends, values, strict=True)
-        ]
-        places = places[len(places) - len(arguments) :]
+        leaves = [x for x in _LeavesOf(samples) if not IsWhole(x)]
+        memory = np.concatenate([np.ravel(leaf) for leaf in leaves])
+        # The arguments come last.
+        sizes = [np.size(x) for x in arguments]
+        parts = np.split(memory, len(memory) - sum(sizes) + np.cumsum([0, *sizes]))
+        shapes = [np.shape(x) for x in arguments]
+        places = [x.reshape(shape) for x, shape in zip(parts[1:], shapes, strict=False)]
         run = BoundEvaluate(library, memory, result)
         return _Call(places, run, result)
 
@@ -107,6 +105,13 @@ class _Call(NamedTuple):
     places: list[Array]  # Where arguments go.
     run: Callable[[], None] | None  # What to call then; None: the law itself.
     result: Array
+
+
+def _LeavesOf(value: Any) -> list[Any]:
+    """Returns the numbers and arrays in (named) tuples and lists of them."""
+    if isinstance(value, (tuple, list)):
+        return [leaf for item in value for leaf in _LeavesOf(item)]
+    return [value]
 
 
 def _LibraryOf(law: FunctionType, samples: Sequence[Any]) -> Library:

@@ -1,15 +1,20 @@
-"""LLVM's code as functions in memory and as object files on disk."""
+"""LLVM's code as functions in memory, and as object files in a cache of each user."""
 
+import contextlib
 import ctypes
 import functools
+import hashlib
 import itertools
+import os
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from teleop_drake.arrays import Array
+from teleop_drake.files import Replacing
 from teleop_drake.jit.scalar_code import LIBRARY_FUNCTIONS
 
 # Optimisation: from loops, less than this leaves the checks of indices inside.
@@ -18,6 +23,12 @@ _LEVEL = 3
 # Lines of code from which on LLVM gets less time for each: what it takes grows faster
 # than the code does.
 _LONG = 20_000
+
+# Beyond this total size, files of all versions are deleted, least recently used first.
+_MAX_BYTES = 64_000_000
+
+_HASH = hashlib.sha256
+_HASH_SIZE = _HASH().digest_size
 
 
 @functools.cache
@@ -68,6 +79,62 @@ def ObjectFile(code: str) -> bytes:
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
     return machine.emit_object(module)
+
+
+def Kept(
+    name: str, code: str, make: Callable[[str], bytes] | None = None
+) -> tuple[bytes, bool]:
+    """Returns the object file of LLVM's code from the cache, or makes and stores it.
+
+    Several processes may do so at once. The object file is made anew if the cache
+    cannot be written, or if the file in the cache is damaged.
+
+    The file's name begins with `name`. `make` is the function that makes the file from
+    the code. The second result is whether the file was in the cache.
+    """
+    folder = _Folder()
+    file = folder / _Version() / f"{name}_{_HASH(code.encode()).hexdigest()[:32]}.o"
+    with contextlib.suppress(OSError):
+        content = file.read_bytes()
+        data = content[_HASH_SIZE:]
+        if _HASH(data).digest() == content[:_HASH_SIZE]:
+            with contextlib.suppress(OSError):
+                os.utime(file)  # A file's time is the time of its last use.
+            return data, True
+    data = (make or ObjectFile)(code)
+    with contextlib.suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with Replacing(file) as temporary:
+            temporary.write_bytes(_HASH(data).digest() + data)
+        _Sweep(folder)
+    return data, False
+
+
+def _Folder() -> Path:
+    """Returns the folder of this user's cache."""
+    if sys.platform == "win32":
+        root = os.environ.get("LOCALAPPDATA", "~")
+    elif sys.platform == "darwin":
+        root = "~/Library/Caches"
+    else:
+        root = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    return Path(root).expanduser() / "teleop-drake" / "kernels"
+
+
+@functools.cache
+def _Version() -> str:
+    """Returns a folder name that identifies llvmlite's version and the processor."""
+    return _HASH(Target().encode()).hexdigest()[:16]
+
+
+def _Sweep(folder: Path) -> None:
+    """Deletes the files that were used longest ago."""
+    size = 0
+    files = [(file.stat(), file) for file in folder.rglob("*") if file.is_file()]
+    for status, file in sorted(files, key=lambda x: x[0].st_mtime, reverse=True):
+        size += status.st_size
+        if size > _MAX_BYTES:
+            file.unlink(missing_ok=True)
 
 
 @functools.cache
@@ -134,17 +201,6 @@ class Evaluate:
         self._function(t, *(array.ctypes.data for array in arrays), everything)
 
 
-def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
-    """Returns a function that evaluates a law with the same arrays each time."""
-    function = _EVALUATE_AT_ONCE(library.Address("evaluate"))
-    pointers = [ctypes.c_void_p(array.ctypes.data) for array in (p, dx)]
-    nothing = ctypes.c_void_p(None)
-    taken = (nothing, nothing, pointers[0], nothing, nothing, pointers[1])
-    call = functools.partial(function, ctypes.c_double(0.0), *taken, ctypes.c_int32(0))
-    call.__dict__["owners"] = library, p, dx
-    return call
-
-
 # The type of no bytes at all, at any place.
 _Nothing = ctypes.c_char * 0
 
@@ -152,6 +208,15 @@ _Nothing = ctypes.c_char * 0
 def _Address(array: Array) -> int:
     """Returns the address of an array, in a third of the time of array.ctypes."""
     return ctypes.addressof(_Nothing.from_buffer(array.data))
+
+
+def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
+    """Returns a function that evaluates a law with the same arrays each time."""
+    function = _EVALUATE_AT_ONCE(library.Address("evaluate"))
+    addresses = None, None, _Address(p), None, None, _Address(dx)
+    call = functools.partial(function, 0.0, *addresses, 0)
+    call.__dict__["owners"] = library, p, dx
+    return call
 
 
 def Header(value: Any) -> list[int]:
@@ -184,17 +249,17 @@ class TypedFunction:
 
     def __call__(self, *arguments: Any) -> int:
         """Calls it with numbers, named tuples (Packed or not), and an Evaluate."""
-        headers = []  # The headers must not be freed before the call returns.
-        taken: list[Any] = []
-        for given in arguments:
-            argument = Packed(given) if isinstance(given, tuple) else given
-            if isinstance(argument, Packed):
-                headers.append(argument.header)
-                taken.append(ctypes.c_void_p(argument.header.ctypes.data))
-            elif isinstance(argument, Evaluate):
-                taken.append(ctypes.c_void_p(argument.address))
-            else:
-                taken.append(ctypes.c_double(argument))
-        status: int = self._function(*taken)
+        # The headers must not be freed before the call returns.
+        owners = [Packed(x) if isinstance(x, tuple) else x for x in arguments]
+        status: int = self._function(*map(_Argument, owners))
         self._library.RaiseFault()
         return status
+
+
+def _Argument(value: Any) -> ctypes.c_void_p | ctypes.c_double:
+    """Returns what a function in machine code takes for a value."""
+    if isinstance(value, Packed):
+        return ctypes.c_void_p(value.header.ctypes.data)
+    if isinstance(value, Evaluate):
+        return ctypes.c_void_p(value.address)
+    return ctypes.c_double(value)

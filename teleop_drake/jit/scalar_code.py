@@ -4,6 +4,7 @@ The code has no loops, no arrays besides the arguments, and only known types. LL
 therefore compiles it in a fraction of the time that general code takes.
 """
 
+import itertools
 import struct
 from collections.abc import Callable, Sequence
 from types import FunctionType
@@ -14,6 +15,7 @@ import numpy as np
 from teleop_drake.arrays import Indices
 from teleop_drake.jit.following import Follow, Traced
 from teleop_drake.jit.symbolic_arrays import (
+    AsNumbers,
     Numbers,
     Table,
 )
@@ -126,7 +128,7 @@ class CodeWriter:
 
 
 class ScalarProgram(NamedTuple):
-    """The numbers that `evaluate` writes, with their places, always or on demand."""
+    """The operands that `evaluate` writes, with their places, always or on demand."""
 
     graph: Graph
     stores: Stores
@@ -171,10 +173,11 @@ def TraceProgram(
     if not states:
         raise Untraceable("it does not say what is wanted in any case")
     stores = states[0]
-    more = {}
-    for place, value in _Changes(graph, arrays).items():
-        if place not in stores or _Operand(stores[place]) != _Operand(value):
-            more[place] = value
+    more = {
+        place: operand
+        for place, operand in _Changes(graph, arrays).items()
+        if stores.get(place) != operand
+    }
     return ScalarProgram(graph, stores, more)
 
 
@@ -186,12 +189,9 @@ def TraceLaw(graph: Graph, law: FunctionType, samples: Sequence[Any]) -> ScalarP
     are not in p: they are part of the structure.
     """
     graph.is_given_finite = False
-    leaves = LeavesOf(samples)
-    p = _Given(graph, "p", sum(np.size(x) for x in leaves if not IsWhole(x)))
-    end = 0
+    places = itertools.count()
 
     def Argument(sample: Any) -> Any:
-        nonlocal end
         if isinstance(sample, tuple):
             items = map(Argument, sample)
             is_named = hasattr(sample, "_fields")
@@ -199,24 +199,15 @@ def TraceLaw(graph: Graph, law: FunctionType, samples: Sequence[Any]) -> ScalarP
         if IsWhole(sample):
             is_array = isinstance(sample, np.ndarray)
             return sample.view(Table) if is_array else sample
-        start = end
-        end += np.size(sample)
-        return p[start:end].reshape(np.shape(sample))[()]
+        numbers = [graph.Add("load", "p", next(places)) for _ in range(np.size(sample))]
+        return AsNumbers(numbers).reshape(np.shape(sample))[()]
 
     arguments = [Argument(sample) for sample in samples]
     result = np.asarray(Follow(graph, law, law.__name__)(*arguments), object)
     if not all(isinstance(x, (Number, int, float, np.generic)) for x in result.flat):
         raise Untraceable(f"{law.__name__}() returns something else than numbers")
-    return ScalarProgram(
-        graph, {("dx", i): value for i, value in enumerate(result.flat)}, {}
-    )
-
-
-def LeavesOf(value: Any) -> list[Any]:
-    """Returns the numbers and arrays in (named) tuples and lists of them."""
-    if isinstance(value, (tuple, list)):
-        return [leaf for item in value for leaf in LeavesOf(item)]
-    return [value]
+    stores = {("dx", i): _Operand(value) for i, value in enumerate(result.flat)}
+    return ScalarProgram(graph, stores, {})
 
 
 def IsWhole(value: Any) -> bool:
@@ -225,10 +216,7 @@ def IsWhole(value: Any) -> bool:
 
 
 def _Given(graph: Graph, name: str, size: int) -> Numbers:
-    array = np.empty(size, object)
-    for i in range(size):
-        array[i] = graph.Add("load", name, i)
-    return array.view(Numbers)
+    return AsNumbers([graph.Add("load", name, i) for i in range(size)])
 
 
 def _Changes(graph: Graph, arrays: dict[str, Numbers]) -> Stores:
@@ -236,8 +224,9 @@ def _Changes(graph: Graph, arrays: dict[str, Numbers]) -> Stores:
     changes = {}
     for name, array in arrays.items():
         for i, value in enumerate(array):
-            if _Operand(value) != graph.Add("load", name, i).ref:
-                changes[name, i] = value
+            operand = _Operand(value)
+            if operand != graph.Add("load", name, i).ref:
+                changes[name, i] = operand
     return changes
 
 
@@ -251,14 +240,10 @@ def MakeCode(program: ScalarProgram) -> str:
 
     It takes t, pointers to x, m, p, q, y and dx, and whether everything is wanted. It
     has no use for q, whose numbers are in the code."""
-    sides = [
-        {place: _Operand(value) for place, value in stores.items()}
-        for stores in (program.stores, program.more_stores)
-    ]
     writer = _GraphWriter(program.graph.nodes)
-    writer.StoreAll(sides[0])
+    writer.StoreAll(program.stores)
     writer.lines += ["  br i1 %wants, label %more, label %done", "more:"]
-    writer.StoreAll(sides[1])
+    writer.StoreAll(program.more_stores)
     writer.lines += ["  br label %done", "done:", "  ret void", "}"]
     return "\n".join([*Declarations(), _HEAD, *writer.lines, ""])
 

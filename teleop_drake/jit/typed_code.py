@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.jit.cache import Kept
-from teleop_drake.jit.native import Library, TypedFunction
+from teleop_drake.jit.native import Kept, Library, TypedFunction
 from teleop_drake.jit.scalar_code import (
     BOOLEAN,
     FLOAT,

@@ -14,7 +14,7 @@ import llvmlite.binding as llvm
 
 from teleop_drake.engine.advance import advance
 from teleop_drake.engine.source import Program
-from teleop_drake.jit.cache import Kept
+from teleop_drake.jit.native import Kept
 from teleop_drake.jit.scalar_code import MakeCode, TraceProgram
 from teleop_drake.jit.typed_code import MakeTypedCode
 from teleop_drake.jit.typed_values import EVALUATE, TypeOf

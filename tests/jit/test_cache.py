@@ -6,19 +6,19 @@ import time
 import numpy as np
 import pytest
 
-from teleop_drake.jit import cache, compiled
-from teleop_drake.jit.cache import Kept
+from teleop_drake.jit import compiled, native
 from teleop_drake.jit.compiled import CompiledLaw
+from teleop_drake.jit.native import Kept
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
-    monkeypatch.setattr(cache, "ObjectFile", lambda code: code.encode())
-    cache._Version.cache_clear()
+    monkeypatch.setattr(native, "ObjectFile", lambda code: code.encode())
+    native._Version.cache_clear()
     yield tmp_path / "teleop-drake" / "kernels"
-    cache._Version.cache_clear()
+    native._Version.cache_clear()
 
 
 def IsKept(code):
@@ -36,8 +36,8 @@ def test_it_is_kept_for_its_text_version_and_processor(monkeypatch):
     assert not IsKept("text")
     assert IsKept("text")
     assert not IsKept("another")
-    monkeypatch.setattr(cache, "Target", lambda: "another version or processor")
-    cache._Version.cache_clear()
+    monkeypatch.setattr(native, "Target", lambda: "another version or processor")
+    native._Version.cache_clear()
     assert not IsKept("text")
 
 
@@ -65,7 +65,7 @@ def test_what_was_used_longest_ago_is_deleted(folder, monkeypatch):
         (new,) = (file for file in Files(folder) if code.encode() in file.read_bytes())
         os.utime(new, (time.time() - 100 + age,) * 2)
     assert IsKept(codes[0])  # Now it is the one that was used last.
-    monkeypatch.setattr(cache, "_MAX_BYTES", 3 * new.stat().st_size)
+    monkeypatch.setattr(native, "_MAX_BYTES", 3 * new.stat().st_size)
     IsKept("e" * 100)
     assert len(Files(folder)) == 3
     assert [IsKept(code) for code in (codes[0], codes[3])] == [True, True]

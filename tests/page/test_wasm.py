@@ -8,7 +8,7 @@ import pytest
 from wasm_runs import AssertSame, DataOf
 
 from teleop_drake.blocks.operators import OPERATOR_KINDS
-from teleop_drake.jit import cache
+from teleop_drake.jit import native
 from teleop_drake.page.inputs import Change
 from teleop_drake.page.model import ModelOf
 from teleop_drake.page.page import MakePage
@@ -27,7 +27,7 @@ def test_it_ends_where_the_native_run_does():
 def test_what_is_kept_on_the_disk_changes_no_byte(tmp_path, monkeypatch):
     model = ModelOf(LoadScenario("one_dof"))
     known = model.Module()
-    monkeypatch.setattr(cache, "_Folder", lambda: tmp_path)
+    monkeypatch.setattr(native, "_Folder", lambda: tmp_path)
     assert [model.Module(), model.Module()] == [known, known]
     assert len([*tmp_path.rglob("*.o")]) == 2
 
