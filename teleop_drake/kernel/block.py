@@ -20,15 +20,13 @@ from pydrake.systems.framework import (
     WitnessFunction,
 )
 
-from teleop_drake.kernel.callbacks import Weakly
-from teleop_drake.kernel.context_reader import ContextReader, ValueIn
 from teleop_drake.kernel.convertible import Convertible
 from teleop_drake.kernel.delay_line import DelayLine
-from teleop_drake.kernel.events import Events
+from teleop_drake.kernel.events import EndStep, Events, Ticks, Weakly
 from teleop_drake.kernel.kernel import Delay, Kernel, Term
 from teleop_drake.kernel.packet_line import PacketLine
 from teleop_drake.kernel.parameters import BlockParameters
-from teleop_drake.kernel.ticks import EndStep, Ticks
+from teleop_drake.kernel.terms import ContextReader, ValueIn
 from teleop_drake.validation import Refuse
 
 
@@ -173,6 +171,9 @@ class KernelBlock(_Rated, Convertible):
         is_compiled: Whether the outputs and the rate call the kernel's functions as
             machine code where that is installed. It pays for functions that take more
             than a few microseconds.
+        has_guards: Whether a transition of the kernel has a guard.
+        ticks: The instants of the periodic transitions that are not discrete updates.
+        discrete_ticks: The instants of the kernel's periodic discrete updates.
         other_events: The declarations of periodic and per-step events besides those
             of the kernel. A block with such events runs in Drake's Simulator only.
         kernel_parameters: The parameters of the kernel in Drake's Contexts.
@@ -183,6 +184,9 @@ class KernelBlock(_Rated, Convertible):
     """
 
     dual = DualBlock
+    has_guards = False
+    ticks: Sequence[Ticks] = ()
+    discrete_ticks: Sequence[Ticks] = ()
     other_events: tuple[str, ...] = ()
     _is_declaring = False
     delays: tuple[DelayLine | PacketLine, ...] = ()
@@ -218,7 +222,11 @@ class KernelBlock(_Rated, Convertible):
         def Read(term: Term, place: str) -> ValueIn:
             return ContextReader(self, kernel, place, is_compiled=False).Read(term)
 
-        self._kernel_events = Events(self, kernel, Read)
+        events = Events(self, kernel, Read)
+        self._kernel_events = events
+        self.has_guards = events.has_guards
+        self.ticks = events.ticks
+        self.discrete_ticks = events.discrete_ticks
         self._is_declaring = False
 
     def WatchRates(self, simulator: Any, look: Callable[[Any], None]) -> None:
@@ -251,27 +259,12 @@ class KernelBlock(_Rated, Convertible):
         A step that ends at this very time is not disturbed by the jump.
         """
         times = [line.NextJumpTime(context) for line in self.delays]
-        times += [x.After(context.get_time()) for x in self._kernel_events.ticks]
+        times += [x.After(context.get_time()) for x in self.ticks]
         return min(times, default=math.inf)
-
-    @property
-    def has_guards(self) -> bool:
-        """Whether a transition of the kernel has a guard."""
-        return self._kernel_events.has_guards
 
     def Guards(self, context: Context) -> list[float]:
         """Returns the values of the transitions' guards, in their order."""
         return self._kernel_events.Guards(context)
-
-    @property
-    def ticks(self) -> Sequence[Ticks]:
-        """The instants of the periodic transitions that are not discrete updates."""
-        return self._kernel_events.ticks
-
-    @property
-    def discrete_ticks(self) -> Sequence[Ticks]:
-        """The instants of the kernel's periodic discrete updates."""
-        return self._kernel_events.discrete_ticks
 
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the guards of the transitions, if events are to be located."""
@@ -299,21 +292,16 @@ def _MakeParameters(
     block: Any, kernel: Kernel, units: Mapping[str, str]
 ) -> BlockParameters:
     """Declares a block's numeric parameters: those with a unit, and constant delays."""
-    delays = _DefaultDelays(kernel)
+    delays = {
+        _DelayName(kernel, delay): delay.time
+        for delay in kernel.delays
+        if delay.shown is None and not callable(delay.time)
+    }
     return BlockParameters(
         block,
         replace(kernel, parameters={**kernel.parameters, **delays}),
         {**units, **dict.fromkeys(delays, "s")},
     )
-
-
-def _DefaultDelays(kernel: Kernel) -> dict[str, float]:
-    """Returns the constant delays of a kernel in s by the names of their parameters."""
-    return {
-        _DelayName(kernel, delay): delay.time
-        for delay in kernel.delays
-        if delay.shown is None and not callable(delay.time)
-    }
 
 
 class FixedBlock(KernelBlock):

@@ -15,9 +15,8 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.arrays import Array
-from teleop_drake.kernel.callbacks import Weakly
+from teleop_drake.kernel.events import DeclareTicks, Ticks, Weakly
 from teleop_drake.kernel.kernel import Delay
-from teleop_drake.kernel.ticks import DeclareTicks, Ticks
 from teleop_drake.numerics.bisection import halve
 from teleop_drake.numerics.sample_history import SampleHistory
 from teleop_drake.validation import Refuse

@@ -1,13 +1,22 @@
-"""Drake's events, made from the transitions of a kernel."""
+"""Drake's events of blocks: periodic updates, and the transitions of a kernel.
 
+All periodic updates use the values before their instant. Drake computes the times of
+periodic events in floating point, and 15 * 0.02 is less than 3 * 0.1. If two blocks
+sample every 20 and 100 ms, rounding would therefore decide whether the second one reads
+the value before or after the first one's update.
+"""
+
+import inspect
 import math
 import warnings
 import weakref
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     Context,
     DiscreteValues,
@@ -20,12 +29,108 @@ from pydrake.systems.framework import (
     WitnessFunctionDirection,
 )
 
-from teleop_drake.kernel.callbacks import Weakly
 from teleop_drake.kernel.kernel import Kernel, Term, Transition
-from teleop_drake.kernel.ticks import DeclareTicks, Ticks
+from teleop_drake.kernel.terms import ValueIn
+from teleop_drake.numerics.instants import same_within
 
-Value = Callable[[Context], Any]
-ReadTerm = Callable[[Term, str], Value]
+ReadTerm = Callable[[Term, str], ValueIn]
+
+# Longer than any simulation: an event with this period happens once.
+_ONCE = 1e12
+
+
+def Weakly(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Returns a function that calls another one and does not keep it alive.
+
+    Drake keeps the functions of a witness or a cache entry where Python's garbage
+    collector does not see them, so a system that hands in its own methods is never
+    collected, nor the Diagram that it is in. Drake calls them only while the system
+    lives.
+
+    Args:
+        function: A method of the system, or a function that the system keeps.
+    """
+    is_method = inspect.ismethod(function)
+    reference = (weakref.WeakMethod if is_method else weakref.ref)(function)
+
+    def Call(*arguments: Any) -> Any:
+        alive = reference()
+        assert alive is not None
+        return alive(*arguments)
+
+    return Call
+
+
+@dataclass(frozen=True)
+class Ticks:
+    """The instants offset + k period in s, k = 0, 1, ...; one if period is infinite."""
+
+    period: float
+    offset: float = 0.0
+
+    def At(self, time: float) -> int | None:
+        """Returns the number of the tick at a time in s, None if there is none."""
+        k = self._Nearest(time)
+        is_at_tick = abs(self._TimeOf(k) - time) <= same_within(time)
+        return k if is_at_tick else None
+
+    def After(self, time: float) -> float:
+        """Returns the time in s of the first tick after a time in s."""
+        k = self._Nearest(time)
+        is_after = self._TimeOf(k) > time + same_within(time)
+        return self._TimeOf(k if is_after else k + 1)
+
+    def _Nearest(self, time: float) -> int:
+        """Returns the number of the tick that is nearest to a time, in s."""
+        return max(round((time - self.offset) / self.period), 0)
+
+    def _TimeOf(self, k: int) -> float:
+        """Returns the time of a tick in s, rounded as Drake rounds it."""
+        return self.offset + k * self.period
+
+
+def EndStep(context: Context) -> EventStatus:
+    """Does nothing. Its event makes a step of the solver end there."""
+    return EventStatus.DidNothing()
+
+
+def DeclareTicks(
+    block: LeafSystem, ticks: Ticks, update: Callable[[Context, State], None] | None
+) -> None:
+    """Declares an unrestricted update at each tick.
+
+    A step of the solver ends at each tick. The update is executed at the end of the
+    first step that ends at the tick to within rounding. Such a step may end at another
+    block's tick; the updates of both blocks are then executed together.
+
+    Args:
+        block: The block that is updated. It stores the number of the last tick in an
+            abstract state.
+        update: A method of the block, or a function to which the block holds a
+            reference, with the arguments of Drake's callback. None: steps end at the
+            ticks, and nothing is updated.
+    """
+    if update is not None and ticks.period == math.inf:
+        block.DeclarePeriodicUnrestrictedUpdateEvent(
+            _ONCE, ticks.offset, Weakly(update)
+        )
+        return
+    period = min(ticks.period, _ONCE)
+    block.DeclarePeriodicPublishEvent(period, ticks.offset, EndStep)
+    if update is None:
+        return
+    last = block.DeclareAbstractState(AbstractValue.Make(-1))
+    weak_update = Weakly(update)
+
+    def Update(context: Context, state: State) -> EventStatus:
+        k = ticks.At(context.get_time())
+        if k is None or k == context.get_abstract_state(last).get_value():
+            return EventStatus.DidNothing()
+        state.get_mutable_abstract_state(last).set_value(k)
+        weak_update(context, state)
+        return EventStatus.Succeeded()
+
+    block.DeclarePerStepUnrestrictedUpdateEvent(Update)
 
 
 class Events:
@@ -38,10 +143,11 @@ class Events:
     | guard                | a witness, where the Context has an accuracy, and a     |
     |                      | discrete update at the end of each step where the guard |
     |                      | has jumped                                              |
-    | period               | an update at each tick, see ticks                       |
+    | period               | an update at each tick, see DeclareTicks()              |
     | mode that stays      | steps that end there                                    |
 
     Attributes:
+        has_guards: Whether a transition has a guard.
         ticks: The instants of periodic unrestricted updates.
         discrete_ticks: The instants of periodic discrete updates.
 
@@ -53,7 +159,7 @@ class Events:
     def __init__(self, block: LeafSystem, kernel: Kernel, read: ReadTerm):
         self.ticks: list[Ticks] = []
         self.discrete_ticks: list[Ticks] = []
-        self._guards: list[tuple[Value, Value]] = []
+        self._guards: list[tuple[ValueIn, ValueIn]] = []
         self._block = weakref.ref(block)
         self._has_warned = False
         self._kept: list[Callable[..., Any]] = []
@@ -66,7 +172,8 @@ class Events:
             else:
                 guard = read(transition.guard, f"{place}.guard")
                 self._DeclareGuard(block, name, guard, mode)
-        if self._guards:
+        self.has_guards = bool(self._guards)
+        if self.has_guards:
             block.DeclarePerStepDiscreteUpdateEvent(Weakly(self._CheckGuards))
         if kernel.initial_mode is not None:
             initial = read(kernel.initial_mode, "initial_mode")
@@ -75,11 +182,6 @@ class Events:
                 state.get_mutable_discrete_state(0).SetFromVector(initial(context))
 
             block.DeclareInitializationUnrestrictedUpdateEvent(self._Keep(Initialize))
-
-    @property
-    def has_guards(self) -> bool:
-        """Whether a transition has a guard."""
-        return bool(self._guards)
 
     def Guards(self, context: Context) -> list[float]:
         """Returns the values of the guards."""
@@ -94,7 +196,7 @@ class Events:
         return Weakly(function)
 
     def _DeclarePeriodic(
-        self, block: LeafSystem, transition: Transition, mode: Value
+        self, block: LeafSystem, transition: Transition, mode: ValueIn
     ) -> None:
         """Declares a periodic transition; a mode that stays only ends steps."""
         ticks = Ticks(transition.period, transition.offset)
@@ -114,7 +216,7 @@ class Events:
             self.ticks.append(ticks)
 
     def _DeclareGuard(
-        self, block: LeafSystem, name: str, guard: Value, mode: Value
+        self, block: LeafSystem, name: str, guard: ValueIn, mode: ValueIn
     ) -> None:
         """Adds a transition's guard to the guards and to the witness functions."""
 
@@ -157,7 +259,7 @@ class Events:
         )
 
 
-def _Change(mode: Value, context: Context, target: State | DiscreteValues) -> None:
+def _Change(mode: ValueIn, context: Context, target: State | DiscreteValues) -> None:
     """Sets the elements of the mode in which the new mode differs from the old one."""
     if isinstance(target, State):
         target = target.get_mutable_discrete_state()

@@ -10,9 +10,8 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from teleop_drake.arrays import Array
-from teleop_drake.kernel.callbacks import Weakly
+from teleop_drake.kernel.events import DeclareTicks, Ticks, Weakly
 from teleop_drake.kernel.kernel import Delay, Packet
-from teleop_drake.kernel.ticks import DeclareTicks, Ticks
 from teleop_drake.numerics.instants import same_within
 
 
@@ -79,7 +78,7 @@ class PacketLine:
     Its state is one abstract value: the packet that is shown and those under way.
 
     A packet is taken in an unrestricted update and has the signal's value before all
-    other updates of that instant; see ticks. No event of Drake marks the times at which
+    other updates of that instant; see events. No event of Drake marks the times when
     packets are shown. A step should therefore end at NextJumpTime(), as it does in
     simulate(). Otherwise the integrator has to find the jump by rejecting steps. At the
     very instant the output has the value before the jump until the unrestricted update

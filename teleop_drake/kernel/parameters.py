@@ -24,7 +24,7 @@ from pydrake.systems.framework import (
 
 from teleop_drake.arrays import Array
 from teleop_drake.jit.compiled import CompiledLaw
-from teleop_drake.kernel.callbacks import Weakly
+from teleop_drake.kernel.events import Weakly
 from teleop_drake.kernel.kernel import Kernel
 
 
@@ -101,7 +101,7 @@ class BlockParameters:
         self._index = block.DeclareCacheEntry(
             "numbers of the kernel",
             ValueProducer(
-                allocate=_AllocateNumbers,
+                allocate=lambda: AbstractValue.Make(Numbers({})),
                 calc=Weakly(self._CalcNumbers),
             ),
             {self.ticket},
@@ -134,10 +134,6 @@ class BlockParameters:
         """Returns the kernel's parameters with some arrays replaced."""
         parameters = _Filled(self._kernel.parameters, arrays)
         return Numbers(replace(self._kernel, parameters=parameters).parameters)
-
-
-def _AllocateNumbers() -> AbstractValue:
-    return AbstractValue.Make(Numbers({}))
 
 
 def _ArrayIn(context: Any, parameter: NamedParameter) -> Array:

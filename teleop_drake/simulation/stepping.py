@@ -25,7 +25,7 @@ from teleop_drake.blocks.environments.surface import Surface, SurfacesOf
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.kernel import KernelBlock
 from teleop_drake.kernel.delay_line import DelayLine
-from teleop_drake.kernel.ticks import Ticks
+from teleop_drake.kernel.events import Ticks
 from teleop_drake.numerics.instants import SAME
 
 # A step across a boundary as short as twice this many s is not bisected any further.

@@ -23,7 +23,7 @@ from teleop_drake.blocks.operators import ConstantVelocityOperator
 from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.run import CompiledRun
-from teleop_drake.kernel.ticks import Ticks
+from teleop_drake.kernel.events import Ticks
 from teleop_drake.simulation import MakeSimulator
 
 

@@ -9,7 +9,7 @@ from teleop_drake.blocks.channels.base import (
     ChannelConfig,
     ConstantDelay,
 )
-from teleop_drake.kernel.ticks import DeclareTicks, Ticks
+from teleop_drake.kernel.events import DeclareTicks, Ticks
 from teleop_drake.numerics.instants import TIE
 from teleop_drake.validation import REQUIRED, CheckNumber, Config, Refuse
 

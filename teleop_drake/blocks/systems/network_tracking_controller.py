@@ -8,9 +8,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import ValueProducer
 
-from teleop_drake.kernel.callbacks import Weakly
-from teleop_drake.kernel.context_reader import Duals
 from teleop_drake.kernel.convertible import Convertible, DualOf, PlantPorts
+from teleop_drake.kernel.events import Weakly
+from teleop_drake.kernel.terms import Duals
 from teleop_drake.laws.gaussian_network import GaussianNetwork
 from teleop_drake.laws.tracking import (
     TrackingGains,
