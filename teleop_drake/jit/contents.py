@@ -6,7 +6,6 @@ import itertools
 import pickle
 import random
 import sys
-from collections.abc import Sequence
 from types import (
     BuiltinFunctionType,
     CellType,
@@ -63,11 +62,10 @@ class Contents:
             if i not in arrays
         )
 
-    def Restore(self, values: Sequence[Any] | None = None) -> None:
-        """Restores values to their former contents; None: all that can be restored."""
+    def Restore(self) -> None:
+        """Restores the former contents of all values that can be restored."""
         for value, parts in self._known.values():
-            if values is None or any(value is x for x in values):
-                _Restore(value, parts)
+            _Restore(value, parts)
 
 
 _OBJECTS = object()

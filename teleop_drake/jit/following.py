@@ -43,31 +43,27 @@ def Traced(trace: Callable[Concatenate[Graph, P], T]) -> Callable[P, T]:
 
     @functools.wraps(trace)
     def Trace(*arguments: P.args, **keywords: P.kwargs) -> T:
-        return _Trace(lambda graph: trace(graph, *arguments, **keywords))
+        joined: set[CodeType] = set()
+        surroundings: dict[int, _Surrounding] = {}
+        try:
+            while True:
+                graph = Graph(joined=joined, surroundings=surroundings)
+                try:
+                    with np.errstate(all="ignore"):
+                        result = trace(graph, *arguments, **keywords)
+                except MustJoinCaller as helper:
+                    joined |= set(helper.args)
+                    continue
+                for surrounding in surroundings.values():
+                    if surrounding.contents.Changed():
+                        raise surrounding.Refused("it changes")
+                return result
+        except Untraceable:
+            for surrounding in surroundings.values():
+                surrounding.contents.Restore()
+            raise
 
     return Trace
-
-
-def _Trace(trace: Callable[[Graph], T]) -> T:
-    joined: set[CodeType] = set()
-    surroundings: dict[int, _Surrounding] = {}
-    try:
-        while True:
-            graph = Graph(joined=joined, surroundings=surroundings)
-            try:
-                with np.errstate(all="ignore"):
-                    result = trace(graph)
-            except MustJoinCaller as helper:
-                joined |= set(helper.args)
-                continue
-            for surrounding in surroundings.values():
-                if surrounding.contents.Changed():
-                    raise surrounding.Refused("it changes")
-            return result
-    except Untraceable:
-        for surrounding in surroundings.values():
-            surrounding.contents.Restore()
-        raise
 
 
 # Modules whose functions return another value in each call, and harmless ones.
@@ -149,7 +145,7 @@ class _Module(Opaque):
     """A module whose functions are followed."""
 
     def __init__(self, graph: Graph, module: ModuleType, name: str, function: Any):
-        object.__setattr__(self, "_followed", (graph, module, name, function))
+        vars(self)["_followed"] = graph, module, name, function
 
     def __setattr__(self, attribute: str, value: Any) -> None:
         raise Untraceable(f"it assigns to {self._followed[2]}.{attribute}")
@@ -168,9 +164,7 @@ class _Followed(Opaque):
     _copy: Any
 
     def __init__(self, graph: Graph, function: FunctionType):
-        object.__setattr__(self, "_graph", graph)
-        object.__setattr__(self, "_function", function)
-        object.__setattr__(self, "_copy", None)
+        vars(self).update(_graph=graph, _function=function, _copy=None)
 
     def __setattr__(self, attribute: str, value: Any) -> None:
         name = self._function.__name__
@@ -180,7 +174,7 @@ class _Followed(Opaque):
         function = self._function
         try:
             if self._copy is None:
-                object.__setattr__(self, "_copy", self._Copy())
+                vars(self)["_copy"] = self._Copy()
             return self._graph.Call(self._copy, arguments, keywords)
         except Exception as error:  # Whatever it does to what is no number.
             line = self._Line(error.__traceback__)

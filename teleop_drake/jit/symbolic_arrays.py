@@ -18,7 +18,7 @@ from teleop_drake.jit.symbols import (
     Not,
     Number,
     Untraceable,
-    WithLimitOf,
+    WithLimit,
 )
 
 UFUNCS: dict[Any, Any] = {}
@@ -247,7 +247,7 @@ def Where(condition: Any, a: Any, b: Any) -> Any:
     if IsBoolean(a) and IsBoolean(b):
         return (condition & a) | (Not(condition) & b)
     result = condition.graph.Add("select", condition, AsReal(a), AsReal(b))
-    return WithLimitOf(result, a, b)
+    return WithLimit(result, a, b, max)
 
 
 _WHERE = np.frompyfunc(Where, 3, 1)

@@ -5,6 +5,7 @@ numbers, and `traced_numpy` defines numpy's functions on both.
 """
 
 import math
+import operator
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple, NoReturn
@@ -197,14 +198,11 @@ def _Arithmetic(operation: str, a: Any, b: Any) -> Any:
     result = _FoldedProduct(a, b) if operation == "mul" else None
     if result is None:
         result = Apply(operation, a, b)
-    first = LimitOf(a)
-    second = LimitOf(b)
-    if first is None or second is None or not isinstance(result, Number):
-        return result
-    limit = first * second if operation == "mul" else first + second
-    if limit > 2.0**53:
+    limit_of = operator.mul if operation == "mul" else operator.add
+    result = WithLimit(result, a, b, limit_of)
+    if isinstance(result, Number) and (result.limit or 0.0) > 2.0**53:
         raise Untraceable("whole numbers that may be beyond 2^53: write float()")
-    return AsWhole(result, limit)
+    return result
 
 
 def _FoldedProduct(a: Any, b: Any) -> Any:
@@ -267,13 +265,17 @@ def _RefuseRemainder(*operands: Any) -> NoReturn:
     raise Untraceable("a remainder, or a number that is rounded")
 
 
-def WithLimitOf(result: Any, a: Any, b: Any) -> Any:
-    """Returns the choice between two numbers, as a whole number if both are."""
+def WithLimit(result: Any, a: Any, b: Any, limit_of: Callable[..., float]) -> Any:
+    """Returns the result of two numbers, as a whole number if both are.
+
+    Args:
+        limit_of: Returns the largest magnitude of the result from those of a and b.
+    """
     first = LimitOf(a)
     second = LimitOf(b)
-    if first is None or second is None:
+    if first is None or second is None or not isinstance(result, Number):
         return result
-    return AsWhole(result, max(first, second))
+    return AsWhole(result, limit_of(first, second))
 
 
 NUMPY: dict[str, Callable[..., Any]] = {}

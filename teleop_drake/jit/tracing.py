@@ -248,7 +248,7 @@ class Graph:
             results.append(result if is_helper else AsFloats(Objects(result)))
             written.append([np.array(Objects(array)) for array in arrays])
             # The next way gets the arguments as they were.
-            before.Restore(arrays)
+            before.Restore()
             forced = _NextWay(path)
         joint = _Joint(_Tree(self, list(enumerate(paths))), before)
         try:

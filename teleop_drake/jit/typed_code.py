@@ -83,7 +83,6 @@ class _Module:
         self.constants: dict[str, str] = {}
         self.functions: list[str] = []
         self._known: dict[tuple[FunctionType, tuple[Type, ...]], tuple[str, Type]] = {}
-        self._arrays: dict[int, tuple[Type, str]] = {}
         # Of each file, by their first lines.
         self._definitions: dict[str, dict[int, ast.FunctionDef]] = {}
 
@@ -116,18 +115,16 @@ class _Module:
 
     def Array(self, array: Any) -> tuple[Type, str]:
         """Returns the type and the operand of a constant array of numpy."""
-        if id(array) not in self._arrays:
-            kind = TypeOf(np.ascontiguousarray(array))
-            name = f"@array{len(self._arrays)}"
-            items = ", ".join(
-                f"{kind.item} {ConstantText(item)}" for item in array.ravel().tolist()
-            )
-            self.constants[name] = (
-                f"{name} = private constant [{array.size} x {kind.item}] [{items}]"
-            )
-            dimensions = "".join(f", {INTEGER} {size}" for size in array.shape)
-            self._arrays[id(array)] = kind, f"{{ptr {name}{dimensions}}}"
-        return self._arrays[id(array)]
+        kind = TypeOf(np.ascontiguousarray(array))
+        name = f"@array{len(self.constants)}"
+        items = ", ".join(
+            f"{kind.item} {ConstantText(item)}" for item in array.ravel().tolist()
+        )
+        self.constants[name] = (
+            f"{name} = private constant [{array.size} x {kind.item}] [{items}]"
+        )
+        dimensions = "".join(f", {INTEGER} {size}" for size in array.shape)
+        return kind, f"{{ptr {name}{dimensions}}}"
 
     def Text(self, text: str) -> str:
         """Returns the name of a constant text."""

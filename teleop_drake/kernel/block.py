@@ -71,55 +71,50 @@ class DualBlock(_Rated, LeafSystem_[AutoDiffXd]):
         units = getattr(other, "numeric_parameters", {})
         self.kernel_parameters = _MakeParameters(self, kernel, units)
         path = other.GetSystemPathname()
-        lines = {delay.output: _NoDelayLine(self, path) for delay in kernel.delays}
-        _DeclareTerms(self, kernel, {x.get_name(): x.size() for x in ports}, lines)
+        nothing = {self.nothing_ticket()}
+        delayed = {x.output: (_NoDelay(path), nothing) for x in kernel.delays}
+        _DeclareTerms(self, kernel, {x.get_name(): x.size() for x in ports}, delayed)
 
 
-class _NoDelayLine:
-    """The delayed output of a block of AutoDiffXd, which has no value.
-
-    Attributes:
-        tickets: What the output depends on.
+def _NoDelay(path: str) -> ValueIn:
+    """Returns what raises a ValueError for a delayed output of a block of AutoDiffXd.
 
     Args:
-        block: The block.
         path: Path of the block that it was converted from.
     """
 
-    def __init__(self, block: DualBlock, path: str):
-        self.tickets = {block.nothing_ticket()}
-        self._path = path
-
-    def Eval(self, context: Context) -> Any:
-        """Raises a ValueError that names the function which linearises a delay."""
+    def Raise(context: Context) -> Any:
         allowed = "cut: Drake linearises no delays, call teleop_drake.LinearizePorts()"
-        Refuse(self._path, "a delay", allowed)
+        Refuse(path, "a delay", allowed)
+
+    return Raise
 
 
 def _DeclareTerms(
     block: Any,
     kernel: Kernel,
     sizes: Mapping[str, int],
-    lines: Mapping[str, DelayLine | PacketLine | _NoDelayLine],
+    delayed: Mapping[str, tuple[ValueIn, Any]],
 ) -> None:
-    """Declares the output ports of a block, and the rate of its state."""
+    """Declares the output ports of a block, and the rate of its state.
+
+    Args:
+        sizes: The sizes of the outputs.
+        delayed: The values of the delayed outputs, and what they depend on.
+    """
 
     def Reader(place: str) -> ContextReader:
         return ContextReader(block, kernel, place, is_compiled=block.is_compiled)
 
-    values = {}
-    tickets = {}
+    outputs = dict(delayed)
     for output, term in kernel.outputs.items():
         reader = Reader(f"outputs.{output}")
-        values[output] = reader.Read(term)
-        tickets[output] = reader.tickets or {block.nothing_ticket()}
-    for output, line in lines.items():
-        values[output] = line.Eval
-        tickets[output] = line.tickets
-    block._kernel_outputs = {port: _Callback(block, values[port]) for port in sizes}
+        value = reader.Read(term)
+        outputs[output] = value, reader.tickets or {block.nothing_ticket()}
+    block._kernel_outputs = {port: _Callback(block, outputs[port][0]) for port in sizes}
     for port, size in sizes.items():
         callback = Weakly(block._kernel_outputs[port])
-        block.DeclareVectorOutputPort(port, size, callback, tickets[port])
+        block.DeclareVectorOutputPort(port, size, callback, outputs[port][1])
     if kernel.rate is not None:
         block._kernel_rate = Reader("rate").Read(kernel.rate)
 
@@ -217,7 +212,8 @@ class KernelBlock(_Rated, Convertible):
             line = PacketLine if is_packets else DelayLine
             lines[delay.output] = line(self, delay, _DelayName(kernel, delay))
         self.delays = tuple(lines.values())
-        _DeclareTerms(self, kernel, sizes, lines)
+        delayed = {output: (x.Eval, x.tickets) for output, x in lines.items()}
+        _DeclareTerms(self, kernel, sizes, delayed)
 
         def Read(term: Term, place: str) -> ValueIn:
             return ContextReader(self, kernel, place, is_compiled=False).Read(term)

@@ -8,7 +8,7 @@ computed from these.
 """
 
 import weakref
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -88,7 +88,7 @@ class BlockParameters:
         self._last = Numbers(kernel.parameters)
         self._last_key: tuple[bytes, ...] | None = None
         scalar = AutoDiffXd if isinstance(block, LeafSystem_[AutoDiffXd]) else float
-        leaves = dict(_Leaves(kernel.parameters))
+        leaves = _Leaves(kernel.parameters)
         self.named: list[NamedParameter] = []
         for name, unit in units.items():
             default = BasicVector_[scalar](leaves[name].ravel())
@@ -148,32 +148,23 @@ def _ArrayIn(context: Any, parameter: NamedParameter) -> Array:
     return vector.reshape(parameter.shape)
 
 
-def _Parts(value: Any) -> Mapping[str, Any] | None:
-    """Returns the parts of a mapping or a named tuple by name; None of other values."""
-    if isinstance(value, Mapping):
-        return value
-    if hasattr(value, "_fields"):
-        return dict(zip(value._fields, value, strict=True))
-    return None
+def _Leaves(parameters: Mapping[str, Any]) -> dict[str, Array]:
+    """Returns the array of every parameter and of every field of one, by its name."""
+    leaves = {}
+    for name, value in parameters.items():
+        fields = value._asdict() if hasattr(value, "_asdict") else {name: value}
+        leaves.update({key: np.asarray(part) for key, part in fields.items()})
+    return leaves
 
 
-def _Leaves(value: Any, name: str = "") -> Iterator[tuple[str, Array]]:
-    """Yields the name and the array of every number in a tree of parameters."""
-    parts = _Parts(value)
-    if parts is None:
-        yield name, np.asarray(value)
-        return
-    for key, part in parts.items():
-        yield from _Leaves(part, key)
-
-
-def _Filled(value: Any, arrays: Mapping[str, Array], name: str = "") -> Any:
-    """Returns a tree of parameters in which the arrays of some names are replaced."""
-    parts = _Parts(value)
-    if parts is None:
-        array = arrays.get(name)
-        if array is None:
-            return value
-        return array.item() if array.ndim == 0 else array
-    filled = {key: _Filled(part, arrays, key) for key, part in parts.items()}
-    return filled if isinstance(value, Mapping) else type(value)(**filled)
+def _Filled(
+    parameters: Mapping[str, Any], arrays: Mapping[str, Array]
+) -> dict[str, Any]:
+    """Returns parameters in which the arrays of some names are replaced."""
+    numbers = {name: x if x.ndim else x.item() for name, x in arrays.items()}
+    filled = {}
+    for name, value in parameters.items():
+        fields = getattr(value, "_fields", ())
+        changes = {key: numbers[key] for key in fields if key in numbers}
+        filled[name] = value._replace(**changes) if fields else numbers.get(name, value)
+    return filled

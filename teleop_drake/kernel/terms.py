@@ -113,21 +113,6 @@ def _ValuesOfMode(context: Any) -> Any:
     return ExtractValue(_ModeOf(context)).ravel()
 
 
-def _CallOfValues(law: Law, arguments: Sequence[ValueIn]) -> ValueIn:
-    """Returns the function of a Context that calls a law with values of that Context.
-
-    Laws of one and two arguments are handled separately, which makes a run some per
-    cent faster.
-    """
-    if len(arguments) == 1:
-        (only,) = arguments
-        return lambda context: law(only(context))
-    if len(arguments) == 2:
-        first, second = arguments
-        return lambda context: law(first(context), second(context))
-    return lambda context: law(*[argument(context) for argument in arguments])
-
-
 class ContextReader(TermReader[ValueIn]):
     """Translates terms into functions of a Context.
 
@@ -168,7 +153,7 @@ class ContextReader(TermReader[ValueIn]):
         names: Any = tuple(itertools.takewhile(parameters.__contains__, arguments))
         others = [self.Read(argument) for argument in arguments[len(names) :]]
         if not names and not self._is_compiled:
-            return _CallOfValues(law, others)
+            return lambda context: law(*[other(context) for other in others])
         self.tickets.add(self._block.kernel_parameters.ticket)
         numbers_in = self._block.kernel_parameters.In
         if self._is_compiled:
