@@ -6,7 +6,7 @@ import logging
 import threading
 from collections.abc import Callable, Sequence
 from types import FunctionType
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -55,22 +55,16 @@ class CompiledLaw:
     def __call__(self, *arguments: Any) -> Array:
         """Calls the law."""
         local = self._local
-        if local.call is None:
+        if local.run is None:
             local.num_calls += 1
             if local.num_calls < _COMPILED_CALL:
                 with np.errstate(all="ignore"):  # Machine code does not warn either.
                     return self.law(*arguments)
-            local.call = self._Prepare(arguments)
-        call = local.call
-        if call.run is None:
-            return self.law(*arguments)
-        for place, argument in zip(call.places, arguments, strict=True):
-            place[...] = argument
-        call.run()
-        return call.result.copy()
+            local.run = self._Compiled(arguments)
+        return local.run(*arguments)
 
-    def _Prepare(self, arguments: Sequence[Any]) -> "_Call":
-        """Compiles the law and allocates its arguments; logs why if it cannot."""
+    def _Compiled(self, arguments: Sequence[Any]) -> Law:
+        """Returns the law as machine code, or the law itself, and logs the reason."""
         # A first call in Python gives the shape of the result.
         result = np.array(self.law(*arguments), dtype=float)
         samples = [*self.law.args, *(np.asarray(x, dtype=float) for x in arguments)]
@@ -80,7 +74,7 @@ class CompiledLaw:
             error.function = self.law.func
             error.place = error.place or f"{self.law.func.__name__}()"
             TellOnce(error)
-            return _Call([], None, result)
+            return self.law
         leaves = [x for x in _LeavesOf(samples) if not IsWhole(x)]
         memory = np.concatenate([np.ravel(leaf) for leaf in leaves])
         # The arguments come last.
@@ -88,23 +82,22 @@ class CompiledLaw:
         parts = np.split(memory, len(memory) - sum(sizes) + np.cumsum([0, *sizes]))
         shapes = [np.shape(x) for x in arguments]
         places = [x.reshape(shape) for x, shape in zip(parts[1:], shapes, strict=False)]
-        run = BoundEvaluate(library, memory, result)
-        return _Call(places, run, result)
+        evaluate = BoundEvaluate(library, memory, result)
+
+        def Run(*arguments: Any) -> Array:
+            for place, argument in zip(places, arguments, strict=True):
+                place[...] = argument
+            evaluate()
+            return result.copy()
+
+        return Run
 
 
 class _Local(threading.local):
-    """The state of a law in a thread: its calls so far, and how it is called now."""
+    """The state of a law in a thread: its calls so far, and what is called from now."""
 
     num_calls = 0
-    call: "_Call | None" = None
-
-
-class _Call(NamedTuple):
-    """The arrays and the compiled function of a call of a law."""
-
-    places: list[Array]  # Where arguments go.
-    run: Callable[[], None] | None  # What to call then; None: the law itself.
-    result: Array
+    run: Law | None = None
 
 
 def _LeavesOf(value: Any) -> list[Any]:

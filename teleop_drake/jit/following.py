@@ -28,7 +28,7 @@ from teleop_drake.jit.symbolic_arrays import (
 from teleop_drake.jit.symbols import (
     Untraceable,
 )
-from teleop_drake.jit.traced_numpy import BUILTINS, REPLACED, OfNumpy, Refusing
+from teleop_drake.jit.traced_numpy import BUILTINS, REPLACED, OfNumpy, Refused, Refusing
 from teleop_drake.jit.tracing import Graph, MustJoinCaller
 
 P = ParamSpec("P")
@@ -109,7 +109,7 @@ def Follow(
     owner = type(getattr(value, "__self__", None))
     module = getattr(value, "__module__", None) or owner.__module__
     if callable(value) and f"{module}.".startswith(_CHANGING):
-        return Refusing(value, name, always=True)
+        return Refused(value, name)
     if module.split(".")[0] in ("numpy", "math") and callable(value):
         if hasattr(value, "_implementation") or isinstance(value, np.ufunc):
             return OfNumpy(value)
@@ -126,7 +126,7 @@ def Follow(
         followed = Follow(graph, value.__func__, name, function)
         return functools.partial(followed, value.__self__)
     if isinstance(value, BuiltinFunctionType) and module not in _HARMLESS:
-        return Refusing(value, name, always=True)
+        return Refused(value, name)
     # An array becomes read-only. Any other value is checked for changes at the end.
     if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
         is_real = value.dtype.kind == "f"

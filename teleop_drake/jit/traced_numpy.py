@@ -243,11 +243,19 @@ FUNCTIONS |= {
 }  # fmt: skip
 
 
-class OfNumpy:
-    """A function of numpy, for which a list of Numbers is an array, too."""
+class _Replacement:
+    """What takes the place of a function, and has its attributes."""
 
-    def __init__(self, function: Any):
+    def __init__(self, function: Any, name: str = ""):
         self._function = function
+        self._name = name
+
+    def __getattr__(self, attribute: str) -> Any:
+        return getattr(self._function, attribute)
+
+
+class OfNumpy(_Replacement):
+    """A function of numpy, for which a list of Numbers is an array, too."""
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Any:
         """Calls the function."""
@@ -260,28 +268,26 @@ class OfNumpy:
             keywords["out"] = (keywords["out"],)
         return CallUfunc(function, "__call__", *arguments, **keywords)
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._function, name)
 
-
-class Refusing:
-    """A function that is refused with Numbers, or in any case."""
-
-    def __init__(self, function: Any, name: str, always: bool = False):
-        self._function = function
-        self._name = name
-        self._always = always
+class Refusing(_Replacement):
+    """A function that is refused with Numbers."""
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Any:
         """Calls the function where it is not refused."""
-        if self._always or HasNumbers(arguments) or HasNumbers(keywords):
+        if HasNumbers(arguments) or HasNumbers(keywords):
             raise Untraceable(f"a call of {self._name}()")
         return self._function(*arguments, **keywords)
 
+
+class Refused(_Replacement):
+    """A function that is refused in any case."""
+
+    def __call__(self, *arguments: Any, **keywords: Any) -> Any:
+        """Refuses the call."""
+        raise Untraceable(f"a call of {self._name}()")
+
     def __getattr__(self, attribute: str) -> Any:
-        if self._always:
-            raise Untraceable(f"a use of {self._name}.{attribute}")
-        return getattr(self._function, attribute)
+        raise Untraceable(f"a use of {self._name}.{attribute}")
 
 
 def _IsInstance(value: Any, kinds: Any) -> bool:
@@ -313,7 +319,7 @@ REPLACED: dict[Any, Any] = {
     operator.is_: Refusing(operator.is_, "operator.is_"),
     operator.is_not: Refusing(operator.is_not, "operator.is_not"),
     **{
-        kind: Refusing(kind, name, always=True)
+        kind: Refused(kind, name)
         for kind, name in (
             (datetime.datetime, "datetime"), (datetime.date, "date"),
             (np.datetime64, "np.datetime64"),
@@ -333,7 +339,7 @@ _HAS_EFFECTS = (
 BUILTINS: dict[str, Any] = {
     **vars(builtins),
     **{name: Refusing(getattr(builtins, name), name) for name in _KNOWS_NO_NUMBERS},
-    **{name: Refusing(None, name, always=True) for name in _HAS_EFFECTS},
+    **{name: Refused(None, name) for name in _HAS_EFFECTS},
     "float": _Float, "int": _Whole, "min": _LEAST, "max": _GREATEST,
     "isinstance": _IsInstance,
 }  # fmt: skip
