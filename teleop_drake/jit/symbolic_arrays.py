@@ -146,7 +146,7 @@ def AsFloats(array: Any) -> Numbers:
 
 
 # What numpy's own code hands to a ufunc although it means nothing.
-_DEFAULTS = {"dtype": None, "where": True, "keepdims": False}
+_DEFAULTS = {"where": True, "keepdims": False}
 
 
 def CallUfunc(
@@ -165,25 +165,20 @@ def CallUfunc(
     return out[0]
 
 
-def _Reduced(ufunc: Any, value: Any, **keywords: Any) -> Any:
+def _Reduced(
+    ufunc: Any, value: Any, axis: int | None = 0, dtype: Any = None, **keywords: Any
+) -> Any:
     """Returns what a ufunc makes of the elements along an axis."""
-    given = {
-        name: option
-        for name, option in keywords.items()
-        if name not in _DEFAULTS or option is not _DEFAULTS[name]
-    }
-    axis = given.pop("axis", 0)
+    is_logical = ufunc in (np.logical_and, np.logical_or)
+    is_known = is_logical or (ufunc in UFUNCS and dtype is None)
+    if not is_known or any(x is not _DEFAULTS.get(n, n) for n, x in keywords.items()):
+        raise _IsUnknown(ufunc, keywords)
     array = Objects(value)
-    if ufunc in (np.logical_and, np.logical_or):
-        given.pop("dtype", None)
+    if is_logical:
         reduce = ufunc.reduce  # It asks no more elements than it has to, one by one.
         array = _BOOLEAN(array)
-    elif ufunc in UFUNCS:
-        reduce = UFUNCS[ufunc].reduce
     else:
-        raise _IsUnknown(ufunc, keywords)
-    if given:
-        raise _IsUnknown(ufunc, given)
+        reduce = UFUNCS[ufunc].reduce
     if ufunc is np.add:  # The sum of yes and no is their number.
         array = _REAL(array)
     if axis is None:

@@ -232,9 +232,10 @@ def _Power(a: Any, b: Any) -> Any:
     """Returns a ** b; small powers are products."""
     base = LimitOf(a)
     exponent = LimitOf(b)
-    is_whole = base is not None and exponent is not None
-    if is_whole and exponent * math.log2(max(base, 1.0)) > 53.0:
-        raise Untraceable("a power of whole numbers: write float()")
+    if base is not None and exponent is not None:
+        num_bits = exponent * math.log2(max(base, 1.0))
+        if num_bits > 53.0:
+            raise Untraceable("a power of whole numbers: write float()")
     power = None if isinstance(b, Number) else _Operand(b)
     if power in (0.0, 1.0, 2.0, 3.0, 4.0):
         return math.prod([AsReal(a)] * int(power), start=1.0)

@@ -360,7 +360,7 @@ class _Function(ValueWriter):
         *begin, last = [self._Evaluate(limit) for limit in limits]
         # The counter is not the variable: as in Python, the body does not change it.
         variables = self._variables
-        counter = self.NewName()
+        counter = f"%{self.NewName()}"  # No name of Python's.
         variables[counter] = begin[0] if begin else 0
 
         def WriteBody() -> None:
@@ -373,13 +373,17 @@ class _Function(ValueWriter):
     # Expressions.
 
     def _Evaluate(self, node: ast.expr) -> Any:
-        """Returns the value of an expression, which Python evaluates in the main."""
+        """Returns the value of an expression.
+
+        Python evaluates all but `and`, `or` and `not`, which ask for the truth.
+        """
         match node:
             case ast.BoolOp():
                 return self._Logic(node)
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 opposite = Instruction("not", BOOLEAN, [self._Truth(operand)])
                 return Value(self, BOOLEAN, self.Do(opposite))
+            # Such as a < b < c.
             case ast.Compare(
                 left=left, ops=[op, *more], comparators=[middle, *others]
             ) if more:
@@ -398,7 +402,8 @@ class _Function(ValueWriter):
 
     def _Logic(self, node: ast.BoolOp) -> Value:
         """Returns the result of `and` or `or`, which ask no more than they have to."""
-        name, end = self._NewLabels(2)
+        name = f"%{self.NewName()}"
+        end = self.NewName()
         for operand in node.values:
             truth = self._Truth(operand)
             self._variables[name] = Value(self, BOOLEAN, truth)

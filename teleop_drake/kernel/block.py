@@ -111,10 +111,12 @@ def _DeclareTerms(
         reader = Reader(f"outputs.{output}")
         value = reader.Read(term)
         outputs[output] = value, reader.tickets or {block.nothing_ticket()}
-    block._kernel_outputs = {port: _Callback(block, outputs[port][0]) for port in sizes}
+    block._kernel_outputs = []
     for port, size in sizes.items():
-        callback = Weakly(block._kernel_outputs[port])
-        block.DeclareVectorOutputPort(port, size, callback, outputs[port][1])
+        value, tickets = outputs[port]
+        callback = _Callback(block, value)
+        block._kernel_outputs.append(callback)
+        block.DeclareVectorOutputPort(port, size, Weakly(callback), tickets)
     if kernel.rate is not None:
         block._kernel_rate = Reader("rate").Read(kernel.rate)
 

@@ -26,8 +26,15 @@ def PacketsUntil(delay: Delay, end: float) -> list[Packet]:
             continue
         while packets and packets[-1].shown >= shown:
             packets.pop()
-        previous = packets[-1].sent if delay.extrapolates and packets else -math.inf
-        packets.append(Packet(shown=shown, sent=k * delay.period, previous=previous))
+        previous = -math.inf
+        if delay.extrapolates and packets:
+            previous = packets[-1].sent
+        packet = Packet(
+            shown=shown,
+            sent=k * delay.period,
+            previous=previous,
+        )
+        packets.append(packet)
     return packets
 
 
@@ -94,9 +101,15 @@ class PacketLine:
     """
 
     def __init__(self, block: LeafSystem, delay: Delay, parameter: str):
+        assert delay.shown is not None
         self._delay = delay
+        self._shown = delay.shown
         self._signal = block.GetInputPort(delay.signal)
-        nothing = _Sent(-math.inf, -math.inf, np.array(delay.initial_value, float))
+        nothing = _Sent(
+            shown=-math.inf,
+            sent=-math.inf,
+            value=np.array(delay.initial_value, float),
+        )
         packets = AbstractValue.Make(_Packets(0, (nothing,)))
         self._packets = block.DeclareAbstractState(packets)
         self.tickets = {
@@ -124,7 +137,7 @@ class PacketLine:
         # One that is sent during the next step may arrive within it.
         if number * self._delay.period > self._delay.end:
             return jump
-        return min(jump, self._Shown(number))
+        return min(jump, self._shown(number))
 
     def Eval(self, context: Context) -> Array:
         """Returns the value that is shown."""
@@ -141,14 +154,13 @@ class PacketLine:
     def _PacketsIn(self, context: Context) -> _Packets:
         return context.get_abstract_state(self._packets).get_value()
 
-    def _Shown(self, k: int) -> float:
-        assert self._delay.shown is not None
-        return self._delay.shown(k)
-
     def _Send(self, context: Context, state: State) -> None:
         k = round(context.get_time() / self._delay.period)
-        value = self._signal.Eval(context).copy()
-        packet = _Sent(self._Shown(k), k * self._delay.period, value)
+        packet = _Sent(
+            shown=self._shown(k),
+            sent=k * self._delay.period,
+            value=self._signal.Eval(context).copy(),
+        )
         packets = self._PacketsIn(context).Send(
             k, packet, is_line=self._delay.extrapolates
         )

@@ -152,8 +152,11 @@ def _Leaves(parameters: Mapping[str, Any]) -> dict[str, Array]:
     """Returns the array of every parameter and of every field of one, by its name."""
     leaves = {}
     for name, value in parameters.items():
-        fields = value._asdict() if hasattr(value, "_asdict") else {name: value}
-        leaves.update({key: np.asarray(part) for key, part in fields.items()})
+        fields = {name: value}
+        if hasattr(value, "_asdict"):
+            fields = value._asdict()
+        for key, part in fields.items():
+            leaves[key] = np.asarray(part)
     return leaves
 
 
@@ -161,10 +164,15 @@ def _Filled(
     parameters: Mapping[str, Any], arrays: Mapping[str, Array]
 ) -> dict[str, Any]:
     """Returns parameters in which the arrays of some names are replaced."""
-    numbers = {name: x if x.ndim else x.item() for name, x in arrays.items()}
+    numbers = {}
+    for name, array in arrays.items():
+        numbers[name] = array if array.ndim else array.item()
     filled = {}
     for name, value in parameters.items():
         fields = getattr(value, "_fields", ())
-        changes = {key: numbers[key] for key in fields if key in numbers}
-        filled[name] = value._replace(**changes) if fields else numbers.get(name, value)
+        if fields:
+            changes = {key: numbers[key] for key in fields if key in numbers}
+            filled[name] = value._replace(**changes)
+        else:
+            filled[name] = numbers.get(name, value)
     return filled
