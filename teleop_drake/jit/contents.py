@@ -46,12 +46,9 @@ class Contents:
                 else:
                     pending += parts
 
-    def Shares(self, array: Any) -> bool:
-        """Returns whether an array shares memory with one of the arrays."""
-        return any(
-            isinstance(value, np.ndarray) and AreShared(array, value)
-            for value, _ in self._known.values()
-        )
+    def Shares(self, value: Any) -> bool:
+        """Returns whether a value is one of these, or shares memory with one."""
+        return any(AreShared(value, x) for x, _ in self._known.values())
 
     def Changed(self, with_numbers: bool = True) -> bool:
         """Returns whether anything has changed, or what has no Numbers in it."""
@@ -153,8 +150,9 @@ def _AreSame(before: tuple[Any, ...], after: tuple[Any, ...]) -> bool:
 
 
 def AreShared(a: Any, b: Any) -> bool:
-    """Returns whether two arrays may have elements in common."""
-    return np.may_share_memory(np.asarray(a), np.asarray(b))
+    """Returns whether two values are one, or arrays that may share elements."""
+    are_arrays = isinstance(a, np.ndarray) and isinstance(b, np.ndarray)
+    return a is b or (are_arrays and np.may_share_memory(np.asarray(a), np.asarray(b)))
 
 
 def Reshaped(values: Any, shape: tuple[int, ...]) -> Any:

@@ -8,8 +8,8 @@ Where a function branches on a comparison, it is called once for each result. Th
 results form a tree, and the graph selects the value of the one leaf whose conditions
 hold. All leaves are computed. The calls of each helper are merged separately, so that
 the numbers of leaves add up and do not multiply. A helper is not merged if its branches
-differ in more than numbers, for example in what they append to a list. Its conditions
-then become conditions of its caller.
+differ in more than numbers, for example in what they append to a list, or if it returns
+views of its arguments. Its conditions then become conditions of its caller.
 
 A function is refused if it catches errors, depends on values that change from call to
 call, or passes Numbers to functions that are unknown here. Where Python would raise an
@@ -117,7 +117,6 @@ class Graph:
     joined: set[CodeType] = field(default_factory=set)
     surroundings: dict[int, Any] = field(default_factory=dict)
     _places: dict[Node, Ref] = field(default_factory=dict)
-    _booleans: set[int] = field(default_factory=set)
     _infinite: set[int] = field(default_factory=set)
     # Whether the function that is being traced is one of the package.
     _is_of_package: bool = True
@@ -141,17 +140,14 @@ class Graph:
         if node not in self._places:
             self._CheckCaller()
             self._places[node] = self._Append(node)
-        place = self._places[node]
-        return Number(self, place, place.place in self._booleans)
+        return Number(self, self._places[node], operation in _BOOLEAN)
 
     def _Append(self, node: Node) -> Ref:
         if len(self.nodes) >= _MAX_NODES:
             raise Untraceable("there are too many operations")
         place = len(self.nodes)
         self.nodes.append(node)
-        if node.operation in _BOOLEAN:
-            self._booleans.add(place)
-        elif not self._IsFinite(node):
+        if not self._IsFinite(node):
             self._infinite.add(place)
         return Ref(place)
 
@@ -166,17 +162,16 @@ class Graph:
 
     def _IsFinite(self, node: Node) -> bool:
         """Returns whether a new operation has a finite value."""
+        if node.operation in _BOOLEAN:
+            return True
         if node.operation == "load":
             return self.is_given_finite
         if not self._is_of_package or node.operation not in _FINITE:
             return False
-        for operand in node.arguments:
-            if isinstance(operand, Ref):
-                if operand.place in self._infinite:
-                    return False
-            elif not abs(operand) < math.inf:
-                return False
-        return True
+        return all(
+            x.place not in self._infinite if isinstance(x, Ref) else abs(x) < math.inf
+            for x in node.arguments
+        )
 
     def _CheckCaller(self) -> None:
         """Refuses code that operates on Numbers without being followed."""
@@ -191,10 +186,10 @@ class Graph:
     def Decide(self, condition: Ref) -> bool:
         """Returns the truth of a condition on the branch that is being traced."""
         way = self._way
-        if way is not None and condition in way.answers:
-            return way.answers[condition]
         if way is None:
             raise Untraceable("a condition stands outside of a function")
+        if condition in way.answers:
+            return way.answers[condition]
         self._CheckCaller()
         if len(way.path) == _MAX_LEAVES:  # Each condition adds a leaf.
             raise Untraceable(_TOO_MANY_CASES)
@@ -342,17 +337,20 @@ class _Joint:
         first = column[0]
         if all(x is first for x in column):
             return first
-        if all(isinstance(x, _NUMBERS) or self._IsNew(x) for x in column):
+        if all(isinstance(x, _NUMBERS) or self._IsNewArray(x) for x in column):
             arrays = [Objects(x) for x in column]
             kinds = {(x.shape, any(map(IsBoolean, x.flat))) for x in arrays}
             if len(kinds) == 1:
                 return self.Merged(arrays)[()]
-        elif len({(type(x), isinstance(x, tuple) and len(x)) for x in column}) == 1:
-            kind = type(first)
-            if isinstance(first, tuple):
-                items = [self.Join(items) for items in zip(*column, strict=True)]
-                return kind(*items) if hasattr(kind, "_fields") else kind(items)
-        raise _DifferentError
+        kind = type(first)
+        is_tuple = isinstance(first, tuple)
+        if any(type(x) is not kind for x in column):
+            raise _DifferentError
+        is_new = is_tuple or (kind is list and all(map(self._IsNew, column)))
+        if not is_new or any(len(x) != len(first) for x in column):
+            raise _DifferentError
+        items = [self.Join(items) for items in zip(*column, strict=True)]
+        return kind(*items) if hasattr(kind, "_fields") else kind(items)
 
     def Merged(self, arrays: Sequence[Any]) -> Any:
         """Returns an array of numbers, those of the way whose conditions hold."""
@@ -366,12 +364,14 @@ class _Joint:
         condition, yes, no = tree
         return Where(condition, self._Select(yes, column), self._Select(no, column))
 
-    def _IsNew(self, value: Any) -> bool:
-        """Returns whether a value is an array of numbers that shares no memory."""
+    def _IsNewArray(self, value: Any) -> bool:
         is_array = isinstance(value, np.ndarray) and value.flags.writeable
-        if not is_array or np.asarray(value).dtype.kind not in "fO":
-            return False
-        is_shared = self._known.Shares(value)
-        is_new = not (is_shared or any(AreShared(value, x) for x in self._new))
+        return is_array and np.asarray(value).dtype.kind in "fO" and self._IsNew(value)
+
+    def _IsNew(self, value: Any) -> bool:
+        """Returns whether a list or an array shares nothing with any other one."""
+        is_part = self._known.Shares(value) or any(
+            AreShared(value, x) for x in self._new
+        )
         self._new.append(value)
-        return is_new
+        return not is_part
