@@ -389,7 +389,9 @@ class _Function(ValueWriter):
             ) if more:
                 first = ast.Compare(left, [op], [middle])
                 second = ast.Compare(middle, more, others)
-                both = [ast.copy_location(x, node) for x in (first, second)]
+                both: list[ast.expr] = [first, second]
+                for comparison in both:
+                    ast.copy_location(comparison, node)
                 return self._Logic(ast.BoolOp(ast.And(), both))
         code = compile(ast.Expression(node), self._Where(), "eval")
         return eval(code, self._names, self._variables)

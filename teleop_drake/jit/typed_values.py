@@ -10,14 +10,13 @@ import numpy as np
 
 from teleop_drake.jit.scalar_code import (
     BOOLEAN,
-    COMPARISONS,
     FLOAT,
     INTEGER,
     CodeWriter,
     ConstantText,
     Instruction,
 )
-from teleop_drake.jit.symbols import Symbol
+from teleop_drake.jit.symbols import COMPARISONS, Symbol
 
 EVALUATE = "evaluate"
 """The type of a function `evaluate` as scalar_code makes it."""
