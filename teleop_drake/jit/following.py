@@ -119,12 +119,11 @@ def Follow(
         if value not in graph.followed:
             graph.followed[value] = _Followed(graph, value)
         return graph.followed[value]
+    if isinstance(value, MethodType):
+        value = functools.partial(value.__func__, value.__self__)
     if isinstance(value, functools.partial):
         followed = Follow(graph, value.func, name, function)
         return functools.partial(followed, *value.args, **value.keywords)
-    if isinstance(value, MethodType):
-        followed = Follow(graph, value.__func__, name, function)
-        return functools.partial(followed, value.__self__)
     if isinstance(value, BuiltinFunctionType) and module not in _HARMLESS:
         return Refused(value, name)
     # An array becomes read-only. Any other value is checked for changes at the end.

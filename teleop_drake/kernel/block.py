@@ -273,10 +273,10 @@ def KernelIn(block: KernelBlock, context: Context) -> Kernel:
     """Returns a block's kernel with the parameter values of one of its Contexts."""
     kernel = block.Kernel()
     values = block.kernel_parameters.In(context).values
-    delays = []
-    for delay in kernel.delays:
-        time = values.get(_DelayName(kernel, delay), delay.time)
-        delays.append(replace(delay, time=time))
+    delays = [
+        replace(delay, time=values.get(_DelayName(kernel, delay), delay.time))
+        for delay in kernel.delays
+    ]
     parameters = {name: values[name] for name in kernel.parameters}
     return replace(kernel, parameters=parameters, delays=delays)
 
