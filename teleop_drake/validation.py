@@ -80,7 +80,8 @@ class FixedFields:
 
     def MakeMatrices(self, num_axes: int) -> None:
         """Turns the fields of GainField() into matrices (n, n), except for nulls."""
-        for name, value, *_ in self._FieldsOf(_GAIN):
+        for name in self._Limits(_GAIN):
+            value = getattr(self, name)
             if value is not None:
                 setattr(self, name, GainMatrix(value, num_axes))
 
