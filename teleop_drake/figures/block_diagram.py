@@ -12,14 +12,18 @@ import os
 import re
 import shutil
 import subprocess
-from collections.abc import Callable, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from importlib import metadata
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePath
+from typing import Any, NamedTuple
 
-from pydrake.systems.framework import Diagram, System
+from pydrake.systems.framework import Diagram, InputPortIndex, OutputPortIndex, System
 
 from teleop_drake.files import Replacing
+from teleop_drake.signals import PathsIn
 from teleop_drake.upper import UpperFunction
 from teleop_drake.validation import Refuse
 
@@ -60,18 +64,12 @@ _WIDTH = "fontsize=10, fontcolor=grey40, labeldistance=1.2, labelangle=30"
 _FRAME = "diagram {\ncolor=black"
 _NO_FRAME = "diagram {\ncolor=white"
 
-# The lines of Drake's DOT text that carry the process-wide number of a system.
-_NUMBERED_LINE = re.compile(
-    r"^(digraph _|subgraph clusters?|s)(\d+)((?:in|out|diagram|subsystems)? [\[{])"
-)
-_EDGE_LINE = re.compile(
-    r"^s(\d+)(in|out)?:([uy]?)(\d+):e -> s(\d+)(in|out)?:([uy]?)(\d+):w(?: \[(.*)\];)?$"
-)
-# LCM's node has the address of the object.
-_LCM = re.compile(r"(drakelcminterface)(\d+)(in|out)")
-_BOX_LINE = re.compile(r"^s(\d+) \[")
-_PORT_LINE = re.compile(r'^<TD PORT="([uy]\d+)"[^>]*>(.+)</TD>$')
-_PYTHON_CLASS = re.compile(r"^<B>[^<]*\.(\w+)</B>")
+# What carries the process-wide number of a system or, for LCM, an address.
+_NUMBERED = re.compile(r"(^subgraph clusters?|^s|drakelcminterface)(\d+)", re.M)
+# How Drake begins the parts of a diagram.
+_PARTS = 'color=white\nlabel=""\n'
+_CELL = re.compile(r'^<TD PORT="([uy]\d+)"[^>]*>(.+)</TD>$', re.M)
+_PYTHON_CLASS = re.compile(r"^<B>[^<]*\.(\w+)</B>", re.M)
 
 
 def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
@@ -99,40 +97,84 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
     return _Dot(system, max_depth, {})
 
 
+class _Port(NamedTuple):
+    """A port as it is drawn.
+
+    Attributes:
+        system: The number of its system.
+        index: Among the inputs or the outputs of the system.
+        name: In DOT: `s1:u0`, or `s1in:0` of a diagram that is opened.
+        size: Of its vector.
+    """
+
+    system: int
+    index: int
+    name: str
+    size: int
+
+
+class _Edge(NamedTuple):
+    """A connection in a diagram; one to a port of the diagram itself has a colour."""
+
+    color: str
+    tail: _Port
+    head: _Port
+
+
+@dataclass
+class _Drawn:
+    """A system as DOT text: a box, or a frame with the parts in it."""
+
+    number: str
+    text: str
+    inputs: Sequence[_Port]
+    outputs: Sequence[_Port]
+
+
 def _Dot(system: System, max_depth: int | None, numbers: dict[str, int]) -> str:
     """Returns the DOT text of a system, whose numbers are added to `numbers`."""
+    drawn = _Draw(system, max_depth, numbers)
+    text = _WithoutIdlePorts(drawn, set())
+    lines = [f"digraph _{drawn.number} {{", "rankdir=LR", _STYLE, text]
+    # An LCM may have no box of its own.
+    for node in dict.fromkeys(re.findall(r"-> (drakelcminterface\w+)", text)):
+        if f"\n{node} [" not in text:
+            lines.append(f"{node} [label=LCM]")
+    return "\n".join([*lines, "}\n"])
 
-    def Number(drake_id: str) -> int:
-        return numbers.setdefault(drake_id, len(numbers))
 
-    text: list[str] = []
-    edges: list[_Edge] = []
-    used: set[tuple[int, str]] = set()
-    drawn = system.GetGraphvizString(max_depth=max_depth)
-    widths = _Widths(system, drawn) if max_depth == 1 else {}
-    # A box of LCM begins in the line of another one.
-    for line in re.sub(r";(?=s\d+ \[)", ";\n", drawn).splitlines():
-        edge = _EDGE_LINE.match(line)
-        if edge:
-            edges.append(_Edge(edge, Number, widths))
-            used |= edges[-1].ports
-            continue
-        # The connections of one diagram stand together.
-        text += _Connections(edges)
-        edges = []
-        own = line
-        if "->" in line and not line.startswith("<"):
-            # To what is no system: Meshcat, LCM. An LCM may have no box of its own.
-            own = re.sub(r"\bs(\d+)\b", lambda m: f"s{Number(m[1])}", line)
-            outside = _LCM.search(own)
-            if outside and f"\n{outside[0]} [" not in drawn:
-                own = f"{own}\n{outside[0]} [label=LCM]"
-        own = _LCM.sub(lambda m: f"{m[1]}{Number(m[2])}{m[3]}", own)
-        numbered = _NUMBERED_LINE.sub(lambda m: f"{m[1]}{Number(m[2])}{m[3]}", own)
-        text.append(_PYTHON_CLASS.sub(r"<B>\1</B>", numbered))
-        if line == "rankdir=LR":
-            text.append(_STYLE)
-    return "\n".join(_WithoutIdlePorts(text, used)).rstrip() + "\n"
+def _Draw(system: System, depth: int | None, numbers: dict[str, int]) -> _Drawn:
+    """Returns a system as a box, or opened to a depth; None: opened altogether."""
+
+    def Number(found: re.Match[str]) -> str:
+        return f"{found[1]}{numbers.setdefault(found[2], len(numbers))}"
+
+    Numbered = partial(_NUMBERED.sub, Number)
+    is_open = isinstance(system, Diagram) and depth != 0
+    drake = system.GetGraphvizFragment(max_depth=int(is_open))
+    head, parts, _ = "".join(drake.fragments).partition(_PARTS)
+    text = _PYTHON_CLASS.sub(r"<B>\1</B>", Numbered(head + parts)).rstrip()
+    (number,) = re.findall(r"\d+", text)[:1]
+
+    def Ports(names: Sequence[str], get: Callable[[int], Any]) -> list[_Port]:
+        places = enumerate(map(Numbered, names))
+        return [_Port(int(number), i, name, get(i).size()) for i, name in places]
+
+    inputs = Ports(drake.input_ports, system.get_input_port)
+    outputs = Ports(drake.output_ports, system.get_output_port)
+    drawn = _Drawn(number, text, inputs, outputs)
+    if isinstance(system, Diagram) and is_open:
+        inner = None if depth is None else depth - 1
+        boxes = {x.get_name(): _Draw(x, inner, numbers) for x in system.GetSystems()}
+        drawn.text += _Inside(_Edges(system, drawn, boxes), boxes.values())
+    return drawn
+
+
+def _Inside(edges: Sequence[_Edge], boxes: Iterable[_Drawn]) -> str:
+    """Returns the boxes and the connections in a diagram."""
+    used = {port.name for edge in edges for port in (edge.tail, edge.head)}
+    texts = [_WithoutIdlePorts(box, used) for box in boxes]
+    return "\n".join(["", *texts, *_Connections(edges), "}", "}"])
 
 
 def RenderSvg(system: System, *, max_depth: int | None = None) -> str:
@@ -185,195 +227,150 @@ def WriteDiagram(
 
 def _Render(system: System, max_depth: int | None, file_format: str) -> bytes:
     """Returns the picture of a diagram, and of each in it that is to be opened."""
-    if not isinstance(system, Diagram) or max_depth == 0:
-        return LayOut(DiagramDot(system, max_depth=max_depth), file_format)
-    levels = [system]
-    deepest = [system]
-    depth = 1
-    while deepest and depth != max_depth:
-        parts = [part for outer in deepest for part in outer.GetSystems()]
-        deepest = [part for part in parts if isinstance(part, Diagram)]
-        levels += deepest
-        depth += 1
-    if len(levels) == 1:
-        return LayOut(DiagramDot(system, max_depth=1), file_format)
+    levels = sorted(
+        (len(PurePath(path).parts), i, level)
+        for i, (level, path) in enumerate(PathsIn(system))
+        if isinstance(level, Diagram)
+    )
+    if max_depth is not None:
+        levels = [level for level in levels if level[0] < max_depth]
+    if len(levels) <= 1:
+        depth = 1 if levels else max_depth
+        return LayOut(DiagramDot(system, max_depth=depth), file_format)
     numbers: dict[str, int] = {}
-    text = ["}"]
-    for level in levels:
+    dots = []
+    for _, _, level in levels:
         dot = _Dot(level, 1, numbers)
         # A frame of its own, wide enough for the lines that run around the boxes.
         dot = dot.replace("digraph _", "subgraph cluster_level", 1)
         dot = dot.replace("rankdir=LR", "margin=30", 1)
-        text.append(dot.replace(_FRAME, f"{_NO_FRAME}\nmargin=8", 1))
-    text += [_BELOW_EACH_OTHER, "rankdir=LR", "digraph levels {"]
-    return LayOut("\n".join(reversed(text)), file_format)
+        dots.append(dot.replace(_FRAME, f"{_NO_FRAME}\nmargin=8", 1))
+    head = ["digraph levels {", "rankdir=LR", _BELOW_EACH_OTHER]
+    return LayOut("\n".join([*head, *reversed(dots), "}"]), file_format)
 
 
-class _Edge:
-    """One connection in Drake's DOT text, with the systems renumbered."""
-
-    def __init__(
-        self,
-        line: re.Match[str],
-        number: Callable[[str], int],
-        widths: Mapping[tuple[str, str], int],
-    ):
-        self.source = number(line[1])
-        self.target = number(line[5])
-        tail = line[3] + line[4]
-        head = line[7] + line[8]
-        self.tail = _End(f"s{self.source}", line[2], tail, "e")
-        self.head = _End(f"s{self.target}", line[6], head, "w")
-        # Drake marks the lines that lead to the ports of the diagram itself.
-        self.attributes = line[9] or ""
-        width = widths.get((line[1], tail), 1)
-        # A number beside a wire is the width of its vector.
-        self.label = f'taillabel="{width}", {_WIDTH}' if width > 1 else ""
-        self.ports = {(self.source, tail), (self.target, head)}
-        ends = (self.source, int(line[4])), (self.target, int(line[8]))
-        self.order = (bool(self.attributes), *ends)
-
-
-class _End:
-    """Where a connection meets a box, and where it turns if it runs back."""
-
-    def __init__(self, system: str, side: str | None, port: str, compass: str):
-        # A diagram that is opened has a node for its inputs and one for its outputs.
-        node = system + (side or "")
-        self.port = f"{node}:{port}:{compass}"
-        turn = f"{node}_{port}_turn"
-        self.turn = [f"{turn} [shape=point, width=0.02]"]
-        # Outside and inside: towards the box, and towards the other turn.
-        self.outside = self.inside = turn
-        # The turn lies above or below a closed box. Dot cannot do so with an opened
-        # one, so there it lies beside it.
-        if not side:
-            self.turn.append(f"{{rank=same; {node}; {turn}}}")
-            self.outside += f":{compass}"
-            self.inside += ":w" if compass == "e" else ":e"
-
-
-def _WithoutIdlePorts(text: list[str], used: set[tuple[int, str]]) -> list[str]:
-    """Leaves out ports that nothing is connected to, of boxes with many.
-
-    Args:
-        used: What something is connected to: the system and the port, as `u0` or `y0`.
-    """
-    result: list[str] = []
-    begin = box = 0
-    for line in text:
-        result.append(line)
-        header = _BOX_LINE.match(line)
-        if header:
-            begin = len(result)
-            box = int(header[1])
-        elif line == ">];" and begin:
-            cells = [x for x in map(_PORT_LINE.match, result[begin:]) if x]
-            sides = [[x for x in cells if x[1][0] == side] for side in "uy"]
-            if max(map(len, sides)) > _MOST_PORTS:
-                shown = [[x for x in side if (box, x[1]) in used] for side in sides]
-                first = result.index("<TR>", begin)
-                result[first:-2] = _PortRows(*map(_Cells, shown, map(len, sides)))
-            begin = 0
-    return result
-
-
-def _Cells(used: list[re.Match[str]], count: int) -> list[str]:
-    """Returns the cells of the ports that are used, and how many others there are."""
-    cells = [f'<TD PORT="{port[1]}" BORDER="1">{port[2]}</TD>' for port in used]
-    rest = count - len(used)
-    if rest > 0:
-        text = f"{rest} more" if used else f"{rest} ports"
-        cells.append(f'<TD BORDER="1"><FONT COLOR="grey">{text}</FONT></TD>')
-    return cells
-
-
-def _PortRows(inputs: list[str], outputs: list[str]) -> list[str]:
-    """Returns the rows of a box; where a side has fewer cells, the last is higher."""
+def _WithoutIdlePorts(drawn: _Drawn, used: Container[str]) -> str:
+    """Returns the text without ports that are not used, if it is a box with many."""
+    sides = (drawn.inputs, drawn.outputs)
+    is_box = not drawn.text.startswith("subgraph")
+    if not is_box or max(map(len, sides)) <= _MOST_PORTS:
+        return drawn.text
+    labels = dict(_CELL.findall(drawn.text))
+    columns = []
+    for side in sides:
+        shown = [x.name.split(":")[1] for x in side if x.name in used]
+        cells = [f'PORT="{port}" BORDER="1">{labels[port]}' for port in shown]
+        rest = len(side) - len(shown)
+        if rest > 0:
+            count = f"{rest} more" if shown else f"{rest} ports"
+            cells.append(f'BORDER="1"><FONT COLOR="grey">{count}</FONT>')
+        columns.append(cells)
+    height = max(map(len, columns))
     rows = []
-    for i in range(max(len(inputs), len(outputs))):
+    for i in range(height):
         rows.append("<TR>")
-        for cells, other in ((inputs, outputs), (outputs, inputs)):
+        for cells in columns:
+            # Where a side has fewer cells, the last is higher.
             if i < len(cells):
-                height = len(other) - i if i == len(cells) - 1 else 1
-                rows.append(cells[i].replace("<TD", f'<TD ROWSPAN="{max(height, 1)}"'))
+                span = height - i if i == len(cells) - 1 else 1
+                rows.append(f'<TD ROWSPAN="{span}" {cells[i]}</TD>')
         rows.append("</TR>")
-    return rows
+    head, _, rest_of_text = drawn.text.partition("<TR>\n")
+    _, end, tail = rest_of_text.rpartition("</TABLE>")
+    return head + "\n".join([*rows, end + tail])
 
 
-def _Widths(system: System, dot: str) -> dict[tuple[str, str], int]:
-    """Returns the widths of vectors by Drake's number of a system and the port.
-
-    Args:
-        system: A system whose parts are boxes.
-        dot: Drake's text, in which they stand in their order.
-    """
-    parts = system.GetSystems() if isinstance(system, Diagram) else []
-    parts = [part for part in parts if type(part).__name__ != "LcmInterfaceSystem"]
-    numbers = re.findall(r"(?:^|;)s(\d+) \[", dot, re.MULTILINE)
-    widths = {}
-    for part, number in zip(parts, numbers, strict=False):
-        for i in range(part.num_output_ports()):
-            widths[number, f"y{i}"] = part.get_output_port(i).size()
-    (own,) = re.findall(r"subgraph clusters?(\d+)(?:diagram)? \{", dot)[:1] or [""]
-    for i in range(system.num_input_ports()):
-        widths[own, str(i)] = system.get_input_port(i).size()
-    return widths
-
-
-def _Connections(edges: list[_Edge]) -> list[str]:
-    """The DOT text of the connections inside one diagram."""
+def _Edges(system: Diagram, own: _Drawn, parts: Mapping[str, _Drawn]) -> list[_Edge]:
+    """Returns the connections in a diagram, those to its own ports last."""
+    edges = []
+    for (target, i), (source, k) in system.connection_map().items():
+        tail = parts[source.get_name()].outputs[k]
+        edges.append(_Edge("", tail, parts[target.get_name()].inputs[i]))
+    for port in own.inputs:
+        for target, i in system.GetInputPortLocators(InputPortIndex(port.index)):
+            edges.append(_Edge("color=blue", port, parts[target.get_name()].inputs[i]))
+    for port in own.outputs:
+        source, k = system.get_output_port_locator(OutputPortIndex(port.index))
+        tail = parts[source.get_name()].outputs[k]
+        edges.append(_Edge(_EXPORTED_OUTPUT, tail, port))
     # Drake's own order follows the addresses of the systems in memory.
-    edges = sorted(edges, key=lambda edge: edge.order)
+    return sorted(edges)
+
+
+def _Connections(edges: Sequence[_Edge]) -> list[str]:
+    """Returns the DOT text of the connections inside one diagram."""
     feedback = _Feedback(edges)
     text: list[str] = []
-    drawn: set[str] = set()
+    turned: set[str] = set()
     labelled: set[str] = set()
     for edge in edges:
-        tail = edge.tail
-        head = edge.head
-        label = f", {edge.label}" if edge.label and tail.port not in labelled else ""
-        labelled.add(tail.port)
-        if edge.attributes:
-            attributes = edge.attributes.replace("color=green", _EXPORTED_OUTPUT)
-            text.append(f"{tail.port} -> {head.port} [{attributes}{label}]")
-        elif (edge.source, edge.target) not in feedback:
+        tail = edge.tail.name
+        head = edge.head.name
+        label = ""
+        if edge.tail.size > 1 and tail not in labelled:
+            label = f', taillabel="{edge.tail.size}", {_WIDTH}'
+            labelled.add(tail)
+        if edge.color or (edge.tail.system, edge.head.system) not in feedback:
             # The weight keeps the forward path straight.
-            text.append(f"{tail.port} -> {head.port} [weight=10{label}]")
-        else:
-            # A line with two turns, in pieces of which none runs against the layout:
-            # dot leads only such lines cleanly between the boxes.
-            if tail.port not in drawn:
-                text += tail.turn
-                text.append(f"{tail.port} -> {tail.outside} [{_NO_ARROW}{label}]")
-                drawn.add(tail.port)
-            text += head.turn
-            text.append(f"{head.inside} -> {tail.inside} [{_NO_ARROW}]")
-            text.append(f"{head.outside} -> {head.port}")
+            look = edge.color or "weight=10"
+            text.append(f"{tail}:e -> {head}:w [{look}{label}]")
+            continue
+        # A line with two turns, in pieces of which none runs against the layout:
+        # dot leads only such lines cleanly between the boxes.
+        tail_turn = _Turn(tail, "e", "w")
+        head_turn = _Turn(head, "w", "e")
+        if tail not in turned:
+            text += tail_turn.text
+            text.append(f"{tail}:e -> {tail_turn.outside} [{_NO_ARROW}{label}]")
+            turned.add(tail)
+        text += head_turn.text
+        text.append(f"{head_turn.inside} -> {tail_turn.inside} [{_NO_ARROW}]")
+        text.append(f"{head_turn.outside} -> {head}:w")
     return text
 
 
-def _Feedback(edges: list[_Edge]) -> set[tuple[int, int]]:
-    """The pairs of systems whose connection closes a loop, by depth-first search."""
-    successors: dict[int, list[int]] = {}
-    for edge in edges:
-        if not edge.attributes:
-            successors.setdefault(edge.source, []).append(edge.target)
-    feedback: set[tuple[int, int]] = set()
-    done: set[int] = set()
+class _Turn:
+    """Where a connection that runs back turns, beside one of its ports.
 
-    def Visit(system: int, upstream: tuple[int, ...]) -> None:
-        upstream += (system,)
-        for successor in successors.get(system, []):
-            if successor in upstream:
+    Attributes:
+        text: The turn in DOT.
+        outside, inside: Where it is met by the line from the port, and by the line
+            from the other turn.
+    """
+
+    def __init__(self, port: str, outside: str, inside: str):
+        turn = f"{port.replace(':', '_')}_turn"
+        self.text = [f"{turn} [shape=point, width=0.02]"]
+        self.outside = self.inside = turn
+        node = port.partition(":")[0]
+        # The turn lies above or below a closed box. Dot cannot do so with an opened
+        # one, so there it lies beside it.
+        if not node.endswith(("in", "out")):
+            self.text.append(f"{{rank=same; {node}; {turn}}}")
+            self.outside += f":{outside}"
+            self.inside += f":{inside}"
+
+
+def _Feedback(edges: Sequence[_Edge]) -> set[tuple[int, int]]:
+    """Returns the pairs of systems whose connection closes a loop."""
+    successors = defaultdict(list)
+    for edge in edges:
+        if not edge.color:
+            successors[edge.tail.system].append(edge.head.system)
+    feedback = set()
+    done = set()
+
+    # A search in depth.
+    def Visit(system: int, *upstream: int) -> None:
+        for successor in successors[system]:
+            if successor in (system, *upstream):
                 feedback.add((system, successor))
             elif successor not in done:
-                Visit(successor, upstream)
+                Visit(successor, system, *upstream)
         done.add(system)
 
     for system in sorted(successors):
-        if system not in done:
-            Visit(system, ())
+        Visit(system)
     return feedback
 
 
