@@ -26,11 +26,13 @@ class Curve(NamedTuple):
         time: (T,) in s; a time that stands twice is a jump.
         x: (T,) position in m along the direction that is shown.
         y: (T, k).
+        diverges: Whether the run does.
     """
 
     time: Array
     x: Array
     y: Array
+    diverges: bool = False
 
 
 def CurveAt(run: Recording, normal_W: Array | None, signal: str, time: Array) -> Curve:
@@ -46,41 +48,39 @@ def SampleCurve(
     components: Sequence[int] | None = None,
 ) -> Curve:
     """Returns a signal at the samples and, of a single component, between them."""
-    time = run.time
-    columns = slice(None) if components is None else components
-    rows = Curve(
-        time,
-        time if normal_W is None else run["tool_position"] @ normal_W,
-        run[signal][:, columns],
-    )
-    if rows.y.shape[1] > 1 or time[0] == time[-1]:
-        return rows  # Telemetry, which is slow.
-    instants = np.linspace(time[0], time[-1], _NUM_POINTS)
-    even = CurveAt(run, normal_W, signal, np.setdiff1d(instants, time))
-    even = even._replace(y=even.y[:, columns])
+    columns = range(run[signal].shape[1]) if components is None else components
+    # Of several components, which are telemetry, the samples are enough.
+    num_points = _NUM_POINTS if len(columns) == 1 else 0
+    instants = np.linspace(run.time[0], run.time[-1], num_points)
+    between = np.setdiff1d(instants, run.time)
+    every = np.concatenate([run.time, between])
     # Stable: the two sides of a jump stay in their order.
-    order = np.argsort(np.concatenate([time, even.time]), kind="stable")
-    both = zip(rows, even, strict=True)
-    return Curve(*(np.concatenate(parts)[order] for parts in both))
+    order = np.argsort(every, kind="stable")
+    time = every[order]
+
+    def Dense(name: str) -> Array:
+        values = np.concatenate([run[name], run.Interpolate(name, between)])
+        return np.asarray(values[order])
+
+    x = time if normal_W is None else Dense("tool_position") @ normal_W
+    return Curve(time, x, Dense(signal)[:, columns], run.termination == "diverged")
 
 
-def RangeOf(
-    runs: Sequence[Recording], curves: Sequence[Curve], commands: Sequence[Curve] = ()
-) -> Interval:
+def RangeOf(curves: Sequence[Curve], commands: Sequence[Curve] = ()) -> Interval:
     """Returns the range that shows the runs, those that diverge only in part.
 
     A run that diverges widens the range by as much as it is, on either side, at most.
     """
-    calm: list[Array] = []
-    wild: list[Array] = []
-    for run, curve in zip(runs, curves, strict=True):
-        (wild if run.termination == "diverged" else calm).append(curve.y)
-    if not calm:
+    shown = [curve.y for curve in curves if not curve.diverges]
+    if not shown:
         # What is left is the time before it becomes hopeless.
-        calm = [curve.y[curve.time <= 0.8 * curve.time[-1]] for curve in curves]
-    shown = np.concatenate([y.ravel() for y in (*calm, *(x.y for x in commands))])
-    every = np.concatenate([shown, *(y.ravel() for y in wild)])
-    low = float(shown.min())
-    high = float(shown.max())
+        shown = [curve.y[curve.time <= 0.8 * curve.time[-1]] for curve in curves]
+    shown += [curve.y for curve in commands]
+    every = shown + [curve.y for curve in curves]
+    low = float(min(map(np.min, shown)))
+    high = float(max(map(np.max, shown)))
     width = high - low
-    return max(float(every.min()), low - width), min(float(every.max()), high + width)
+    return (
+        max(float(min(map(np.min, every))), low - width),
+        min(float(max(map(np.max, every))), high + width),
+    )

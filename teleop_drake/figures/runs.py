@@ -5,6 +5,7 @@ involved and no global setting changes. Colours are those of Okabe and Ito, whic
 colour-blind people can tell apart; line styles tell the runs apart in grey print.
 """
 
+import itertools
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -30,7 +31,13 @@ from teleop_drake.figures.selection import (
 from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Look
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import Task, TaskOf
-from teleop_drake.tasks.panels import AxisName, AxisPanels, NormalOfRuns, SignalRow
+from teleop_drake.tasks.panels import (
+    AxisName,
+    AxisPanels,
+    AxisRow,
+    NormalOfRuns,
+    SignalRow,
+)
 from teleop_drake.validation import IsGiven, Refuse
 
 _ROW_HEIGHT = 1.2  # inches
@@ -140,20 +147,20 @@ class _Panel(NamedTuple):
 
 def _AxisRows(recording: Recording, panels: AxisPanels) -> list[list[_Panel]]:
     """Returns panels against time: a column for each task axis."""
-    rows: list[list[_Panel]] = []
-    for row in panels.rows:
-        rows.append([])
-        for k in range(recording["tool_position"].shape[1]):
-            curves = [SampleCurve(recording, None, x, [k]) for x in row.signals]
-            if row.reference:
-                curves = [
-                    x._replace(
-                        y=x.y - recording.Interpolate(row.reference, x.time)[:, [k]]
-                    )
-                    for x in curves
-                ]
-            rows[-1].append(_Panel(f"{row.label} ${AxisName(k)}$", row.unit, curves))
-    return rows
+
+    def CurveOf(row: AxisRow, signal: str, k: int) -> Curve:
+        curve = SampleCurve(recording, None, signal, [k])
+        if not row.reference:
+            return curve
+        reference = recording.Interpolate(row.reference, curve.time)
+        return curve._replace(y=curve.y - reference[:, [k]])
+
+    def PanelOf(row: AxisRow, k: int) -> _Panel:
+        curves = [CurveOf(row, signal, k) for signal in row.signals]
+        return _Panel(f"{row.label} ${AxisName(k)}$", row.unit, curves)
+
+    num_axes = recording["tool_position"].shape[1]
+    return [[PanelOf(row, k) for k in range(num_axes)] for row in panels.rows]
 
 
 def _PlotAgainstTime(
@@ -172,11 +179,8 @@ def _PlotAgainstTime(
     )
     for (i, j), ax in np.ndenumerate(axes):
         panel = rows[i][j]
-        y_range = RangeOf([recording] * len(panel.curves), panel.curves)
-        scale, unit = style.ScaleAndUnit(y_range, panel.unit)
-        style.FormatAxes(ax)
-        ax.set_ylim(style.Widen(y_range, scale))
-        ax.set_ylabel(f"{panel.label}\n[{unit}]" if unit else panel.label)
+        scale, unit = _SetRange([ax], RangeOf(panel.curves), panel.unit)
+        ax.set_ylabel(panel.label + unit)
         lines = [(curve.time, y) for curve in panel.curves for y in curve.y.T]
         for k, (t, y) in enumerate(lines):
             ax.plot(t, y * scale, **style.RunStyle(k))
@@ -188,8 +192,22 @@ def _PlotAgainstTime(
     return figure
 
 
+def _SetRange(axes: Sequence[Axes], y_range: Interval, unit: str) -> tuple[float, str]:
+    """Shows a range in panels; returns its scale, and the unit on a line of its own."""
+    scale, shown_unit = style.ScaleAndUnit(y_range, unit)
+    for ax in axes:
+        style.FormatAxes(ax)
+        ax.set_ylim(style.Widen(y_range, scale))
+    return scale, f"\n[{shown_unit}]" if shown_unit else ""
+
+
 def PlotRows(
-    recordings: Mapping[str, Recording], rows: Sequence[SignalRow], *, columns: int = 2
+    recordings: Mapping[str, Recording],
+    rows: Sequence[SignalRow],
+    *,
+    columns: int = 2,
+    width: float | None = None,
+    row_height: float = _ROW_HEIGHT,
 ) -> Figure:
     """Plots signals of runs together, one row of panels each.
 
@@ -198,15 +216,18 @@ def PlotRows(
         rows: The signals, from top to bottom.
         columns: Columns of a printed page that the figure spans, 1 or 2; in one there
             are no panels against the position.
+        width: Of the figure, inches; None: that of the columns.
+        row_height: Of a row of panels, inches; rows of runs below others are lower.
     """
-    places = _PlacesOf(len(recordings), columns)
+    shown = _Runs(recordings)
+    places = shown.Places(columns)
     num_banks = math.ceil(len(places) / _MAX_BESIDE)
-    row_height = _ROW_HEIGHT if num_banks == 1 else _LOW_ROW_HEIGHT
+    height = row_height if num_banks == 1 else _LOW_ROW_HEIGHT
     figure, grid = MakePanels(
         num_banks * len(rows),
         math.ceil(len(places) / num_banks),
-        height=row_height * num_banks * len(rows) + 0.7,
-        width=style.WidthOf(columns),
+        height=height * num_banks * len(rows) + 0.7,
+        width=width or style.WidthOf(columns),
         share_x="col",
         share_y="row",
         # Aligned labels may end up a little further out than the layout reckons.
@@ -217,10 +238,6 @@ def PlotRows(
     for ax in axes[:, len(places) :].flat:
         ax.set_visible(False)
     axes = axes[:, : len(places)]
-    shown = _Runs(recordings)
-    # These hold for the whole column.
-    for place, ax in zip(places, axes[0], strict=True):
-        ax.set_xlim(shown.x_limits if place.is_position else TimeLimits(shown.runs))
     for k, row in enumerate(rows):
         label = shown.DrawRow(axes[k], places, row)
         if num_banks > 1:  # A low panel has no room for a name and its symbol.
@@ -228,14 +245,11 @@ def PlotRows(
         for ax in grid[k :: len(rows), 0]:
             ax.set_ylabel(label)
     for place, column in zip(places, axes.T, strict=True):
-        lowest = [ax for ax in column if ax.get_visible()][-1:]
-        for ax in lowest:
+        for ax in [ax for ax in column if ax.get_visible()][-1:]:
             ax.tick_params(labelbottom=True)
-            ax.set_xlabel(shown.x_label if place.is_position else "time [s]")
-        if place.is_position:
-            for boundary, names in shown.boundaries.items():
-                x = boundary * shown.x_scale
-                style.NameAbove(column[0], x, "\n".join(names))
+            ax.set_xlabel(place.label)
+        for x, name in place.boundaries.items():
+            style.NameAbove(column[0], x, name)
     if len(places) > 2:
         _TitleMultiples(axes[0], recordings)
     figure.align_ylabels(grid[:, 0])
@@ -245,57 +259,72 @@ def PlotRows(
 
 
 class _Place(NamedTuple):
-    """A column of panels: the numbers of the runs in it, and what they are against."""
+    """A column of panels.
+
+    Attributes:
+        runs: The numbers of the runs in it.
+        label, limits: Of what they are against, in the unit shown.
+        scale: Of the position that they are against; 0: they are against time.
+        boundaries: The names of the surfaces by where they are, in the unit shown.
+    """
 
     runs: Sequence[int]
-    is_position: bool = False
+    label: str
+    limits: Interval
+    scale: float = 0.0
+    boundaries: Mapping[float, str] = {}
 
-
-def _PlacesOf(num_runs: int, columns: int) -> list[_Place]:
-    """Returns the columns of panels of a figure.
-
-    Three runs can be told apart in one panel. More have a column each, on a page as
-    long as they fit there.
-    """
-    everyone = range(num_runs)
-    if _MAX_OVERLAID < num_runs <= _MAX_MULTIPLES and columns == 2:
-        return [_Place([i]) for i in everyone]
-    return [_Place(everyone), _Place(everyone, True)][:columns]
+    def X(self, curve: Curve) -> Array:
+        """Returns what a curve is drawn against."""
+        return curve.x * self.scale if self.scale else curve.time
 
 
 class _Runs:
-    """The runs of a figure, and what their panels against the position share.
-
-    Attributes:
-        runs: In their order.
-        x_limits, x_scale, x_label: Of the position; the scale gives the unit shown.
-        boundaries: The names of the surfaces by where they are, m.
-    """
+    """The runs of a figure, and the direction along which positions are shown."""
 
     def __init__(self, recordings: Mapping[str, Recording]) -> None:
-        self.runs = list(recordings.values())
-        self._normal_W = NormalOfRuns(self.runs)
+        self._runs = list(recordings.values())
+        self._normal_W = NormalOfRuns(self._runs)
+        self._boundaries: dict[float, list[str]] = {}
+        for run, name in itertools.product(self._runs, (PUNCTURE, CONTACT)):
+            surface = run.FindSurface(name)
+            if surface is not None and (surface.normal_W == self._normal_W).all():
+                x = float(surface.Along(surface.point_W))
+                names = self._boundaries.setdefault(x, [])
+                names += [name] if name not in names else []
+
+    def Places(self, columns: int) -> list[_Place]:
+        """Returns the columns of panels of a figure.
+
+        Three runs can be told apart in one panel. More have a column each, on a page as
+        long as they fit there.
+        """
+        everyone = range(len(self._runs))
+        against_time = _Place(everyone, "time [s]", TimeLimits(self._runs))
+        if _MAX_OVERLAID < len(everyone) <= _MAX_MULTIPLES and columns == 2:
+            return [against_time._replace(runs=[i]) for i in everyone]
+        if columns == 1:
+            return [against_time]
         positions = [
             x._replace(y=x.x[:, None]) for x in self._Curves("tool_position", [0])
         ]
-        x_range = RangeOf(self.runs, positions)
-        self.x_scale, unit = style.ScaleAndUnit(x_range, "m")
-        self.x_limits = style.Widen(x_range, self.x_scale)
-        self.x_label = f"{_PositionName(self._normal_W)} [{unit}]"
-        self.boundaries: dict[float, list[str]] = {}
-        for run in self.runs:
-            for name in (PUNCTURE, CONTACT):
-                surface = run.FindSurface(name)
-                if surface is None or (surface.normal_W != self._normal_W).any():
-                    continue
-                place = float(surface.Along(surface.point_W))
-                names = self.boundaries.setdefault(place, [])
-                if name not in names and x_range[0] <= place <= x_range[1]:
-                    names.append(name)
+        low, high = RangeOf(positions)
+        scale, unit = style.ScaleAndUnit((low, high), "m")
+        against_position = _Place(
+            everyone,
+            f"{_PositionName(self._normal_W)} [{unit}]",
+            style.Widen((low, high), scale),
+            scale,
+            {
+                x * scale: "\n".join(names) if low <= x <= high else ""
+                for x, names in self._boundaries.items()
+            },
+        )
+        return [against_time, against_position]
 
     def _Curves(self, signal: str, components: Sequence[int]) -> list[Curve]:
         return [
-            SampleCurve(run, self._normal_W, signal, components) for run in self.runs
+            SampleCurve(run, self._normal_W, signal, components) for run in self._runs
         ]
 
     def DrawRow(
@@ -304,8 +333,7 @@ class _Runs:
         """Draws a signal into its row of panels, and returns its name and unit."""
         curves = self._Curves(row.signal, row.components)
         commands = self._Commands(row.command)
-        y_range = RangeOf(self.runs, curves, commands)
-        scale, unit = style.ScaleAndUnit(y_range, row.unit)
+        scale, unit = _SetRange(row_axes, RangeOf(curves, commands), row.unit)
         # The position that the right column is against has no panel there.
         is_x = (
             row.signal == "tool_position"
@@ -313,22 +341,20 @@ class _Runs:
             and self._normal_W[row.components[0]] == 1
         )
         for place, ax in zip(places, row_axes, strict=True):
-            style.FormatAxes(ax)
-            ax.set_ylim(style.Widen(y_range, scale))
+            ax.set_xlim(place.limits)
             for command in [commands[i] for i in place.runs if commands]:
-                x = self._X(place, command)
+                x = place.X(command)
                 ax.plot(x, command.y * scale, **_COMMAND_STYLE, zorder=1)
             for i in place.runs:
                 self._DrawRun(ax, place, row, i, curves[i], scale)
-            for boundary in self.boundaries:
-                if place.is_position:
-                    ax.axvline(boundary * self.x_scale, **style.BOUNDARY_STYLE)
-                elif is_x:
-                    ax.axhline(boundary * scale, **style.BOUNDARY_STYLE)
-            ax.set_visible(not (place.is_position and is_x))
-        if len(row.components) > 1:
-            _AddComponentLegend(row_axes[0], row)
-        return f"{row.label}\n[{unit}]" if unit else row.label
+            for x in place.boundaries:
+                ax.axvline(x, **style.BOUNDARY_STYLE)
+            for y in self._boundaries if is_x else ():
+                ax.axhline(y * scale, **style.BOUNDARY_STYLE)
+            ax.set_visible(not (place.scale and is_x))
+        if row_axes[0].get_legend_handles_labels()[1]:
+            row_axes[0].legend(ncols=2, fontsize=SMALL_FONT_SIZE, frameon=False)
+        return row.label + unit
 
     def _Commands(self, component: int | None) -> list[Curve]:
         """Returns a component of each run's commands; none if there is no component."""
@@ -340,11 +366,8 @@ class _Runs:
                 run["tool_position"] @ self._normal_W,
                 run.commands[:, [component]],
             )
-            for run in self.runs
+            for run in self._runs
         ]
-
-    def _X(self, place: _Place, curve: Curve) -> Array:
-        return curve.x * self.x_scale if place.is_position else curve.time
 
     def _DrawRun(
         self,
@@ -356,12 +379,11 @@ class _Runs:
         scale: float,
     ) -> None:
         """Draws run i, its first puncture and contact, and where it diverges."""
-        run = self.runs[i]
-        x = self._X(place, curve)
+        run = self._runs[i]
+        x = place.X(curve)
         is_single = len(row.components) == 1
-        for k, y in enumerate(curve.y.T):
-            line = style.RunStyle(i) if is_single else _ComponentStyle(row, k)
-            if len(place.runs) < len(self.runs):
+        for line, y in zip(_Looks(row, i), curve.y.T, strict=True):
+            if len(place.runs) < len(self._runs):
                 line["linestyle"] = "-"  # There is nothing to tell it from.
             ax.plot(x, y * scale, **line)
         if not is_single:
@@ -370,10 +392,10 @@ class _Runs:
             first = np.array(run.EventTimes(event)[:1])
             if first.size:
                 mark = CurveAt(run, self._normal_W, row.signal, first)
-                y = mark.y[:, row.components[0]] * scale
+                y = mark.y[:, row.components] * scale
                 look = style.EventStyle(marker, style.RunColor(i))
-                ax.plot(self._X(place, mark), y, **look)
-        if run.termination == "diverged":
+                ax.plot(place.X(mark), y, **look)
+        if curve.diverges:
             end_x = np.clip(x[-1:], *ax.get_xlim())
             end_y = np.clip(curve.y[-1] * scale, *ax.get_ylim())
             ax.plot(end_x, end_y, **style.EndStyle(i), clip_on=False)
@@ -401,48 +423,49 @@ def _TelemetryRows(recording: Recording) -> list[SignalRow]:
             unit=unit,
             signal=signal,
             components=range(recording[signal].shape[1]),
-            symbol=symbol,
-            groups=groups,
+            symbol=r"\Psi",
+            groups=axes,
         )
-        for signal, label, unit, symbol, groups in (
-            ("psi", r"$\Psi$", "1/kg", r"\Psi", ()),
-            ("weights_1", "weights $W_1$", "m/s²", "W_1", axes),
-            ("weights_3", "weights $W_3$", "N/s", "W_3", axes),
+        for signal, label, unit in (
+            ("psi", r"$\Psi$", "1/kg"),
+            ("weights_1", "weights $W_1$", "m/s²"),
+            ("weights_3", "weights $W_3$", "N/s"),
         )
         if signal in recording.signals
     ]
 
 
-def _ComponentStyle(row: SignalRow, k: int) -> Look:
-    """Returns how component k of a signal is drawn."""
-    count = len(row.components)
-    if count <= _MAX_NAMED_COMPONENTS:
-        line = style.LINES[k % len(style.LINES)]
-        return {"color": style.RunColor(k), "linestyle": line, "linewidth": 1.1}
-    group = k * len(row.groups) // count if row.groups else k
-    color = style.RunColor(group)
-    return {"color": color, "linestyle": "-", "linewidth": 0.6}
+def _Looks(row: SignalRow, run: int) -> list[Look]:
+    """Returns how each component of a signal is drawn.
 
-
-def _AddComponentLegend(ax: Axes, row: SignalRow) -> None:
-    """Names the components of a signal in a panel, or the groups of them."""
+    A single one is told apart by its run. Others, or the groups of them, are named.
+    """
     count = len(row.components)
-    names = []
+    if count == 1:
+        return [style.RunStyle(run)]
     if count <= _MAX_NAMED_COMPONENTS:
         size = math.isqrt(count)  # Matrices are recorded row by row.
-        numbers = [str(k + 1) for k in range(count)]
+        names = [str(k + 1) for k in range(count)]
         if size * size == count and row.signal == "psi":
-            numbers = [f"{i + 1}{j + 1}" for i in range(size) for j in range(size)]
-        names = [(k, f"${row.symbol}_{{{x}}}$") for k, x in enumerate(numbers)]
-    elif row.groups:
-        each = count // len(row.groups)
-        names = [
-            (i * each, f"{each} of {name}" if len(row.groups) > 1 else f"all {each}")
-            for i, name in enumerate(row.groups)
+            names = [f"{i + 1}{j + 1}" for i in range(size) for j in range(size)]
+        return [
+            style.RunStyle(k) | {"label": f"${row.symbol}_{{{name}}}$"}
+            for k, name in enumerate(names)
         ]
-    if names:
-        handles = [style.Key(label, **_ComponentStyle(row, k)) for k, label in names]
-        ax.legend(handles=handles, ncols=2, fontsize=SMALL_FONT_SIZE, frameon=False)
+    groups = row.groups or ["_"] * count
+    each = count // len(groups)
+    looks: list[Look] = []
+    for i, name in enumerate(groups):
+        look = {"color": style.RunColor(i), "linewidth": 0.6}
+        label = f"{each} of {name}" if len(groups) > 1 else f"all {each}"
+        looks += [look | {"label": label}, *([look] * (each - 1))]
+    return looks
+
+
+def _Divergence(run: Recording) -> str:
+    """Returns when a run diverges, in words; "" if it does not."""
+    is_diverged = run.termination == "diverged"
+    return f"diverges at {run.time[-1]:.3g} s" if is_diverged else ""
 
 
 def _TitleMultiples(
@@ -450,12 +473,10 @@ def _TitleMultiples(
 ) -> None:
     """Writes above each column of panels which run it has, and how that ends."""
     for i, (name, run) in enumerate(recordings.items()):
-        title = "\n".join(textwrap.wrap(name, 14, break_long_words=False))
-        if run.termination == "diverged":
-            title += f"\ndiverges at {run.time[-1]:.3g} s"
         ax = row_axes[i]
-        color = style.RunColor(i)
-        ax.set_title(title, fontsize=SMALL_FONT_SIZE, color=color)
+        title = textwrap.fill(name, 14, break_long_words=False)
+        title = f"{title}\n{_Divergence(run)}".rstrip()
+        ax.set_title(title, fontsize=SMALL_FONT_SIZE, color=style.RunColor(i))
         ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
 
 
@@ -464,12 +485,10 @@ def _RunKeys(recordings: Mapping[str, Recording]) -> list[Line2D]:
     keys = []
     names = style.ShortLabels(list(recordings))
     for i, (name, run) in enumerate(zip(names, recordings.values(), strict=True)):
-        label = name
-        line = style.RunStyle(i)
-        if run.termination == "diverged":
-            line |= {**style.EndStyle(i), "linestyle": line["linestyle"]}
-            label += f" (diverges at {run.time[-1]:.3g} s)"
-        keys.append(style.Key(label, **line))
+        end = _Divergence(run)
+        cross = style.EndStyle(i) if end else {}
+        look = {**cross, **style.RunStyle(i)}
+        keys.append(style.Key(f"{name} ({end})" if end else name, **look))
     return keys
 
 

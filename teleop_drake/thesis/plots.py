@@ -43,20 +43,20 @@ ROW_HEIGHT = 1.9  # inches
 LEGEND_HEIGHT = 0.7  # inches
 
 
-def TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, list[Axes]]:
+def TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, Sequence[Axes]]:
     """Returns empty panels against time, with first puncture and contact marked."""
     height = ROW_HEIGHT * num_rows + LEGEND_HEIGHT
     figure, panels = MakePanels(num_rows, 1, height=height, share_x="all")
-    axes = list(panels[:, 0])
+    axes = panels[:, 0]
     for ax in axes:
         FormatAxes(ax)
-        ax.set_xlim(0.0, float(recording.time[-1]))
-        for name in ("puncture", "contact"):
-            for time in recording.EventTimes(name)[:1]:
-                ax.axvline(time, **BOUNDARY_STYLE)
-                if ax is axes[0]:
-                    NameAbove(ax, time, name)
+    axes[0].set_xlim(0.0, float(recording.time[-1]))
     axes[-1].set_xlabel("time [s]")
+    for name in ("puncture", "contact"):
+        for time in recording.EventTimes(name)[:1]:
+            NameAbove(axes[0], time, name)
+            for ax in axes:
+                ax.axvline(time, **BOUNDARY_STYLE)
     return figure, axes
 
 
@@ -97,34 +97,30 @@ def _DrawStiffness(
     ax: Axes, surfaces: Sequence[Surface], low: float, high: float
 ) -> None:
     """Draws the force of the springs, in mN, from low to high (both in m)."""
-    starts = [float(surface.point_W[0]) for surface in surfaces]
     FormatAxes(ax)
-    # Both sides of a jump.
+    ax.set_ylabel("stiffness force [mN]")
+    starts = [float(surface.point_W[0]) for surface in surfaces]
     edges = [low, *(start for start in starts if low < start < high), high]
-    x = []
-    force = []
+    x: list[float] = []
+    force: list[float] = []
     for begin, end in itertools.pairwise(edges):
         material = MaterialAt(surfaces, [begin])
         assert material is not None
+        # Both sides of a jump.
         x += [begin, end]
         force += [material.Force(begin, 0.0), material.Force(end, 0.0)]
-    ax.plot(np.array(x) * 1e3, np.array(force) * 1e3, color=COLORS[0])
-    ax.set_ylabel("stiffness force [mN]")
-    ends = [*starts[1:], high]
-    for surface, start, end in zip(surfaces, starts, ends, strict=True):
-        if end <= low or start >= high or surface.material is None:
-            continue
-        if start > low:
-            ax.axvline(start * 1e3, **BOUNDARY_STYLE)
+        if begin > low:
+            ax.axvline(begin * 1e3, **BOUNDARY_STYLE)
         ax.annotate(
-            surface.material.name,
-            (max(start, low) * 1e3, 1.0),
+            material.name,
+            (begin * 1e3, 1.0),
             xycoords=("data", "axes fraction"),
             xytext=(3, 0),
             textcoords="offset points",
             va="bottom",
             fontsize=SMALL_FONT_SIZE,
         )
+    ax.plot(np.array(x) * 1e3, np.array(force) * 1e3, color=COLORS[0])
 
 
 # Chapter 3: tracking, and the disturbance with its estimate.
@@ -169,71 +165,64 @@ def PlotBoth(
         "direct force": both.direct.recording,
         "adaptive": both.adaptive.recording,
     }
-    figure = PlotRows(recordings, rows)
-    figure.set_size_inches(WIDTH, ROW_HEIGHT * n + LEGEND_HEIGHT)
-    if signal == "tool_position":
-        # The panels against x go; those against time take their place.
-        for left, right in zip(figure.axes[::2], figure.axes[1::2], strict=True):
-            cell = left.get_subplotspec()
-            assert cell is not None
-            left.set_subplotspec(cell.get_gridspec()[cell.rowspan.start, :])
-            right.remove()
-    return figure
+    # The position is shown against time alone.
+    columns = 1 if signal == "tool_position" else 2
+    return PlotRows(
+        recordings, rows, columns=columns, width=WIDTH, row_height=ROW_HEIGHT
+    )
 
 
 def PlotPsi(runs: ThesisRuns, task: str) -> Figure:
     """Plots the entries of Psi, and below how far each is from its initial value."""
     recording = runs(task, ADAPTIVE).recording
+    psi = recording["psi"]
     n = recording.scenario.num_axes
     figure, (above, below) = TimeFigure(recording, 2)
-    # Psi hardly moves; the second panel magnifies by how much.
-    change = recording["psi"] - recording["psi"][0]
+    handles = []
     for k in range(n * n):
         label = rf"$\Psi_{{{k // n + 1}{k % n + 1}}}$" if n > 1 else r"$\Psi$"
-        above.plot(recording.time, recording["psi"][:, k], **RunStyle(k), label=label)
-        below.plot(recording.time, change[:, k], **RunStyle(k))
+        handles += above.plot(recording.time, psi[:, k], **RunStyle(k), label=label)
+        # Psi hardly moves; this panel magnifies by how much.
+        below.plot(recording.time, psi[:, k] - psi[0, k], **RunStyle(k))
     above.set_ylabel(r"$\Psi$ [1/kg]")
     below.set_ylabel(r"$\Psi - \Psi_0$ [1/kg]")
-    _AddLegend(figure, above.get_lines()[-n * n :])
+    _AddLegend(figure, handles)
     return figure
 
 
 def PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
     """Plots weights in the colour of their centre's x, the style of its distance."""
     recording = runs(task, ADAPTIVE).recording
-    scenario = recording.scenario
-    n = scenario.num_axes
-    network = scenario.controller.network
+    network = recording.scenario.controller.network
     centres, _ = equidistant_lattice(network.lower, network.upper, network.count)
-    weights = recording[signal].reshape(-1, n, len(centres))
-    x_values = np.unique(centres[:, 0])
+    places, colors = np.unique(centres[:, 0], return_inverse=True)
     # Centres on either side of the straight path look alike.
-    distances = np.round(np.linalg.norm(centres[:, 1:], axis=1), 9)
-    distance_values = np.unique(distances)
-    colors = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, len(x_values)))
-    name, unit = {"weights_1": ("W_1", "m/s²"), "weights_3": ("W_3", "N/s")}[signal]
+    sides = np.round(np.linalg.norm(centres[:, 1:], axis=1), 9)
+    distances, dashes = np.unique(sides, return_inverse=True)
+    palette = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, len(places)))
 
-    def Style(x: float, distance: float) -> dict[str, Any]:
-        rank = int(np.searchsorted(distance_values, distance))
+    def Look(color: int, dash: int) -> dict[str, Any]:
         return {
-            "color": colors[np.searchsorted(x_values, x)],
-            "linestyle": LINES[rank % len(LINES)],
-            "linewidth": 1.1 if rank == 0 else 0.7,
+            "color": palette[color],
+            "linestyle": LINES[dash % len(LINES)],
+            "linewidth": 1.1 if dash == 0 else 0.7,
         }
 
+    n = recording.scenario.num_axes
+    weights = recording[signal].reshape(-1, n, len(centres))
+    name, unit = {"weights_1": ("W_1", "m/s²"), "weights_3": ("W_3", "N/s")}[signal]
     figure, axes = TimeFigure(recording, n)
     for k, ax in enumerate(axes):
-        for i, (centre, distance) in enumerate(zip(centres, distances, strict=True)):
-            ax.plot(recording.time, weights[:, k, i], **Style(centre[0], distance))
+        for i, (color, dash) in enumerate(zip(colors, dashes, strict=True)):
+            ax.plot(recording.time, weights[:, k, i], **Look(color, dash))
         ax.set_ylabel(f"weights ${name}$, {AxisName(k)} [{unit}]")
-    handles = [Key(f"$x$ = {1e3 * x:.4g} mm", **Style(x, 0.0)) for x in x_values]
-    if len(distance_values) > 1:
-        handles += [
-            Key(
-                rf"$y$ = {'±' if y else ''}{1e3 * y:.4g} mm",
-                **Style(x_values[0], y) | {"color": "black"},
-            )
-            for y in distance_values
-        ]
+    handles = [
+        Key(f"$x$ = {1e3 * x:.4g} mm", **Look(i, 0)) for i, x in enumerate(places)
+    ]
+    if len(distances) == 1:
+        distances = distances[:0]
+    for i, y in enumerate(distances):
+        label = rf"$y$ = {'±' if y else ''}{1e3 * y:.4g} mm"
+        handles.append(Key(label, **Look(0, i) | {"color": "black"}))
     _AddLegend(figure, handles, "centre of the Gaussian at")
     return figure
