@@ -4,8 +4,9 @@ As those of figures.runs, they belong to the caller, and runs.SaveFigure
 writes them.
 """
 
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -15,13 +16,14 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MultipleLocator
+from scipy.optimize import linear_sum_assignment
 
 from teleop_drake.analysis.operating_point import POSITION, OperatingPoints
 from teleop_drake.analysis.point_stability import PointStability
 from teleop_drake.analysis.stability import StabilityAnalysis
 from teleop_drake.analysis.stability_chart import StabilityChart
 from teleop_drake.analysis.transparency import FeltStiffness, Transparency
-from teleop_drake.arrays import Array, ComplexArray
+from teleop_drake.arrays import Array, ComplexArray, Interval
 from teleop_drake.blocks.environments import ShownNormal
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakePanels, NameAxes, NameColumns, Panels
@@ -213,14 +215,11 @@ def PlotStableDelays(
     ]
     if not rows:
         Refuse("operating points", [], "one or more")
-    # A bar for each operating point, with the stable part in colour.
     height = 0.6 + 0.26 * len(rows) + 0.35
     figure, axes = MakePanels(1, 1, height=height)
     ax = axes[0, 0]
     for i, (_, point) in enumerate(rows):
-        ax.barh(i, point.max_delay, 0.7, color=_UNSTABLE, zorder=1)
-        for begin, end in point.stable_delays:
-            ax.barh(i, end - begin, 0.7, begin, color=_STABLE, zorder=2)
+        _DrawDelays(ax.barh, i, 0.7, point.max_delay, point.stable_delays)
     for analysis in analyses:
         for delay in {point.delay for point in analysis.points}:
             ax.axvline(delay, color="black", linewidth=0.8, zorder=3)
@@ -237,6 +236,19 @@ def PlotStableDelays(
     return figure
 
 
+def _DrawDelays(
+    draw: Callable[..., Any],
+    place: float,
+    width: float,
+    max_delay: float,
+    stable: Iterable[Interval],
+) -> None:
+    """Draws a bar with the stable delays in colour, by Axes.bar or Axes.barh."""
+    draw(place, max_delay, width, color=_UNSTABLE, zorder=1)
+    for begin, end in stable:
+        draw(place, end - begin, width, begin, color=_STABLE, zorder=2)
+
+
 def PlotStabilityChart(chart: StabilityChart) -> Figure:
     """Maps stable round-trip delays over the values of a key of the scenario.
 
@@ -248,39 +260,32 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
     """
     if len(chart.values) < 2:
         Refuse(chart.key, chart.values, "a list of two values or more")
-    # A panel for each point; along the path one for all of them.
     names = chart.PointNames()
-    is_path = chart.key == POSITION
-    along = "along the path"
-    if is_path:
-        commanding = chart.PointNames(with_force_mode=False)
-        along += ", velocity commanded" * (names != commanding)
-        names = commanding
-    panels = [names] if is_path else [[name] for name in names]
-    titles = [along] if is_path else names
-    figure, axes = _Panels(1, titles, 1.4 * _ROW_HEIGHT + 0.4)
-    # A column of bars for each value.
-    edges = style.CellEdges(chart.values)
-    for ax, panel in zip(axes[0], panels, strict=True):
-        for name in panel:
-            for i, intervals in enumerate(chart.StableDelays(name)):
-                if intervals is None:
-                    continue
-                cell = {"width": edges[i + 1] - edges[i], "align": "edge", "lw": 0}
-                ax.bar(edges[i], chart.max_delay, color=_UNSTABLE, zorder=1, **cell)
-                for begin, end in intervals:
-                    where = {"bottom": begin, "color": _STABLE, "zorder": 2}
-                    ax.bar(edges[i], end - begin, **cell, **where)
-        delays = [analysis.points[0].delay for analysis in chart.analyses]
-        ax.stairs(delays, edges, baseline=None, color="black", lw=0.8, zorder=3)
-        ax.set_xlim(style.MapLimits(chart.values))
-        ax.set_ylim(0, chart.max_delay)
+    panels = {name: [name] for name in names}
     label = style.AxisLabel(chart.key)
-    if is_path:
+    if chart.key == POSITION:
+        commanding = chart.PointNames(with_force_mode=False)
+        along = "along the path" + ", velocity commanded" * (names != commanding)
+        panels = {along: commanding}
         scenario = chart.analyses[0].scenario
         is_x = ShownNormal(scenario.Surfaces(), scenario.num_axes)[0] == 1
         direction = "x" if is_x else "along the surface's normal"
         label = f"tool position {direction} [m]"
+    figure, axes = _Panels(1, list(panels), 1.4 * _ROW_HEIGHT + 0.4)
+    # A column of bars for each value.
+    edges = style.CellEdges(chart.values)
+    centres = (edges[1:] + edges[:-1]) / 2
+    delays = [analysis.points[0].delay for analysis in chart.analyses]
+    for ax, panel in zip(axes[0], panels.values(), strict=True):
+        for name in panel:
+            intervals = chart.StableDelays(name)
+            columns = zip(centres, np.diff(edges), intervals, strict=True)
+            for centre, width, stable in columns:
+                if stable is not None:
+                    _DrawDelays(ax.bar, centre, width, chart.max_delay, stable)
+        ax.stairs(delays, edges, baseline=None, color="black", lw=0.8, zorder=3)
+        ax.set_xlim(style.MapLimits(chart.values))
+        ax.set_ylim(0, chart.max_delay)
     NameAxes(axes, label, "round-trip delay [s]")
     AddLegend(figure, _STABILITY_KEYS, ncols=3)
     return figure
@@ -454,14 +459,9 @@ def _BodeFrequencies(point: PointStability, count: int = 1500) -> Array:
 def _TrackedLoci(point: PointStability, w: Array) -> ComplexArray:
     """Returns the eigenloci (K, m), each one continuous."""
     loci = eigenloci(point.loop, w)
-    if loci.shape[1] == 1:
-        return loci
-    for k in range(1, len(w)):
-        rest = list(loci[k])
-        # Relative to the size: near a pole of L they are far apart.
-        for i, before in enumerate(loci[k - 1]):
-            j = int(np.argmin([abs(value - before) for value in rest]))
-            loci[k, i] = rest.pop(j)
+    for before, now in itertools.pairwise(loci):
+        _, order = linear_sum_assignment(np.abs(before[:, np.newaxis] - now))
+        now[:] = now[order]
     return loci
 
 
