@@ -60,9 +60,8 @@ _NO_ARROW = "dir=none, arrowsize=0"
 # How the width of a vector stands on its wire.
 _WIDTH = "fontsize=10, fontcolor=grey40, labeldistance=1.2, labelangle=30"
 
-# How the frame of a diagram begins in Drake's DOT text, and without a line.
-_FRAME = "diagram {\ncolor=black"
-_NO_FRAME = "diagram {\ncolor=white"
+# Dot's frame of a diagram is made for its boxes; lines that run around them fit too.
+_FRAME = "margin=40"
 
 # What carries the process-wide number of a system or, for LCM, an address.
 _NUMBERED = re.compile(r"(^subgraph clusters?|^s|drakelcminterface)(\d+)", re.M)
@@ -94,7 +93,8 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
     # Drake ends the process on a negative depth.
     if max_depth is not None and max_depth < 0:
         Refuse("max_depth", max_depth, "null, 0 or positive")
-    return _Dot(system, max_depth, {})
+    drawn = _Draw(system, max_depth, {})
+    return _Graph(f"_{drawn.number}", [_WithoutIdlePorts(drawn, set())])
 
 
 class _Port(NamedTuple):
@@ -131,16 +131,14 @@ class _Drawn:
     outputs: Sequence[_Port]
 
 
-def _Dot(system: System, max_depth: int | None, numbers: dict[str, int]) -> str:
-    """Returns the DOT text of a system, whose numbers are added to `numbers`."""
-    drawn = _Draw(system, max_depth, numbers)
-    text = _WithoutIdlePorts(drawn, set())
-    lines = [f"digraph _{drawn.number} {{", "rankdir=LR", _STYLE, text]
+def _Graph(name: str, drawings: Iterable[str]) -> str:
+    """Returns a graph of its own with some systems in it."""
+    text = "\n".join([f"digraph {name} {{", "rankdir=LR", _STYLE, *drawings])
     # An LCM may have no box of its own.
     for node in dict.fromkeys(re.findall(r"-> (drakelcminterface\w+)", text)):
         if f"\n{node} [" not in text:
-            lines.append(f"{node} [label=LCM]")
-    return "\n".join([*lines, "}\n"])
+            text += f"\n{node} [label=LCM]"
+    return text + "\n}\n"
 
 
 def _Draw(system: System, depth: int | None, numbers: dict[str, int]) -> _Drawn:
@@ -174,7 +172,7 @@ def _Inside(edges: Sequence[_Edge], boxes: Iterable[_Drawn]) -> str:
     """Returns the boxes and the connections in a diagram."""
     used = {port.name for edge in edges for port in (edge.tail, edge.head)}
     texts = [_WithoutIdlePorts(box, used) for box in boxes]
-    return "\n".join(["", *texts, *_Connections(edges), "}", "}"])
+    return "\n".join(["", *texts, *_Connections(edges), "}", _FRAME, "}"])
 
 
 def RenderSvg(system: System, *, max_depth: int | None = None) -> str:
@@ -238,15 +236,9 @@ def _Render(system: System, max_depth: int | None, file_format: str) -> bytes:
         depth = 1 if levels else max_depth
         return LayOut(DiagramDot(system, max_depth=depth), file_format)
     numbers: dict[str, int] = {}
-    dots = []
-    for _, _, level in levels:
-        dot = _Dot(level, 1, numbers)
-        # A frame of its own, wide enough for the lines that run around the boxes.
-        dot = dot.replace("digraph _", "subgraph cluster_level", 1)
-        dot = dot.replace("rankdir=LR", "margin=30", 1)
-        dots.append(dot.replace(_FRAME, f"{_NO_FRAME}\nmargin=8", 1))
-    head = ["digraph levels {", "rankdir=LR", _BELOW_EACH_OTHER]
-    return LayOut("\n".join([*head, *reversed(dots), "}"]), file_format)
+    drawings = [_Draw(level, 1, numbers).text for _, _, level in levels]
+    dot = _Graph("levels", [_BELOW_EACH_OTHER, *reversed(drawings)])
+    return LayOut(dot, file_format)
 
 
 def _WithoutIdlePorts(drawn: _Drawn, used: Container[str]) -> str:
@@ -383,28 +375,15 @@ def LayOut(dot: str, file_format: str) -> bytes:
             "so that `dot` is on the PATH, or `pip install graphviz-pure`; a path that "
             "ends in .dot needs neither"
         )
-    # Dot's frame of a diagram is made for the boxes in it, and lines that run
-    # around them leave it. The picture is made for both.
-    inner = dot.replace(_FRAME, _NO_FRAME, 1)
-    picture = _RunDot(program, inner, file_format)
-    if inner == dot:
-        return picture
+    command = [program, f"-T{file_format}"]
     if file_format == "png":
-        return _FramedPng(picture)
-    none = rb'stroke="(none|transparent)"'
-    return re.sub(none, b'stroke="black"', picture, count=1)
-
-
-def _FramedPng(png: bytes) -> bytes:
-    """Draws a line around a picture."""
-    from PIL import Image, ImageDraw
-
-    image = Image.open(io.BytesIO(png)).convert("RGB")
-    width, height = image.size
-    ImageDraw.Draw(image).rectangle((2, 2, width - 3, height - 3), outline=0, width=3)
-    file = io.BytesIO()
-    image.save(file, format="png", dpi=(_PNG_DPI, _PNG_DPI))
-    return file.getvalue()
+        command.append(f"-Gdpi={_PNG_DPI}")
+    run = subprocess.run(command, input=dot.encode(), capture_output=True, check=False)
+    if run.returncode != 0 or not run.stdout:
+        reason = run.stderr.decode(errors="replace").strip()
+        raise RuntimeError(f"{program} wrote no {file_format}: {reason}")
+    # A PNG has no such text.
+    return run.stdout.replace(_FONTS, _MORE_FONTS)
 
 
 def _EmbeddedDot() -> str | None:
@@ -415,18 +394,6 @@ def _EmbeddedDot() -> str | None:
         return None
     programs = [str(f.locate()) for f in files if f.stem == "graphviz-pure"]
     return programs[0] if programs else None
-
-
-def _RunDot(program: str, dot: str, file_format: str) -> bytes:
-    command = [program, f"-T{file_format}"]
-    if file_format == "png":
-        command.append(f"-Gdpi={_PNG_DPI}")
-    run = subprocess.run(command, input=dot.encode(), capture_output=True, check=False)
-    if run.returncode != 0 or not run.stdout:
-        reason = run.stderr.decode(errors="replace").strip()
-        raise RuntimeError(f"{program} wrote no {file_format}: {reason}")
-    # A PNG has no such text.
-    return run.stdout.replace(_FONTS, _MORE_FONTS)
 
 
 def _SvgToPdf(svg: bytes) -> bytes:

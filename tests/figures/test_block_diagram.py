@@ -126,7 +126,7 @@ def test_dot_text_has_a_style_and_leads_feedback_around_the_boxes():
         "subgraph cluster0diagram {",
     ]
     assert "<B>Actuator</B><BR/>" in lines  # Without its module.
-    assert lines[-12:] == [
+    assert lines[-13:] == [
         "s1:y0:e -> s2:u0:w [weight=10]",
         "s2_y0_turn [shape=point, width=0.02]",
         "{rank=same; s2; s2_y0_turn}",
@@ -137,6 +137,7 @@ def test_dot_text_has_a_style_and_leads_feedback_around_the_boxes():
         "s1_u0_turn:w -> s1:u0:w",
         "s2:y0:e -> s0out:0:w [color=palegreen3, penwidth=0.7]",
         "}",
+        "margin=40",
         "}",
         "}",
     ]
@@ -277,7 +278,7 @@ def test_levels_stand_below_each_other_on_a_page():
     # The frames: one below the other, even on the left, and the whole is the first.
     frames = sorted(
         [tuple(map(float, point.split(","))) for point in points.split()]
-        for points in re.findall(r"cluster_level.*?points=\"(.*?)\"", svg, re.S)
+        for points in re.findall(r"cluster\d+diagram.*?points=\"(.*?)\"", svg, re.S)
     )
     tops, bottoms = (sorted(f(y for _, y in x) for x in frames) for f in (min, max))
     assert len(tops) == 4 and all(map(float.__lt__, bottoms, tops[1:]))
