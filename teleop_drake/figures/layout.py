@@ -41,7 +41,6 @@ def MakePanels(
         )
     for ax in axes.flat:
         ax.tick_params(labelsize=SMALL_FONT_SIZE, width=0.6, length=2.5)
-        ax.spines[["top", "right"]].set_visible(False)
         ax.spines[["left", "bottom"]].set_linewidth(0.6)
     return figure, axes
 

@@ -47,50 +47,39 @@ def SelectRows(
         Refuse("signals", [], "the name of one signal or more")
     selected: list[SignalRow] = []
     for signal in signals:
-        sizes = [recording[signal].shape[1] for recording in recordings]
         own = [row for row in rows if row.signal == signal]
-        if len(recordings) > 1:
-            own = own or _PacketRows(signal, recordings[0])
-        selected += own or _RowsOf(signal, sizes, len(recordings))
+        selected += own or _RowsOf(signal, recordings)
     return selected
 
 
-def _PacketRows(signal: str, recording: Recording) -> list[SignalRow]:
-    """Returns a row for each component of a packet; none if they have no names."""
-    parts = recording.Components(signal, recording[signal].shape[1])
-    return [
-        SignalRow(
-            label=f"{part}\n{signal.rpartition('_')[2]}",
-            unit=PartUnit(part),
-            signal=signal,
-            components=[k],
-        )
-        for k, part in enumerate(parts)
-        if isinstance(part, str)
-    ]
-
-
-def _RowsOf(signal: str, sizes: Sequence[int], num_runs: int) -> list[SignalRow]:
+def _RowsOf(signal: str, recordings: Sequence[Recording]) -> list[SignalRow]:
     """Returns rows for a signal that a task does not show of itself."""
+    sizes = [recording[signal].shape[1] for recording in recordings]
     if len(set(sizes)) > 1:
         Refuse("signals", signal, f"of one size in all runs, not of {sorted(sizes)}")
-    (size,) = set(sizes)
+    size = sizes[0]
     unit = UnitOf(signal)
     name = signal.replace("_", " ")
-    if num_runs == 1 and size > 1 and unit is None:
-        row = SignalRow(label=name, unit="", signal=signal, components=range(size))
-        return [dataclasses.replace(row, symbol="c")]
-    if size > _MAX_ROWS:
+    if len(sizes) == 1 and size > 1 and unit is None:
+        everything = range(size)
+        return [
+            SignalRow(
+                label=name, unit="", signal=signal, components=everything, symbol="c"
+            )
+        ]
+    parts = recordings[0].Components(signal, size)
+    axes = AxesOf(size) if unit is not None else tuple(map(str, range(1, size + 1)))
+    if isinstance(parts[0], str):  # A packet.
+        labels = [f"{part}\n{signal.rpartition('_')[2]}" for part in parts]
+        units = [PartUnit(part) for part in parts]
+    elif size > _MAX_ROWS:
         Refuse("signals", signal, f"of {_MAX_ROWS} components at most to compare runs")
-    names = AxesOf(size) if unit is not None else tuple(map(str, range(1, size + 1)))
+    else:
+        labels = [f"{name} ${axis}$" if size > 1 else name for axis in axes]
+        units = [AxisUnit(unit or "", axis) for axis in axes]
     return [
-        SignalRow(
-            label=f"{name} ${names[k]}$" if size > 1 else name,
-            unit=AxisUnit(unit or "", names[k]),
-            signal=signal,
-            components=[k],
-        )
-        for k in range(size)
+        SignalRow(label=label, unit=own_unit, signal=signal, components=[k])
+        for k, (label, own_unit) in enumerate(zip(labels, units, strict=True))
     ]
 
 

@@ -285,13 +285,12 @@ def CellEdges(centres: Array) -> Array:
     """Returns the boundaries (N + 1) of cells around ascending centres (N)."""
     if len(centres) == 1:
         return np.asarray(centres[0] + np.array([-0.5, 0.5]))
-    inner = (centres[1:] + centres[:-1]) / 2
-    first = 2 * centres[0] - inner[0]
-    last = 2 * centres[-1] - inner[-1]
-    return np.concatenate([[first], inner, [last]])
+    # The outermost cells reach as far to either side.
+    padded = np.pad(centres, 1, mode="reflect", reflect_type="odd")
+    return np.asarray((padded[1:] + padded[:-1]) / 2)
 
 
-def MapLimits(centres: Sequence[float] | np.ndarray) -> Interval:
+def MapLimits(centres: Array) -> Interval:
     """Returns where a map ends: at the outermost values, which halves their cells.
 
     No cell then reaches to where nothing was looked at.
@@ -299,7 +298,5 @@ def MapLimits(centres: Sequence[float] | np.ndarray) -> Interval:
     Args:
         centres: The values, ascending; a single one has the whole of its cell.
     """
-    if len(centres) == 1:
-        first, last = CellEdges(np.asarray(centres))
-        return float(first), float(last)
-    return float(centres[0]), float(centres[-1])
+    ends = CellEdges(centres) if len(centres) == 1 else centres
+    return float(ends[0]), float(ends[-1])

@@ -5,7 +5,7 @@ SI prefixes where that makes them readable.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -23,19 +23,20 @@ class ThesisFigure:
     """One figure.
 
     Attributes:
-        number: As in the thesis, for instance "4.1".
+        number: As in the thesis, for instance "4.1"; "" of what several tasks have.
         title: What it shows, in a few words.
         caption: How to read it.
-        make: Makes it: a matplotlib Figure, or the Diagram to be drawn.
+        make: Makes it: a matplotlib Figure, or the Diagram to be drawn. What several
+            tasks have takes the `task` as well.
         task: The scenario whose runs it shows; "" if it shows no run.
         live: The signals that the report plots of runs made there; none: it has a
             picture.
     """
 
-    number: str
+    number: str = ""
     title: str
     caption: str
-    make: Callable[[ThesisRuns], Figure | Diagram]
+    make: Callable[..., Figure | Diagram]
     task: str = ""
     live: Sequence[str] = ()
 
@@ -74,22 +75,9 @@ def WritePicture(
     return paths
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Kind:
-    """What figures of several tasks show.
+# What figures of several tasks show.
 
-    Attributes:
-        title, caption, live: As in ThesisFigure; the caption does not tell the task.
-        make: Makes the figure of a `task` from runs.
-    """
-
-    title: str
-    caption: str
-    make: Callable[..., Figure]
-    live: Sequence[str] = ()
-
-
-_TRACKING = _Kind(
+_TRACKING = ThesisFigure(
     title="Tracking",
     caption="Position of the tool and the trajectory that it is to follow.",
     make=partial(
@@ -99,7 +87,7 @@ _TRACKING = _Kind(
         unit="m",
     ),
 )
-_DISTURBANCE = _Kind(
+_DISTURBANCE = ThesisFigure(
     title="Disturbance and its estimate",
     caption="The force and what the network makes of it.",
     make=partial(
@@ -109,7 +97,7 @@ _DISTURBANCE = _Kind(
         unit="N",
     ),
 )
-_VELOCITY = _Kind(
+_VELOCITY = ThesisFigure(
     title="Velocity of the tool",
     caption="Velocity of the tool with either controller, and in grey what the surgeon "
     "commands.",
@@ -118,7 +106,7 @@ _VELOCITY = _Kind(
     ),
     live=["tool_velocity"],
 )
-_SENSED_FORCE = _Kind(
+_SENSED_FORCE = ThesisFigure(
     title="Sensed force",
     caption="Force of the robot on its environment, as the sensor at the tool reads "
     "it.",
@@ -130,7 +118,7 @@ _SENSED_FORCE = _Kind(
     ),
     live=["environment_force"],
 )
-_CONTROL_FORCE = _Kind(
+_CONTROL_FORCE = ThesisFigure(
     title="Control force",
     caption="Force that the controller asks of the robot: the delayed haptic force "
     "under direct force, the state of the backstepping law otherwise.",
@@ -142,7 +130,7 @@ _CONTROL_FORCE = _Kind(
     ),
     live=["control_force"],
 )
-_WEIGHTS_1 = _Kind(
+_WEIGHTS_1 = ThesisFigure(
     title="Weights of the first network",
     caption=(
         "Weights for the unknown dynamics of the robot and its environment, a curve"
@@ -151,7 +139,7 @@ _WEIGHTS_1 = _Kind(
     make=partial(plots.PlotWeights, signal="weights_1"),
     live=["weights_1"],
 )
-_PSI = _Kind(
+_PSI = ThesisFigure(
     title="Estimate of the inverse inertia",
     caption=(
         "Entries of the matrix that stands for the inverse inertia, and below how "
@@ -160,7 +148,7 @@ _PSI = _Kind(
     make=plots.PlotPsi,
     live=["psi", "change of psi"],
 )
-_WEIGHTS_3 = _Kind(
+_WEIGHTS_3 = ThesisFigure(
     title="Weights of the third network",
     caption=(
         "Weights for the rate of change of the environment's force, a curve for "
@@ -169,7 +157,7 @@ _WEIGHTS_3 = _Kind(
     make=partial(plots.PlotWeights, signal="weights_3"),
     live=["weights_3"],
 )
-_POSITION = _Kind(
+_POSITION = ThesisFigure(
     title="Position of the tool",
     caption=("Position of the tool with either controller."),
     make=partial(
@@ -181,7 +169,7 @@ _LEARNED = [_WEIGHTS_1, _PSI, _WEIGHTS_3]
 
 
 def _Group(
-    *, chapter: int, first: int, task: str, about: str, kinds: Sequence[_Kind]
+    *, chapter: int, first: int, task: str, about: str, kinds: Sequence[ThesisFigure]
 ) -> list[ThesisFigure]:
     """Returns figures of a task with consecutive numbers.
 
@@ -190,13 +178,12 @@ def _Group(
         about: What each caption begins with.
     """
     return [
-        ThesisFigure(
+        replace(
+            kind,
             number=f"{chapter}.{number}",
-            title=kind.title,
             caption=f"{about} {kind.caption}",
             make=partial(kind.make, task=task),
             task=task,
-            live=kind.live,
         )
         for number, kind in enumerate(kinds, first)
     ]

@@ -22,7 +22,7 @@ from teleop_drake.figures.scene.scene import (
     LooksOf,
 )
 from teleop_drake.figures.style import GREY, RunColor
-from teleop_drake.files import Replacing
+from teleop_drake.files import WriteText
 from teleop_drake.recording import Recording
 from teleop_drake.validation import IsGiven, Refuse
 
@@ -64,8 +64,7 @@ class Replay:
         Raises:
             OSError: If the file cannot be written.
         """
-        with Replacing(path) as temporary:
-            temporary.write_text(self.html, encoding="utf-8")
+        WriteText(Path(path), self.html)
 
 
 def MakeReplay(
