@@ -102,13 +102,13 @@ class _Port(NamedTuple):
 
     Attributes:
         system: The number of its system.
-        index: Among the inputs or the outputs of the system.
+        place: Among the inputs or the outputs of the system.
         name: In DOT: `s1:u0`, or `s1in:0` of a diagram that is opened.
         size: Of its vector.
     """
 
     system: int
-    index: int
+    place: int
     name: str
     size: int
 
@@ -279,10 +279,10 @@ def _Edges(system: Diagram, own: _Drawn, parts: Mapping[str, _Drawn]) -> list[_E
         tail = parts[source.get_name()].outputs[k]
         edges.append(_Edge("", tail, parts[target.get_name()].inputs[i]))
     for port in own.inputs:
-        for target, i in system.GetInputPortLocators(InputPortIndex(port.index)):
+        for target, i in system.GetInputPortLocators(InputPortIndex(port.place)):
             edges.append(_Edge("color=blue", port, parts[target.get_name()].inputs[i]))
     for port in own.outputs:
-        source, k = system.get_output_port_locator(OutputPortIndex(port.index))
+        source, k = system.get_output_port_locator(OutputPortIndex(port.place))
         tail = parts[source.get_name()].outputs[k]
         edges.append(_Edge(_EXPORTED_OUTPUT, tail, port))
     # Drake's own order follows the addresses of the systems in memory.

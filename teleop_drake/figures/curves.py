@@ -35,22 +35,25 @@ class Curve(NamedTuple):
     diverges: bool = False
 
 
-def CurveAt(run: Recording, normal_W: Array | None, signal: str, time: Array) -> Curve:
+def CurveAt(run: Recording, normal_W: Array, signal: str, time: Array) -> Curve:
     """Returns a signal at some times."""
-    x = time if normal_W is None else run.Interpolate("tool_position", time) @ normal_W
+    x = run.Interpolate("tool_position", time) @ normal_W
     return Curve(time, x, run.Interpolate(signal, time))
 
 
 def SampleCurve(
     run: Recording,
-    normal_W: Array | None,
+    normal_W: Array,
     signal: str,
-    components: Sequence[int] | None = None,
+    components: Sequence[int],
 ) -> Curve:
-    """Returns a signal at the samples and, of a single component, between them."""
-    columns = range(run[signal].shape[1]) if components is None else components
+    """Returns a signal at the samples and, of a single component, between them.
+
+    Args:
+        normal_W: The direction that is shown (n); empty: the time stands for x.
+    """
     # Of several components, which are telemetry, the samples are enough.
-    num_points = _NUM_POINTS if len(columns) == 1 else 0
+    num_points = _NUM_POINTS if len(components) == 1 else 0
     instants = np.linspace(run.time[0], run.time[-1], num_points)
     between = np.setdiff1d(instants, run.time)
     every = np.concatenate([run.time, between])
@@ -62,8 +65,8 @@ def SampleCurve(
         values = np.concatenate([run[name], run.Interpolate(name, between)])
         return np.asarray(values[order])
 
-    x = time if normal_W is None else Dense("tool_position") @ normal_W
-    return Curve(time, x, Dense(signal)[:, columns], run.termination == "diverged")
+    x = Dense("tool_position") @ normal_W if normal_W.size else time
+    return Curve(time, x, Dense(signal)[:, components], run.termination == "diverged")
 
 
 def RangeOf(curves: Sequence[Curve], commands: Sequence[Curve] = ()) -> Interval:

@@ -9,6 +9,7 @@ import itertools
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,11 +21,10 @@ from teleop_drake.arrays import Array, Interval
 from teleop_drake.blocks.environments import CONTACT, PUNCTURE
 from teleop_drake.figures import style
 from teleop_drake.figures.curves import Curve, CurveAt, RangeOf, SampleCurve, TimeLimits
-from teleop_drake.figures.layout import MakePanels, NameAxes
+from teleop_drake.figures.layout import MakePanels
 from teleop_drake.figures.saving import SaveFigure
 from teleop_drake.figures.selection import (
     CheckRecordings,
-    SelectAxisRows,
     SelectRows,
     SelectTime,
 )
@@ -33,8 +33,6 @@ from teleop_drake.recording import Recording
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.panels import (
     AxisName,
-    AxisPanels,
-    AxisRow,
     NormalOfRuns,
     SignalRow,
 )
@@ -93,10 +91,11 @@ def PlotComparison(
     CheckRecordings(recordings)
     recordings = {name: SelectTime(x, time) for name, x in recordings.items()}
     runs = list(recordings.values())
-    panels = (task or TaskOf(runs[0].scenario)).Panels(runs)
-    if isinstance(panels, AxisPanels):
+    task = task or TaskOf(runs[0].scenario)
+    if not task.is_compared:
         Refuse("recordings.scenario", runs[0].scenario.name, "teleoperations")
-    return PlotRows(recordings, SelectRows(panels, runs, signals), columns=columns)
+    rows = SelectRows(task.Panels(runs), runs, signals)
+    return PlotRows(recordings, rows, columns=columns)
 
 
 def PlotRun(
@@ -115,81 +114,19 @@ def PlotRun(
     those of PlotComparison.
     """
     recording = SelectTime(recording, time)
+    width = style.WidthOf(columns)
     if not IsGiven(recording.scenario) and task is None:
         names = list(recording) if signals is None else signals
-        if not names:
-            Refuse("signals", [], "the name of one signal or more")
-        rows = [
-            [_Panel(name.replace("_", " "), "", [SampleCurve(recording, None, name)])]
-            for name in names
-        ]
-        return _PlotAgainstTime(recording, rows, [], columns)
+        rows = SelectRows([], [recording], names)
+        return PlotRows({"": recording}, rows, columns=1, width=width)
     task = task or TaskOf(recording.scenario)
-    panels = task.Panels([recording])
-    if isinstance(panels, AxisPanels):
-        panels = SelectAxisRows(panels, signals)
-        rows = _AxisRows(recording, panels)
-        return _PlotAgainstTime(recording, rows, panels.names, columns)
-    return PlotRows(
-        {recording.scenario.controller.kind.replace("_", " "): recording},
-        SelectRows([*panels, *_TelemetryRows(recording)], [recording], signals),
-        columns=columns,
-    )
-
-
-class _Panel(NamedTuple):
-    """A panel against time."""
-
-    label: str
-    unit: str
-    curves: Sequence[Curve]
-
-
-def _AxisRows(recording: Recording, panels: AxisPanels) -> list[list[_Panel]]:
-    """Returns panels against time: a column for each task axis."""
-
-    def CurveOf(row: AxisRow, signal: str, k: int) -> Curve:
-        curve = SampleCurve(recording, None, signal, [k])
-        if not row.reference:
-            return curve
-        reference = recording.Interpolate(row.reference, curve.time)
-        return curve._replace(y=curve.y - reference[:, [k]])
-
-    def PanelOf(row: AxisRow, k: int) -> _Panel:
-        curves = [CurveOf(row, signal, k) for signal in row.signals]
-        return _Panel(f"{row.label} ${AxisName(k)}$", row.unit, curves)
-
-    num_axes = recording["tool_position"].shape[1]
-    return [[PanelOf(row, k) for k in range(num_axes)] for row in panels.rows]
-
-
-def _PlotAgainstTime(
-    recording: Recording,
-    rows: Sequence[Sequence[_Panel]],
-    names: Sequence[str],
-    columns: int,
-) -> Figure:
-    """Plots panels, with a line for each component of each curve; names tell which."""
-    figure, axes = MakePanels(
-        len(rows),
-        len(rows[0]),
-        height=_ROW_HEIGHT * len(rows) + (0.7 if names else 0.3),
-        width=style.WidthOf(columns),
-        share_x="all",
-    )
-    for (i, j), ax in np.ndenumerate(axes):
-        panel = rows[i][j]
-        scale, unit = _SetRange([ax], RangeOf(panel.curves), panel.unit)
-        ax.set_ylabel(panel.label + unit)
-        lines = [(curve.time, y) for curve in panel.curves for y in curve.y.T]
-        for k, (t, y) in enumerate(lines):
-            ax.plot(t, y * scale, **style.RunStyle(k))
-    axes[0, 0].set_xlim(TimeLimits([recording]))
-    NameAxes(axes, "time [s]")
-    figure.align_ylabels(axes)
-    handles = [style.Key(name, **style.RunStyle(k)) for k, name in enumerate(names)]
-    style.AddLegend(figure, handles, ncols=len(names) if columns == 2 else 1)
-    return figure
+    rows = task.Panels([recording])
+    if task.is_compared:
+        rows = [*rows, *_TelemetryRows(recording)]
+    rows = SelectRows(rows, [recording], signals)
+    name = recording.scenario.controller.kind.replace("_", " ")
+    columns = columns if task.is_compared else 1
+    return PlotRows({name: recording}, rows, columns=columns, width=width)
 
 
 def _SetRange(axes: Sequence[Axes], y_range: Interval, unit: str) -> tuple[float, str]:
@@ -254,7 +191,8 @@ def PlotRows(
         _TitleMultiples(axes[0], recordings)
     figure.align_ylabels(grid[:, 0])
     if any(len(row.components) == 1 for row in rows):
-        _AddLegend(figure, recordings, rows, names_runs=len(places) <= 2)
+        names_runs = len(places) <= 2 and "" not in recordings
+        _AddLegend(figure, recordings, rows, names_runs=names_runs)
     return figure
 
 
@@ -284,7 +222,8 @@ class _Runs:
 
     def __init__(self, recordings: Mapping[str, Recording]) -> None:
         self._runs = list(recordings.values())
-        self._normal_W = NormalOfRuns(self._runs)
+        has_tool = "tool_position" in self._runs[0]
+        self._normal_W = NormalOfRuns(self._runs) if has_tool else np.zeros(0)
         self._boundaries: dict[float, list[str]] = {}
         for run, name in itertools.product(self._runs, (PUNCTURE, CONTACT)):
             surface = run.FindSurface(name)
@@ -306,9 +245,9 @@ class _Runs:
         if columns == 1:
             return [against_time]
         positions = [
-            x._replace(y=x.x[:, None]) for x in self._Curves("tool_position", [0])
+            SampleCurve(run, self._normal_W, "tool_position", [0]) for run in self._runs
         ]
-        low, high = RangeOf(positions)
+        low, high = RangeOf([x._replace(y=x.x[:, None]) for x in positions])
         scale, unit = style.ScaleAndUnit((low, high), "m")
         against_position = _Place(
             everyone,
@@ -322,17 +261,23 @@ class _Runs:
         )
         return [against_time, against_position]
 
-    def _Curves(self, signal: str, components: Sequence[int]) -> list[Curve]:
-        return [
-            SampleCurve(run, self._normal_W, signal, components) for run in self._runs
-        ]
+    def _Curves(self, row: SignalRow) -> list[Curve]:
+        """Returns the signal of a row, of each run."""
+        curves = []
+        for run in self._runs:
+            curve = SampleCurve(run, self._normal_W, row.signal, row.components)
+            if row.reference:
+                reference = run.Interpolate(row.reference, curve.time)
+                curve = curve._replace(y=curve.y - reference[:, row.components])
+            curves.append(curve)
+        return curves
 
     def DrawRow(
         self, row_axes: Sequence[Axes], places: Sequence[_Place], row: SignalRow
     ) -> str:
         """Draws a signal into its row of panels, and returns its name and unit."""
-        curves = self._Curves(row.signal, row.components)
-        commands = self._Commands(row.command)
+        curves = self._Curves(row)
+        commands = self._Commands(row)
         scale, unit = _SetRange(row_axes, RangeOf(curves, commands), row.unit)
         # The position that the right column is against has no panel there.
         is_x = (
@@ -347,8 +292,8 @@ class _Runs:
                 ax.plot(x, command.y * scale, **_COMMAND_STYLE, zorder=1)
             for i in place.runs:
                 self._DrawRun(ax, place, row, i, curves[i], scale)
-            for x in place.boundaries:
-                ax.axvline(x, **style.BOUNDARY_STYLE)
+            for boundary in place.boundaries:
+                ax.axvline(boundary, **style.BOUNDARY_STYLE)
             for y in self._boundaries if is_x else ():
                 ax.axhline(y * scale, **style.BOUNDARY_STYLE)
             ax.set_visible(not (place.scale and is_x))
@@ -356,15 +301,17 @@ class _Runs:
             row_axes[0].legend(ncols=2, fontsize=SMALL_FONT_SIZE, frameon=False)
         return row.label + unit
 
-    def _Commands(self, component: int | None) -> list[Curve]:
-        """Returns a component of each run's commands; none if there is no component."""
-        if component is None:
+    def _Commands(self, row: SignalRow) -> list[Curve]:
+        """Returns what is drawn beside the signal of each run, if anything."""
+        if row.beside:
+            return self._Curves(replace(row, signal=row.beside))
+        if row.command is None:
             return []
         return [
             Curve(
                 run.time,
                 run["tool_position"] @ self._normal_W,
-                run.commands[:, [component]],
+                run.commands[:, [row.command]],
             )
             for run in self._runs
         ]
@@ -503,6 +450,9 @@ def _AddLegend(
     handles = _RunKeys(recordings) if names_runs else []
     if any(row.command is not None for row in rows):
         handles.append(style.Key("commanded velocity", **_COMMAND_STYLE))
+    beside = dict.fromkeys(row.beside.replace("_", " ") for row in rows if row.beside)
+    if beside:
+        handles.append(style.Key(", ".join(beside), **_COMMAND_STYLE))
     for event, (marker, label) in _EVENTS.items():
         if any(run.EventTimes(event) for run in recordings.values()):
             handles.append(style.Key(label, **style.EventStyle(marker, GREY)))

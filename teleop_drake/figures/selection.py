@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 
 from teleop_drake.recording import Recording
 from teleop_drake.signals import AxesOf, AxisUnit, PartUnit, UnitOf
-from teleop_drake.tasks.panels import AxisPanels, SignalRow
-from teleop_drake.validation import CheckNames, Choices, Refuse, Show
+from teleop_drake.tasks.panels import SignalRow
+from teleop_drake.validation import CheckNames, Refuse, Show
 
 # Up to this many components of a signal get a row each where runs are compared.
 _MAX_ROWS = 4
@@ -81,22 +81,6 @@ def _RowsOf(signal: str, recordings: Sequence[Recording]) -> list[SignalRow]:
         SignalRow(label=label, unit=own_unit, signal=signal, components=[k])
         for k, (label, own_unit) in enumerate(zip(labels, units, strict=True))
     ]
-
-
-def SelectAxisRows(panels: AxisPanels, signals: Sequence[str] | None) -> AxisPanels:
-    """Returns the panels that show at least one of the given signals.
-
-    Raises:
-        ValueError: If there is no row for one of them.
-    """
-    if signals is None:
-        return panels
-    known = dict.fromkeys(name for row in panels.rows for name in row.signals)
-    for signal in signals:
-        if signal not in known:
-            Refuse("signals", signal, Choices(signal, known))
-    rows = [row for row in panels.rows if not {*row.signals}.isdisjoint(signals)]
-    return dataclasses.replace(panels, rows=rows)
 
 
 def SelectTime(recording: Recording, window: tuple[float, float] | None) -> Recording:

@@ -15,6 +15,7 @@ from matplotlib.rcsetup import cycler
 
 from teleop_drake.arrays import Array, Interval
 from teleop_drake.signals import AxesOf
+from teleop_drake.sweep.statistics import CONTROLLERS
 from teleop_drake.validation import Refuse
 
 Look = dict[str, Any]
@@ -265,6 +266,8 @@ def ValueLabel(value: Any) -> str:
 
 def LabelOfValue(key: str, value: Any) -> str:
     """Returns a value of a varied key as a legend says it, with its unit."""
+    if key in CONTROLLERS:
+        return ValueLabel(value)
     name, unit = _NameAndUnit(key)
     return f"{name} = {ValueLabel(value)} {unit}".strip()
 

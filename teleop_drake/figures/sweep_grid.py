@@ -3,6 +3,7 @@
 import itertools
 import math
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -51,43 +52,28 @@ class SweepGrid:
         ]
         if not numeric:
             Refuse("result", "with no key with numbers", "of one such key or more")
-        x_key = next((key for key in numeric if key in varied), numeric[0])
-        others = [k for k in varied if k not in (x_key, *controller, *seed)]
-        self.x_key = x_key
+        self.x_key = next((key for key in numeric if key in varied), numeric[0])
+        others = [k for k in varied if k not in (self.x_key, *controller, *seed)]
         self.lines_are_controllers = not others
         *row_keys, self.line_key = others or controller or [""]
-        columns = controller if others else []
+        column_keys = controller if others else []
         self.line_values = axes.get(self.line_key, [])
-        self.column_values = [value for key in columns for value in axes[key]]
-        rows = list(itertools.product(*(axes[key] for key in row_keys)))
-        self.panel_points = [
-            [
-                dict(zip((*row_keys, *columns), (*row, *column), strict=True))
-                for column in itertools.product(*(axes[key] for key in columns))
-            ]
-            for row in rows
-        ]
-        self.row_titles = [
-            ", ".join(map(style.LabelOfValue, row_keys, row)) for row in rows
-        ]
-        num_columns = max(len(self.column_values), 1)
-        if len(rows) * num_columns > MAX_PANELS:
-            needs = f"needs {len(rows)} x {num_columns} panels"
+        rows = _Points(result, row_keys)
+        columns = _Points(result, column_keys)
+        self.panel_points = [[column | row for column in columns] for row in rows]
+        if len(rows) * len(columns) > MAX_PANELS:
+            needs = f"needs {len(rows)} x {len(columns)} panels"
             Refuse("result", needs, f"of {MAX_PANELS} panels at most")
-        keys = [*row_keys, *columns, self.line_key, x_key, *seed]
+        keys = [*row_keys, *column_keys, self.line_key, self.x_key, *seed]
         names = list(axes)
         rest = [key for key in names if key not in keys]  # One value each.
         self._order = [names.index(key) for key in [*rest, *keys] if key in names]
-        self.shape = (
-            len(rows),
-            num_columns,
-            max(len(self.line_values), 1),
-            len(axes[x_key]),
-            len(axes[SEED]) if seed else 1,
-        )
-        x = np.array(axes[x_key], dtype=float)
+        x = np.array(axes[self.x_key], dtype=float)
         self._x_order = np.argsort(x)
         self.x = x[self._x_order]
+        num_lines = max(len(self.line_values), 1)
+        num_seeds = len(axes.get(SEED, [0]))
+        self.shape = (len(rows), len(columns), num_lines, len(x), num_seeds)
 
     @property
     def has_two_keys(self) -> bool:
@@ -127,10 +113,10 @@ class SweepGrid:
         return figure, panels
 
     def AddTitles(self, panels: Panels, num_marks: int = 0) -> None:
-        """Names the controllers, and the rows, above marks on as many levels."""
+        """Names the values of each panel, above marks on as many levels."""
         for (_, i, j), ax in np.ndenumerate(panels):
-            names = [style.ValueLabel(x) for x in self.column_values[j : j + 1]]
-            names += [self.row_titles[i]] if self.row_titles[i] else []
+            point = self.panel_points[i][j]
+            names = itertools.starmap(style.LabelOfValue, point.items())
             ax.set_title(
                 ", ".join(names) or " ",  # Also that makes room for the marks.
                 fontsize=FONT_SIZE,
@@ -159,14 +145,17 @@ class SweepGrid:
         step = math.ceil(len(values) / MAX_NAMED_LINES)
         # Some of many are enough to tell which way they go.
         lines = [i for i in range(len(values)) if i % step == 0 or i == len(values) - 1]
-        labels = [style.ValueLabel(values[i]) for i in lines]
-        if not self.lines_are_controllers:
-            key = self.line_key
-            labels = [style.LabelOfValue(key, values[i]) for i in lines]
+        labels = [style.LabelOfValue(self.line_key, values[i]) for i in lines]
         return [
             Key(label, **self.LineStyle(i))
             for i, label in zip(lines, style.ShortLabels(labels), strict=True)
         ]
+
+
+def _Points(result: SweepResult, keys: Sequence[str]) -> list[dict[str, Any]]:
+    """Returns all combinations of the values of some keys."""
+    values = (result.axes[key] for key in keys)
+    return [dict(zip(keys, point, strict=True)) for point in itertools.product(*values)]
 
 
 def MetricScale(

@@ -11,7 +11,7 @@ from teleop_drake.arrays import Names, Record
 from teleop_drake.blocks.channels import ChannelConfig
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import AnyScenario
-from teleop_drake.tasks.panels import AxisPanels, SignalRow
+from teleop_drake.tasks.panels import SignalRow
 
 _S = TypeVar("_S", bound=AnyScenario)
 
@@ -47,6 +47,7 @@ class Task(ABC, Generic[_S]):
     Attributes:
         controllers: The kinds of controllers that a comparison uses by default; empty
             if there is only one.
+        is_compared: Whether figures show its runs together, and against the position.
         systems: Names of those systems of MakeDiagram() that the task needs; one of
             them is `robot`.
         units: The units of the scalar metrics, by their dotted names. A name that ends
@@ -56,6 +57,7 @@ class Task(ABC, Generic[_S]):
     """
 
     controllers: ClassVar[Names] = ()
+    is_compared: ClassVar[bool] = True
     systems: ClassVar[Names] = ("robot",)
     units: ClassVar[Mapping[str, str]]
     page_metrics: ClassVar[str] = ""
@@ -124,13 +126,13 @@ class Task(ABC, Generic[_S]):
         """
 
     @abstractmethod
-    def Panels(self, recordings: Sequence[Recording]) -> list[SignalRow] | AxisPanels:
+    def Panels(self, recordings: Sequence[Recording]) -> list[SignalRow]:
         """Returns the panels of a figure of runs, from top to bottom.
 
         Args:
             recordings: One run or more, of robots with the same number of axes.
 
         Returns:
-            Rows of signals, with a panel against time and one against the position; or
-            rows with a panel for each task axis, for a figure of one run.
+            Rows of signals, with a panel against time and, if runs of the task are
+            compared, one against the position.
         """

@@ -12,7 +12,7 @@ from teleop_drake.signals import AxesOf
 
 @dataclass(kw_only=True)
 class SignalRow:
-    """One signal: a panel against time and one against position.
+    """One signal: a panel against time and, of a teleoperation, against position.
 
     Attributes:
         label: The label of the axis, without the unit.
@@ -21,6 +21,9 @@ class SignalRow:
         components: The indices of the components that are shown.
         command: The index of the operator's command that is drawn beside the signal;
             None: no command is drawn.
+        beside: Name of a signal whose components are drawn beside those of the signal;
+            empty: none.
+        reference: Name of a signal that is subtracted from the signal; empty: none.
         symbol: Name of the components in a legend, if there is more than one.
         groups: Names of the groups into which the components are divided equally, such
             as the rows of a matrix. A group has one colour. Empty: each component has a
@@ -32,38 +35,10 @@ class SignalRow:
     signal: str
     components: Sequence[int]
     command: int | None = None
+    beside: str = ""
+    reference: str = ""
     symbol: str = ""
     groups: Sequence[str] = ()
-
-
-@dataclass(kw_only=True)
-class AxisRow:
-    """One quantity against time, with a panel for each task axis.
-
-    Attributes:
-        label: The label of the quantity, to which the name of the axis is appended.
-        unit: SI unit.
-        signals: Names of the signals (n each), a line for each.
-        reference: Name of the signal that is subtracted from them; empty: none.
-    """
-
-    label: str
-    unit: str
-    signals: Sequence[str]
-    reference: str = ""
-
-
-@dataclass(kw_only=True)
-class AxisPanels:
-    """A figure with a column for each task axis.
-
-    Attributes:
-        rows: The rows from top to bottom.
-        names: Names of the lines, in the order of the signals of a row.
-    """
-
-    rows: Sequence[AxisRow]
-    names: Sequence[str]
 
 
 def AxisName(axis: int) -> str:

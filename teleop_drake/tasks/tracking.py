@@ -19,7 +19,7 @@ from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import TrackingScenario, TrajectoryConfig
 from teleop_drake.signals import MarkLoop, NamedSignals
 from teleop_drake.tasks.base import SpeedLimit, Task
-from teleop_drake.tasks.panels import AxisPanels, AxisRow
+from teleop_drake.tasks.panels import AxisName, SignalRow
 from teleop_drake.validation import GainMatrix
 from teleop_drake.wiring import Wire
 
@@ -74,6 +74,7 @@ UNITS = {f"{name}.*": unit for name, (_, unit) in METRICS.items()}
 class Tracking(Task[TrackingScenario]):
     """An arm follows a trajectory while it learns a disturbance."""
 
+    is_compared = False
     systems = ("robot", "reference")
     units = UNITS
     page_metrics: ClassVar[str] = "tracking"
@@ -112,23 +113,29 @@ class Tracking(Task[TrackingScenario]):
             "diverged_at": float(recording.time[-1]) if has_diverged else None,
         }
 
-    def Panels(self, recordings: Sequence[Recording]) -> AxisPanels:
-        """Returns the position, the tracking error and the disturbance.
+    def Panels(self, recordings: Sequence[Recording]) -> list[SignalRow]:
+        """Returns the position, the tracking error and the disturbance along each axis.
 
         The desired position and the estimated disturbance are drawn beside them.
         """
+        axes = range(recordings[0]["tool_position"].shape[1])
         rows = (
-            ("position", "m", ["tool_position", "desired_position"], ""),
-            ("error", "m", ["tool_position"], "desired_position"),
-            ("disturbance", "N", ["environment_force", "disturbance_estimate"], ""),
+            ("position", "m", "tool_position", "desired_position", ""),
+            ("error", "m", "tool_position", "", "desired_position"),
+            ("disturbance", "N", "environment_force", "disturbance_estimate", ""),
         )
-        return AxisPanels(
-            rows=[
-                AxisRow(label=label, unit=unit, signals=signals, reference=reference)
-                for label, unit, signals, reference in rows
-            ],
-            names=["actual", "desired, estimated"],
-        )
+        return [
+            SignalRow(
+                label=f"{label} ${AxisName(k)}$",
+                unit=unit,
+                signal=signal,
+                components=[k],
+                beside=beside,
+                reference=reference,
+            )
+            for label, unit, signal, beside, reference in rows
+            for k in axes
+        ]
 
 
 def MakeReference(config: TrajectoryConfig) -> Diagram:

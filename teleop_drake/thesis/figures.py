@@ -15,7 +15,6 @@ from pydrake.systems.framework import Diagram
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.figures.runs import SaveFigure
 from teleop_drake.thesis import plots
-from teleop_drake.thesis.runs import ThesisRuns
 
 
 @dataclass(kw_only=True)

@@ -47,7 +47,7 @@ def TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, Sequence[Ax
     """Returns empty panels against time, with first puncture and contact marked."""
     height = ROW_HEIGHT * num_rows + LEGEND_HEIGHT
     figure, panels = MakePanels(num_rows, 1, height=height, share_x="all")
-    axes = panels[:, 0]
+    axes = list(panels[:, 0])
     for ax in axes:
         FormatAxes(ax)
     axes[0].set_xlim(0.0, float(recording.time[-1]))

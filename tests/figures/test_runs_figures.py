@@ -279,6 +279,7 @@ def test_one_sample_can_be_drawn():
     first = dataclasses.replace(
         recording,
         time=recording.time[:1],
+        steps=np.empty((0, 0), int),
         signals={name: x[:1] for name, x in recording.signals.items()},
         events=[],
     )

@@ -203,7 +203,7 @@ def test_plot():
     for ax in figure.axes:
         assert ax.get_ylabel()
         assert all(len(line.get_xdata()) > 0 for line in ax.get_lines())
-    actual, desired = figure.axes[0].get_lines()[-2:]
+    desired, actual = figure.axes[0].get_lines()[-2:]
     assert np.ptp(desired.get_ydata()) == pytest.approx(0.2, rel=1e-3)
     assert np.ptp(actual.get_ydata()) != pytest.approx(0.2, rel=1e-3)
     error = figure.axes[3].get_lines()[-1].get_ydata()
