@@ -179,7 +179,7 @@ def _Html(out: Path, rows: Sequence[Row], commands: Mapping[str, str]) -> str:
             for x, text in buttons.items()
         ),
         labs=_Lines(labs),
-        rows=_Lines(map(_RowHtml, rows)),
+        rows=_Claims(_ROW, rows),
         chapters=_Lines(chapters),
         data=PackedData(data),
         script=JoinModules("report.js"),
@@ -212,14 +212,31 @@ def _ChapterHtml(chapter: str, figures: Mapping[str, str]) -> str:
     return f'<section id="chapter-{chapter}"><h2>{title}</h2>{_Lines(own)}</section>'
 
 
-def _RowHtml(row: Row) -> str:
-    texts = {name: escape(x) for name, x in dataclasses.asdict(row).items()}
-    return (
-        '<tr id="{key}" data-verdict="{verdict}"><td>{place}</td>'
-        "<td>{claim}<br><small>{criterion}</small></td>"
-        "<td>{thesis}</td><td>{ours}</td><td>{tolerance}</td>"
-        '<td class="{style}">{verdict}</td><td>{reason}{commands}</td></tr>'
-    ).format(style=row.verdict.split()[-1], commands=_RunsHtml(row.runs), **texts)
+_ROW = (
+    '<tr id="{key}" data-verdict="{verdict}"><td>{place}</td>'
+    "<td>{claim}<br><small>{criterion}</small></td>"
+    "<td>{thesis}</td><td>{ours}</td><td>{tolerance}</td>"
+    '<td class="{style}">{verdict}</td><td>{reason}{commands}</td></tr>'
+)
+"""A claim in the ledger."""
+
+_CLAIM = (
+    '<li id="claim-{key}" data-verdict="{verdict}">{claim} '
+    '<b class="{style}">{verdict}</b><br>'
+    '<small>Thesis: {thesis}. Ours: {ours}. <a href="#{key}">Why</a></small>'
+    '<p class="now"></p></li>'
+)
+"""A claim beside a live figure, with the place of its verdict of now."""
+
+
+def _Claims(template: str, rows: Sequence[Row]) -> str:
+    """Returns claims with their verdicts, each in the form of a template."""
+    items = []
+    for row in rows:
+        texts = {name: escape(x) for name, x in dataclasses.asdict(row).items()}
+        texts |= {"style": row.verdict.split()[-1], "commands": _RunsHtml(row.runs)}
+        items.append(template.format_map(texts))
+    return "\n".join(items)
 
 
 def _LiveFigure(figure: ThesisFigure, rows: Sequence[Row], commands: str) -> str:
@@ -229,20 +246,9 @@ def _LiveFigure(figure: ThesisFigure, rows: Sequence[Row], commands: str) -> str
     return (
         f'<figure id="{figure.stem}" data-signals="{",".join(figure.live)}">'
         f'<div class="said">{_CaptionHtml(figure, commands)}<ul>'
-        + _Lines(map(_ClaimHtml, own))
+        + _Claims(_CLAIM, own)
         + '</ul></div><div class="live"></div></figure>'
     )
-
-
-def _ClaimHtml(row: Row) -> str:
-    """Returns a claim with its verdict, and the place of its verdict of now."""
-    texts = {name: escape(x) for name, x in dataclasses.asdict(row).items()}
-    return (
-        '<li id="claim-{key}" data-verdict="{verdict}">{claim} '
-        '<b class="{style}">{verdict}</b><br>'
-        '<small>Thesis: {thesis}. Ours: {ours}. <a href="#{key}">Why</a></small>'
-        '<p class="now"></p></li>'
-    ).format(style=row.verdict.split()[-1], **texts)
 
 
 def _Picture(out: Path, figure: ThesisFigure, commands: str) -> str:

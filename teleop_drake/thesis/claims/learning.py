@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.multibody.tree import JacobianWrtVariable
+from scipy.integrate import cumulative_trapezoid
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.robots.base import PlantRobotConfig
@@ -28,8 +29,7 @@ def CommandedPath(recording: Recording) -> Array:
     """
     scenario = recording.teleoperation
     v_dd = recording["forward_packet_received"][:, scenario.num_axes :]
-    steps = np.diff(recording.time)[:, np.newaxis] * (v_dd[1:] + v_dd[:-1]) / 2
-    way = np.vstack([0 * v_dd[:1], np.cumsum(steps, axis=0)])
+    way = cumulative_trapezoid(v_dd, recording.time, axis=0, initial=0)
     return np.asarray(scenario.robot.start + way)
 
 

@@ -108,10 +108,8 @@ def BasisFunctions(recording: Recording, count: int | None = None) -> Array:
 
 def Rms(recording: Recording, values: Array) -> float:
     """Returns the rms over time of a signal (T,)."""
-    square = values**2
-    steps = np.diff(recording.time)
-    total = float(np.sum(steps * (square[1:] + square[:-1]) / 2))
-    return math.sqrt(total / float(recording.time[-1] - recording.time[0]))
+    mean = np.trapezoid(values**2, recording.time) / np.ptp(recording.time)
+    return math.sqrt(float(mean))
 
 
 def Late(recording: Recording, values: Array) -> Array:
