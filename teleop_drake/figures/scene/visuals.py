@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from pydrake.geometry import Capsule, Rgba, Role, SceneGraph, Shape
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
+from scipy.optimize import least_squares
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.robots import PlantRobotConfig, RobotConfig
@@ -16,12 +17,6 @@ from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolJacobian
 
 # Radius of the sticks that stand for links without shapes, as a share of their lengths.
 _STICK = 0.015
-
-# Steps to the joint positions of a ghost, and by how much they are damped, as a share
-# of how far the tool still has to go. Without damping they run to and fro where the arm
-# does not reach the point; with it they are those of Newton's method near the end.
-_NUM_STEPS = 12
-_DAMPING = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,20 +102,19 @@ class RobotVisuals:
             p_WT: Along the task axes, m (n).
             q: Joint positions to begin from (nq).
         """
+        plant = self._plant
+        if plant is None:
+            return np.array(q, dtype=float)
         p = np.asarray(p_WT, dtype=float)[:3]
-        q = np.array(q, dtype=float)
-        if self._plant is None:
-            return q
-        size = float(np.linalg.norm(self.Tool(q))) or 1.0
-        for _ in range(_NUM_STEPS):
-            error = p - self.Tool(q)[: p.size]
-            distance = float(np.linalg.norm(error))
-            if distance < 1e-9 * size:
-                break
-            J = ToolJacobian(self._plant, self._context, p.size)
-            damping = _DAMPING * distance * size * np.eye(p.size)
-            q = q + J.T @ np.linalg.solve(J @ J.T + damping, error)
-        return q
+
+        def Error(q: Array) -> Array:
+            return self.Tool(q)[: p.size] - p
+
+        def Jacobian(q: Array) -> Array:
+            plant.SetPositions(self._context, q)
+            return ToolJacobian(plant, self._context, p.size)
+
+        return np.asarray(least_squares(Error, q, Jacobian, xtol=1e-12, gtol=1e-12).x)
 
 
 def _Shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Part]:
