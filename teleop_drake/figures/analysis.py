@@ -64,8 +64,11 @@ _ACTIVE = "#F7DFCF"
 _UNSTABLE = "#F0F0F0"
 _UNRESOLVED = "#DCDCDC"
 
+# Lines beside which curves are read.
+_GUIDE: style.Look = {"color": GREY, "linewidth": 0.6, "zorder": 0}
+
 _THIN = partial(Key, color="black", linewidth=0.6)
-_THICK = partial(Key, color="black", linewidth=1.2)
+_THICK = partial(Key, color="black", linewidth=1.1)
 _STABILITY_KEYS = (
     Patch(color=_STABLE, label="stable"),
     Patch(color=_UNSTABLE, label="unstable"),
@@ -90,7 +93,7 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
         w = _BodeFrequencies(point)
         limits += _DrawLoci(top, bottom, point, w)
         for ax, level in ((top, 1), (bottom, -180)):
-            ax.axhline(level, color=GREY, linewidth=0.6, zorder=0)
+            ax.axhline(level, **_GUIDE)
             if point.unresolved > w[0]:
                 ax.axvspan(w[0], point.unresolved, color=_UNRESOLVED, lw=0, zorder=-1)
         top.set(xlim=(w[0], w[-1]), ylim=_MAGNITUDES)
@@ -115,7 +118,7 @@ def _DrawLoci(top: Axes, bottom: Axes, point: PointStability, w: Array) -> list[
     loci = _TrackedLoci(point, w)
     shown: list[float] = []
     for i in range(loci.shape[1]):
-        look = _LocusStyle(i)
+        look = style.RunStyle(i)
         if np.abs(loci[:, i]).max() < _NOTHING:
             continue
         top.loglog(w, np.abs(loci[:, i]), **look)
@@ -151,16 +154,16 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
         w = _BodeFrequencies(point, _NUM_NYQUIST_POINTS)
         loci = _TrackedLoci(point, w)
         for i in range(loci.shape[1]):
-            look = _LocusStyle(i)
+            look = style.RunStyle(i)
             delayed = loci[:, i] * np.exp(-1j * w * point.delay)
             ax.plot(loci[:, i].real, loci[:, i].imag, **look | {"linewidth": 0.6})
             ax.plot(delayed.real, delayed.imag, **look)
             _MarkFrequencies(ax, w, delayed, look["color"])
         # The unit circle, the axes and the critical point.
         angle = np.linspace(0, 2 * np.pi, 200)
-        ax.plot(np.cos(angle), np.sin(angle), color=GREY, linewidth=0.6, zorder=0)
-        for draw in (ax.axhline, ax.axvline):
-            draw(0, color=GREY, linewidth=0.4, zorder=0)
+        ax.plot(np.cos(angle), np.sin(angle), **_GUIDE)
+        ax.axhline(0, **_GUIDE)
+        ax.axvline(0, **_GUIDE)
         ax.plot([-1], [0], "+", color="black", ms=7, zorder=5)
         limits = (-_NYQUIST_RANGE, _NYQUIST_RANGE)
         ax.set(xlim=limits, ylim=limits, aspect="equal")
@@ -169,7 +172,7 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
         _THIN("without delay"),
         _THICK(f"with {points[0].delay:.4g} s round trip"),
         Key("-1", color="black", marker="+", ms=7, ls=""),
-        Key("unit circle", color=GREY, linewidth=0.6),
+        Key("unit circle", **_GUIDE),
         Key("frequency [rad/s]", color="black", marker=".", ms=3, ls=""),
         *_LocusHandles(points),
     ]
@@ -296,14 +299,14 @@ def _ExplainLlewellyn(ax: Axes, w: Array, parameter: Array) -> None:
     low, high = _LLEWELLYN_RANGE
     ax.set_ylim(low, high)
     ax.axhspan(low, 1.0, color=_ACTIVE, linewidth=0, zorder=-1)
-    ax.axhline(1, color=GREY, linewidth=0.6, zorder=0)
+    ax.axhline(1, **_GUIDE)
     below = np.flatnonzero(parameter < 1 - _LLEWELLYN_MARGIN)
     if not below.size:
         return
     first = float(w[below[0]])
     text = "everywhere below 1" if below[0] == 0 else f"below 1 from {first:.2g} rad/s"
     if below[0]:
-        ax.axvline(first, color=GREY, linewidth=0.8, linestyle=":")
+        ax.axvline(first, linestyle=":", **_GUIDE)
     # Re p11 or Re p22 is negative there: the parameter is minus infinity.
     active = np.flatnonzero(np.isneginf(parameter))
     if active.size:
@@ -340,7 +343,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
         if load.any():
             top.loglog(w, load, ":", color=GREY, linewidth=1.5)
         for i in range(num_axes):
-            look = _LocusStyle(i)
+            look = style.RunStyle(i)
             thin = look | {"linewidth": 0.6}
             top.loglog(w, np.abs(point.undelayed[:, i, i]), **thin)
             top.loglog(w, np.abs(point.transmitted[:, i, i]), **look)
@@ -359,7 +362,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
     ]
     if num_axes > 1:
         names = AxesOf(6)[:num_axes]
-        handles += [Key(f"axis {x}", **_LocusStyle(i)) for i, x in enumerate(names)]
+        handles += [Key(f"axis {x}", **style.RunStyle(i)) for i, x in enumerate(names)]
     handles.append(Patch(color=_ACTIVE, label=below))
     AddLegend(figure, handles, ncols=2)
     return figure
@@ -394,9 +397,9 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
             felt = FeltStiffness(scenario, point, w)
             ax.semilogx(w, felt, **style.RunStyle(labels.index(label)))
             limit = max(limit, stiffness, float(np.abs(felt[w <= 1.0]).max()))
-            ax.axhline(stiffness, color=GREY, linewidth=0.6, linestyle="--")
-        ax.axhline(0.0, color=GREY, linewidth=0.4)
-        ax.axvline(1.0, color=GREY, linewidth=0.6, linestyle=":")
+            ax.axhline(stiffness, linestyle="--", **_GUIDE)
+        ax.axhline(0.0, **_GUIDE)
+        ax.axvline(1.0, linestyle=":", **_GUIDE)
         ax.set_xlim(w[0], w[-1])
     axes[0, 0].set_ylim(-1.1 * limit, 1.1 * limit)
     NameAxes(axes, "frequency of the hand [rad/s]", "felt stiffness [N/m]")
@@ -430,17 +433,12 @@ def _LoopPanels(
     return points, *_Panels(rows, titles)
 
 
-def _LocusStyle(i: int) -> dict[str, Any]:
-    line = style.LINES[i % len(style.LINES)]
-    return {"color": style.RunColor(i), "linestyle": line, "linewidth": 1.2}
-
-
 def _LocusHandles(points: Sequence[PointStability]) -> list[Line2D]:
     """Returns what tells the eigenloci apart, where there are several."""
     count = max(len(point.loop.D) for point in points)
     if count <= 1:
         return []
-    return [Key(f"locus {i + 1}", **_LocusStyle(i)) for i in range(count)]
+    return [Key(f"locus {i + 1}", **style.RunStyle(i)) for i in range(count)]
 
 
 def _BodeFrequencies(point: PointStability, count: int = 1500) -> Array:
