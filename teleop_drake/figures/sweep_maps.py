@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, Interval
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import Panels
 from teleop_drake.figures.style import FONT_SIZE, GREY, SMALL_FONT_SIZE, Figure, Key
@@ -39,9 +39,6 @@ _OUTCOMES = {
 
 # Colour of cells with a run that was stopped.
 _ENDED = "#BBBBBB"
-
-# What a boundary is that crosses the map.
-_END = "end of stability"
 
 
 def PlotStability(result: SweepResult, boundaries: Boundaries | None = None) -> Figure:
@@ -150,8 +147,8 @@ def _Finish(
     """Draws the boundaries, and says what everything is."""
     y, y_labels = grid.LineCoordinates()
     limits = style.MapLimits(grid.x)
-    labels = _BoundaryLabels(boundaries, limits)
-    lines = {name: style.LINES[i % len(style.LINES)] for i, name in enumerate(labels)}
+    fates = _Fates(boundaries, limits)
+    lines = {name: style.LINES[i % len(style.LINES)] for i, name in enumerate(fates)}
     for (_, i, j), ax in np.ndenumerate(panels):
         for drawn in boundaries.get((i, j), ()):
             # Black on white is seen on every colour.
@@ -168,34 +165,31 @@ def _Finish(
     grid.AddTitles(panels)
     for ax in panels[:, :, 0].ravel():
         ax.set_ylabel(style.AxisLabel(grid.line_key))
-    handles += [
-        Key(label, color="black", linestyle=lines[name])
-        for name, label in labels.items()
-        if label.startswith(_END)
-    ]
-    notes = [label for label in labels.values() if not label.startswith(_END)]
+    notes = []
+    for name, fate in fates.items():
+        if fate:
+            notes.append(f"{name}: {fate}")
+        else:
+            label = f"end of stability, {name}"
+            handles.append(Key(label, color="black", linestyle=lines[name]))
     if notes:
         figure.supxlabel("; ".join(notes), fontsize=SMALL_FONT_SIZE)
     style.AddLegend(figure, handles, ncols=min(len(handles), 3))
 
 
-def _BoundaryLabels(
-    boundaries: Boundaries, limits: tuple[float, float]
-) -> dict[str, str]:
-    """Returns the label of each boundary, including boundaries outside the map."""
+def _Fates(boundaries: Boundaries, limits: Interval) -> dict[str, str]:
+    """Returns what is said of each boundary outside the map; "" of one that crosses."""
     ends: dict[str, list[Array]] = {}
     for boundary in itertools.chain(*boundaries.values()):
         ends.setdefault(boundary.point, []).append(boundary.ends)
-    labels = {}
+    fates = dict.fromkeys(ends, "")
     for name, parts in ends.items():
         known = np.concatenate(parts)
         known = known[~np.isnan(known)]
         if not known.size:
-            labels[name] = f"{name}: stability not known"
+            fates[name] = "stability not known"
         elif (known > limits[1]).all():
-            labels[name] = f"{name}: stable throughout"
+            fates[name] = "stable throughout"
         elif (known <= 0).all():
-            labels[name] = f"{name}: not stable without delay"
-        else:
-            labels[name] = f"{_END}, {name}"
-    return labels
+            fates[name] = "not stable without delay"
+    return fates

@@ -13,7 +13,7 @@ from teleop_drake.thesis.claims.claim import (
     IsLess,
     NetworksLearn,
     Pair,
-    Seconds,
+    Settling,
 )
 from teleop_drake.thesis.claims.measures import FarShare, LargestJump
 from teleop_drake.thesis.runs import ADAPTIVE, Both, Delay, ThesisRuns
@@ -80,9 +80,8 @@ def _NoStartOvershoot(runs: ThesisRuns) -> Found:
 
 def _Settling(runs: ThesisRuns) -> Found:
     both = _Both(runs)
-    direct, adaptive = (run["collision.settling_time"] for run in both)
+    direct, adaptive, text = Settling(both)
     observed = both.direct.recording.time[-1] - both.direct["collision.time"]
-    text = f"direct {Seconds(direct)}, adaptive {Seconds(adaptive)}"
     return Found(
         adaptive is not None and (direct is None or adaptive <= direct / 2),
         text.replace("never", f"not within {observed:.2g} s"),

@@ -14,6 +14,7 @@ from teleop_drake.thesis.claims.claim import (
     Listed,
     Pair,
     Seconds,
+    Settling,
     Shares,
 )
 from teleop_drake.thesis.claims.measures import (
@@ -27,8 +28,7 @@ from teleop_drake.thesis.runs import ADAPTIVE, Delay, ThesisRuns
 
 
 def _NeverConverges(runs: ThesisRuns, case: str) -> Found:
-    direct, adaptive = (run[SETTLING] for run in OfCase(runs, case))
-    text = f"direct {Seconds(direct)}, adaptive {Seconds(adaptive)}"
+    direct, adaptive, text = Settling(OfCase(runs, case))
     return Found(direct is None and adaptive is not None, text)
 
 

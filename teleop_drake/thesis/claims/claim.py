@@ -197,6 +197,12 @@ def Seconds(time: float | None) -> str:
     return "never" if time is None else f"{time:.3g} s"
 
 
+def Settling(both: Both) -> tuple[float | None, float | None, str]:
+    """Returns when both runs settle on the bone, in s, and the text of it."""
+    direct, adaptive = (run["collision.settling_time"] for run in both)
+    return direct, adaptive, f"direct {Seconds(direct)}, adaptive {Seconds(adaptive)}"
+
+
 def Listed(values: Iterable[float]) -> str:
     """Returns numbers with commas between them."""
     return ", ".join(f"{value:.3g}" for value in values)

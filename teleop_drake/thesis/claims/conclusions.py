@@ -11,7 +11,14 @@ from teleop_drake.blocks.architectures.adaptive_backstepping import (
 )
 from teleop_drake.scenario import AsTeleoperation, LoadScenario
 from teleop_drake.scenario.tree import ToTree
-from teleop_drake.thesis.claims.claim import Axes, Claim, Found, Pair, Seconds
+from teleop_drake.thesis.claims.claim import (
+    Axes,
+    Claim,
+    Found,
+    Pair,
+    Seconds,
+    Settling,
+)
 from teleop_drake.thesis.claims.learning import (
     INSIDE,
     PathDistance,
@@ -69,8 +76,7 @@ def _ComparableWithoutDelay(runs: ThesisRuns) -> Found:
 
 
 def _RestWithoutDelay(runs: ThesisRuns) -> Found:
-    direct, adaptive = (run[_SETTLING] for run in runs.ShortOfBoth(_THIRD, Delay(0.0)))
-    text = f"direct {Seconds(direct)}, adaptive {Seconds(adaptive)}"
+    direct, adaptive, text = Settling(runs.ShortOfBoth(_THIRD, Delay(0.0)))
     return Found(direct is not None and adaptive is not None, text)
 
 
