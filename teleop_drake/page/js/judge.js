@@ -194,7 +194,6 @@ const MEASURES = {
     if (pairs.length === 1) return { holds, ours: pairs[0] };
     return { holds, ours: pairs.map((pair, k) => `${AXES[k]}: ${pair}`).join("; ") };
   },
-  _IsLess: (evidence, claim) => MEASURES.IsLess(evidence, claim),
   // Speed and force at the puncture are those of direct force.
   _SameAtPuncture(evidence) {
     const speeds = evidence.both("puncture.velocity");

@@ -6,9 +6,10 @@ from functools import partial
 
 import numpy as np
 
-from teleop_drake.thesis.claims.chapter5_tissue import CASES, SETTLING, V_D, OfCase
+from teleop_drake.thesis.claims.chapter5_tissue import CASES, SETTLING, V_D
 from teleop_drake.thesis.claims.claim import (
     Claim,
+    Compared,
     Found,
     IsLess,
     Listed,
@@ -27,13 +28,13 @@ from teleop_drake.thesis.claims.measures import (
 from teleop_drake.thesis.runs import ADAPTIVE, Delay, ThesisRuns
 
 
-def _NeverConverges(runs: ThesisRuns, case: str) -> Found:
-    direct, adaptive, text = Settling(OfCase(runs, case))
+def _NeverConverges(runs: ThesisRuns, task: str) -> Found:
+    direct, adaptive, text = Settling(Compared(runs, task))
     return Found(direct is None and adaptive is not None, text)
 
 
-def _LowerFirstImpact(runs: ThesisRuns, case: str) -> Found:
-    both = OfCase(runs, case)
+def _LowerFirstImpact(runs: ThesisRuns, task: str) -> Found:
+    both = Compared(runs, task)
     direct, adaptive = both.Numbers("collision.initial_impact_force")
     speeds = Pair(*both.Numbers("collision.velocity"), "m/s")
     return Found(
@@ -43,8 +44,8 @@ def _LowerFirstImpact(runs: ThesisRuns, case: str) -> Found:
     )
 
 
-def _DirectPosition(runs: ThesisRuns, case: str) -> Found:
-    direct, adaptive = (PathError(run.recording) for run in OfCase(runs, case))
+def _DirectPosition(runs: ThesisRuns, task: str) -> Found:
+    direct, adaptive = (PathError(run.recording) for run in Compared(runs, task))
     return Found(
         (direct < 0.15).all(),
         Shares(direct),
@@ -52,8 +53,8 @@ def _DirectPosition(runs: ThesisRuns, case: str) -> Found:
     )
 
 
-def _DirectUnstable(runs: ThesisRuns, case: str, axis: str) -> Found:
-    recording = OfCase(runs, case).direct.recording
+def _DirectUnstable(runs: ThesisRuns, task: str, axis: str) -> Found:
+    recording = Compared(runs, task).direct.recording
     contact = FirstEvent(recording, "contact")
     end = float(recording.time[-1])
     p = recording["tool_position"][:, "xy".index(axis)]
@@ -63,13 +64,13 @@ def _DirectUnstable(runs: ThesisRuns, case: str, axis: str) -> Found:
     return Found(late >= 1.1 * early, f"first {early:.3g}, last {late:.3g} m")
 
 
-def _Sluggish(runs: ThesisRuns, case: str) -> Found:
-    direct, adaptive = (RiseTime(run.recording) for run in OfCase(runs, case))
+def _Sluggish(runs: ThesisRuns, task: str) -> Found:
+    direct, adaptive = (RiseTime(run.recording) for run in Compared(runs, task))
     return Found(adaptive > direct, Pair(direct, adaptive, "s"))
 
 
-def _StableOnBone(runs: ThesisRuns, case: str) -> Found:
-    recording = OfCase(runs, case).adaptive.recording
+def _StableOnBone(runs: ThesisRuns, task: str) -> Found:
+    recording = Compared(runs, task).adaptive.recording
     asked = float(np.asarray(recording.teleoperation.surgeon.contact_force)[0])
     force = float(recording["environment_force"][-1, 0])
     speed = float(np.linalg.norm(recording["tool_velocity"][-1]))
@@ -78,7 +79,7 @@ def _StableOnBone(runs: ThesisRuns, case: str) -> Found:
 
 
 def _DampsOut(runs: ThesisRuns) -> Found:
-    run = OfCase(runs, "II").adaptive
+    run = Compared(runs, CASES["II"]).adaptive
     hits = ImpactForces(run.recording)
     settling = run[SETTLING]
     return Found(
@@ -88,7 +89,7 @@ def _DampsOut(runs: ThesisRuns) -> Found:
 
 
 def _DirectImpactsGrow(runs: ThesisRuns) -> Found:
-    hits = ImpactForces(OfCase(runs, "II").direct.recording)
+    hits = ImpactForces(Compared(runs, CASES["II"]).direct.recording)
     holds = len(hits) > 1 and min(hits[1:]) > hits[0]
     return Found(holds, f"{Listed(hits)} N")
 
@@ -107,12 +108,6 @@ def _LargerGains(runs: ThesisRuns) -> Found:
         f"It is not the delay: without it the error is {Listed(errors[1])} m/s, and "
         f"the tool settles after {times[1]}.",
     )
-
-
-def _IsLess(
-    runs: ThesisRuns, case: str, of: str, unit: str, than: float = 1.0
-) -> Found:
-    return IsLess(runs, task=CASES[case], of=of, unit=unit, than=than)
 
 
 # Texts of several claims.
@@ -139,7 +134,7 @@ def _InBothCases(
 
     Args:
         figures: The numbers of the figures in either case.
-        measure: Takes the runs and the `case`.
+        measure: Takes the runs and the `task` of a case.
     """
     return [
         Claim(
@@ -148,7 +143,7 @@ def _InBothCases(
             claim=claim,
             criterion=criterion,
             reason=reason,
-            measure=partial(measure, case=case),
+            measure=partial(measure, task=CASES[case]),
         )
         for case, figure in zip(("II", "III"), figures, strict=True)
     ]
@@ -164,7 +159,7 @@ CLAIMS = [
         ),
         criterion=_HALF_THE_ERROR,
         measure=partial(
-            _IsLess, of="velocity_rms_error", than=0.5, unit="m/s", case="II"
+            IsLess, of="velocity_rms_error", than=0.5, unit="m/s", task=CASES["II"]
         ),
     ),
     Claim(
@@ -173,7 +168,7 @@ CLAIMS = [
         claim="Adaptive tracks the velocity well on both axes.",
         criterion=_HALF_THE_ERROR,
         measure=partial(
-            _IsLess, of="velocity_rms_error", than=0.5, unit="m/s", case="III"
+            IsLess, of="velocity_rms_error", than=0.5, unit="m/s", task=CASES["III"]
         ),
     ),
     *_InBothCases(
@@ -235,7 +230,7 @@ CLAIMS = [
                 "two"
             ),
             reason=reason,
-            measure=partial(_DirectUnstable, case=case, axis=axis),
+            measure=partial(_DirectUnstable, task=CASES[case], axis=axis),
         )
         for case, axis, figure, reason in (
             ("II", "x", "5.9", _BOUNCES),
@@ -264,7 +259,7 @@ CLAIMS = [
     *_InBothCases(
         "less-force",
         ("5.10", "5.17"),
-        partial(_IsLess, of="control_force_peak", unit="N"),
+        partial(IsLess, of="control_force_peak", unit="N"),
         claim="Adaptive needs less control force.",
         criterion="lower peak on every axis",
         reason=(
@@ -275,14 +270,14 @@ CLAIMS = [
     *_InBothCases(
         "less-variation",
         ("5.10", "5.17"),
-        partial(_IsLess, of="control_force_variation", unit="N"),
+        partial(IsLess, of="control_force_variation", unit="N"),
         claim="The adaptive controller's force is the smoother one: it moves less.",
         criterion="lower total variation on every axis",
     ),
     *_InBothCases(
         "no-jumps",
         ("5.10", "5.17"),
-        partial(_IsLess, of="largest jump", than=0.01, unit="N"),
+        partial(IsLess, of="largest jump", than=0.01, unit="N"),
         claim=(
             "The adaptive controller's force is smooth; that of direct force is abrupt."
         ),
