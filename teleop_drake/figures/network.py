@@ -91,10 +91,17 @@ def _DrawDelays(ax: Axes, sent: Array, arrivals: Array) -> None:
     has_arrived = np.isfinite(arrivals)
     delays = 1e3 * (arrivals - sent)[has_arrived]
     ax.plot(sent[has_arrived], delays, ".", color=COLORS[0], markersize=2.5)
-    lost = sent[~has_arrived]
-    cross: Look = {"markersize": 3, "label": "lost packet"}
-    cross |= {"color": COLORS[1], "markeredgewidth": 0.7, **style.Above(ax)}
-    ax.plot(lost, np.full(len(lost), 1.03), "x", **cross)
+    style.MarkAbove(
+        ax,
+        sent[~has_arrived],
+        1.03,
+        marker="x",
+        linestyle="none",
+        markersize=3,
+        markeredgewidth=0.7,
+        color=COLORS[1],
+        label="lost packet",
+    )
 
 
 def _Age(network: PacketNetwork, receiver: Receiver, end: float) -> tuple[Array, Array]:

@@ -101,14 +101,9 @@ def _DrawMetric(
             _DrawBand(ax, grid.x, y, middle, line["color"])
         for name, where in marked.items():
             x = grid.x[where[(*index, i)].any(axis=1)]
-            ax.plot(
-                x,
-                np.full(len(x), 1.03 + 0.035 * i),
-                marker=_MARKS[name],
-                color=line["color"],
-                **_MARK_STYLE,
-                **style.Above(ax),
-            )
+            height = 1.03 + 0.035 * i
+            look = {"marker": _MARKS[name], "color": line["color"]}
+            style.MarkAbove(ax, x, height, **_MARK_STYLE, **look)
     for ax in axes[:, 0]:
         ax.set_ylabel(label)
     return {name for name, where in marked.items() if where.any()}
