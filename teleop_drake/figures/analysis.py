@@ -182,23 +182,22 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
 
 def _MarkFrequencies(ax: Axes, w: Array, locus: ComplexArray, color: str) -> None:
     """Writes frequencies beside a locus in the plot, and an arrow along it."""
-    seen = max(_NYQUIST_RANGE - 0.3, 0.0)
-    is_seen = np.maximum(abs(locus.real), abs(locus.imag)) < seen
+    points = np.column_stack([locus.real, locus.imag])
+    is_seen = (np.abs(points) < _NYQUIST_RANGE - 0.3).all(axis=1)
     written: dict[str, complex] = {}
     for k in np.flatnonzero(is_seen):
         number = f"{w[k]:.2g}"
         distances = [abs(locus[k] - place) for place in written.values()]
         if number in written or min(distances, default=math.inf) < _LABEL_DISTANCE:
             continue
-        written[number] = complex(locus[k])
-        place = (locus[k].real, locus[k].imag)
-        ax.plot(*place, ".", color=color, ms=3)
-        ax.annotate(number, place, (2, 2), textcoords="offset points", fontsize=5)
+        written[number] = locus[k]
+        ax.plot(*points[k], ".", color=color, ms=3)
+        ax.annotate(number, points[k], (2, 2), textcoords="offset points", fontsize=5)
         if len(written) == 1 and k + 1 < len(w):
             # Towards higher frequencies.
             ahead = k + np.argmax(abs(locus[k:] - locus[k]) > _LABEL_DISTANCE / 2)
-            end = (locus[ahead].real, locus[ahead].imag)
-            ax.annotate("", end, place, arrowprops={"arrowstyle": "->", "color": color})
+            arrow = {"arrowstyle": "->", "color": color}
+            ax.annotate("", points[ahead], points[k], arrowprops=arrow)
 
 
 def PlotStableDelays(
