@@ -77,7 +77,7 @@ def test_the_linear_core_contains_the_damper_against_the_command():
 def test_no_two_runs_are_alike():
     held_out, training = (
         [
-            ScenarioToYaml(plan.source.Load(plan.Overrides(point)))
+            ScenarioToYaml(plan.Load(point))
             for plan in Runs(study, ENTRIES[BASELINE]).plans.values()
             for point in plan.points
         ]

@@ -1,11 +1,11 @@
 """The executor of a Dask cluster, for the option --dask."""
 
-import sys
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 
 from teleop_drake.cli.exit_codes import BadInput
+from teleop_drake.cli.progress import Notice
 
 
 @contextmanager
@@ -35,11 +35,9 @@ def DaskExecutor(address: str | None) -> Iterator[Executor | None]:
         ) from None
     with client:
         if not client.scheduler_info()["workers"]:
-            print(
-                f"teleop-drake: {address} has no workers; the runs wait for the first "
-                f"one (dask worker {address}). Ctrl-C ends the sweep",
-                file=sys.stderr,
-                flush=True,
+            Notice(
+                f"{address} has no workers; the runs wait for the first one (dask "
+                f"worker {address}). Ctrl-C ends the sweep"
             )
         # By default, pure, two calls with equal arguments would be one.
         yield client.get_executor(pure=False)

@@ -23,6 +23,10 @@ class Failed(Exception):
     """Its text says why something failed that was asked for correctly."""
 
 
+class Interrupted(Exception):
+    """Its text says what there is of what Ctrl-C has ended."""
+
+
 def Fail(exit_code: int, message: object) -> int:
     """Prints an error as one line on stderr and returns the exit code."""
     line = " ".join(str(message).split())

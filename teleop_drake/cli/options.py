@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 from teleop_drake.cli.exit_codes import BadInput
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from pydrake.systems.framework import System
 
@@ -386,11 +386,21 @@ def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[
     return [f"{direction}_channel={text}" for direction in ("forward", "return")]
 
 
-def OverridesOf(args: argparse.Namespace, *, imports: bool = True) -> list[str]:
-    """Returns the overrides of the command line as PATH=VALUE."""
+def OverridesOf(
+    args: argparse.Namespace,
+    names: "Iterable[str]" = OVERRIDES,
+    *,
+    imports: bool = True,
+) -> list[str]:
+    """Returns the overrides of the command line as PATH=VALUE.
+
+    Args:
+        names: The options that are overrides, besides --channel and --set.
+        imports: As in ChannelOverrides().
+    """
     overrides = ChannelOverrides(args, imports=imports)
-    for option, paths in OVERRIDES.items():
+    for option in names:
         value = getattr(args, option, None)
         if value is not None:
-            overrides += [f"{path}={value}" for path in paths]
+            overrides += [f"{path}={value}" for path in OVERRIDES[option]]
     return [*overrides, *args.set]

@@ -13,6 +13,11 @@ if TYPE_CHECKING:
     from teleop_drake.scenario import AnyScenario
 
 
+def Notice(text: object) -> None:
+    """Prints a line for the user on stderr."""
+    print(f"teleop-drake: {text}", file=sys.stderr, flush=True)
+
+
 def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording":
     """Returns the recording of a run; shows its progress unless it is quiet.
 
@@ -41,7 +46,7 @@ def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording
             f"the run failed: {type(error).__name__}: {FirstLine(error)}"
         ) from error
     for note in recording.notes:
-        print(f"teleop-drake: {note}", file=sys.stderr)
+        Notice(note)
     return recording
 
 
@@ -53,7 +58,7 @@ def _Notes() -> Iterator[None]:
         yield
     for note in notes:
         if note.category is UserWarning:
-            print(f"teleop-drake: {note.message}", file=sys.stderr)
+            Notice(note.message)
 
 
 @contextmanager

@@ -70,21 +70,39 @@ def LoadOverridden(
     """
     if isinstance(scenario, str | os.PathLike):
         path = _FindScenario(scenario)
-        tree = ToTree(_CompleteTree(path, ReadText(path)))
-        schema = _SchemaOf(tree)
-    else:
-        tree = ToTree(scenario)
-        schema = type(scenario)
-    replaced = [SetPath(tree, path, value) for path, value in ParseOverrides(overrides)]
-    changed = FromTree(tree, schema)
+        return OverriddenTree(_CompleteTree(path, ReadText(path)), overrides)
+    tree = ToTree(scenario)
+    replaced = _SetPaths(tree, overrides)
+    changed = FromTree(tree, type(scenario))
     # Most sweeps change the channels alone.
-    is_valid = isinstance(scenario, Scenario)
     only_channels = all(path.startswith(CHANNELS) for path in replaced)
-    if is_valid and only_channels and isinstance(changed, Scenario):
+    if isinstance(changed, Scenario) and only_channels:
         changed._CheckChannels()
     else:
         changed._Check()
     return changed, replaced
+
+
+def ReadTree(name_or_path: str | os.PathLike[str]) -> Record:
+    """Returns the complete tree of a scenario; the files that it names are absolute."""
+    path = _FindScenario(name_or_path).absolute()
+    return _CompleteTree(path, ReadText(path))
+
+
+def OverriddenTree(
+    complete: Record, overrides: Mapping[str, Any] | Iterable[str]
+) -> tuple[AnyScenario, list[str]]:
+    """Returns what LoadOverridden() does, for a complete tree."""
+    tree = ToTree(complete)
+    replaced = _SetPaths(tree, overrides)
+    scenario = FromTree(tree, _SchemaOf(tree))
+    scenario._Check()
+    return scenario, replaced
+
+
+def _SetPaths(tree: Record, overrides: Mapping[str, Any] | Iterable[str]) -> list[str]:
+    """Replaces values in a tree, and returns the paths with the numbers of elements."""
+    return [SetPath(tree, path, value) for path, value in ParseOverrides(overrides)]
 
 
 def ReadScenario(
@@ -105,7 +123,7 @@ def ReadScenario(
         ScenarioError: If the file or an override cannot be read.
     """
     path = _FindScenario(name_or_path)
-    tree = Given(ParseScenario(path, ReadText(path)))
+    tree = Given(_ParseScenario(path, ReadText(path)))
     for dotted, value in ParseOverrides(overrides):
         SetPath(tree, dotted, value)
     own = {
@@ -165,7 +183,7 @@ def CheckSteps(scenario: AnyScenario) -> None:
         )
 
 
-def ParseScenario(path: Path, text: str) -> dict[Any, Any]:
+def _ParseScenario(path: Path, text: str) -> dict[Any, Any]:
     """Returns the tree of a scenario file; `delay` has become that of both channels.
 
     A text that is no mapping in YAML, or gives a delay twice, raises a ScenarioError.
@@ -187,18 +205,14 @@ def _CompleteTree(path: Path, text: str) -> Record:
 
     What the file leaves out has its default. A sweep comes here once for each run.
     """
-    tree = ParseScenario(path, text)
+    tree = _ParseScenario(path, text)
     tree.setdefault("name", path.stem)
-    ResolveFiles(tree, path.parent)
-    complete: Record = ToTree(FromTree(tree, _SchemaOf(tree)))
-    return complete
-
-
-def ResolveFiles(tree: dict[Any, Any], folder: Path) -> None:
-    """Makes the paths of files in a scenario's tree relative to its file's folder."""
+    # The paths of files are relative to the folder of the scenario's file.
     for dotted, file in ScenarioFiles(FromTree(tree, _SchemaOf(tree))).items():
         section, key = dotted.split(".")
-        tree[section][key] = str(folder / file)
+        tree[section][key] = str(path.parent / file)
+    complete: Record = ToTree(FromTree(tree, _SchemaOf(tree)))
+    return complete
 
 
 def ScenarioFromYaml(text: str) -> AnyScenario:

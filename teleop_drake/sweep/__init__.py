@@ -1,6 +1,6 @@
 """Sweeps: runs of a scenario over a grid of values and controllers."""
 
-from teleop_drake.sweep.folder import TableNames, WriteTables
+from teleop_drake.sweep.folder import WriteTables
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
 from teleop_drake.sweep.result import (
     SelectMetrics,
@@ -34,7 +34,6 @@ __all__ = [
     "SweepError",
     "SweepPlan",
     "SweepResult",
-    "TableNames",
     "VariesSeedsOnly",
     "WriteTables",
 ]

@@ -22,16 +22,16 @@ import functools
 import importlib.metadata
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from teleop_drake.arrays import Record
-from teleop_drake.files import Replacing
+from teleop_drake.files import Replacing, WriteText
 from teleop_drake.scenario import ScenarioToYaml
 from teleop_drake.sweep.plan import SweepPlan
 from teleop_drake.sweep.result import SweepError, SweepResult
-from teleop_drake.sweep.statistics import CONTROLLERS, Differences, HasSeeds, Statistics
+from teleop_drake.sweep.statistics import Differences, HasSeeds, Statistics
 from teleop_drake.sweep.values import Notice
 
 
@@ -46,9 +46,10 @@ class SweepFolder:
         plan: The sweep.
         resume: Whether the folder may hold the same sweep already.
         notice: Called with a line of text if a torn record is dropped.
+        stack: Where what has to be closed is entered.
 
     Raises:
-        SweepError: When the context is entered, if the folder cannot be used.
+        SweepError: If the folder cannot be used.
     """
 
     def __init__(
@@ -57,48 +58,33 @@ class SweepFolder:
         plan: SweepPlan,
         resume: bool,
         notice: Notice,
+        stack: contextlib.ExitStack,
     ):
         self._path = path
-        self._notice = notice
-        self._plan = plan
-        self._resume = resume
-        self.records: dict[int, Record] = {}
-
-    def __enter__(self) -> "SweepFolder":
-        """Locks the folder, checks its sweep, reads its records, opens its journal."""
-        self._stack = contextlib.ExitStack()
-        with contextlib.ExitStack() as stack:  # An error on the way closes everything.
-            try:
-                self._path.mkdir(parents=True, exist_ok=True)
-                self._Lock(stack)
-                self._CheckParameters()
-            except OSError as error:
-                raise SweepError(
-                    f"{self._Title()}: must be a folder that can be written "
-                    f"({error.strerror})"
-                ) from None
-            self._ReadRecords()
-            journal = open(self._path / "runs.jsonl", "ab", buffering=0)
-            self._journal = stack.enter_context(journal)
-            self._stack = stack.pop_all()
-        return self
-
-    def __exit__(self, *args: object) -> None:
-        self._stack.close()
+        self._title = f"out = {str(path)!r}"
+        self._runs = path / "runs.jsonl"
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            self._Lock(stack)
+            self._CheckParameters(plan, resume)
+        except OSError as error:
+            self._Refuse(f"must be a folder that can be written ({error.strerror})")
+        self.records = self._ReadRecords(notice)
 
     def Append(self, record: Record) -> None:
         """Adds a record by one system call, which a kill can hardly interrupt."""
         line = _JsonLine(record).encode()
-        if self._journal.write(line) != len(line):
-            raise OSError(None, "disk full", str(self._path / "runs.jsonl"))
+        with open(self._runs, "ab", buffering=0) as journal:
+            if journal.write(line) != len(line):
+                raise OSError(None, "disk full", str(self._runs))
 
     def Finish(self, result: SweepResult) -> None:
         """Puts the records into the order of the grid, and writes the tables."""
-        self._Write("runs.jsonl", "".join(map(_JsonLine, result.records)))
+        WriteText(self._runs, "".join(map(_JsonLine, result.records)))
         WriteTables(result, self._path)
 
-    def _Title(self) -> str:
-        return f"out = {str(self._path)!r}"
+    def _Refuse(self, reason: str) -> NoReturn:
+        raise SweepError(f"{self._title}: {reason}") from None
 
     def _Lock(self, stack: contextlib.ExitStack) -> None:
         descriptor = os.open(self._path, os.O_RDONLY)
@@ -106,48 +92,38 @@ class SweepFolder:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise SweepError(f"{self._Title()}: in use by another sweep") from None
+            self._Refuse("in use by another sweep")
 
-    def _CheckParameters(self) -> None:
+    def _CheckParameters(self, plan: SweepPlan, resume: bool) -> None:
         """Writes the parameters of a new sweep, or compares those of an old one."""
-        mine = _Parameters(self._plan)
+        mine = _Parameters(plan)
         file = self._path / "sweep.json"
         if not file.exists():
-            if (self._path / "runs.jsonl").exists():
-                raise SweepError(
-                    f"{self._Title()}: must be a folder without the runs.jsonl of "
-                    "something else"
+            if self._runs.exists():
+                self._Refuse(
+                    "must be a folder without the runs.jsonl of something else"
                 )
-            self._Write("sweep.json", json.dumps(mine, indent=2) + "\n")
+            WriteText(file, json.dumps(mine, indent=2) + "\n")
             return
-        if not self._resume:
-            raise SweepError(
-                f"{self._Title()}: holds a sweep already; resume it, or choose another "
-                "folder"
-            )
+        if not resume:
+            self._Refuse("holds a sweep already; resume it, or choose another folder")
         theirs = json.loads(file.read_bytes())
         different = [key for key in mine | theirs if theirs.get(key) != mine.get(key)]
         if different:
-            raise SweepError(
-                f"{self._Title()}: holds a sweep with other parameters "
-                f"({', '.join(different)}), which cannot be resumed by this one"
+            self._Refuse(
+                f"holds a sweep with other parameters ({', '.join(different)}), which "
+                "cannot be resumed by this one"
             )
 
-    def _ReadRecords(self) -> None:
+    def _ReadRecords(self, notice: Notice) -> dict[int, Record]:
         """Reads the records, and discards an incomplete last line after a kill."""
-        file = self._path / "runs.jsonl"
-        text = file.read_text(encoding="utf-8") if file.exists() else ""
+        text = self._runs.read_text(encoding="utf-8") if self._runs.exists() else ""
         whole = text[: text.rfind("\n") + 1]
-        for line in whole.splitlines():
-            record = json.loads(line)
-            self.records[record["run"]] = record
         if whole != text:
-            self._notice(f"{self._Title()}: the run that was killed is done again")
-            self._Write("runs.jsonl", whole)
-
-    def _Write(self, name: str, text: str) -> None:
-        with Replacing(self._path / name) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+            notice(f"{self._title}: the run that was killed is done again")
+            WriteText(self._runs, whole)
+        records = map(json.loads, whole.splitlines())
+        return {record["run"]: record for record in records}
 
 
 @functools.cache
@@ -181,14 +157,6 @@ def _JsonLine(record: Mapping[str, Any]) -> str:
     return json.dumps(record, allow_nan=False) + "\n"
 
 
-def TableNames(result: SweepResult) -> list[str]:
-    """Returns the names of the CSV files in the folder of a finished sweep."""
-    if not HasSeeds(result):
-        return ["runs.csv"]
-    has_pairs = any(len(result.axes.get(key, [])) > 1 for key in CONTROLLERS)
-    return ["runs.csv", "statistics.csv", *["differences.csv"] * has_pairs]
-
-
 def WriteTables(result: SweepResult, folder: Path, prefix: str = "") -> list[Path]:
     """Writes the tables of a sweep as CSV files; returns their paths.
 
@@ -197,16 +165,14 @@ def WriteTables(result: SweepResult, folder: Path, prefix: str = "") -> list[Pat
         folder: The folder of the files.
         prefix: The beginning of the files' names.
     """
-    makers: dict[str, Callable[[SweepResult], list[Record]]] = {
-        "runs.csv": SweepResult.Table,
-        "statistics.csv": Statistics,
-        "differences.csv": Differences,
-    }
-    paths = []
-    for name in TableNames(result):
-        table = makers[name](result)
-        paths.append(WriteCsv(folder / (prefix + name), table))
-    return paths
+    tables = {"runs": result.Table()}
+    if HasSeeds(result):
+        tables |= {"statistics": Statistics(result), "differences": Differences(result)}
+    return [
+        WriteCsv(folder / f"{prefix}{name}.csv", table)
+        for name, table in tables.items()
+        if table
+    ]
 
 
 def WriteCsv(path: Path, table: list[Record]) -> Path:

@@ -3,25 +3,21 @@
 import hashlib
 import itertools
 import math
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+from teleop_drake.arrays import Record
 from teleop_drake.scenario import (
     DELAYS,
     AnyScenario,
     CheckSteps,
     LoadOverridden,
-    LoadScenario,
     ScenarioError,
-    ScenarioNames,
 )
-from teleop_drake.scenario.loading import ParseScenario, ResolveFiles
+from teleop_drake.scenario.loading import OverriddenTree, ReadTree
 from teleop_drake.scenario.scenario import ScenarioFiles
-from teleop_drake.scenario.yaml_text import DumpYaml, ReadText
 from teleop_drake.simulation.simulate import ENGINES
 from teleop_drake.sweep.result import SweepError
 from teleop_drake.sweep.values import (
@@ -44,40 +40,12 @@ _MAX_CHECKS = 61
 
 
 @dataclass(kw_only=True)
-class Source:
-    """A scenario file that can be sent to another machine.
-
-    The files that it names, such as a measured trace or a robot's model, have to exist
-    on that machine.
-
-    Attributes:
-        name: The name of a built-in scenario, or of the file.
-        text: Contents of the file; None for a built-in scenario.
-    """
-
-    name: str
-    text: str | None
-
-    def Load(self, overrides: Sequence[str]) -> AnyScenario:
-        """Returns the scenario with overrides.
-
-        Raises:
-            ScenarioError: If it is not valid.
-        """
-        if self.text is None:
-            return LoadScenario(self.name, overrides)
-        with TemporaryDirectory(prefix="teleop-drake-") as folder:
-            path = Path(folder) / self.name
-            path.write_text(self.text, encoding="utf-8")
-            return LoadScenario(path, overrides)
-
-
-@dataclass(kw_only=True)
 class SweepPlan:
     """A checked sweep of one scenario; see PlanSweep.
 
     Attributes:
-        source: The scenario.
+        tree: The complete tree of the scenario. The files that it names, such as a
+            measured trace or a robot's model, have to exist where runs are simulated.
         overrides: Overrides of all runs, as "PATH=VALUE".
         axes: Keys of the grid and their values.
         points: A dict from key to value for each run; the last key varies fastest.
@@ -86,7 +54,7 @@ class SweepPlan:
         engine: The engine, as in simulate().
     """
 
-    source: Source
+    tree: Record
     overrides: list[str]
     axes: Grid
     points: list[dict[str, Any]]
@@ -94,17 +62,14 @@ class SweepPlan:
     traces: dict[str, str]
     engine: str
 
-    def Overrides(self, point: Point) -> list[str]:
-        """Returns the overrides of the run at a point."""
-        return [*self.overrides, *PointOverrides(point)]
-
     def Load(self, point: Point) -> AnyScenario:
         """Returns the scenario of the run at a point.
 
         Raises:
             ScenarioError: If it is not valid.
         """
-        return self.source.Load(self.Overrides(point))
+        overrides = [*self.overrides, *PointOverrides(point)]
+        return OverriddenTree(self.tree, overrides)[0]
 
 
 def PlanSweep(
@@ -130,7 +95,6 @@ def PlanSweep(
         raise SweepError(f"engine = {engine!r}: must be one of {', '.join(ENGINES)}")
     texts = OverridesOf(overrides)
     axes = {key: CheckAxis(key, values) for key, values in grid.items()}
-    _CheckPaths(texts, axes)
     num_runs = math.prod(map(len, axes.values()))
     if num_runs > MAX_RUNS:
         raise SweepError(f"grid = {num_runs} runs: must be at most {MAX_RUNS}")
@@ -141,8 +105,8 @@ def PlanSweep(
         """Returns the scenario of a point; error messages have the name given."""
         own = [*texts, *PointOverrides(point)]
         checked, replaced = LoadOverridden(scenario, own)
-        CheckSteps(checked)
         _CheckPaths(texts, axes, replaced)
+        CheckSteps(checked)
         for file in sorted(set(ScenarioFiles(checked).values())):
             if file not in traces:
                 traces[file] = hashlib.sha256(Path(file).read_bytes()).hexdigest()
@@ -155,7 +119,7 @@ def PlanSweep(
             f"grid.seed = {axes['seed']}: must be left out, no channel is random"
         )
     return SweepPlan(
-        source=_ReadSource(scenario),
+        tree=ReadTree(scenario),
         overrides=texts,
         axes=axes,
         points=[
@@ -166,17 +130,6 @@ def PlanSweep(
         traces=traces,
         engine=engine,
     )
-
-
-def _ReadSource(scenario: File) -> Source:
-    """Returns the source of a scenario, given as in LoadScenario()."""
-    path = Path(scenario)
-    if os.fspath(scenario) in ScenarioNames():
-        return Source(name=path.name, text=None)
-    tree = ParseScenario(path, ReadText(path))
-    # Another machine does not have the folder to which paths are relative.
-    ResolveFiles(tree, path.parent.resolve())
-    return Source(name=path.name, text=DumpYaml(tree))
 
 
 def _HasRandomNumbers(scenario: AnyScenario, axes: Iterable[str]) -> bool:
@@ -207,18 +160,14 @@ def _Settings(overrides: Sequence[str], axes: Iterable[str]) -> Iterator[_Settin
 
 
 def _CheckPaths(
-    overrides: Sequence[str],
-    axes: Iterable[str],
-    replaced: Sequence[str] | None = None,
+    overrides: Sequence[str], axes: Iterable[str], names: Sequence[str]
 ) -> None:
     """Refuses a setting that has no effect because a later value replaces it.
 
     Args:
-        replaced: The unique name of each field, in the order of the settings; None: the
-            given name.
+        names: The unique name of each field, in the order of the settings.
     """
     settings = list(_Settings(overrides, axes))
-    names = replaced or [setting.path for setting in settings]
     for i, later in enumerate(settings):
         if later.setter == "overrides":
             continue  # As on the command line, the later one wins.

@@ -1,8 +1,9 @@
 """The result of a sweep: records, and the metrics in them by name."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -64,7 +65,7 @@ class SweepResult:
             SweepError: If there is no such metric.
         """
         SelectMetrics(self.scenario, [metric])
-        values = [_RecordMetrics(record).get(metric) for record in self.records]
+        values = [metrics.get(metric) for metrics in self._metrics]
         return np.array(
             [math.nan if value is None else value for value in values], dtype=float
         ).reshape(self.shape)
@@ -99,19 +100,25 @@ class SweepResult:
         Each row has the same keys: run, the keys of the grid, status, reason and the
         metrics. A metric is None for a run without a value.
         """
-        rows = []
-        for record in self.records:
-            metrics = _RecordMetrics(record)
-            rows.append(
-                {
-                    "run": record["run"],
-                    **record["varied"],
-                    "status": record["status"],
-                    "reason": record["reason"],
-                    **{name: metrics.get(name) for name in MetricUnits(self.scenario)},
-                }
-            )
-        return rows
+        names = MetricUnits(self.scenario)
+        return [
+            {
+                "run": record["run"],
+                **record["varied"],
+                "status": record["status"],
+                "reason": record["reason"],
+                **{name: metrics.get(name) for name in names},
+            }
+            for record, metrics in zip(self.records, self._metrics, strict=True)
+        ]
+
+    @cached_property
+    def _metrics(self) -> list[Record]:
+        """The metrics of each run and of its channels, by their names."""
+        return [
+            FlattenMetrics((record["metrics"] or {}) | record.get("channels", {}))
+            for record in self.records
+        ]
 
 
 def SelectMetrics(
@@ -136,8 +143,3 @@ def SelectMetrics(
             raise SweepError(f"metric {name!r}: must be one of {', '.join(known)}")
         selected |= dict.fromkeys(found)
     return list(selected)
-
-
-def _RecordMetrics(record: Mapping[str, Any]) -> Record:
-    """Returns the metrics of a run and of its channels by their names."""
-    return FlattenMetrics((record["metrics"] or {}) | record.get("channels", {}))

@@ -6,7 +6,7 @@ import os
 import time as clock
 import warnings
 from collections import deque
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import (
     BrokenExecutor,
     CancelledError,
@@ -15,16 +15,14 @@ from concurrent.futures import (
     as_completed,
 )
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from teleop_drake.arrays import Record
-from teleop_drake.scenario import AnyScenario, ScenarioError
-from teleop_drake.simulation import simulate
+from teleop_drake.scenario import ScenarioError
 from teleop_drake.simulation.compiled_run import WhyNotCompiled
 from teleop_drake.sweep.folder import SweepFolder, Versions
-from teleop_drake.sweep.plan import PlanSweep, Source, SweepPlan
-from teleop_drake.sweep.programs import Programs
+from teleop_drake.sweep.plan import PlanSweep, SweepPlan
+from teleop_drake.sweep.programs import Programs, SimulatePoint
 from teleop_drake.sweep.result import SweepError, SweepResult
 from teleop_drake.sweep.values import (
     File,
@@ -160,8 +158,8 @@ def RunSweep(plan: SweepPlan, execution: Execution = HERE) -> SweepResult:
         folder = None
         if execution.out is not None:
             out = Path(execution.out)
-            folder = SweepFolder(out, plan, execution.resume, execution.notice)
-            records |= stack.enter_context(folder).records
+            folder = SweepFolder(out, plan, execution.resume, execution.notice, stack)
+            records |= folder.records
         execution.progress(len(records), num_runs)
         # Each record is written as soon as its run has ended.
         missing = deque(run for run in range(num_runs) if run not in records)
@@ -247,7 +245,7 @@ def _SimulateRuns(
 
 def _SimulateHere(plan: SweepPlan, runs: deque[int]) -> Generator[Record, None, None]:
     """Simulates runs in this process until workers are faster; removes those done."""
-    programs = Programs()
+    programs: Programs = {}
     num_done = 0
     total_time = 0.0
     while runs and num_done < _MAX_RUNS_HERE:
@@ -256,7 +254,7 @@ def _SimulateHere(plan: SweepPlan, runs: deque[int]) -> Generator[Record, None, 
             return
         point = plan.points[runs[0]]
         start = clock.thread_time()  # Other threads may draw.
-        outcome = _SimulateOne(programs, partial(plan.Load, point), point, "auto")
+        outcome = _SimulateOne(plan, point, programs)
         if num_done > 0:
             total_time += clock.thread_time() - start
         num_done += 1
@@ -271,23 +269,14 @@ def _SimulateOn(
     If a call is lost, for example with its worker, each of its runs is repeated by a
     call of its own. Only a run that is lost again fails.
     """
-    # The notice has told once why runs are not machine code.
-    engine = "drake" if plan.engine == "drake" else "auto"
     calls: list[Sequence[int]] = [runs[i : i + size] for i in range(0, len(runs), size)]
     for is_last_try in (False, True):
         lost: list[Sequence[int]] = []
         futures = {}
         for call in calls:
-            points = [plan.points[run] for run in call]
-            future = executor.submit(
-                _SimulateCall,
-                plan.source,
-                [plan.Overrides(point) for point in points],
-                points,
-                engine,
-                Versions(),
-            )
-            futures[future] = call
+            # A worker has no use for the axes, which may be long.
+            own = replace(plan, axes={}, points=[plan.points[run] for run in call])
+            futures[executor.submit(_SimulateCall, own, Versions())] = call
         try:
             for future in as_completed(futures):
                 call = futures[future]
@@ -324,18 +313,10 @@ def _Await(future: Future[list[Record]]) -> list[Record] | Exception:
         return error
 
 
-def _SimulateCall(
-    source: Source,
-    runs: Sequence[list[str]],
-    points: Sequence[Point],
-    engine: str,
-    versions: Mapping[str, str],
-) -> list[Record]:
-    """Simulates runs in a worker, and returns their outcomes.
+def _SimulateCall(plan: SweepPlan, versions: Mapping[str, str]) -> list[Record]:
+    """Simulates the runs of a plan in a worker, and returns their outcomes.
 
     Args:
-        runs: The overrides of each run.
-        points: The values of each run in the sweep, by the keys of the grid.
         versions: The versions of the packages where the sweep was started.
 
     Raises:
@@ -345,26 +326,14 @@ def _SimulateCall(
         raise SweepError(
             f"executor: must have workers with {versions}, and one has {Versions()}"
         )
-    programs = Programs()
-    outcomes = []
-    for overrides, point in zip(runs, points, strict=True):
-        load = partial(source.Load, overrides)
-        outcomes.append(_SimulateOne(programs, load, point, engine))
-    return outcomes
+    programs: Programs = {}
+    return [_SimulateOne(plan, point, programs) for point in plan.points]
 
 
-def _SimulateOne(
-    programs: Programs,
-    load: Callable[[], AnyScenario],
-    point: Point,
-    engine: str,
-) -> Record:
-    """Simulates one run and returns its outcome; see Programs.Simulate()."""
+def _SimulateOne(plan: SweepPlan, point: Point, programs: Programs) -> Record:
+    """Simulates one run and returns its outcome; see SimulatePoint()."""
     try:
-        if engine == "drake":
-            recording = simulate(load(), engine=engine)
-        else:
-            recording = programs.Simulate(load, point)
+        recording = SimulatePoint(plan, point, programs)
         if recording.termination == "interrupted":
             raise KeyboardInterrupt
         outcome: Record = {

@@ -8,7 +8,6 @@ Intervals are for 95 % confidence: of a median by the bootstrap (percentiles of
 `scipy.stats.bootstrap`), of a share by Wilson's method (`scipy.stats.binomtest`).
 """
 
-import itertools
 import math
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -86,28 +85,21 @@ def Statistics(result: SweepResult) -> list[Record]:
     Raises:
         SweepError: If the sweep has no seeds.
     """
-    rows = []
-    points = list(_Points(result))
-    status = result.Status()
+    shares = _Shares(result)
     metrics = _Medians(result)
-    for point, index in points:
-        runs = status[index]
-        common = {**point, "runs": len(runs)}
-        for metric, share in _Shares(result).items():
+    rows = []
+    for point, index in _Points(result):
+        for metric, share in shares.items():
+            total = len(share[index])
             count = int(share[index].sum())
             rows.append(
-                common
-                | {"metric": metric, "statistic": "share", "unit": "", "count": count}
-                | _Estimate(count / len(runs), ShareInterval(count, len(runs)))
+                {**point, "runs": total, "metric": metric, "statistic": "share"}
+                | {"unit": "", "count": count}
+                | _Estimate(count / total, ShareInterval(count, total))
                 | {"p5": None, "p95": None}
             )
         for metric, (unit, values) in metrics.items():
-            x = values[index]
-            rows.append(
-                common
-                | {"metric": metric, "statistic": "median", "unit": unit}
-                | _MedianOf(x[np.isfinite(x)])
-            )
+            rows.append(_MedianRow(point, metric, "median", unit, values[index]))
     return rows
 
 
@@ -125,26 +117,22 @@ def Differences(result: SweepResult) -> list[Record]:
     Raises:
         SweepError: If the sweep has no seeds.
     """
-    key = next((k for k in CONTROLLERS if len(result.axes.get(k, [])) > 1), None)
     points = list(_Points(result))
+    key = next((k for k in CONTROLLERS if len(result.axes.get(k, [])) > 1), None)
     if key is None:
         return []
+    axis = list(result.axes).index(key)
     baseline = result.axes[key][0]
     metrics = _Medians(result)
-    of_baseline = {
-        _Others(point, key): index for point, index in points if point[key] == baseline
-    }
     rows = []
     for point, index in points:
         if point[key] == baseline:
             continue
+        of_baseline = (*index[:axis], 0, *index[axis + 1 :])
         for metric, (unit, values) in metrics.items():
-            x = values[index] - values[of_baseline[_Others(point, key)]]
-            rows.append(
-                {**point, "baseline": baseline, "runs": len(x), "metric": metric}
-                | {"statistic": "median difference", "unit": unit}
-                | _MedianOf(x[np.isfinite(x)])
-            )
+            own = {**point, "baseline": baseline}
+            x = values[index] - values[of_baseline]
+            rows.append(_MedianRow(own, metric, "median difference", unit, x))
     return rows
 
 
@@ -157,29 +145,23 @@ def Bands(values: Array, estimate: Callable[[Array], Any]) -> Array:
         values: Array (..., seeds).
         estimate: A function that takes a vector of finite numbers and returns a number.
     """
-    flat = values.reshape(-1, values.shape[-1])
-    results = [
-        estimate(row[np.isfinite(row)]) if np.isfinite(row).any() else math.nan
-        for row in flat
-    ]
-    return np.array(results, dtype=float).reshape(values.shape[:-1])
+
+    def OfFinite(row: Array) -> Any:
+        finite = row[np.isfinite(row)]
+        return estimate(finite) if finite.size else math.nan
+
+    return np.apply_along_axis(OfFinite, -1, values)
 
 
 def _Points(result: SweepResult) -> Iterator[tuple[Record, tuple[Any, ...]]]:
     """Yields each point of the grid without its seed, and the indices of its runs."""
     if SEED not in result.axes:
         raise SweepError("result: must be of a grid with the key seed")
-    keys = [key for key in result.axes if key != SEED]
-    for numbers in itertools.product(*(range(len(result.axes[k])) for k in keys)):
-        number = dict(zip(keys, numbers, strict=True))
-        yield (
-            {key: result.axes[key][i] for key, i in number.items()},
-            tuple(number.get(key, slice(None)) for key in result.axes),
-        )
-
-
-def _Others(point: Record, key: str) -> str:
-    return repr({k: value for k, value in point.items() if k != key})
+    seed = list(result.axes).index(SEED)
+    others = {key: values for key, values in result.axes.items() if key != SEED}
+    for numbers in np.ndindex(*map(len, others.values())):
+        point = {key: others[key][i] for key, i in zip(others, numbers, strict=True)}
+        yield point, (*numbers[:seed], slice(None), *numbers[seed:])
 
 
 def _Medians(result: SweepResult) -> dict[str, tuple[str, Array]]:
@@ -202,14 +184,17 @@ def _Shares(result: SweepResult) -> dict[str, Array]:
     return shares
 
 
-def _MedianOf(values: Array) -> Record:
-    if not values.size:
-        return {"count": 0} | dict.fromkeys(("value", "low", "high", "p5", "p95"))
-    return (
-        {"count": len(values)}
-        | _Estimate(float(np.median(values)), MedianInterval(values))
-        | dict(zip(("p5", "p95"), np.quantile(values, (0.05, 0.95)), strict=True))
-    )
+def _MedianRow(
+    point: Record, metric: str, statistic: str, unit: str, values: Array
+) -> Record:
+    """Returns a row with the median of the finite values, and its interval."""
+    row = {**point, "runs": len(values), "metric": metric, "statistic": statistic}
+    x = values[np.isfinite(values)]
+    row |= {"unit": unit, "count": len(x)}
+    if not x.size:
+        return row | dict.fromkeys(("value", "low", "high", "p5", "p95"))
+    row |= _Estimate(float(np.median(x)), MedianInterval(x))
+    return row | dict(zip(("p5", "p95"), np.quantile(x, (0.05, 0.95)), strict=True))
 
 
 def _Estimate(value: float, interval: Interval) -> Record:

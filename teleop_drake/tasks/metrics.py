@@ -134,4 +134,6 @@ def _FinitePart(recording: Recording) -> Recording:
     time, signals, steps = finite_part(series)
     if len(time) == 0:
         Refuse("recording.time", [], "a list of one finite sample or more")
+    if time is recording.time:
+        return recording
     return dataclasses.replace(recording, time=time, signals=signals, steps=steps)

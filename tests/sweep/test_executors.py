@@ -49,7 +49,7 @@ class Here(Executor):
 
     def submit(self, fn, /, *args, **kwargs):
         future = Future()
-        self.sizes.append(len(args[1]))
+        self.sizes.append(len(args[0].points))
         error = self.fail(len(self.sizes))
         if error is None:
             future.set_result(fn(*args, **kwargs))

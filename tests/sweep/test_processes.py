@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 
 from teleop_drake.sweep import Execution, PlanSweep, RunSweep
-from teleop_drake.sweep.plan import Source
+from teleop_drake.sweep.plan import SweepPlan
 
 # The server that forks them is started once.
 pytestmark = pytest.mark.xdist_group("sweep")
 
 
 @dataclass(kw_only=True)
-class Deadly(Source):
+class Deadly(SweepPlan):
     """A scenario that ends its process when some masses are loaded, so many times.
 
     Else it leaves the number of its process in a file.
@@ -26,17 +26,17 @@ class Deadly(Source):
     folder: Path
     deaths: dict[str, int]
 
-    def Load(self, overrides):
+    def Load(self, point):
         signal.raise_signal(signal.SIGINT)  # Is for the owner only.
         for mass, num_deaths in self.deaths.items():
             file = self.folder / mass
             size = file.stat().st_size if file.exists() else 0
-            if f"robot.mass={mass}" in overrides and size < num_deaths:
+            if point["robot.mass"] == float(mass) and size < num_deaths:
                 file.write_text((size + 1) * "x")
                 os._exit(9)
         with open(self.folder / "pids", "a") as file:
             file.write(f"{os.getpid()} {os.getenv('A_VARIABLE')}\n")
-        return super().Load(overrides)
+        return super().Load(point)
 
 
 def Run(folder, masses, **deaths):
@@ -44,7 +44,7 @@ def Run(folder, masses, **deaths):
     plan = PlanSweep(
         "one_dof", {"robot.mass": masses}, overrides={"duration": 0.01}, engine="drake"
     )
-    plan.source = Deadly(name="one_dof", text=None, folder=folder, **deaths)
+    plan = Deadly(**vars(plan), folder=folder, **deaths)
     records = RunSweep(plan, Execution(jobs=2)).records
     lines = (folder / "pids").read_text().splitlines()
     return records, dict(line.split() for line in lines)

@@ -5,7 +5,8 @@ import pytest
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.simulation.compile import CompiledScenario
-from teleop_drake.sweep.programs import Programs
+from teleop_drake.sweep import PlanSweep
+from teleop_drake.sweep.programs import SimulatePoint
 from teleop_drake.tasks.metrics import RunSummary
 
 SHORT = {"duration": 0.5, "controller.kind": "damped_force"}
@@ -19,15 +20,17 @@ def Summary(recording):
     return summary
 
 
-def Load(point):
-    return LoadScenario("one_dof", {**SHORT, **point})
+def Plan(points=POINTS, **overrides):
+    grid = {"delay": [point["delay"] for point in points]}
+    return PlanSweep("one_dof", grid, overrides=SHORT | overrides)
 
 
 def test_runs_are_those_of_simulate():
-    programs = Programs()
+    programs = {}
     for point in POINTS:
-        recording = programs.Simulate(lambda point=point: Load(point), point)
-        assert Summary(recording) == Summary(simulate(Load(point)))
+        recording = SimulatePoint(Plan(), point, programs)
+        scenario = LoadScenario("one_dof", {**SHORT, **point})
+        assert Summary(recording) == Summary(simulate(scenario))
 
 
 def test_runs_of_one_structure_share_a_program(monkeypatch):
@@ -39,25 +42,22 @@ def test_runs_of_one_structure_share_a_program(monkeypatch):
         return run(program, **values)
 
     monkeypatch.setattr(CompiledScenario, "Run", Run)
-    programs = Programs()
+    programs = {}
     for point in POINTS[:2]:
-        programs.Simulate(lambda point=point: Load(point), point)
+        SimulatePoint(Plan(), point, programs)
     delays = {f"{way}_channel.delay": 0.02 for way in ("forward", "return")}
     assert changes == [{}, delays]
 
 
 def test_what_cannot_be_compiled_runs_in_drake():
-    def LoadOther():
-        changes = {"simulator.integration_scheme": "runge_kutta3", "duration": 0.05}
-        return LoadScenario("one_dof", changes)
-
-    recording = Programs().Simulate(LoadOther, {"delay": 0.1})
+    changes = {"simulator.integration_scheme": "runge_kutta3", "duration": 0.05}
+    recording = SimulatePoint(Plan(**changes), {"delay": 0.1}, {})
     assert recording.solver.engine == "drake"
     assert any("runge_kutta3" in note for note in recording.notes)
 
 
 def test_what_is_not_valid_is_refused_by_its_own_message():
-    programs = Programs()
-    programs.Simulate(lambda: Load({"delay": 0.1}), {"delay": 0.1})
+    programs = {}
+    SimulatePoint(Plan(), {"delay": 0.1}, programs)
     with pytest.raises(ValueError, match=r"forward_channel\.delay = -1"):
-        programs.Simulate(lambda: Load({"delay": -1.0}), {"delay": -1.0})
+        SimulatePoint(Plan(), {"delay": -1.0}, programs)

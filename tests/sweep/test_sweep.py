@@ -25,6 +25,7 @@ from teleop_drake.figures.sweep_maps import PlotStability
 from teleop_drake.figures.sweeps import PlotSweep
 from teleop_drake.scenario import (
     CONTROLLERS,
+    LoadOverridden,
     LoadScenario,
     ScenarioError,
     ScenarioToYaml,
@@ -257,9 +258,9 @@ def test_large_grids_are_checked_quickly(monkeypatch):
 
     def Load(*args):
         calls.append(args)
-        return LoadScenario(*args)
+        return LoadOverridden(*args)
 
-    monkeypatch.setattr("teleop_drake.sweep.plan.LoadScenario", Load)
+    monkeypatch.setattr("teleop_drake.sweep.plan.LoadOverridden", Load)
     grid = {"robot.mass": range(1, 17), "robot.damping": range(16), "delay": [0.1, -1]}
     with pytest.raises(ScenarioError, match="-1"):
         PlanSweep("one_dof", grid)
@@ -280,7 +281,7 @@ def test_any_exception_is_a_row(in_this_process, monkeypatch):
             raise ZeroDivisionError("division by zero")
         return simulate(scenario)
 
-    monkeypatch.setattr("teleop_drake.sweep.run.simulate", Simulate)
+    monkeypatch.setattr("teleop_drake.sweep.programs.simulate", Simulate)
     grid = {"robot.mass": [1.0, 2.0, 3.0]}
     result = Sweep("one_dof", grid, overrides=SHORT)
     assert [record["reason"] for record in result.records] == [
@@ -294,7 +295,7 @@ def test_an_interrupt_in_a_worker_ends_the_sweep(in_this_process, monkeypatch):
     def Interrupt(scenario, engine):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("teleop_drake.sweep.run.simulate", Interrupt)
+    monkeypatch.setattr("teleop_drake.sweep.programs.simulate", Interrupt)
     with pytest.raises(KeyboardInterrupt):
         Sweep("one_dof", {"delay": [0.1]})
 
@@ -529,8 +530,8 @@ def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, in_this_process):
     assert MakeParser().parse_args(["run", "one_dof"]).engine == "auto"
     engines, said = [], []
 
-    def Simulate(programs, load, point, engine):
-        engines.append(engine)
+    def Simulate(plan, point, programs):
+        engines.append(plan.engine)
         return {"status": "failed", "reason": "not run", "metrics": None}
 
     monkeypatch.setattr("teleop_drake.sweep.run._SimulateOne", Simulate)

@@ -1,9 +1,9 @@
 """The command `teleop-drake show`."""
 
 import argparse
-import sys
 
 from teleop_drake.cli.options import AddScenarioOptions, Load, OverridesOf
+from teleop_drake.cli.progress import Notice
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -23,9 +23,8 @@ def Execute(args: argparse.Namespace) -> int:
         return 0
     print(DumpYaml(tree, is_compact=True), end="")
     programs = ", ".join(f"{field} = {name}" for field, name in own.items())
-    print(
-        f"teleop-drake: {programs}: a program of the scenario's own, which `show` does "
-        "not run. So nothing is checked, and no default is shown",
-        file=sys.stderr,
+    Notice(
+        f"{programs}: a program of the scenario's own, which `show` does not run. So "
+        "nothing is checked, and no default is shown"
     )
     return 0

@@ -1,7 +1,6 @@
 """The command `teleop-drake sweep`."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Thread
@@ -9,9 +8,16 @@ from typing import TYPE_CHECKING
 
 from teleop_drake.cli import options
 from teleop_drake.cli.dask import DaskExecutor
-from teleop_drake.cli.exit_codes import DONE, FAILED, INTERRUPTED, BadInput, Fail
+from teleop_drake.cli.exit_codes import (
+    DONE,
+    FAILED,
+    BadInput,
+    Fail,
+    Failed,
+    Interrupted,
+)
 from teleop_drake.cli.output import CheckJson, WriteJson
-from teleop_drake.cli.progress import SweepProgress
+from teleop_drake.cli.progress import Notice, SweepProgress
 from teleop_drake.cli.tables import SeedsTable, SweepTable
 
 if TYPE_CHECKING:
@@ -86,17 +92,15 @@ def Execute(args: argparse.Namespace) -> int:
     CheckJson(args.json)
     formats = options.FormatsOf(args)
     study = StudyOf(args)
-    metrics = {}
-    for name, plan in study.plans.items():
-        given = study.metrics
-        metrics[name] = SelectMetrics(plan.scenario, given) if given else []
+    metrics = {
+        name: SelectMetrics(plan.scenario, study.metrics or [])
+        for name, plan in study.plans.items()
+    }
     # Runs in machine code leave Python to this thread.
     drawing = Thread(target=_PrepareToDraw)
     drawing.start()
     results = _Simulate(args, study)
     drawing.join()
-    if isinstance(results, int):
-        return results
     for name, result in results.items():
         folder = Path(args.out, name)
         figures, note = _Draw(
@@ -110,16 +114,11 @@ def Execute(args: argparse.Namespace) -> int:
     return max(_ExitCode(result) for result in results.values())
 
 
-def _Simulate(
-    args: argparse.Namespace, study: "Study"
-) -> "dict[str, SweepResult] | int":
-    """Returns the results by the names of the sweeps, or the code of a failure."""
+def _Simulate(args: argparse.Namespace, study: "Study") -> "dict[str, SweepResult]":
+    """Returns the results by the names of the sweeps."""
     from teleop_drake.sweep import Execution, RunSweeps
 
     progress = "no runs"
-
-    def Notice(text: str) -> None:
-        print(f"teleop-drake: {text}", file=sys.stderr)
 
     def Report(finished: int, runs: int) -> None:
         nonlocal progress
@@ -138,10 +137,11 @@ def _Simulate(
             )
             return RunSweeps(study.plans, execution)
     except RuntimeError as error:  # The executor, or the worker processes, gave up.
-        return Fail(FAILED, f"{error}; --resume does the rest")
+        raise Failed(f"{error}; --resume does the rest") from None
     except KeyboardInterrupt:
-        message = f"interrupted; {progress} are in {args.out}, --resume does the rest"
-        return Fail(INTERRUPTED, message)
+        raise Interrupted(
+            f"interrupted; {progress} are in {args.out}, --resume does the rest"
+        ) from None
 
 
 def StudyOf(args: argparse.Namespace) -> "Study":
@@ -168,10 +168,6 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
     from teleop_drake.sweep import PlanSweep
     from teleop_drake.tasks import TaskOf
 
-    overrides = options.ChannelOverrides(args)
-    for option in ("duration", "accuracy"):
-        if getattr(args, option) is not None:
-            overrides.append(f"{options.OVERRIDES[option][0]}={getattr(args, option)}")
     delays = [
         (key, getattr(args, key))
         for key in ("delay", "forward_delay", "return_delay")
@@ -187,7 +183,7 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
     return PlanSweep(
         args.scenario,
         options.GridOf(args, controllers, *delays),
-        overrides=[*overrides, *args.set],
+        overrides=options.OverridesOf(args, ("duration", "accuracy")),
         engine=args.engine,
     )
 
@@ -200,7 +196,7 @@ def _Print(
     note: str,
 ) -> None:
     """Prints how a sweep ended, and the files that it has written."""
-    from teleop_drake.sweep import TableNames, VariesSeedsOnly
+    from teleop_drake.sweep import VariesSeedsOnly
 
     statuses = [record["status"] for record in result.records]
     counts = ", ".join(
@@ -214,7 +210,8 @@ def _Print(
         print(SweepTable(result, metrics))
     if note:
         print(note)
-    tables = [folder / name for name in ("runs.jsonl", *TableNames(result))]
+    names = ("runs.jsonl", "runs.csv", "statistics.csv", "differences.csv")
+    tables = [folder / name for name in names if (folder / name).exists()]
     print("Written:", ", ".join(map(str, [*tables, *figures])))
 
 
@@ -249,9 +246,8 @@ def _Draw(
     is_separate: bool,
 ) -> tuple[list[Path], str]:
     """Draws the metrics; returns the files, or why there are none."""
-    from teleop_drake.figures.runs import SaveFigure
+    from teleop_drake.figures.saving import SaveFigure
     from teleop_drake.figures.sweep_grid import MAX_PANELS, SweepGrid
-    from teleop_drake.figures.sweep_maps import PlotMap, PlotStability
     from teleop_drake.figures.sweeps import PlotSeeds, PlotSweep
     from teleop_drake.sweep import VariesSeedsOnly
 
@@ -270,6 +266,8 @@ def _Draw(
         return [], f"No figures ({e})"
     note = ""
     if grid and grid.has_two_keys:
+        from teleop_drake.figures.sweep_maps import PlotMap, PlotStability
+
         boundaries, note = _Boundaries(grid, plan)
         figures["stability"] = PlotStability(result, boundaries)
         for name, group in groups.items():

@@ -2,15 +2,14 @@
 
 import argparse
 import copy
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from teleop_drake.cli import options
 from teleop_drake.cli.commands.sweep import StudyOf
-from teleop_drake.cli.exit_codes import DONE, INTERRUPTED, BadInput, Fail
+from teleop_drake.cli.exit_codes import DONE, BadInput, Interrupted
 from teleop_drake.cli.output import CheckJson, Tell
-from teleop_drake.cli.progress import SweepProgress
+from teleop_drake.cli.progress import Notice, SweepProgress
 from teleop_drake.cli.tables import Align
 
 if TYPE_CHECKING:
@@ -97,9 +96,6 @@ def Execute(args: argparse.Namespace) -> int:
         seed=args.seed,
     )
 
-    def Notice(text: str) -> None:
-        print(f"teleop-drake: {text}", file=sys.stderr)
-
     if not args.quiet:
         for path, (low, high) in plan.ranges.items():
             Notice(f"{path} is searched from {low:g} to {high:g}")
@@ -114,7 +110,7 @@ def Execute(args: argparse.Namespace) -> int:
             )
             result = RunTuning(plan, execution)
     except KeyboardInterrupt:
-        return Fail(INTERRUPTED, f"interrupted; --resume goes on with {args.out}")
+        raise Interrupted(f"interrupted; --resume goes on with {args.out}") from None
     written = result.Write(Path(args.out))
     Tell(args, result.Table(), _Table(result), written=written)
     return DONE

@@ -1,18 +1,16 @@
 """The search for gains by differential evolution."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
 from teleop_drake.arrays import Array
-from teleop_drake.sweep.plan import PlanSweep
-from teleop_drake.sweep.result import SweepResult
+from teleop_drake.sweep.plan import PlanSweep, SweepPlan
 from teleop_drake.sweep.run import HERE, Execution, RunSweeps
 from teleop_drake.sweep.study import IsStudy, LoadStudy, Study
 from teleop_drake.sweep.tuning.plan import Gains, PlanTuning, TuningPlan
@@ -21,9 +19,9 @@ from teleop_drake.sweep.tuning.trials import (
     FindFront,
     FindReference,
     Goal,
-    Sweeps,
     Trial,
-    TryGains,
+    TrialsOf,
+    WithGains,
 )
 from teleop_drake.sweep.values import File, GivenGrid, GivenOverrides, Notice, Progress
 from teleop_drake.validation import Refuse
@@ -122,69 +120,41 @@ def RunTuning(plan: TuningPlan, execution: Execution = HERE) -> TuningResult:
         SweepError: If no gains of the first generation are accepted, or the folder
             cannot be used.
     """
-    num_runs = sum(len(sweep.points) for sweep in plan.training.values())
-    total = (plan.evaluations + 1) * num_runs
-    num_before = 0
-
-    def Report(num_finished: int, _: int) -> None:
-        execution.progress(min(num_before + num_finished, total), total)
-
-    def Try(sweeps: Sweeps, sets: Sequence[Gains], folder: str) -> list[Trial]:
-        """Returns the trials of gains, whose runs have a folder of their own."""
-        nonlocal num_before
-
-        def Run(plans: Sweeps) -> Mapping[str, SweepResult]:
-            out = execution.out and Path(execution.out, "runs", folder)
-            return RunSweeps(plans, replace(execution, out=out, progress=Report))
-
-        trials = TryGains(plan, sweeps, sets, Run)
-        num_before += len(sets) * sum(len(sweep.points) for sweep in sweeps.values())
-        return trials
-
-    return _Search(plan, Try).Run()
-
-
-class _Tried(NamedTuple):
-    """A set of gains that was tried.
-
-    Attributes:
-        place: The position of the gains in their ranges (n), 0 to 1 each.
-        trial: The outcome.
-    """
-
-    place: Array
-    trial: Trial
+    return _Search(plan, execution).Run()
 
 
 class _Search:
-    """The state of a search."""
+    """The state of a search.
 
-    def __init__(
-        self,
-        plan: TuningPlan,
-        try_gains: Callable[[Sweeps, Sequence[Gains], str], list[Trial]],
-    ):
+    The gains that were tried are known by their values: their trials, and their places
+    in their ranges (n), 0 to 1 each.
+    """
+
+    def __init__(self, plan: TuningPlan, execution: Execution):
         self._plan = plan
-        self._try_gains = try_gains
+        self._execution = execution
+        self._num_finished = 0
         self._num_generations = 0
-        self._tried: dict[tuple[float, ...], _Tried] = {}
+        self._places: dict[tuple[float, ...], Array] = {}
+        self._trials: dict[tuple[float, ...], Trial] = {}
 
     def Run(self) -> TuningResult:
         """Searches, and simulates the held-out runs."""
         plan = self._plan
-        (own,) = self._try_gains(plan.training, [{}], "own")
+        (own,) = self._Try(plan.training, [{}], "own")
         sequence = qmc.Sobol(len(plan.ranges), scramble=False).random(plan.size)
         first = self._TryPlaces(sequence + 0.5 / plan.size)
         reference = FindReference(plan, [own, *first])
         goals = self._Goals()
         self._Evolve(goals, reference)
 
-        tried = [own, *(item.trial for item in self._tried.values())]
-        accepted = [trial for trial in tried if not trial.reason]
+        tried = [own, *self._trials.values()]
+        front = [trial for trial in tried if not trial.reason]
         if not plan.has_weights:
-            accepted = FindFront(accepted, reference)
-        best = min(accepted, key=lambda trial: goals[0].Of(trial, reference))
-        front = [best] if plan.has_weights else accepted
+            front = FindFront(front, reference)
+        best = min(front, key=lambda trial: goals[0].Of(trial, reference))
+        if plan.has_weights:
+            front = [best]
         return TuningResult(
             plan=plan,
             own=own,
@@ -194,6 +164,26 @@ class _Search:
             held_out=self._TryHeldOut(front),
             tried=tried,
         )
+
+    def _Try(
+        self, sweeps: Mapping[str, SweepPlan], sets: Sequence[Gains], folder: str
+    ) -> list[Trial]:
+        """Returns the trials of gains in sweeps, whose runs have their own folder."""
+        if not sets:
+            return []
+        training = self._plan.training.values()
+        total = (self._plan.evaluations + 1) * sum(len(x.points) for x in training)
+
+        def Report(num_finished: int, _: int) -> None:
+            finished = self._num_finished + num_finished
+            self._execution.progress(min(finished, total), total)
+
+        plans = WithGains(sweeps, sets)
+        out = self._execution.out and Path(self._execution.out, "runs", folder)
+        execution = replace(self._execution, out=out, progress=Report)
+        results = RunSweeps(plans, execution)
+        self._num_finished += sum(len(plan.points) for plan in plans.values())
+        return TrialsOf(self._plan, sweeps, sets, results)
 
     def _Goals(self) -> list[Goal]:
         """Returns the weighted sum, or the goals that look for a Pareto front."""
@@ -220,14 +210,14 @@ class _Search:
                 trials = self._TryPlaces(places.T)
                 return np.array([goal.Of(trial, reference) for trial in trials])
 
-            ranked = sorted(
-                self._tried.values(),
-                key=lambda item, goal=goal: goal.Of(item.trial, reference),  # type: ignore[misc]
-            )
+            goals_by_key = {
+                key: goal.Of(trial, reference) for key, trial in self._trials.items()
+            }
+            best = sorted(goals_by_key, key=goals_by_key.__getitem__)[: plan.size]
             differential_evolution(
                 Minimized,
                 [(0.0, 1.0)] * len(plan.ranges),
-                init=np.array([item.place for item in ranked[: plan.size]]),
+                init=np.array([self._places[key] for key in best]),
                 rng=plan.seed + k,
                 maxiter=num_generations,
                 tol=0,
@@ -238,28 +228,27 @@ class _Search:
 
     def _TryPlaces(self, places: Array) -> list[Trial]:
         """Returns the trials of gains at places (S, n); simulates the missing ones."""
-        keys = []
-        new: dict[tuple[float, ...], Array] = {}
-        for place in places:
-            key = tuple(self._plan.Gains(place).values())
-            keys.append(key)
-            if key not in self._tried:
-                new[key] = np.array(place)
+        keys = [tuple(self._plan.Gains(place).values()) for place in places]
+        new = {
+            key: np.array(place)
+            for key, place in zip(keys, places, strict=True)
+            if key not in self._trials
+        }
         if new:
-            sets = [self._plan.Gains(place) for place in new.values()]
+            sets = [dict(zip(self._plan.ranges, key, strict=True)) for key in new]
             folder = f"generation-{self._num_generations:02d}"
             self._num_generations += 1
-            trials = self._try_gains(self._plan.training, sets, folder)
-            for key, trial in zip(new, trials, strict=True):
-                self._tried[key] = _Tried(new[key], trial)
-        return [self._tried[key].trial for key in keys]
+            trials = self._Try(self._plan.training, sets, folder)
+            self._places |= new
+            self._trials.update(zip(new, trials, strict=True))
+        return [self._trials[key] for key in keys]
 
     def _TryHeldOut(self, front: Sequence[Trial]) -> list[Trial]:
         """Returns the held-out runs of the scenario's own gains and of a front."""
         sweeps = self._plan.held_out
         if not sweeps:
             return []
-        (own,) = self._try_gains(sweeps, [{}], "held_out-own")
+        (own,) = self._Try(sweeps, [{}], "held_out-own")
         sets = [trial.gains for trial in front if trial.gains]
-        others = iter(self._try_gains(sweeps, sets, "held_out"))
+        others = iter(self._Try(sweeps, sets, "held_out"))
         return [own, *(next(others) if trial.gains else own for trial in front)]

@@ -1,7 +1,7 @@
 """Trials of sets of gains: their runs, their metrics and their comparison."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,8 +23,6 @@ _EQUAL = 1.02
 
 # The goal of gains that are not accepted, and what each bad run adds to it.
 _REJECTED = 1e6
-
-Sweeps = Mapping[str, SweepPlan]
 
 
 @dataclass(kw_only=True)
@@ -73,44 +71,45 @@ class Goal:
         return float(parts.sum() if self.is_sum else parts.max())
 
 
-def TryGains(
-    plan: TuningPlan,
-    sweeps: Sweeps,
-    sets: Sequence[Gains],
-    run: Callable[[Sweeps], Mapping[str, SweepResult]],
-) -> list[Trial]:
-    """Tries sets of gains in all runs of sweeps, and returns the trials.
+def WithGains(
+    sweeps: Mapping[str, SweepPlan], sets: Sequence[Gains]
+) -> dict[str, SweepPlan]:
+    """Returns sweeps in which each run is simulated with each set of gains."""
+    axis = [list(gains.values()) for gains in sets]
+    return {
+        name: replace(
+            sweep,
+            axes={"gains": axis, **sweep.axes},
+            points=[{**gains, **point} for gains in sets for point in sweep.points],
+        )
+        for name, sweep in sweeps.items()
+    }
 
-    Args:
-        run: A function that simulates the runs of sweeps.
-    """
+
+def TrialsOf(
+    plan: TuningPlan,
+    sweeps: Mapping[str, SweepPlan],
+    sets: Sequence[Gains],
+    results: Mapping[str, SweepResult],
+) -> list[Trial]:
+    """Returns the trials of sets of gains from the results of WithGains()."""
     trials = [Trial(gains=gains) for gains in sets]
-    if not sets:
-        return trials
-    results = run({name: _WithGains(sweep, sets) for name, sweep in sweeps.items()})
     for name, result in results.items():
-        sweep = sweeps[name]
-        num_runs = len(sweep.points)
-        values = _Values(plan, result)
+        num_runs = len(sweeps[name].points)
+        values = _Values(plan, result).reshape(len(sets), num_runs, -1)
         for i, trial in enumerate(trials):
-            span = slice(i * num_runs, (i + 1) * num_runs)
-            trial.values[name] = values[span]
-            bad = np.flatnonzero(~np.isfinite(values[span]).all(axis=1))
+            trial.values[name] = values[i]
             if trial.reason:
                 continue
+            bad = np.flatnonzero(~np.isfinite(values[i]).all(axis=1))
             if len(bad) > 0:
-                why = result.records[span][bad[0]]["reason"] or "lacks a metric"
-                trial.reason = f"a run of {name}: {why}"
+                record = result.records[i * num_runs + bad[0]]
+                trial.reason = (
+                    f"a run of {name}: {record['reason'] or 'lacks a metric'}"
+                )
             else:
-                _AddAnalyses(plan, sweep, name, trial)
+                _AddAnalyses(plan, sweeps[name], name, trial)
     return trials
-
-
-def _WithGains(sweep: SweepPlan, sets: Sequence[Gains]) -> SweepPlan:
-    """Returns a sweep in which each run is simulated with each set of gains."""
-    axes = {"gains": [list(gains.values()) for gains in sets], **sweep.axes}
-    points = [{**gains, **point} for gains in sets for point in sweep.points]
-    return replace(sweep, axes=axes, points=points)
 
 
 def _Values(plan: TuningPlan, result: SweepResult) -> Array:
