@@ -43,8 +43,8 @@ class Workers(Executor):
         self._context = multiprocessing.get_context(kind)
         self._context.set_forkserver_preload([preload, "llvmlite.binding"])
         self._threads = ThreadPoolExecutor(jobs)
-        self._idle: queue.SimpleQueue[_Worker] = queue.SimpleQueue()
-        self._workers: set[_Worker] = set()
+        self._idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
+        self._workers: set[Worker] = set()
 
     def submit(
         self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any
@@ -67,7 +67,7 @@ class Workers(Executor):
         try:
             worker = self._idle.get_nowait()
         except queue.Empty:
-            worker = _Worker(self._context)
+            worker = Worker(self._context)
             self._workers.add(worker)
         try:
             result = worker.Do(call)
@@ -80,19 +80,23 @@ class Workers(Executor):
             self._End(worker)
         return result
 
-    def _End(self, worker: "_Worker") -> None:
+    def _End(self, worker: "Worker") -> None:
         self._workers.discard(worker)
-        worker.connection.close()  # The process ends when its connection is closed.
-        worker.process.join()
+        worker.End()
 
 
-class _Worker:
-    """A process, and the connection over which it receives its calls."""
+class Worker:
+    """A process, and the connection over which it receives its calls.
 
-    def __init__(self, context: BaseContext):
+    Args:
+        context: How it is started.
+        prepare: What it does first.
+    """
+
+    def __init__(self, context: BaseContext, prepare: Callable[[], None] | None = None):
         self.connection, other_end = context.Pipe()
         self.num_calls = 0
-        arguments = (other_end, dict(os.environ))
+        arguments = (other_end, self.connection, dict(os.environ), prepare)
         self.process = context.Process(  # type: ignore[attr-defined]
             target=_Serve, args=arguments, daemon=True
         )
@@ -116,6 +120,11 @@ class _Worker:
             raise error
         return result
 
+    def End(self) -> None:
+        """Ends the process, which is when its connection is closed."""
+        self.connection.close()
+        self.process.join()
+
     def _AwaitStart(self) -> None:
         try:
             self.connection.recv()
@@ -123,7 +132,12 @@ class _Worker:
             raise BrokenExecutor(_NO_START) from None
 
 
-def _Serve(connection: Connection, environment: Mapping[str, str]) -> None:
+def _Serve(
+    connection: Connection,
+    other_end: Connection,
+    environment: Mapping[str, str],
+    prepare: Callable[[], None] | None,
+) -> None:
     """Executes the calls from a connection until its other end is closed.
 
     The process takes over the parent's environment, and ignores Ctrl-C, which the
@@ -132,6 +146,9 @@ def _Serve(connection: Connection, environment: Mapping[str, str]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.clear()
     os.environ.update(environment)
+    other_end.close()  # A fork has a copy of it.
+    if prepare is not None:
+        prepare()
     try:
         connection.send("started")
         while True:

@@ -1,9 +1,14 @@
 """The command `teleop-drake sweep`."""
 
 import argparse
-from collections.abc import Sequence
+import multiprocessing
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from threading import Thread
 from typing import TYPE_CHECKING
 
 from teleop_drake.cli import options
@@ -96,18 +101,17 @@ def Execute(args: argparse.Namespace) -> int:
         name: SelectMetrics(plan.scenario, study.metrics or [])
         for name, plan in study.plans.items()
     }
-    # Runs in machine code leave Python to this thread.
-    drawing = Thread(target=_PrepareToDraw)
-    drawing.start()
-    results = _Simulate(args, study)
-    drawing.join()
-    for name, result in results.items():
-        folder = Path(args.out, name)
-        figures, note = _Draw(
-            result, metrics[name], folder, study.plans[name], formats, args.separate
-        )
-        if args.json != "-":
-            _Print(result, metrics[name], folder, figures, note)
+    with _Drawing() as drawing:
+        results = _Simulate(args, study)
+        for name, result in results.items():
+            folder = Path(args.out, name)
+            plan = study.plans[name]
+            report = partial(
+                _Report, result, metrics[name], folder, plan, formats, args.separate
+            )
+            text = drawing(report)
+            if args.json != "-":
+                print(text)
     if args.json is not None:
         records = {name: result.records for name, result in results.items()}
         WriteJson(args.json, records.get("", records))
@@ -188,31 +192,33 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
     )
 
 
-def _Print(
+def _Report(
     result: "SweepResult",
     metrics: Sequence[str],
     folder: Path,
-    figures: Sequence[Path],
-    note: str,
-) -> None:
-    """Prints how a sweep ended, and the files that it has written."""
+    plan: "SweepPlan",
+    formats: Sequence[str],
+    is_separate: bool,
+) -> str:
+    """Draws a sweep; returns how it ended, and the files that it has written."""
     from teleop_drake.sweep import VariesSeedsOnly
 
+    figures, note = _Draw(result, metrics, folder, plan, formats, is_separate)
     statuses = [record["status"] for record in result.records]
     counts = ", ".join(
         f"{statuses.count(status)} {status}"
         for status in ("completed", "diverged", "failed")
     )
-    print(f"{result.scenario.name}: {len(statuses)} runs, {counts}")
-    if VariesSeedsOnly(result):
-        print(SeedsTable(result, metrics))
-    else:
-        print(SweepTable(result, metrics))
-    if note:
-        print(note)
+    table = SeedsTable if VariesSeedsOnly(result) else SweepTable
     names = ("runs.jsonl", "runs.csv", "statistics.csv", "differences.csv")
     tables = [folder / name for name in names if (folder / name).exists()]
-    print("Written:", ", ".join(map(str, [*tables, *figures])))
+    lines = [
+        f"{result.scenario.name}: {len(statuses)} runs, {counts}",
+        table(result, metrics),
+        note,
+        f"Written: {', '.join(map(str, [*tables, *figures]))}",
+    ]
+    return "\n".join(filter(None, lines))
 
 
 def _ExitCode(result: "SweepResult") -> int:
@@ -222,6 +228,28 @@ def _ExitCode(result: "SweepResult") -> int:
     count = len(result.records)
     first = result.records[0]["reason"]
     return Fail(FAILED, f"{result.scenario.name}: all {count} runs failed: {first}")
+
+
+@contextmanager
+def _Drawing() -> Iterator[Callable[[Callable[[], str]], str]]:
+    """Yields a function that does a call, on Linux in a fork of this process.
+
+    The fork imports Matplotlib while this process simulates. Beside threads of Python
+    it would not be safe.
+    """
+    if sys.platform != "linux" or threading.active_count() > 1:
+        yield lambda call: call()
+        return
+    from teleop_drake.sweep.workers import Worker
+
+    with warnings.catch_warnings():
+        # Python 3.12 warns of threads of any kind; those of BLAS survive a fork.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        worker = Worker(multiprocessing.get_context("fork"), _PrepareToDraw)
+    try:
+        yield worker.Do
+    finally:
+        worker.End()
 
 
 def _PrepareToDraw() -> None:
