@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from teleop_drake.cli.exit_codes import BadInput
+from teleop_drake.validation import CheckChoice, Choices, Refuse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -155,13 +156,11 @@ def FormatsOf(args: argparse.Namespace) -> list[str]:
         BadInput: If one is none.
     """
     from teleop_drake.files import FIGURE_FORMATS
-    from teleop_drake.validation import Choices
 
     formats = [name.strip() for name in args.format.split(",")]
     for name in formats:
         if name not in FIGURE_FORMATS:
-            allowed = Choices(name, FIGURE_FORMATS)
-            raise BadInput(f"--format = {args.format!r}: must be {allowed}")
+            Refuse("--format", args.format, Choices(name, FIGURE_FORMATS))
     return list(dict.fromkeys(formats))
 
 
@@ -178,10 +177,7 @@ def FigureOptionsOf(args: argparse.Namespace) -> dict[str, Any]:
         except ValueError:
             begin = end = 0.0
         if not 0 <= begin < end:
-            raise BadInput(
-                f"--window = {args.window!r}: must be FROM:TO, times in s, the later "
-                "one behind"
-            )
+            Refuse("--window", args.window, "FROM:TO, times in s, the later one behind")
         time = (begin, end)
     signals = None
     if args.signals is not None:
@@ -199,12 +195,10 @@ def CheckSignals(args: argparse.Namespace, scenario: "AnyScenario") -> None:
         return
     from teleop_drake.signals import NamedSignals
     from teleop_drake.simulation import MakeDiagram
-    from teleop_drake.validation import Choices
 
     known = NamedSignals(MakeDiagram(scenario).GetSystems())
     for name in FigureOptionsOf(args)["signals"]:
-        if name not in known:
-            raise BadInput(f"--signals = {name!r}: must be {Choices(name, known)}")
+        CheckChoice("--signals", name, known)
 
 
 def ControllersOf(args: argparse.Namespace) -> list[str]:
@@ -220,13 +214,13 @@ def ControllersOf(args: argparse.Namespace) -> list[str]:
     if several is None:
         return [] if one is None else [one]
     if one is not None:
-        raise BadInput(f"--controller = {one!r}: must be left out with --controllers")
+        Refuse("--controller", one, "left out with --controllers")
     names: list[str] = []
     for part in several.split(","):
         name = part.strip()
         names += ARCHITECTURES if name == "all" else [name]
     if len(set(names)) < len(names):
-        raise BadInput(f"--controllers = {several!r}: must be different controllers")
+        Refuse("--controllers", several, "different controllers")
     return names
 
 
@@ -281,7 +275,7 @@ def SplitVary(item: str, values: str) -> tuple[str, str]:
     """Returns the path and the values that an item of --vary has, as text."""
     path, equals, text = item.partition("=")
     if not equals or not path.strip():
-        raise BadInput(f"--vary = {item!r}: must be PATH={values}")
+        Refuse("--vary", item, f"PATH={values}")
     return path.strip(), text
 
 
@@ -303,19 +297,16 @@ def Load(args: argparse.Namespace, *more: str, is_run: bool = False) -> "AnyScen
         is_run: Whether it is going to be simulated.
 
     Raises:
-        BadInput: If the scenario is not valid, or would take too long to simulate.
+        ScenarioError: If the scenario is not valid, or would take too long to simulate.
     """
     from teleop_drake.scenario import CheckSteps, LoadScenario
     from teleop_drake.tasks import TaskOf
 
-    try:
-        scenario = LoadScenario(args.scenario, [*OverridesOf(args), *more])
-        # Loading checks each parameter, but not what derives from others.
-        TaskOf(scenario).Check(scenario)
-        if is_run:
-            CheckSteps(scenario)
-    except ValueError as e:  # ScenarioError is one.
-        raise BadInput(e) from None
+    scenario = LoadScenario(args.scenario, [*OverridesOf(args), *more])
+    # Loading checks each parameter, but not what derives from others.
+    TaskOf(scenario).Check(scenario)
+    if is_run:
+        CheckSteps(scenario)
     return scenario
 
 
@@ -332,15 +323,12 @@ def MakerOf(args: argparse.Namespace) -> "Callable[[], System] | None":
     if OverridesOf(args) != [f"duration={args.duration}"] * (args.duration is not None):
         allowed = "left out, because a Diagram takes no options of a scenario"
         raise BadInput(f"options of {args.scenario!r}: must be {allowed}")
-    try:
-        maker = ImportOwn(args.scenario, "SCENARIO")
-    except ValueError as e:
-        raise BadInput(e) from None
+    maker = ImportOwn(args.scenario, "SCENARIO")
     try:
         inspect.signature(maker).bind()
     except (TypeError, ValueError):
         allowed = "a function without arguments that returns a Diagram"
-        raise BadInput(f"SCENARIO = {args.scenario!r}: must be {allowed}") from None
+        Refuse("SCENARIO", args.scenario, allowed)
     return cast("Callable[[], System]", maker)
 
 
@@ -379,9 +367,7 @@ def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[
             fields = {"kind": given}
     except ValueError as e:
         reason = e if path.exists() or not path.suffix else "no such file"
-        raise BadInput(
-            f"--channel = {given!r}: must be a YAML file, a trace or a kind ({reason})"
-        ) from None
+        Refuse("--channel", given, f"a YAML file, a trace or a kind ({reason})")
     text = DumpOnOneLine(fields)
     return [f"{direction}_channel={text}" for direction in ("forward", "return")]
 

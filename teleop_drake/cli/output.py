@@ -10,6 +10,7 @@ from typing import Any
 from teleop_drake.cli.exit_codes import BadInput
 from teleop_drake.files import IsDevice, TemporaryPath
 from teleop_drake.files import WriteText as WriteText
+from teleop_drake.validation import Refuse
 
 
 def PrepareFolder(folder: str | None, *names: str) -> list[Path]:
@@ -27,9 +28,7 @@ def PrepareFolder(folder: str | None, *names: str) -> list[Path]:
         os.makedirs(folder, exist_ok=True)
     except (OSError, ValueError) as e:
         reason = getattr(e, "strerror", None) or e
-        raise BadInput(
-            f"--out = {folder!r}: must be a folder that can be written ({reason})"
-        ) from None
+        Refuse("--out", folder, f"a folder that can be written ({reason})")
     for path in paths:
         _CheckWritable(path, f"--out = {folder!r}")
     return paths

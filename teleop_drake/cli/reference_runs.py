@@ -8,7 +8,8 @@ import numpy as np
 from teleop_drake.arrays import Array
 from teleop_drake.cli.exit_codes import BadInput
 from teleop_drake.files import ReadNumbers, ReadRows, ReadText
-from teleop_drake.scenario.yaml_text import ParseYaml
+from teleop_drake.scenario.yaml_text import ParseFile
+from teleop_drake.validation import Refuse
 
 FOLDER = Path(__file__).parents[1] / "references"
 TIME = "time"
@@ -34,18 +35,6 @@ class Table(NamedTuple):
 
     notes: dict[str, str]
     columns: dict[str, Array]
-
-
-class Description(NamedTuple):
-    """A reference in words.
-
-    Attributes:
-        title: One line.
-        task: What to simulate.
-    """
-
-    title: str
-    task: str
 
 
 class Difference(NamedTuple):
@@ -80,11 +69,10 @@ def _FolderOf(name: str) -> Path:
     return _DELAYS if (_DELAYS / f"{name}.csv").exists() else FOLDER
 
 
-def Describe(name: str) -> Description:
-    """Returns what a reference is of."""
+def Describe(name: str) -> dict[str, str]:
+    """Returns what a reference is of: a `title` of one line, and the `task`."""
     path = _FolderOf(name) / f"{name}.yaml"
-    tree = ParseYaml(ReadText(path, str(path)), str(path))
-    return Description(title=tree["title"], task=tree["task"])
+    return ParseFile(path, ReadText(path, str(path)))
 
 
 def Template(name: str) -> str:
@@ -112,18 +100,17 @@ def Compare(name: str, run: Table, origin: str) -> dict[str, Difference]:
         if column not in run.columns:
             allowed = ", ".join(reference.columns)
             raise BadInput(f"{origin}: column {column!r}: must be there: {allowed}")
-    times = reference.columns[TIME]
-    signals = [column for column in reference.columns if column != TIME]
-    tubes = [float(tube) for tube in reference.notes["tubes"].split(",")]
     at_times = _AtInstants if "instants" in reference.notes else _Between
+    signals = dict(reference.columns)
+    times = signals.pop(TIME)
     values = at_times(run, times, origin)
+    tubes = map(float, reference.notes["tubes"].split(","))
     result = {}
-    for signal, tube in zip(signals, tubes, strict=True):
-        errors = values[signal] - reference.columns[signal]
+    for (signal, expected), tube in zip(signals.items(), tubes, strict=True):
+        errors = values[signal] - expected
         worst = int(np.abs(errors).argmax())
         largest = float(abs(errors[worst]))
-        is_outside = largest > tube
-        fault = _LikelyFault(name, signal, errors) if is_outside else ""
+        fault = _LikelyFault(name, signal, errors) if largest > tube else ""
         result[signal] = Difference(largest, tube, float(times[worst]), fault)
     return result
 
@@ -165,22 +152,20 @@ def _LikelyFault(name: str, signal: str, errors: Array) -> str:
         return ""
     reference = _ReadReference(name).columns[signal]
     texts_path = _DELAYS / "faults.yaml"
-    texts = ParseYaml(ReadText(texts_path, str(texts_path)), str(texts_path))
+    texts = ParseFile(texts_path, ReadText(texts_path, str(texts_path)))
     best = ""
     smallest = _UNEXPLAINED
     # The share of the errors that is left once the effect of a fault is taken away.
     for column, wrong in ReadTable(path).columns.items():
         owner, _, fault = column.partition(":")
-        effect = wrong - reference
         if owner != signal:
             continue
+        effect = wrong - reference
         # A delay that is wrong by a little has an effect in proportion to it.
-        size = 1.0
-        if fault == _DELAY_ERROR:
-            size = float(errors @ effect / (effect @ effect))
+        is_delay = fault == _DELAY_ERROR
+        size = float(errors @ effect / (effect @ effect)) if is_delay else 1.0
         rest = np.linalg.norm(errors - size * effect) / np.linalg.norm(errors)
-        if fault == _DELAY_ERROR:
-            rest += _PREFERENCE
+        rest += _PREFERENCE * is_delay
         if rest < smallest:
             smallest = float(rest)
             amount = size * _DELAY_ERROR_SIZE
@@ -208,7 +193,7 @@ def ReadTable(path: Path) -> Table:
     rows = ReadRows(path, str(path))
     header = [name.strip() for name in rows[0][1].split(",")] if rows else []
     if TIME not in header or len(rows) < 2:
-        raise BadInput(f"{path}: columns = {header}: must be names, `time` among them")
+        Refuse(f"{path}: columns", header, "names, `time` among them")
     table = ReadNumbers(rows[1:], str(path), header)
     return Table(
         notes={name.strip(): text.strip() for name, _, text in comments},

@@ -63,46 +63,45 @@ class Site:
         self._out = out
         self._parts = set(parts)
         self._progress = progress
-        self._notebooks = sorted(_NOTEBOOKS.glob("[0-9]*.ipynb"))
-        if "notebooks" not in self._parts:
-            self._notebooks = []
+        self._notebooks: list[Path] = []
+        if "notebooks" in self._parts:
+            self._notebooks = sorted(_NOTEBOOKS.glob("[0-9]*.ipynb"))
         loader = jinja2.FileSystemLoader(_TEMPLATES)
-        environment = jinja2.Environment(loader=loader)
-        self._page = environment.get_template("page.html")
-        self._start = environment.get_template("start.html")
+        self._templates = jinja2.Environment(loader=loader)
 
     def Write(self) -> None:
         """Writes all parts; whatever takes long comes last."""
-        shutil.copy(_TEMPLATES / "site.css", self._out)
-        has_reference = "api" in self._parts
+        for file in (_TEMPLATES / "site.css", *_DOCS.glob("*.png")):
+            shutil.copy(file, self._out)
         for page in PAGES[1:]:
-            text = page.read_text("utf-8")
-            body = _Markdown(_TextOnSite(text, page.parent, "", has_reference))
+            body = _Markdown(self._WithLinks(page.read_text("utf-8"), page.parent))
             self._Save(f"{page.stem}.html", Title(page), body)
-        for picture in _DOCS.glob("*.png"):
-            shutil.copy(picture, self._out)
-        start = self._start.render(
+        start = self._templates.get_template("start.html").render(
             parts=self._parts, has_notebooks=bool(self._notebooks)
         )
         _, _, index = _INDEX.read_text("utf-8").partition("\n")
-        contents = _Markdown(_TextOnSite(index, _DOCS, "", has_reference))
+        contents = _Markdown(self._WithLinks(index, _DOCS))
         self._Save("index.html", "Teleoperation under delay", start + contents)
-        writers = (
-            self._WriteLive,
-            self._WriteReference,
-            self._WriteThesis,
-            self._WriteNotebooks,
-        )
-        for part, write in zip(PARTS, writers, strict=True):
+        writers = {
+            "live": self._WriteLive,
+            "api": self._WriteReference,
+            "thesis": self._WriteThesis,
+            "notebooks": self._WriteNotebooks,
+        }
+        for part, write in writers.items():
             if part in self._parts:
                 self._progress(part)
                 write()
+
+    def _WithLinks(self, text: str, folder: Path, up: str = "") -> str:
+        """Returns a text in which the links to files are those of the site."""
+        return _TextOnSite(text, folder, up, "api" in self._parts)
 
     def _Save(self, name: str, title: str, body: str) -> None:
         """Writes a page with the side bar, in which it is the current one."""
         path = self._out / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        text = self._page.render(
+        text = self._templates.get_template("page.html").render(
             title=title,
             body=body,
             here=name,
@@ -114,14 +113,12 @@ class Site:
 
     def _Groups(self) -> Mapping[str, Mapping[str, str]]:
         """Returns the groups of the side bar: titles by the names of files."""
-        pages = {f"{page.stem}.html": Title(page) for page in PAGES[1:]}
-        start = {"index.html": "Start"}
+        groups = {"": {"index.html": "Start"}}
         if "thesis" in self._parts:
-            start["thesis/report.html"] = "The executable thesis"
-        groups = {"": start}
+            groups[""]["thesis/report.html"] = "The executable thesis"
         if "live" in self._parts:
             groups["Live"] = {f"live/{x}.html": live[0] for x, live in _LIVE.items()}
-        groups["Pages"] = pages
+        groups["Pages"] = {f"{page.stem}.html": Title(page) for page in PAGES[1:]}
         if self._notebooks:
             groups["Notebooks"] = {"notebooks/index.html": "Gallery"} | {
                 f"notebooks/{path.stem}.html": _NotebookTitle(path)
@@ -179,9 +176,7 @@ class Site:
             NotebookClient(notebook, timeout=600, resources=where).execute()
             for cell in notebook.cells:
                 if cell.cell_type == "markdown":
-                    cell.source = _TextOnSite(
-                        cell.source, _NOTEBOOKS, "../", "api" in self._parts
-                    )
+                    cell.source = self._WithLinks(cell.source, _NOTEBOOKS, "../")
             body = "\n".join(map(_CellHtml, notebook.cells))
             title = _NotebookTitle(path)
             self._Save(f"notebooks/{path.stem}.html", title, body)

@@ -1,7 +1,8 @@
 """Metrics as tables of text."""
 
+import itertools
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -84,8 +85,8 @@ def Table(
         units |= MetricUnits(recording.scenario)
     columns = []
     for record in records:
-        column = FlattenMetrics(record["metrics"])
-        column |= FlattenMetrics(record.get("channels", {}))
+        channels = FlattenMetrics(record.get("channels", {}))
+        column = FlattenMetrics(record["metrics"]) | channels
         if is_verbose:
             column |= {key: record["solver"][key] for key in _SOLVER}
         columns.append(column)
@@ -95,9 +96,7 @@ def Table(
         ends = [Ending(recording) for recording in runs]
         return MetricRows([""], labels, columns, {x: units[x] for x in shown}, ends)
     # A group such as `puncture` is null where there was none.
-    rows: dict[str, None] = {}
-    for column in columns:
-        rows |= dict.fromkeys(column)
+    rows = list(dict.fromkeys(itertools.chain(*columns)))
     groups = {row.split(".")[0] for row in rows if "." in row}
     lines = [["", *ShortLabels(list(recordings)), ""]]
     for row in rows:
@@ -125,16 +124,15 @@ def SeedsTable(result: "SweepResult", metrics: Sequence[str] = ()) -> str:
     key = next((k for k in CONTROLLERS if k in result.axes), "")
     columns: dict[str, dict[str, str]] = {}
     units = {}
-    for row in Statistics(result):
-        if row["statistic"] == "share" or row["metric"] in shown:
-            is_share = row["statistic"] == "share"
-            units[row["metric"]] = "of the runs" if is_share else row["unit"]
-            column = columns.setdefault(str(row.get(key, "")), {})
-            column[row["metric"]] = _CellWithInterval(row)
-    for row in Differences(result):
-        if row["metric"] in shown:
-            name = f"{row[key]} - {row['baseline']}"
-            columns.setdefault(name, {})[row["metric"]] = _CellWithInterval(row)
+    for row in [*Statistics(result), *Differences(result)]:
+        is_share = row["statistic"] == "share"
+        if not is_share and row["metric"] not in shown:
+            continue
+        name = str(row.get(key, ""))
+        if "baseline" in row:
+            name += f" - {row['baseline']}"
+        columns.setdefault(name, {})[row["metric"]] = _CellWithInterval(row)
+        units[row["metric"]] = "of the runs" if is_share else row["unit"]
     lines = [["", *columns, ""]]
     for metric, unit in units.items():
         cells = [column.get(metric, "") for column in columns.values()]
@@ -198,12 +196,11 @@ def MetricRows(
     """
     stacks = [[head] for head in heads]
     for metric, unit in units.items():
-        stacks.append(
-            [*textwrap.wrap(Words(metric), _HEAD_WIDTH), unit and f"[{unit}]"]
-        )
-    height = max(map(len, stacks))
-    columns = [[""] * (height - len(stack)) + stack for stack in stacks]
-    lines = [[*row, ""] for row in zip(*columns, strict=True)]
+        words = textwrap.wrap(Words(metric), _HEAD_WIDTH)
+        stacks.append([*words, unit and f"[{unit}]"])
+    # The heads end on the same line.
+    upwards = itertools.zip_longest(*map(reversed, stacks), fillvalue="")
+    lines = [[*row, ""] for row in upwards][::-1]
     for label, metrics, end in zip(labels, values, ends, strict=True):
         cells = [Cell(metrics.get(metric), digits=4) for metric in units]
         lines.append([*label, *cells, end])
@@ -212,17 +209,16 @@ def MetricRows(
 
 def Align(lines: Sequence[Sequence[str]]) -> str:
     """Returns columns: the first and the last to the left, the others to the right."""
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    return "\n".join(
-        "  ".join(
-            [
-                line[0].ljust(widths[0]),
-                *(c.rjust(w) for c, w in zip(line[1:-1], widths[1:-1], strict=True)),
-                line[-1],
-            ]
-        ).rstrip()
-        for line in lines
-    )
+    first, *others, last = zip(*lines, strict=True)
+    columns = [_Fit(first, str.ljust), *(_Fit(x, str.rjust) for x in others), last]
+    rows = zip(*columns, strict=True)
+    return "\n".join("  ".join(row).rstrip() for row in rows)
+
+
+def _Fit(cells: Sequence[str], justify: Callable[[str, int], str]) -> list[str]:
+    """Returns the cells of a column, all as wide as the widest."""
+    width = max(map(len, cells))
+    return [justify(cell, width) for cell in cells]
 
 
 def Cell(value: Any, digits: int = 5) -> str:

@@ -11,6 +11,7 @@ from teleop_drake.cli import options, output
 from teleop_drake.cli.exit_codes import BadInput
 from teleop_drake.cli.progress import SweepProgress
 from teleop_drake.cli.tables import Align, Cell
+from teleop_drake.validation import Refuse
 
 if TYPE_CHECKING:
     from teleop_drake.analysis.stability import StabilityAnalysis
@@ -101,29 +102,24 @@ def Execute(args: argparse.Namespace) -> int:
         *(f"{stem}_{name}.{suffix}" for name in figures for suffix in formats),
         f"{stem}_analysis.json",
     )
-    try:
-        # The chart first: it may refuse a value, and nobody should wait for that.
-        chart = None
-        if key:
-            with SweepProgress(args.quiet, "values") as show:
-                chart = ChartStability(
-                    args.scenario,
-                    key,
-                    values,
-                    overrides=options.OverridesOf(args),
-                    max_delay=args.max_delay,
-                    progress=show,
-                )
-        analysis = AnalyzeStability(scenario, max_delay=args.max_delay)
-        linearizer = Linearizer(analysis.scenario, at_ports=True)
-        transparency = [
-            AnalyzeTransparency(
-                analysis.scenario, point.model.point, linearizer=linearizer
+    # The chart first: it may refuse a value, and nobody should wait for that.
+    chart = None
+    if key:
+        with SweepProgress(args.quiet, "values") as show:
+            chart = ChartStability(
+                args.scenario,
+                key,
+                values,
+                overrides=options.OverridesOf(args),
+                max_delay=args.max_delay,
+                progress=show,
             )
-            for point in analysis.points
-        ]
-    except ValueError as e:
-        raise BadInput(e) from None
+    analysis = AnalyzeStability(scenario, max_delay=args.max_delay)
+    linearizer = Linearizer(analysis.scenario, at_ports=True)
+    transparency = [
+        AnalyzeTransparency(analysis.scenario, point.model.point, linearizer=linearizer)
+        for point in analysis.points
+    ]
     # What is printed, drawn and written.
     record = analysis.ToRecord()
     record["units"] = _UNITS
@@ -177,9 +173,9 @@ def _VariedNumber(item: str | None) -> tuple[str, list[float]]:
     except SweepError as e:
         raise BadInput(f"--vary {path} = {e}") from None
     if not all(isinstance(x, int | float) and math.isfinite(x) for x in values):
-        raise BadInput(f"--vary {path} = {text!r}: must be finite numbers")
+        Refuse(f"--vary {path}", text, "finite numbers")
     if len(set(values)) < 2:
-        raise BadInput(f"--vary {path} = {text!r}: must be two values or more")
+        Refuse(f"--vary {path}", text, "two values or more")
     return path, [float(x) for x in values]
 
 

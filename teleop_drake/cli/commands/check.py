@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from teleop_drake.cli.exit_codes import DONE, FAILED, BadInput
+from teleop_drake.cli.exit_codes import DONE, FAILED
+from teleop_drake.validation import Refuse
 
 if TYPE_CHECKING:
     from teleop_drake.cli.reference_runs import Difference
@@ -38,12 +39,12 @@ def Execute(args: argparse.Namespace) -> int:
 
     if args.list:
         for name in reference_runs.Names():
-            print(f"{name:<40} {reference_runs.Describe(name).title}")
+            print(f"{name:<40} {reference_runs.Describe(name)['title']}")
         return DONE
     if args.show is not None:
         _CheckName("--show", args.show)
         description = reference_runs.Describe(args.show)
-        print(f"{args.show}: {description.title}\n\n{description.task.rstrip()}")
+        print(f"{args.show}: {description['title']}\n\n{description['task'].rstrip()}")
         return DONE
     if args.template is not None:
         _CheckName("--template", args.template)
@@ -64,7 +65,7 @@ def _CheckName(field: str, name: str) -> None:
 
     names = reference_runs.Names()
     if name not in names:
-        raise BadInput(f"{field} = {name!r}: must be one of {', '.join(names)}")
+        Refuse(field, name, f"one of {', '.join(names)}")
 
 
 def _Print(name: str, differences: "dict[str, Difference]") -> None:

@@ -9,6 +9,7 @@ from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
 from teleop_drake.cli.progress import Simulate, SweepProgress
 from teleop_drake.cli.tables import MAX_COLUMNS, Headline, SeedsTable, Table
 from teleop_drake.files import FileStem
+from teleop_drake.validation import Refuse
 
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
@@ -42,17 +43,15 @@ def Execute(args: argparse.Namespace) -> int:
 
     compared = list(TaskOf(options.Load(args)).controllers)
     if not compared:
-        raise BadInput(
-            f"scenario = {args.scenario!r}: must be a teleoperation to compare its "
-            "controllers; tracking has one only"
-        )
+        allowed = "a teleoperation to compare its controllers; tracking has one only"
+        Refuse("scenario", args.scenario, allowed)
     controllers = options.ControllersOf(args) or ([] if args.vary else compared)
     if args.seeds is not None:
         for option in ("vary", "html"):
             if getattr(args, option):
                 raise BadInput(f"--{option}: must be left out with --seeds")
         if args.seeds < 2:
-            raise BadInput(f"--seeds = {args.seeds}: must be 2 or more")
+            Refuse("--seeds", args.seeds, "2 or more")
     output.CheckJson(args.json)
     output.CheckHtml(args.html)
     overrides = [  # The controllers that are compared replace a given one.
@@ -101,11 +100,7 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
     # The figure, the page and the table, of the runs until an interruption.
     records = [RunSummary(recording) for recording in recordings.values()]
     shown = {label.replace("_", " "): x for label, x in recordings.items()}
-    try:
-        figure = PlotComparison(shown, **drawing)
-    except (KeyError, ValueError) as e:
-        raise BadInput(e) from None
-    SaveFigure(figure, *figure_paths)
+    SaveFigure(PlotComparison(shown, **drawing), *figure_paths)
     if args.html is not None:
         from teleop_drake.figures.scene import MakeReplay
 
@@ -135,14 +130,13 @@ def _Names(plan: "SweepPlan") -> dict[str, str]:
         labels = []
         for key, value in point.items():
             if key == "controller":
-                stems.append(FileStem(value))
-                labels += [value] if has_controllers else []
+                stems.append(value)
+                labels += [value] * has_controllers
             else:
                 shown = PointOverrides({key: value})[0].partition("=")[2]
-                text = f"{key.split('.')[-1]}={shown}"
-                stems.append(FileStem(text))
+                stems.append(f"{key.split('.')[-1]}={shown}")
                 labels.append(LabelOfValue(key, value))
-        names["_".join(stems)] = ", ".join(labels)
+        names["_".join(map(FileStem, stems))] = ", ".join(labels)
     return names
 
 

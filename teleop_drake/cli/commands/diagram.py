@@ -1,13 +1,10 @@
 """The command `teleop-drake diagram`."""
 
 import argparse
-from typing import TYPE_CHECKING
 
 from teleop_drake.cli.exit_codes import FAILED, BadInput, Fail
 from teleop_drake.cli.options import AddScenarioOptions, Load, MakerOf
-
-if TYPE_CHECKING:
-    from pydrake.systems.framework import System
+from teleop_drake.validation import Refuse
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -32,12 +29,12 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 def Execute(args: argparse.Namespace) -> int:
     """Draws the block diagram of the scenario, or of a function that makes one."""
     if args.depth < 0:
-        raise BadInput(f"--depth = {args.depth}: must be 0 or positive")
-    maker = MakerOf(args)
-    diagram = _DiagramOfScenario(args) if maker is None else maker()
-
+        Refuse("--depth", args.depth, "0 or positive")
     from teleop_drake.figures.block_diagram import DiagramDot, WriteDiagram
+    from teleop_drake.simulation import MakeDiagram
 
+    maker = MakerOf(args)
+    diagram = MakeDiagram(Load(args)) if maker is None else maker()
     if args.output is None:
         print(DiagramDot(diagram, max_depth=args.depth), end="")
         return 0
@@ -49,12 +46,3 @@ def Execute(args: argparse.Namespace) -> int:
         # Nothing here can lay out a diagram; the message says what to install.
         return Fail(FAILED, e)
     return 0
-
-
-def _DiagramOfScenario(args: argparse.Namespace) -> "System":
-    """Returns the diagram of the scenario."""
-    scenario = Load(args)
-
-    from teleop_drake.simulation import MakeDiagram
-
-    return MakeDiagram(scenario)

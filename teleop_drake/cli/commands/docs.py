@@ -3,10 +3,9 @@
 import argparse
 from pathlib import Path
 
-from teleop_drake.cli.exit_codes import BadInput
 from teleop_drake.cli.output import PrepareFolder
 from teleop_drake.cli.site import PAGES, PARTS, PrintProgress, Title, WriteSite
-from teleop_drake.validation import CheckChoice
+from teleop_drake.validation import CheckChoice, Refuse
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -45,9 +44,7 @@ def Execute(args: argparse.Namespace) -> int:
             progress=(lambda line: None) if args.quiet else PrintProgress,
         )
     except ModuleNotFoundError as e:
-        raise BadInput(
-            f"--out = {args.out!r}: must be left out where {e.name} is missing "
-            "(`pip install 'teleop-drake[docs]'` brings it)"
-        ) from None
+        mended = "`pip install 'teleop-drake[docs]'` brings it"
+        Refuse("--out", args.out, f"left out where {e.name} is missing ({mended})")
     print(Path(args.out) / "index.html")
     return 0

@@ -6,6 +6,7 @@ import sys
 from teleop_drake.cli import options
 from teleop_drake.cli.exit_codes import FAILED, BadInput, Fail
 from teleop_drake.cli.output import CheckHtml, OpenInBrowser
+from teleop_drake.validation import Refuse
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -57,7 +58,7 @@ def Execute(args: argparse.Namespace) -> int:
             duration=_Duration(args.duration),
             has_hand=args.has_hand,
         )
-    except (ValueError, UnsupportedSystem) as e:
+    except UnsupportedSystem as e:
         raise BadInput(e) from None
     except RuntimeError as e:
         # Nothing here can lay out a diagram; the message says what to install.
@@ -80,7 +81,7 @@ def _Duration(text: str | None) -> float:
     try:
         return DURATION if text is None else float(text)
     except ValueError:
-        raise BadInput(f"--duration = {text!r}: must be a number (s)") from None
+        Refuse("--duration", text, "a number (s)")
 
 
 def _Range(text: str) -> tuple[str, list[float] | list[str]]:
@@ -91,6 +92,6 @@ def _Range(text: str) -> tuple[str, list[float] | list[str]]:
     except ValueError:
         if "," not in values:
             allowed = "KEY=LO:HI or KEY=A,B,..."
-            raise BadInput(f"--vary = {text!r}: must be {allowed}") from None
+            Refuse("--vary", text, allowed)
         return key, values.split(",")
     return key, [low, high]

@@ -8,6 +8,7 @@ from teleop_drake.cli import options
 from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
 from teleop_drake.cli.output import CheckHtml, OpenInBrowser
 from teleop_drake.cli.progress import Simulate
+from teleop_drake.validation import Refuse
 
 if TYPE_CHECKING:
     from teleop_drake.recording import Recording
@@ -52,18 +53,14 @@ def Execute(args: argparse.Namespace) -> int:
             "name them: --controllers A,B,..."
         )
     recordings = (_FromFiles if has_files else _Simulated)(args)
-    is_interrupted = not has_files and any(
-        recording.termination == "interrupted" for recording in recordings.values()
-    )
+    ends = [recording.termination for recording in recordings.values()]
+    is_interrupted = "interrupted" in ends and not has_files
     if is_interrupted and args.out is None:
         return INTERRUPTED
 
     from teleop_drake.figures.scene import MakeReplay
 
-    try:
-        replay = MakeReplay(recordings)
-    except ValueError as e:
-        raise BadInput(e) from None
+    replay = MakeReplay(recordings)
     if args.out is None:
         OpenInBrowser(replay.html, "replay.html")
     else:
@@ -75,9 +72,7 @@ def Execute(args: argparse.Namespace) -> int:
 def _Simulated(args: argparse.Namespace) -> "dict[str, Recording]":
     """Returns the runs of a scenario by their controllers, the names of the page."""
     if args.more:
-        raise BadInput(
-            f"FILE.npz = {args.more[0]!r}: must be left out after a scenario"
-        )
+        Refuse("FILE.npz", args.more[0], "left out after a scenario")
     kinds = [[f"controller.kind={kind}"] for kind in options.ControllersOf(args)]
     scenarios = [options.Load(args, *kind, is_run=True) for kind in kinds or [[]]]
     recordings: dict[str, Recording] = {}
@@ -97,23 +92,19 @@ def _FromFiles(args: argparse.Namespace) -> "dict[str, Recording]":
         value = getattr(args, option, None)
         if value:
             name = "--" + option.replace("_", "-")
-            raise BadInput(f"{name} = {value!r}: must be left out with a recording")
+            Refuse(name, value, "left out with a recording")
     files = [args.scenario, *args.more]
     recordings = []
     for file in files:
         try:
             recordings.append(LoadRecording(file))
         except OSError as e:
-            raise BadInput(
-                f"FILE.npz = {file!r}: must be a file that can be read ({e.strerror})"
-            ) from None
+            Refuse("FILE.npz", file, f"a file that can be read ({e.strerror})")
         except ValueError as e:
             raise BadInput(f"FILE.npz = {e}") from None
-    names = [x.scenario.controller.kind.replace("_", " ") for x in recordings]
-    if len(set(names)) < len(names):
-        names = [Path(file).stem for file in files]
-    if len(set(names)) < len(names):
-        names = files
-    if len(set(names)) < len(names):
-        raise BadInput(f"FILE.npz = {files[-1]!r}: must be different files")
+    kinds = [x.scenario.controller.kind.replace("_", " ") for x in recordings]
+    stems = [Path(file).stem for file in files]
+    names = next((x for x in (kinds, stems, files) if len(set(x)) == len(x)), None)
+    if names is None:
+        Refuse("FILE.npz", files[-1], "different files")
     return dict(zip(names, recordings, strict=True))

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from teleop_drake.cli import options, output
-from teleop_drake.cli.exit_codes import INTERRUPTED, BadInput
+from teleop_drake.cli.exit_codes import INTERRUPTED
 from teleop_drake.cli.progress import Simulate
 from teleop_drake.cli.tables import Headline, Table
 from teleop_drake.files import FileStem
@@ -83,18 +83,11 @@ def _Draw(
 
     Returns:
         The figures of the networks.
-
-    Raises:
-        BadInput: If what is to be shown is not there.
     """
     from teleop_drake.figures.network import HasNetwork, PlotNetwork
     from teleop_drake.figures.runs import PlotRun, SaveFigure
 
-    try:
-        figure = PlotRun(recording, **drawing)
-    except (KeyError, ValueError) as e:
-        raise BadInput(e) from None
-    SaveFigure(figure, *paths)
+    SaveFigure(PlotRun(recording, **drawing), *paths)
     if not HasNetwork(recording):
         return []
     network = PlotNetwork(recording, columns=drawing["columns"])

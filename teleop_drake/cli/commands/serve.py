@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from teleop_drake.cli import options, output
-from teleop_drake.cli.exit_codes import BadInput
+from teleop_drake.validation import Refuse
 
 if TYPE_CHECKING:
     from teleop_drake.link.side import Side
@@ -30,7 +30,7 @@ class _MakeKey(argparse.Action):
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             allowed = f"a new file that can be written ({reason})"
-            raise BadInput(f"--new-key = {file!r}: must be {allowed}") from None
+            Refuse("--new-key", file, allowed)
         parser.exit(message=f"Written: {file}\n")
 
 
@@ -45,7 +45,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     else:
         place = "--connect"
         place_help = "address of the robot's side"
-    add(place, metavar="HOST:PORT", required=True, help=place_help)
+    add(place, dest="address", metavar="HOST:PORT", required=True, help=place_help)
     add("--key", metavar="FILE", required=True, help="the key of both sides")
     add("--period", type=float, metavar="S", default=0.001, help="between packets, s")
     add("--limit", type=float, metavar="S", default=0.5, help="most round trip, s")
@@ -104,23 +104,14 @@ def _Run(
     def SayNothing(line: str) -> None:
         """Takes the place of Say."""
 
-    say = SayNothing if args.quiet else Say
-    if args.command_name == "serve":
-        return ServeRobot(
-            scenario,
-            listen=args.listen,
-            key=args.key,
-            period=args.period,
-            limit=args.limit,
-            say=say,
-            log_file=log_file,
-        )
-    return OperateRemotely(
+    is_robot = args.command_name == "serve"
+    place: dict[str, Any] = {"listen" if is_robot else "connect": args.address}
+    return (ServeRobot if is_robot else OperateRemotely)(
         scenario,
-        connect=args.connect,
+        **place,
         key=args.key,
         period=args.period,
         limit=args.limit,
-        say=say,
+        say=SayNothing if args.quiet else Say,
         log_file=log_file,
     )

@@ -1,9 +1,8 @@
 """The command `teleop-drake tune`."""
 
 import argparse
-import copy
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from teleop_drake.cli import options
 from teleop_drake.cli.commands.sweep import StudyOf
@@ -11,6 +10,7 @@ from teleop_drake.cli.exit_codes import DONE, BadInput, Interrupted
 from teleop_drake.cli.output import CheckJson, Tell
 from teleop_drake.cli.progress import Notice, SweepProgress
 from teleop_drake.cli.tables import Align
+from teleop_drake.validation import Refuse
 
 if TYPE_CHECKING:
     from teleop_drake.sweep.study import Study
@@ -82,15 +82,16 @@ def Execute(args: argparse.Namespace) -> int:
     from teleop_drake.sweep.study import IsStudy
     from teleop_drake.sweep.tuning import PlanTuning, RunTuning
 
-    training = copy.copy(args)
+    controller = args.controller
     if IsStudy(args.scenario):  # It says all but the controller.
-        training.controller = None
+        args.controller = None
+    training = StudyOf(args)
     plan = PlanTuning(
-        StudyOf(training),
-        controller=args.controller,
+        training,
+        controller=controller,
         gains=args.gains.split(","),
         minimize=args.minimize,
-        held_out=_HeldOut(args),
+        held_out=_HeldOut(args, training),
         margin=args.margin,
         evaluations=args.evaluations,
         seed=args.seed,
@@ -116,24 +117,23 @@ def Execute(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _HeldOut(args: argparse.Namespace) -> "Study | None":
+def _HeldOut(args: argparse.Namespace, training: "Study") -> "Study | None":
     """Returns the held-out runs, if there are any."""
-    from teleop_drake.sweep.study import IsStudy, LoadStudy
+    from teleop_drake.sweep import PlanSweep
+    from teleop_drake.sweep.study import IsStudy, LoadStudy, Study
 
+    if not args.held_out:
+        return None
     if len(args.held_out) == 1 and IsStudy(args.held_out[0]):
         return LoadStudy(args.held_out[0])
-    args = copy.copy(args)
+    plan = next(iter(training.plans.values()))
+    grid: dict[str, Any] = dict(plan.axes)
     for item in args.held_out:
-        key, equals, _ = item.partition("=")
+        key, equals, values = item.partition("=")
         if not equals or IsStudy(args.scenario):
-            allowed = "KEY=VALUES of a scenario, or one study"
-            raise BadInput(f"--held-out = {item!r}: must be {allowed}")
-        # It takes the place of the values of training.
-        name = {"seed": "seeds"}.get(key, key)
-        if name in ("seeds", "delay", "forward_delay", "return_delay"):
-            setattr(args, name, None)
-        args.vary = [x for x in args.vary if not x.startswith(f"{key}=")] + [item]
-    return StudyOf(args) if args.held_out else None
+            Refuse("--held-out", item, "KEY=VALUES of a scenario, or one study")
+        grid[key] = values  # In the place of those of training.
+    return Study(plans={"": PlanSweep(args.scenario, grid, overrides=plan.overrides)})
 
 
 def _Table(result: "TuningResult") -> str:
