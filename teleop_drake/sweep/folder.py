@@ -117,7 +117,8 @@ class SweepFolder:
 
     def _ReadRecords(self, notice: Notice) -> dict[int, Record]:
         """Reads the records, and discards an incomplete last line after a kill."""
-        text = self._runs.read_text(encoding="utf-8") if self._runs.exists() else ""
+        self._runs.touch()
+        text = self._runs.read_text(encoding="utf-8")
         whole = text[: text.rfind("\n") + 1]
         if whole != text:
             notice(f"{self._title}: the run that was killed is done again")

@@ -203,16 +203,12 @@ def _FindValid(
     """
     choices = {k: range(len(values)) for k, values in axes.items()}
     choices[key] = range(i, i + 1)
-    num_choices = math.prod(map(len, choices.values()))
-    stride = max(num_choices // _MAX_CHECKS, 1)
-    first_error: ScenarioError | None = None
-    for choice in itertools.islice(
-        itertools.product(*choices.values()), 0, None, stride
-    ):
-        indices = dict(zip(axes, choice, strict=True))
+    combinations = list(itertools.product(*choices.values()))
+    errors: list[ScenarioError] = []
+    for combination in combinations[:: max(len(combinations) // _MAX_CHECKS, 1)]:
+        indices = dict(zip(axes, combination, strict=True))
         try:
             return indices, load({k: axes[k][j] for k, j in indices.items()})
         except ScenarioError as error:
-            first_error = first_error or error
-    assert first_error is not None
-    raise first_error
+            errors.append(error)
+    raise errors[0]

@@ -85,10 +85,11 @@ def Statistics(result: SweepResult) -> list[Record]:
     Raises:
         SweepError: If the sweep has no seeds.
     """
+    points = list(_Points(result))
     shares = _Shares(result)
     metrics = _Medians(result)
     rows = []
-    for point, index in _Points(result):
+    for point, index in points:
         for metric, share in shares.items():
             total = len(share[index])
             count = int(share[index].sum())

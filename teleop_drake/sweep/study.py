@@ -61,7 +61,7 @@ def IsStudy(name: str) -> bool:
     if name in StudyNames():
         return True
     path = Path(name)
-    return path.is_file() and "scenarios" in _Read(path)
+    return path.is_file() and "scenarios" in ParseFile(path, ReadText(path))
 
 
 def LoadStudy(file: File) -> Study:
@@ -75,7 +75,7 @@ def LoadStudy(file: File) -> Study:
         SweepError: If a grid cannot be used.
     """
     path = _STUDIES / f"{file}.yaml" if file in StudyNames() else Path(file)
-    tree = _Read(path)
+    tree = ParseFile(path, ReadText(path))
     for key in tree:
         CheckChoice("key", key, ("scenarios", *_OF_A_SWEEP, "engine", "metrics"))
     plans = {}
@@ -86,10 +86,6 @@ def LoadStudy(file: File) -> Study:
     if metrics is not None and not IsListOfText(metrics):
         Refuse("metrics", metrics, "a list of metrics")
     return Study(plans=plans, metrics=metrics)
-
-
-def _Read(path: Path) -> dict[Any, Any]:
-    return ParseFile(path, ReadText(path))
 
 
 def _NamedSweeps(sweeps: Any) -> Mapping[Any, Any]:
@@ -131,7 +127,8 @@ def _Joined(
     for settings in (common, own):
         values = settings.get(key) or {}
         if key == "overrides" and isinstance(values, str):
-            values = _Read(folder / values)
+            file = folder / values
+            values = ParseFile(file, ReadText(file))
         if not isinstance(values, Mapping):
             Refuse(key, values, "a mapping of paths to values")
         joined |= {str(path): value for path, value in values.items()}

@@ -116,13 +116,12 @@ def ParseValues(text: str) -> list[Any]:
 def _ParseRange(text: str) -> list[float]:
     """Returns the values of START:STOP:COUNT."""
     try:
-        begin, end, count = text.split(":")
-        start = float(begin)
-        stop = float(end)
+        *ends, count = text.split(":")
+        start, stop = map(float, ends)
         num_values = int(count)
     except ValueError:
         raise SweepError(f"{text!r}: must be START:STOP:COUNT or A,B,...") from None
-    if not (math.isfinite(start) and math.isfinite(stop)):
+    if not math.isfinite(start - stop):
         raise SweepError(f"{text!r}: START and STOP must be finite")
     if not 1 <= num_values <= MAX_RUNS:
         raise SweepError(f"{text!r}: COUNT must be 1 to {MAX_RUNS}")

@@ -41,9 +41,7 @@ def Analyze(
         margin: Least delay margin of the round trip, in s; None: it is not checked.
     """
     teleoperation = AsTeleoperation(scenario)
-    loss = 0.0
-    if STIFFNESS_LOSS in metrics:
-        loss = FeltStiffnessLoss(teleoperation)
+    loss = FeltStiffnessLoss(teleoperation) if STIFFNESS_LOSS in metrics else 0.0
     if margin is None:
         return Analysis(loss, "")
     forward = teleoperation.forward_channel.delay

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -60,14 +61,17 @@ class TuningPlan:
 
     def Gains(self, place: Array) -> Gains:
         """Returns the gains at a place, which is 0 to 1 along each range."""
-        gains = {}
-        for (path, (low, high)), share in zip(self.ranges.items(), place, strict=True):
-            if low > 0:
-                value = low * (high / low) ** share
-            else:
-                value = low + share * (high - low)
-            gains[path] = float(f"{value:.4g}")
-        return gains
+        return {
+            path: float(f"{_Between(*bounds, share):.4g}")
+            for (path, bounds), share in zip(self.ranges.items(), place, strict=True)
+        }
+
+
+def _Between(low: float, high: float, share: float) -> float:
+    """Returns a number between two others; on a logarithmic scale if they are > 0."""
+    if low > 0:
+        return low * (high / low) ** share
+    return low + share * (high - low)
 
 
 def PlanTuning(
@@ -132,41 +136,37 @@ def PlanTuning(
 
 
 def _WithController(study: Study, controller: str) -> dict[str, SweepPlan]:
-    """Returns the sweeps of a study with one controller for all runs."""
-    return {
-        name or plan.scenario.name: _SetController(plan, controller)
-        for name, plan in study.plans.items()
-    }
-
-
-def _SetController(plan: SweepPlan, controller: str) -> SweepPlan:
-    """Returns a sweep with one controller for all runs; refuses one that varies it."""
-    axes = dict(plan.axes)
-    varied = axes.pop("controller", [controller])
-    if varied != [controller]:
-        Refuse("controllers", varied, f"left out, or {controller!r}")
-    fixed = replace(
-        plan,
-        overrides=[*plan.overrides, *PointOverrides({"controller": controller})],
-        axes=axes,
-        points=[{key: point[key] for key in axes} for point in plan.points],
-    )
-    return replace(fixed, scenario=LoadChecked(fixed, fixed.points[0]))
+    """Returns the sweeps of a study with one controller; refuses one that varies it."""
+    sweeps = {}
+    for name, plan in study.plans.items():
+        axes = dict(plan.axes)
+        varied = axes.pop("controller", [controller])
+        if varied != [controller]:
+            Refuse("controllers", varied, f"left out, or {controller!r}")
+        fixed = replace(
+            plan,
+            overrides=[*plan.overrides, *PointOverrides({"controller": controller})],
+            axes=axes,
+            points=[{key: point[key] for key in axes} for point in plan.points],
+        )
+        first = LoadChecked(fixed, fixed.points[0])
+        sweeps[name or plan.scenario.name] = replace(fixed, scenario=first)
+    return sweeps
 
 
 def _Range(scenario: Scenario, text: str) -> tuple[str, Interval]:
     """Returns the path and the range that NAME or NAME=LOW:HIGH stands for."""
     name, equals, given = text.strip().partition("=")
+    of_controller = f"{scenario.controller.path}."
     path = name
     if not hasattr(scenario, name.partition(".")[0]):
-        path = f"{scenario.controller.path}.{name}"
+        path = of_controller + name
     value = scenario.Value(path)  # Refuses a path that does not exist.
     if equals:
         return path, _ParseRange(name, given)
-    if value is None and path.startswith(f"{scenario.controller.path}."):
-        value = ResolveController(scenario)
-        for part in path.removeprefix(f"{scenario.controller.path}.").split("."):
-            value = getattr(value, part)
+    if value is None and path.startswith(of_controller):
+        get_field = attrgetter(path.removeprefix(of_controller))
+        value = get_field(ResolveController(scenario))
     x = _ScalarOf(value)
     if x is None or not x > 0:
         Refuse(f"gains.{name}", text, "NAME=LOW:HIGH; its own value is no number > 0")

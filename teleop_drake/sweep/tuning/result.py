@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from teleop_drake.arrays import Array, Record
-from teleop_drake.files import Replacing
+from teleop_drake.files import WriteText
 from teleop_drake.scenario.yaml_text import DumpYaml
 from teleop_drake.sweep.folder import WriteCsv
 from teleop_drake.sweep.tuning.plan import TuningPlan
@@ -47,12 +47,13 @@ class TuningResult:
         `bounded` is the number of runs that reach their end and have every metric. The
         mean and the largest value over these runs follow for each metric.
         """
-        rows = []
-        for i, trial in enumerate([self.own, *self.front]):
-            rows += self._Rows(trial, i, "training")
-        for i, trial in enumerate(self.held_out):
-            rows += self._Rows(trial, i, "held out")
-        return rows
+        trials = {"training": [self.own, *self.front], "held out": self.held_out}
+        return [
+            row
+            for runs, shown in trials.items()
+            for i, trial in enumerate(shown)
+            for row in self._Rows(trial, i, runs)
+        ]
 
     def Title(self, i: int) -> str:
         """Returns the name of the scenario's own gains (0), or of a member (1, ...)."""
@@ -84,11 +85,8 @@ class TuningResult:
         if len(self.front) > 1:
             trials |= {f"front-{i}": x for i, x in enumerate(self.front, start=1)}
         sweep = next(iter(self.plan.training.values()))
-        files = []
-        for name, trial in trials.items():
-            fields = {"controller.kind": sweep.scenario.controller.kind} | trial.gains
-            files.append(folder / f"{name}.yaml")
-            with Replacing(files[-1]) as temporary:
-                text = DumpYaml(fields)
-                temporary.write_text(text, encoding="utf-8")
+        kind = {"controller.kind": sweep.scenario.controller.kind}
+        files = [folder / f"{name}.yaml" for name in trials]
+        for file, trial in zip(files, trials.values(), strict=True):
+            WriteText(file, DumpYaml(kind | trial.gains))
         return [*files, WriteCsv(folder / "tuning.csv", self.Table())]

@@ -174,9 +174,8 @@ def FindFront(accepted: Sequence[Trial], reference: Trial) -> list[Trial]:
     scores = np.array([trial.Scores(reference) for trial in accepted])
     kept: list[int] = []
     for i in sorted(range(len(accepted)), key=lambda i: tuple(scores[i])):
-        dominates = np.all(scores <= scores[i], axis=1) & np.any(
-            scores < scores[i], axis=1
-        )
+        is_as_good = np.all(scores <= scores[i], axis=1)
+        dominates = is_as_good & np.any(scores < scores[i], axis=1)
         resembles = np.all(scores[kept] <= _EQUAL * scores[i], axis=1)
         if not dominates.any() and not resembles.any():
             kept.append(i)
