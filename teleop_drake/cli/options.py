@@ -67,27 +67,13 @@ def AddScenarioOptions(
     parser.add_argument("--accuracy", metavar="X", help="simulator.accuracy")
     parser.add_argument(
         "--set",
-        action=_SetFields,
+        action="append",
         default=[],
         metavar="PATH=VALUE|FILE",
         help="any other field, for example environment.layers.bone.stiffness=300, or "
         "a YAML file of paths and values, such as the gains.yaml of `tune`; "
         "repeatable; later ones win",
     )
-
-
-class _SetFields(argparse.Action):
-    """Adds a field and its value to those before, or all of a file's."""
-
-    def __call__(
-        self, parser: Any, args: argparse.Namespace, text: Any, option: Any = None
-    ) -> None:
-        fields = [text]
-        if "=" not in text and Path(text).suffix in (".yaml", ".yml"):
-            from teleop_drake.scenario.overrides import OverridesOfFile
-
-            fields = OverridesOfFile(Path(text))
-        setattr(args, self.dest, [*getattr(args, self.dest), *fields])
 
 
 def AddRunOptions(
@@ -103,15 +89,6 @@ def AddRunOptions(
     parser.add_argument("--quiet", action="store_true", help="show no progress")
 
 
-def AddVerboseOption(parser: argparse.ArgumentParser) -> None:
-    """Adds --verbose."""
-    parser.add_argument(
-        "--verbose",
-        action="store_true",
-        help="print all metrics, and what the solver did",
-    )
-
-
 def AddFormatOption(parser: argparse.ArgumentParser, default: str = "png") -> None:
     """Adds --format."""
     parser.add_argument(
@@ -123,7 +100,7 @@ def AddFormatOption(parser: argparse.ArgumentParser, default: str = "png") -> No
 
 
 def AddFigureOptions(parser: argparse.ArgumentParser) -> None:
-    """Adds what figures show, how wide they are, in which formats; and --html."""
+    """Adds what figures, --html and the table show of runs."""
     AddFormatOption(parser)
     parser.add_argument(
         "--columns",
@@ -146,6 +123,11 @@ def AddFigureOptions(parser: argparse.ArgumentParser) -> None:
         "--html",
         metavar="FILE",
         help="write a page that plays the robot in 3-D, as `teleop-drake replay` does",
+    )
+    parser.add_argument(
+        "--verbose",
+        action="store_true",
+        help="print all metrics, and what the solver did",
     )
 
 
@@ -348,23 +330,20 @@ def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[
     from teleop_drake.kinds import IsOwn
     from teleop_drake.scenario.yaml_text import DumpOnOneLine, ParseFile, ReadText
 
-    def FileFields(kind: str) -> tuple[str, ...]:
-        may_look = imports or not IsOwn(kind)
-        return CHANNEL_KINDS.Find(kind, "kind").file_fields if may_look else ()
-
     path = Path(given)
-    fields: dict[str, Any]
+    folder = Path()
+    fields: dict[str, Any] = {"kind": given}
     try:
         if path.suffix in (".yaml", ".yml"):
             fields = ParseFile(path, ReadText(path))
-            for name in FileFields(fields.get("kind", "transport")):
-                if isinstance(fields.get(name), str):
-                    fields[name] = str(path.parent / fields[name])
+            folder = path.parent
         elif path.is_file():
             fields = _TRACE_CHANNEL | {"trace": given}
-        else:
-            FileFields(given)  # Checks it.
-            fields = {"kind": given}
+        kind = fields.get("kind", "transport")
+        if imports or not IsOwn(kind):
+            for name in CHANNEL_KINDS.Find(kind, "kind").file_fields:
+                if isinstance(fields.get(name), str):
+                    fields[name] = str(folder / fields[name])
     except ValueError as e:
         reason = e if path.exists() or not path.suffix else "no such file"
         Refuse("--channel", given, f"a YAML file, a trace or a kind ({reason})")
@@ -389,4 +368,15 @@ def OverridesOf(
         value = getattr(args, option, None)
         if value is not None:
             overrides += [f"{path}={value}" for path in OVERRIDES[option]]
-    return [*overrides, *args.set]
+    return [*overrides, *FieldsOf(args)]
+
+
+def FieldsOf(args: argparse.Namespace) -> list[str]:
+    """Returns the fields of --set and their values, also those of its files."""
+    from teleop_drake.scenario.overrides import OverridesOfFile
+
+    fields: list[str] = []
+    for text in args.set:
+        is_file = "=" not in text and Path(text).suffix in (".yaml", ".yml")
+        fields += OverridesOfFile(Path(text)) if is_file else [text]
+    return fields

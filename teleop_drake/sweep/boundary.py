@@ -18,7 +18,7 @@ from teleop_drake.validation import Refuse
 _MAX_ANALYSES = 200
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(kw_only=True, eq=False)
 class Boundary:
     """The delays at which a loop becomes unstable at an operating point.
 
@@ -68,8 +68,7 @@ def FindBoundaries(
         Refuse(key, f"{len(values)} values", f"at most {_MAX_ANALYSES} to be analysed")
     largest = max(float(x) for x in plan.axes[delay_key])
     first = {name: axis[0] for name, axis in plan.axes.items()} | dict(others)
-    ends: dict[str, Array] = {}
-    reasons: dict[str, str] = {}
+    boundaries: dict[str, Boundary] = {}
     for i, value in enumerate(values):
         point = first | {key: value, delay_key: largest}
         scenario = AsTeleoperation(plan.Load(point), "there is no loop to analyse")
@@ -88,17 +87,17 @@ def FindBoundaries(
         max_delay = 1.01 * (share * largest + fixed) + 1e-3
         for found in AnalyzeStability(scenario, max_delay=max_delay).points:
             loop = found.force_mode or found
-            known = ends.setdefault(loop.label, np.full(len(values), math.nan))
+            if loop.label not in boundaries:
+                unknown = np.full(len(values), math.nan)
+                boundaries[loop.label] = Boundary(point=loop.label, ends=unknown)
+            boundary = boundaries[loop.label]
             if loop.untold:
-                reasons[loop.label] = loop.untold
+                boundary.note = loop.untold
                 continue
             # The boundary is the end of the stable interval that begins at 0, as a
             # value of the swept delay. An interval cut off at max_delay has no end.
             end = next((end for begin, end in loop.stable_delays if begin == 0), 0.0)
-            known[i] = math.inf
+            boundary.ends[i] = math.inf
             if end < max_delay:
-                known[i] = max((end - fixed) / share, 0.0)
-    return [
-        Boundary(point=name, ends=known, note=reasons.get(name, ""))
-        for name, known in ends.items()
-    ]
+                boundary.ends[i] = max((end - fixed) / share, 0.0)
+    return list(boundaries.values())

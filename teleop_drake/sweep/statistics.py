@@ -94,10 +94,17 @@ def Statistics(result: SweepResult) -> list[Record]:
             total = len(share[index])
             count = int(share[index].sum())
             rows.append(
-                {**point, "runs": total, "metric": metric, "statistic": "share"}
-                | {"unit": "", "count": count}
-                | _Estimate(count / total, ShareInterval(count, total))
-                | {"p5": None, "p95": None}
+                {
+                    **point,
+                    "runs": total,
+                    "metric": metric,
+                    "statistic": "share",
+                    "unit": "",
+                    "count": count,
+                    **_Estimate(count / total, ShareInterval(count, total)),
+                    "p5": None,
+                    "p95": None,
+                }
             )
         for metric, (unit, values) in metrics.items():
             rows.append(_MedianRow(point, metric, "median", unit, values[index]))
@@ -189,9 +196,15 @@ def _MedianRow(
     point: Record, metric: str, statistic: str, unit: str, values: Array
 ) -> Record:
     """Returns a row with the median of the finite values, and its interval."""
-    row = {**point, "runs": len(values), "metric": metric, "statistic": statistic}
     x = values[np.isfinite(values)]
-    row |= {"unit": unit, "count": len(x)}
+    row = {
+        **point,
+        "runs": len(values),
+        "metric": metric,
+        "statistic": statistic,
+        "unit": unit,
+        "count": len(x),
+    }
     if not x.size:
         return row | dict.fromkeys(("value", "low", "high", "p5", "p95"))
     row |= _Estimate(float(np.median(x)), MedianInterval(x))

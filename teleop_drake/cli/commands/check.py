@@ -43,8 +43,8 @@ def Execute(args: argparse.Namespace) -> int:
         return DONE
     if args.show is not None:
         _CheckName("--show", args.show)
-        description = reference_runs.Describe(args.show)
-        print(f"{args.show}: {description['title']}\n\n{description['task'].rstrip()}")
+        about = reference_runs.Describe(args.show)
+        print(f"{args.show}: {about['title']}\n\n{about['task'].rstrip()}")
         return DONE
     if args.template is not None:
         _CheckName("--template", args.template)
@@ -54,9 +54,7 @@ def Execute(args: argparse.Namespace) -> int:
     name = run.notes.get("reference", "")
     _CheckName(f"{args.file}: # reference", name)
     differences = reference_runs.Compare(name, run, args.file)
-    _Print(name, differences)
-    are_inside = all(difference.is_inside for difference in differences.values())
-    return DONE if are_inside else FAILED
+    return _Print(name, differences)
 
 
 def _CheckName(field: str, name: str) -> None:
@@ -68,14 +66,15 @@ def _CheckName(field: str, name: str) -> None:
         Refuse(field, name, f"one of {', '.join(names)}")
 
 
-def _Print(name: str, differences: "dict[str, Difference]") -> None:
-    """Prints the table of differences, the verdict and likely faults."""
+def _Print(name: str, differences: "dict[str, Difference]") -> int:
+    """Prints the differences, likely faults and the verdict; returns the exit code."""
     print(f"{name}\n{'signal':<24} {'difference':>10} {'tube':>10}  share     at")
     for signal, (largest, tube, time, _) in differences.items():
         numbers = f"{largest:10.2e} {tube:10.2e} {largest / tube:6.2f}"
         print(f"{signal:<24} {numbers}  {time:.4g} s")
-    outside = [name for name, found in differences.items() if not found.is_inside]
-    for signal in outside:
-        if differences[signal].fault:
-            print(f"{signal} is {differences[signal].fault}")
-    print("outside" if outside else "inside", "of the tubes")
+    for signal, difference in differences.items():
+        if difference.fault:  # Only what is outside has one.
+            print(f"{signal} is {difference.fault}")
+    is_inside = all(difference.is_inside for difference in differences.values())
+    print("inside" if is_inside else "outside", "of the tubes")
+    return DONE if is_inside else FAILED

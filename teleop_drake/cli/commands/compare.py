@@ -26,7 +26,6 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     options.AddGridOptions(parser)
     options.AddEngineOption(parser)
     options.AddFigureOptions(parser)
-    options.AddVerboseOption(parser)
     options.AddRunOptions(
         parser,
         json_help="write a list with the metrics of each run as JSON; `-`: to stdout, "

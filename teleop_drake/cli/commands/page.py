@@ -87,11 +87,10 @@ def _Duration(text: str | None) -> float:
 def _Range(text: str) -> tuple[str, list[float] | list[str]]:
     """Returns the key and the range of --vary, or the values to choose from."""
     key, _, values = text.partition("=")
+    if "," in values:
+        return key, values.split(",")
     try:
         low, high = map(float, values.split(":"))
     except ValueError:
-        if "," not in values:
-            allowed = "KEY=LO:HI or KEY=A,B,..."
-            Refuse("--vary", text, allowed)
-        return key, values.split(",")
+        Refuse("--vary", text, "KEY=LO:HI or KEY=A,B,...")
     return key, [low, high]

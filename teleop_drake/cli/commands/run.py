@@ -20,7 +20,6 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     options.AddScenarioOptions(parser)
     options.AddEngineOption(parser)
     options.AddFigureOptions(parser)
-    options.AddVerboseOption(parser)
     parser.add_argument(
         "--csv",
         metavar="FILE",

@@ -177,7 +177,8 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
         for key in ("delay", "forward_delay", "return_delay")
         if getattr(args, key) is not None
     ]
-    given = {item.partition("=")[0].strip() for item in [*args.vary, *args.set]}
+    fields = [*args.vary, *options.FieldsOf(args)]
+    given = {item.partition("=")[0].strip() for item in fields}
     controllers = options.ControllersOf(args)
     if not controllers and not given & {"controller", "controller.kind"}:
         try:

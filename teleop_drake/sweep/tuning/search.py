@@ -1,8 +1,9 @@
 """The search for gains by differential evolution."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,6 @@ from teleop_drake.sweep.tuning.result import TuningResult
 from teleop_drake.sweep.tuning.trials import (
     FindFront,
     FindReference,
-    Goal,
     Trial,
     TrialsOf,
     WithGains,
@@ -28,6 +28,9 @@ from teleop_drake.validation import Refuse
 
 # The weight of one score relative to the others, in a goal of a Pareto front.
 _EMPHASIS = 5.0
+
+# The goal of gains that are not accepted, and what each bad run adds to it.
+_REJECTED = 1e6
 
 
 def Tune(
@@ -145,14 +148,14 @@ class _Search:
         sequence = qmc.Sobol(len(plan.ranges), scramble=False).random(plan.size)
         first = self._TryPlaces(sequence + 0.5 / plan.size)
         reference = FindReference(plan, [own, *first])
-        goals = self._Goals()
-        self._Evolve(goals, reference)
+        self._Evolve(reference)
 
         tried = [own, *self._trials.values()]
         front = [trial for trial in tried if not trial.reason]
         if not plan.has_weights:
             front = FindFront(front, reference)
-        best = min(front, key=lambda trial: goals[0].Of(trial, reference))
+        weights = self._Weights()[0]
+        best = min(front, key=lambda trial: self._Goal(trial, reference, weights))
         if plan.has_weights:
             front = [best]
         return TuningResult(
@@ -185,37 +188,40 @@ class _Search:
         self._num_finished += sum(len(plan.points) for plan in plans.values())
         return TrialsOf(self._plan, sweeps, sets, results)
 
-    def _Goals(self) -> list[Goal]:
-        """Returns the weighted sum, or the goals that look for a Pareto front."""
-        weights = [x for x in self._plan.weights.values() if x is not None]
-        if weights:
-            return [Goal(np.array(weights), is_sum=True)]
+    def _Weights(self) -> list[Array]:
+        """Returns the weights (M) of the metrics in each goal of the search."""
+        if self._plan.has_weights:
+            return [np.array(list(self._plan.weights.values()), dtype=float)]
         M = len(self._plan.weights)
-        goals = [Goal(np.ones(M), is_sum=False)]
-        for emphasis in np.eye(M):
-            goals.append(Goal(1 + (_EMPHASIS - 1) * emphasis, is_sum=False))
-        return goals
+        return [np.ones(M), *(1 + (_EMPHASIS - 1) * np.eye(M))]
 
-    def _Evolve(self, goals: Sequence[Goal], reference: Trial) -> None:
+    def _Goal(self, trial: Trial, reference: Trial, weights: Array) -> float:
+        """Returns the sum of the weighted scores, or for a Pareto front the largest.
+
+        It is large if the gains are not accepted.
+        """
+        if trial.reason:
+            rows = np.concatenate(list(trial.values.values()))
+            num_bad = np.sum(~np.isfinite(rows).all(axis=1))
+            return float(_REJECTED * (1.0 + num_bad))
+        combine = np.sum if self._plan.has_weights else np.max
+        return float(combine(weights * trial.Scores(reference)))
+
+    def _Evolve(self, reference: Trial) -> None:
         """Minimises each goal in turn, from the best gains that were tried."""
         plan = self._plan
         num_left = plan.evaluations // plan.size - 1
-        for k, goal in enumerate(goals):
+        goals = self._Weights()
+        for k, weights in enumerate(goals):
             # The goals share the generations that follow the first one.
             num_generations = (num_left + len(goals) - 1 - k) // len(goals)
             if num_generations == 0:
                 continue
-
-            def Minimized(places: Array, goal: Goal = goal) -> Array:
-                trials = self._TryPlaces(places.T)
-                return np.array([goal.Of(trial, reference) for trial in trials])
-
-            goals_by_key = {
-                key: goal.Of(trial, reference) for key, trial in self._trials.items()
-            }
-            best = sorted(goals_by_key, key=goals_by_key.__getitem__)[: plan.size]
+            goal = partial(self._Goal, reference=reference, weights=weights)
+            tried = {key: goal(trial) for key, trial in self._trials.items()}
+            best = sorted(tried, key=tried.__getitem__)[: plan.size]
             differential_evolution(
-                Minimized,
+                partial(self._Minimized, goal),
                 [(0.0, 1.0)] * len(plan.ranges),
                 init=np.array([self._places[key] for key in best]),
                 rng=plan.seed + k,
@@ -225,6 +231,10 @@ class _Search:
                 vectorized=True,
                 updating="deferred",
             )
+
+    def _Minimized(self, goal: Callable[[Trial], float], places: Array) -> Array:
+        """Returns a goal (S) at places (n, S), as SciPy has them."""
+        return np.array([goal(trial) for trial in self._TryPlaces(places.T)])
 
     def _TryPlaces(self, places: Array) -> list[Trial]:
         """Returns the trials of gains at places (S, n); simulates the missing ones."""

@@ -21,9 +21,6 @@ from teleop_drake.tasks.metrics import MetricUnits
 # Gains whose scores differ by less than this factor count as one member of a front.
 _EQUAL = 1.02
 
-# The goal of gains that are not accepted, and what each bad run adds to it.
-_REJECTED = 1e6
-
 
 @dataclass(kw_only=True)
 class Trial:
@@ -47,28 +44,6 @@ class Trial:
             for name, values in reference.values.items()
         ]
         return np.asarray(np.concatenate(ratios).mean(axis=0))
-
-
-@dataclass(frozen=True, eq=False)
-class Goal:
-    """A number that the search minimises.
-
-    Attributes:
-        weights: The weights of the metrics (M).
-        is_sum: Whether the goal is the sum of the weighted scores, or the largest.
-    """
-
-    weights: Array
-    is_sum: bool
-
-    def Of(self, trial: Trial, reference: Trial) -> float:
-        """Returns the goal of a trial; large if its gains are not accepted."""
-        if trial.reason:
-            rows = np.concatenate(list(trial.values.values()))
-            num_bad = np.sum(~np.isfinite(rows).all(axis=1))
-            return _REJECTED * (1.0 + num_bad)
-        parts = self.weights * trial.Scores(reference)
-        return float(parts.sum() if self.is_sum else parts.max())
 
 
 def WithGains(
