@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,9 +14,8 @@ from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioError
 from teleop_drake.scenario.tree import ToTree
 from teleop_drake.stations import ResolveController
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
-from teleop_drake.sweep.programs import Programs
+from teleop_drake.sweep.programs import Programs, SimulatePoint
 from teleop_drake.sweep.study import LoadStudy
-from teleop_drake.sweep.values import PointOverrides
 from teleop_drake.tasks.insertion_metrics import (
     CollisionTime,
     ControlForceVariation,
@@ -112,7 +111,7 @@ class Runs:
             title: replace(plan, overrides=[*plan.overrides, *entry.overrides])
             for title, plan in plans.items()
         }
-        self._programs = {title: Programs() for title in plans}
+        self._programs: dict[str, Programs] = {title: {} for title in plans}
         self._scenarios: dict[tuple[str, int], Scenario] = {}
 
     def Simulate(self, gains: Gains) -> dict[str, Outcome]:
@@ -137,12 +136,11 @@ class Runs:
 
     def _Simulate(self, title: str, number: int, values: Mapping[str, Any]) -> Outcome:
         plan = self.plans[title]
-        load = partial(plan.source.Load, plan.Overrides(values))
-        recording = self._programs[title].Simulate(load, values)
+        recording = SimulatePoint(plan, values, self._programs[title])
         key = (title, number)
         if key not in self._scenarios:
             # Outcomes do not depend on the gains.
-            self._scenarios[key] = AsTeleoperation(load())
+            self._scenarios[key] = AsTeleoperation(plan.Load(values))
         return OutcomeOf(self._scenarios[key], recording)
 
 
@@ -151,8 +149,7 @@ def _Believed(plan: SweepPlan, gains: Gains) -> dict[str, Any]:
 
     In the runs named `wrong` the rules believe that delay and mass are the scenario's.
     """
-    overrides = [*plan.overrides, *PointOverrides(gains)]
-    scenario = AsTeleoperation(plan.source.Load(overrides))
+    scenario = AsTeleoperation(plan.Load(gains))
     given, derived = scenario.controller.Chosen(), ResolveController(scenario)
     fields = {key: key for key, x in ToTree(given).items() if x is None}
     if hasattr(derived, "Psi0"):
