@@ -21,6 +21,7 @@ import gc
 import math
 import sys
 from types import FrameType
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -166,8 +167,17 @@ def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> Non
         simulator.AdvanceTo(context.get_time() + _HORIZON)
         simulator.AdvancePendingEvents()
     finally:
-        sys.setprofile(profiler)
+        sys.setprofile(None)
+        _ResumeProfiling(profiler)
         if has_collector:
             gc.enable()
         simulator.clear_monitor()
         caller = None  # This frame refers to itself, and so keeps the block.
+
+
+def _ResumeProfiling(profiler: Any) -> None:
+    """Lets a profiler go on: a function, an object such as cProfile's, or None."""
+    if hasattr(profiler, "enable"):
+        profiler.enable()
+    else:
+        sys.setprofile(profiler)

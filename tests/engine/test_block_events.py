@@ -1,6 +1,8 @@
 """No event of a block is dropped: a block with more than its kernel runs in Drake."""
 
+import cProfile
 import gc
+import pstats
 from dataclasses import dataclass
 
 import numpy as np
@@ -319,3 +321,12 @@ def test_the_garbage_collector_is_no_event():
         gc.set_threshold(*threshold)
         gc.callbacks.remove(Called)
     assert calls
+
+
+def test_a_profiler_goes_on():
+    profiler = cProfile.Profile()
+    with profiler:
+        Check(FilledLeaf(no_event))
+        sorted([])  # Seen only by a profiler that goes on.
+    names = {code for _, _, code in pstats.Stats(profiler).stats}
+    assert "<built-in method builtins.sorted>" in names
