@@ -1,5 +1,6 @@
 """The plan of a sweep: its grid, checked before anything runs."""
 
+import contextlib
 import hashlib
 import itertools
 import math
@@ -15,6 +16,7 @@ from teleop_drake.scenario import (
     CheckSteps,
     LoadOverridden,
     ScenarioError,
+    ScenarioLike,
 )
 from teleop_drake.scenario.loading import OverriddenTree, ReadTree
 from teleop_drake.scenario.scenario import ScenarioFiles
@@ -100,12 +102,19 @@ def PlanSweep(
         raise SweepError(f"grid = {num_runs} runs: must be at most {MAX_RUNS}")
 
     traces: dict[str, str] = {}
+    # What the runs share is checked once if it is valid without values of the grid.
+    shared: ScenarioLike = scenario
+    shared_paths: list[str] = []
+    missing = texts
+    with contextlib.suppress(ScenarioError):
+        shared, shared_paths = LoadOverridden(scenario, texts)
+        missing = []
 
     def Load(point: Point) -> AnyScenario:
         """Returns the scenario of a point; error messages have the name given."""
-        own = [*texts, *PointOverrides(point)]
-        checked, replaced = LoadOverridden(scenario, own)
-        _CheckPaths(texts, axes, replaced)
+        own = [*missing, *PointOverrides(point)]
+        checked, replaced = LoadOverridden(shared, own)
+        _CheckPaths(texts, axes, [*shared_paths, *replaced])
         CheckSteps(checked)
         for file in sorted(set(ScenarioFiles(checked).values())):
             if file not in traces:
