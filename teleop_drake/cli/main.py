@@ -77,9 +77,8 @@ def _ExitCodeOf(error: BaseException) -> int:
         return Fail(INTERRUPTED, error)
     if IsInterrupted(error):
         return Fail(INTERRUPTED, "interrupted")
-    from teleop_drake.validation import ScenarioError  # It imports numpy.
-
-    if isinstance(error, BadInput | ScenarioError):
+    # SciPy's and NumPy's errors are of numbers that no check has foreseen.
+    if isinstance(error, BadInput | ValueError):
         return Fail(BAD_INPUT, error)
     if isinstance(error, BrokenPipeError):
         # The reader, `head` perhaps, has seen enough. Python would complain when it
