@@ -28,6 +28,9 @@ MAX_FREQUENCY = 1000.0
 # Steps of the solver in a period, at least.
 _STEPS_PER_PERIOD = 20
 
+# The shortest way between two waypoints, as a share of the longest one.
+_SHORTEST_WAY = 1e-6
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
@@ -292,14 +295,20 @@ class MinimumJerkConfig(PlannedConfig):
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field; see OperatorConfig.Check."""
         super().Check(path, num_axes)
-        previous = [0.0] * num_axes
         for i, point in enumerate(self.waypoints):
-            place = f"{path}.waypoints.{i}"
-            CheckVector(place, point, num_axes, "m")
-            if np.array_equal(point, previous):
+            CheckVector(f"{path}.waypoints.{i}", point, num_axes, "m")
+        # SciPy has no polynomials for pieces of all too different lengths.
+        points = np.array([[0.0] * num_axes, *self.waypoints])
+        ways = np.abs(np.diff(points, axis=0)).max(axis=1)
+        for i, way in enumerate(ways):
+            if not way > _SHORTEST_WAY * ways.max():
                 name = "waypoint before" if i else "start"
-                Refuse(place, point, f"another point than the {name}")
-            previous = point
+                Refuse(
+                    f"{path}.waypoints.{i}",
+                    self.waypoints[i],
+                    f"another point than the {name}, farther than {_SHORTEST_WAY:g} of "
+                    "the longest way from it",
+                )
         # The rate of a rotation vector is the angular velocity about a fixed axis.
         turns = np.array([point[3:] for point in self.waypoints])
         if turns.size and np.linalg.matrix_rank(turns) > 1:
