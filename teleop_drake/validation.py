@@ -219,7 +219,7 @@ def CheckVector(path: str, value: Any, size: int, unit: str) -> None:
 def GainMatrix(gain: ArrayLike, num_axes: int) -> Array:
     """Returns a gain as an n x n matrix; a number means that times the identity."""
     matrix = np.asarray(gain, dtype=float)
-    return matrix * np.eye(num_axes) if matrix.ndim == 0 else matrix
+    return np.diag(np.full(num_axes, matrix)) if matrix.ndim == 0 else matrix
 
 
 def CheckGain(

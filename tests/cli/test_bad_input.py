@@ -289,15 +289,31 @@ VALUES = ("1e30", "-1e30", "1e-30", "1e300", ".inf", ".nan", "-1", "text", "[[1]
 LIKE_OTHERS = ("haptic_device", "controller", "simulator", "actuator", "sensor")
 
 
+def SectionsOf(name):
+    """The sections of a scenario by their keys, kinds and the number of axes."""
+    scenario = LoadScenario(name)
+    tree = yaml.safe_load(ScenarioToYaml(scenario))
+    sections = {}
+    for key, value in tree.items():
+        section = value if isinstance(value, dict) else {}
+        sort = section.get("kind", section.get("model")), scenario.num_axes
+        if key in LIKE_OTHERS:
+            sort = type(scenario), scenario.num_axes > 1
+        sections[key, *sort] = {key: value}
+    return sections
+
+
 def CasesOf(name):
     """Each number of a scenario with values that are huge, tiny, or of no such type.
 
-    Those of sections that all scenarios have are left to one_dof.
+    Those of a section that another one has, with fewer axes or by its name before this
+    one, are left to that one.
     """
-    tree = yaml.safe_load(ScenarioToYaml(LoadScenario(name)))
-    if name != "one_dof":
-        tree = {key: tree[key] for key in tree if key not in LIKE_OTHERS}
-    return [f"{path}={value}" for path in Numbers(tree) for value in VALUES]
+    names = sorted(ScenarioNames(), key=lambda x: (LoadScenario(x).num_axes, x))
+    earlier = [key for x in names[: names.index(name)] for key in SectionsOf(x)]
+    own = {k: x for k, x in SectionsOf(name).items() if k not in earlier}
+    numbers = [path for section in own.values() for path in Numbers(section)]
+    return [f"{path}={value}" for path in numbers for value in VALUES]
 
 
 @pytest.mark.slow
