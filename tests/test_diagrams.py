@@ -272,10 +272,11 @@ NOTEBOOK = DIRECTORY.parent / "notebooks" / "01_building_the_diagram.ipynb"
     [
         (DIRECTORY / "one_dof_by_hand.py", "MakeOneDofByHand", ()),
         (DIRECTORY / "own_diagram.py", "MakeDiagram", (0.4,)),
-        (
+        pytest.param(
             DIRECTORY / "two_dof_arm.py",
             "MakeTwoDofArm",
             (LoadScenario("two_dof_combined"),),
+            marks=pytest.mark.slow,
         ),
         (DIRECTORY / "delay_on_a_cart_pole.py", "MakeDiagram", ()),
         (NOTEBOOK, "MakeSmallestLoop", (0.1,)),

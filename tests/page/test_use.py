@@ -84,6 +84,7 @@ def test_every_scenario_has_a_title_and_two_sentences(name):
     assert len(re.findall(r"[.?](?: |$)", scenario.story)) == 2
 
 
+@pytest.mark.slow
 def test_a_drive_starts_by_itself_and_tells_how_it_ended(look, tmp_path):
     path = tmp_path / "drive.html"
     options = ["two_dof_collision", "--delay", "0.4", "--output", str(path)]
