@@ -234,6 +234,15 @@ def test_commands_take_a_function_that_makes_a_diagram(with_diagrams, tmp_path, 
 
 
 @pytest.mark.parametrize(
+    "options",
+    [{"controllers": ["adaptive"]}, {"overrides": {"delay": 1}}, {"has_hand": True}],
+)
+def test_a_diagram_takes_no_options_of_a_scenario(options):
+    with pytest.raises(ScenarioError, match="must be left out of a diagram"):
+        MakePage(PendulumPlant(), duration=1.0, **options)
+
+
+@pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["own_diagram:main"], "must be a function without arguments"),
