@@ -283,10 +283,11 @@ def test_a_run_that_ends_before_the_hand_has_its_own_metrics(look, tmp_path):
 @pytest.mark.parametrize(
     ("name", "more", "reason"),
     [
-        (
+        pytest.param(
             "puma560_insertion",
             {"surgeon.velocity": [-0.1, 0.0, 0.0], "duration": 2.5},
             "joint wrist_bend leaves its range",
+            marks=pytest.mark.slow,
         ),
         ("one_dof", {"delay": 0.5}, "the tool exceeds its speed limit"),
     ],

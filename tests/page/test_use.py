@@ -72,6 +72,7 @@ def test_three_things_to_try_set_the_sliders(look, page):
     assert (back, *values) == ("As it was", 0.1, 0.1)
 
 
+@pytest.mark.slow
 def test_components_have_names(look, arm_page):
     head = look(arm_page, "minute.js")["head"]
     assert re.search(r"direct force x [-\d.e]+, y [-\d.e]+", head)
