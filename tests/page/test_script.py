@@ -60,6 +60,7 @@ def test_each_function_has_a_comment(path):
     assert max(map(len, lines)) <= 100
 
 
+@pytest.mark.slow
 def test_eslint_finds_nothing():
     if not shutil.which("eslint"):
         pytest.skip("no eslint: `npm install --global eslint` brings one")

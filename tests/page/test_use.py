@@ -198,6 +198,7 @@ def test_everybody(look, page, is_dark):
     assert panel == (DARK_PAPER if is_dark else LIGHT_PAPER)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_dark", [False, True], ids=["light", "dark"])
 def test_axe_finds_nothing(look, tmp_path, arm_page, is_dark):
     npm = shutil.which("npm")
