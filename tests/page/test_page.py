@@ -314,7 +314,12 @@ def test_it_ends_where_the_native_run_does(look, tmp_path, name, more, reason):
             marks=pytest.mark.slow,
         ),
         ("two_dof_combined", ["direct_force", "wave_variables"], {}),
-        ("network_tracking_coupled", [], {"duration": 3.0}),
+        pytest.param(
+            "network_tracking_coupled",
+            [],
+            {"duration": 3.0},
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_metrics_of_a_page_are_those_of_its_own_rows(look, tmp_path, name, kinds, more):

@@ -38,6 +38,7 @@ def arm_page(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_a_minute_without_instruction(look, page):
     seen = look(page, "minute.js")
     assert seen["title"] == "Tissue, then bone: two controllers, 0.1 s late"
