@@ -6,6 +6,7 @@ numbers, and `traced_numpy` defines numpy's functions on both.
 
 import math
 import operator
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple, NoReturn
@@ -51,9 +52,9 @@ class Symbol:
 
     __slots__ = ()
 
+    @abstractmethod
     def Operate(self, operation: str, *operands: Any) -> Any:
         """Returns the value of an operation, one of whose operands is the Symbol."""
-        raise NotImplementedError
 
     __add__ = _Operator("add")
     __radd__ = _Reflected("add")
