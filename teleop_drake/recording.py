@@ -1,7 +1,7 @@
 """The record of a simulation: plain arrays, events and solver statistics."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -127,27 +127,24 @@ class Recording:
     notes: list[str] = field(default_factory=list)
     has_constant_command: bool = True
     steps: Indices = field(default_factory=lambda: np.empty((0, 0), int))
-    final_context: Any = None
+    # A factory, because a default would hide what FindLater() computes.
+    final_context: Any = field(default_factory=lambda: None)
 
     def __post_init__(self) -> None:
         """Makes the steps of a recording without."""
         if self.steps.shape[1] == 0:
             self.steps = straight_steps(self.time)
 
-    def FindLater(
-        self,
-        *,
-        events: Callable[["Recording"], list[Event]],
-        notes: Callable[["Recording"], list[str]],
-    ) -> None:
-        """Has the events and the notes found by functions when they are asked for."""
-        self.__dict__["_finders"] = {"events": events, "notes": notes}
-        del self.events, self.notes
+    def FindLater(self, finders: Mapping[str, Callable[["Recording"], Any]]) -> None:
+        """Has fields computed when they are first read, each by a function."""
+        self.__dict__.setdefault("_finders", {}).update(finders)
+        for name in finders:
+            delattr(self, name)
 
     if not TYPE_CHECKING:
 
         def __getattr__(self, name):
-            """Finds the events or the notes; see FindLater()."""
+            """Computes a field; see FindLater()."""
             finders = self.__dict__.get("_finders", {})
             if name not in finders:
                 raise AttributeError(f"a Recording has no attribute {name!r}")
@@ -158,7 +155,8 @@ class Recording:
 
     def __getstate__(self) -> dict[str, Any]:
         """Returns the fields, for pickle and copy."""
-        state = {item.name: getattr(self, item.name) for item in fields(self)}
+        names = {item.name for item in fields(self)} - {"final_context"}
+        state = {name: getattr(self, name) for name in names}
         return state | {"final_context": None}  # A Context cannot be pickled.
 
     def __getitem__(self, name: str) -> Array:

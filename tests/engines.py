@@ -52,7 +52,7 @@ def Compiled(
     rows = []
     for time in times:
         while run.time < time:
-            piece = run.Advance(time)[1]
+            piece = run.Advance(time)
             assert not run.failure
         rows.append(piece[-1])
     places = SignalPlaces(run.evaluator, diagram)

@@ -58,7 +58,7 @@ def test_events_and_notes_are_found_once_and_when_they_are_asked_for():
         calls.append(run)
         return [Event(name="contact", time=0.1)]
 
-    recording.FindLater(events=FindEvents, notes=lambda run: ["a note"])
+    recording.FindLater({"events": FindEvents, "notes": lambda run: ["a note"]})
     assert calls == []
     for other in (recording, copy.copy(recording), dataclasses.replace(recording)):
         assert other.EventTimes("contact") == [0.1]

@@ -1,7 +1,7 @@
 """Integrates a system with delays and modes: Dormand-Prince 5(4) with dense output.
 
-The system is a function `evaluate(t, x, m, p, q, y, dx, everything)` that fills in the
-rate dx of the state x and the signals y, as teleop_drake.engine.source describes it.
+The system is a function `evaluate(t, x, m, p, q, y, dx, wanted)` that fills in the rate
+dx of the state x and the signals y, as teleop_drake.engine.source describes it.
 The outputs of the delays are written into y before each evaluation.
 
 * A delayed signal is a polynomial in each step, through the rows that are recorded at
@@ -19,6 +19,8 @@ All functions here are in the part of Python that jit/typed_code compiles.
 
 import math
 from collections.abc import Callable
+
+import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.engine.delays import NODES, arrival, fetch
@@ -41,6 +43,7 @@ from teleop_drake.engine.transitions import (
     next_time,
     note_guards,
 )
+from teleop_drake.jit.scalar_code import ALL, RATE, SIGNALS
 from teleop_drake.numerics.instants import SAME, same_within
 
 Evaluate = Callable[..., None]
@@ -49,8 +52,12 @@ Evaluate = Callable[..., None]
 # echoes beyond this are as smooth as the method needs.
 _MAX_ECHO = 4
 
-# As often advance() tries at most: its caller sees whether the run comes forward.
-_MOST_TRIES = 10_000
+# As often advance() tries at most: its caller sees whether the run comes forward, and
+# Python notices Ctrl-C.
+_MOST_TRIES = 500
+
+# The weights of the stages in the dense output at NODES.
+WEIGHTS_AT_NODES = (NODES[:, np.newaxis] ** np.arange(1, 5)) @ P.T
 
 # How advance() ended.
 DONE = 0
@@ -59,7 +66,7 @@ STUCK = 2
 
 
 def _evaluate(
-    everything: bool,
+    wanted: int,
     evaluate: Evaluate,
     t: float,
     x: Array,
@@ -67,34 +74,61 @@ def _evaluate(
     memory: Memory,
     dx: Array,
 ) -> None:
-    """Evaluates the rate and all signals, or those that it and the delays need."""
+    """Evaluates what is wanted: RATE, ALL or SIGNALS."""
     fetch(t, problem.delays, memory)
-    evaluate(t, x, memory.m, problem.p, problem.q, memory.y, dx, everything)
+    evaluate(t, x, memory.m, problem.p, problem.q, memory.y, dx, wanted)
     memory.counts[EVALUATIONS] += 1
 
 
-def _interpolate(theta: float, h: float, memory: Memory) -> None:
-    """Writes the dense output of the step into x_stage."""
-    stages = memory.stages
-    result = memory.x_stage
-    _copy(memory.x, result)
+def _weighted(weights: Array, i: int, stages: Array) -> float:
+    """Returns the sum of a state's rates at all stages, each with its weight."""
+    return float(
+        weights[0] * stages[0, i]
+        + weights[1] * stages[1, i]
+        + weights[2] * stages[2, i]
+        + weights[3] * stages[3, i]
+        + weights[4] * stages[4, i]
+        + weights[5] * stages[5, i]
+        + weights[6] * stages[6, i]
+    )
+
+
+def _move(weights: Array, h: float, memory: Memory, result: Array) -> None:
+    """Writes the state that the weighted rates of the stages reach in a step."""
+    for i in range(len(result)):
+        result[i] = memory.x[i] + h * _weighted(weights, i, memory.stages)
+
+
+def _set_weights(share: float, weights: Array) -> None:
+    """Writes the weights of the stages in the dense output at a share of the step."""
     for s in range(NUM_STAGES):
-        power = theta
-        weight = 0.0
+        power = share
+        weights[s] = 0.0
         for k in range(4):
-            weight += P[s, k] * power
-            power *= theta
-        if weight != 0.0:
-            _add(h * weight, stages[s], result)
+            weights[s] += P[s, k] * power
+            power *= share
 
 
 def _evaluate_within(
     share: float, evaluate: Evaluate, h: float, problem: Problem, memory: Memory
 ) -> None:
-    """Evaluates all signals at a share of the step."""
+    """Evaluates all signals at a share of the step, on the dense output."""
+    _set_weights(share, memory.weights)
+    _evaluate_with(memory.weights, share, evaluate, h, problem, memory)
+
+
+def _evaluate_with(
+    weights: Array,
+    share: float,
+    evaluate: Evaluate,
+    h: float,
+    problem: Problem,
+    memory: Memory,
+) -> None:
+    """Evaluates all signals at a share of the step, given the weights of its stages."""
+    _move(weights, h, memory, memory.x_stage)
     t = memory.clock[0] + share * h
-    _interpolate(share, h, memory)
-    _evaluate(True, evaluate, t, memory.x_stage, problem, memory, memory.dx)
+    _evaluate(SIGNALS, evaluate, t, memory.x_stage, problem, memory, memory.dx)
 
 
 def _record_step(
@@ -110,29 +144,25 @@ def _record_step(
     _write(row + 3, end, memory)
     for node in range(1, 4):
         s = NODES[node] * length
-        _evaluate_within(s / h, evaluate, h, problem, memory)
+        if length == h:
+            weights = WEIGHTS_AT_NODES[node]
+            _evaluate_with(weights, NODES[node], evaluate, h, problem, memory)
+        else:
+            _evaluate_within(s / h, evaluate, h, problem, memory)
         _write(row + node - 1, memory.clock[0] + s, memory)
     memory.row_ends[row + 3] = 1
     memory.counts[END] = row + 3
     memory.counts[ROWS] = row + 4
 
 
-def _add(weight: float, source: Array, target: Array) -> None:
-    for i in range(len(target)):
-        target[i] += weight * source[i]
-
-
-def _combine(weights: Array, num: int, stages: Array, result: Array) -> None:
-    """Adds up the first stages, row by row: the processor adds several at once."""
-    for i in range(len(result)):
-        result[i] = 0.0
-    for s in range(num):
-        _add(weights[s], stages[s], result)
-
-
 def _copy(source: Array, target: Array) -> None:
     for i in range(len(source)):
         target[i] = source[i]
+
+
+def _clear(target: Array) -> None:
+    for i in range(len(target)):
+        target[i] = 0.0
 
 
 def _write(row: int, t: float, memory: Memory) -> None:
@@ -200,7 +230,7 @@ def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) ->
             break
         if has_changed:
             order = 0
-        _evaluate(True, evaluate, t, memory.x, problem, memory, memory.stages[0])
+        _evaluate(ALL, evaluate, t, memory.x, problem, memory, memory.stages[0])
         has_jumped = False
     if order >= 0:
         _record(t, memory)
@@ -226,7 +256,7 @@ def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     order = _take_break(t, memory)
     if order >= 0:  # Transitions see what was there before a jump arrives.
         memory.clock[0] = -math.inf
-    _evaluate(True, evaluate, t, memory.x, problem, memory, memory.stages[0])
+    _evaluate(ALL, evaluate, t, memory.x, problem, memory, memory.stages[0])
     memory.clock[0] = t
     _settle(evaluate, order, problem, memory)
 
@@ -251,25 +281,25 @@ def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
 def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> float:
     """Tries a step; returns its error, the largest of all states."""
     t = memory.clock[0]
-    x = memory.x
     stages = memory.stages
-    n = len(x)
+    for s in range(1, NUM_STAGES):
+        # A weight of 0 does not hide a rate that is no number.
+        _clear(stages[s])
     for s in range(1, NUM_STAGES):
         is_last = s == NUM_STAGES - 1
         target = memory.x_stage
+        wanted = RATE
         if is_last:
             target = memory.x_next
-        _combine(A[s], s, stages, target)
-        for i in range(n):
-            target[i] = x[i] + h * target[i]
-        _evaluate(is_last, evaluate, t + C[s] * h, target, problem, memory, stages[s])
+            wanted = ALL
+        _move(A[s], h, memory, target)
+        _evaluate(wanted, evaluate, t + C[s] * h, target, problem, memory, stages[s])
     error = 0.0
-    errors = memory.dx
-    _combine(E, NUM_STAGES, stages, errors)
-    for i in range(n):
+    for i in range(len(memory.x)):
+        error_i = abs(h * _weighted(E, i, stages))
         # Not a number is larger than any.
-        if not abs(h * errors[i]) <= error:
-            error = abs(h * errors[i])
+        if not error_i <= error:
+            error = error_i
     return error
 
 
@@ -306,12 +336,12 @@ def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     """Records the first row, and executes the events of the start time."""
     clock = memory.clock
     clock[2] = clock[0]
-    _evaluate(True, evaluate, clock[0], memory.x, problem, memory, memory.stages[0])
+    _evaluate(ALL, evaluate, clock[0], memory.x, problem, memory, memory.stages[0])
     _record(clock[0], memory)
     _settle(evaluate, 0, problem, memory)
 
 
-def _is_full(delays: Delays, memory: Memory) -> bool:
+def is_full(delays: Delays, memory: Memory) -> bool:
     """Returns whether there is no room for what another step records."""
     counts = memory.counts
     return counts[ROWS] + 5 > len(memory.row_times) or counts[BREAKS] + len(
@@ -370,7 +400,7 @@ def advance(
         _start(evaluate, problem, memory)
     last_try = counts[TRIES] + _MOST_TRIES
     while clock[0] < t_end - SAME:
-        if _is_full(delays, memory) or counts[TRIES] == last_try:
+        if is_full(delays, memory) or counts[TRIES] == last_try:
             return FULL
         counts[TRIES] += 1
         t = clock[0]
@@ -421,10 +451,12 @@ def _end_step(
     if has_come:
         length = h * _locate(evaluate, h, share, problem, memory)
         if length < h:
-            _interpolate(length / h, h, memory)
-            _copy(memory.x_stage, memory.x_next)
+            _set_weights(length / h, memory.weights)
+            _move(memory.weights, h, memory, memory.x_next)
     if has_come or is_searched:
-        _evaluate(True, evaluate, t + length, memory.x_next, problem, memory, memory.dx)
+        _evaluate(
+            SIGNALS, evaluate, t + length, memory.x_next, problem, memory, memory.dx
+        )
     note_guards(False, problem.transitions, memory)
     # What the step leaves behind.
     is_at_stop = h == stop - t and length == h

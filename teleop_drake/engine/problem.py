@@ -92,6 +92,7 @@ class Memory(NamedTuple):
         y: Signals. The caller sets those that are fed from outside, and at first those
             that come out of delays.
         stages: Rates at the stages of a step (7, n).
+        weights: Weights of the stages in the dense output (7).
         x_stage: State at a stage (n).
         x_next: State at the end of the step (n).
         dx: A rate that belongs to no stage (n).
@@ -113,6 +114,7 @@ class Memory(NamedTuple):
     m_before: Array
     y: Array
     stages: Array
+    weights: Array
     x_stage: Array
     x_next: Array
     dx: Array
@@ -162,6 +164,7 @@ def make_memory(
         m_before=m.copy(),
         y=y,
         stages=np.zeros((7, n)),
+        weights=np.zeros(7),
         x_stage=np.zeros(n),
         x_next=np.zeros(n),
         dx=np.zeros(n),

@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from teleop_drake.arrays import Array, Indices
-from teleop_drake.engine.advance import DONE, FULL, STUCK, advance
+from teleop_drake.engine.advance import DONE, STUCK, advance, is_full
 from teleop_drake.engine.delays import delay_at
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.problem import (
@@ -32,14 +32,15 @@ from teleop_drake.numerics.step_polynomials import DEGREE
 
 _NO_PIECES = Pieces(np.empty((0, 2)), np.empty((0, NUM_COEFFICIENTS)))
 
-# How many rows are integrated at a time. In between Python notices Ctrl-C.
-_CHUNK = 2048
-
-# The first rows are fewer, so that a state is seen that a short run comes through.
-_FIRST_CHUNK = 64
-
 # Rows for which there is memory at first. What is not written takes none.
-_ROOM = _FIRST_CHUNK + 4 * _CHUNK
+_ROOM = 8192
+
+# The room of a run whose states are compared with Drake: where it has no more, a state
+# is seen that a short run comes through.
+_FIRST_ROOM = 64
+
+# Rows that a run keeps of which only samples are wanted.
+_MOST_KEPT = 2048
 
 # What the integrator tries at least, s.
 _SHORTEST = 1e-14
@@ -120,14 +121,16 @@ class CompiledRun:
             y=start.y.copy(),
             time=start.t,
             first_step=0.1 * max_step,
-            room=_ROOM,
+            room=_ROOM if is_checked else _FIRST_ROOM,
         )
-        self._chunk = _CHUNK if is_checked else _FIRST_CHUNK
         self._integrate: Callable[..., Any] = advance
+        # What the integrator takes: tuples or, in machine code, their headers.
         self._system: Any = self.problem
+        self._memory: Any = self.memory
         if isinstance(evaluator.function, Evaluate):
             self._integrate = _CompiledAdvance(self.problem, self.memory)
             self._system = system
+            self._memory = Packed(self.memory)
 
     @property
     def time(self) -> float:
@@ -141,41 +144,27 @@ class CompiledRun:
         states = memory.x, memory.x_stage, memory.x_next, *memory.stages
         return bool(np.isfinite(states).all())
 
-    def Advance(self, end: float) -> tuple[Array, Array, Indices]:
-        """Integrates for a while.
+    def Advance(self, end: float) -> Array:
+        """Integrates for a while; returns the signals y (k, num_y) of the new rows.
+
+        The run has ended if its time is `end` or there is a failure or an error.
 
         Args:
             end: Where to stop at the latest, s.
-
-        Returns:
-            The times (k) and the signals y (k, num_y) of the rows, and those of each
-            step (s, 5). A time that stands twice marks a jump. The first step may begin
-            with the last row of the call before, -1. The run has ended if its time is
-            `end` or there is a failure or an error.
         """
-        self._MakeRoom()
         memory = self.memory
+        if is_full(self.problem.delays, memory):
+            memory = self._MakeRoom()
         first = int(memory.counts[ROWS])
-        end_of_chunk = first + self._chunk
-        chunk = memory._replace(
-            row_times=memory.row_times[:end_of_chunk],
-            row_ends=memory.row_ends[:end_of_chunk],
-            rows=memory.rows[:end_of_chunk],
-        )
         numbers = float(end), self._accuracy, self._max_step
         status = DONE
         try:
             function = self.evaluator.function
-            status = self._integrate(function, self._system, chunk, *numbers)
+            status = self._integrate(function, self._system, self._memory, *numbers)
         except Exception as error:  # noqa: BLE001 - A law may raise anything.
-            status = FULL
             if not self._MakesStepShorter(error):
                 self.error = error
-        end_of_rows = int(memory.counts[ROWS])
-        times = memory.row_times[first:end_of_rows]
-        rows = memory.rows[first:end_of_rows]
-        ends = np.flatnonzero(memory.row_ends[first:end_of_rows])
-        steps = ends[:, np.newaxis] + np.arange(-DEGREE, 1)
+        rows = memory.rows[first : int(memory.counts[ROWS])]
         if len(rows):
             visited = self.time, memory.x.copy(), memory.m.copy(), rows[-1]
             self.visited[_MAX_VISITED - 1 :] = [Visited(*visited)]
@@ -185,9 +174,7 @@ class CompiledRun:
                 "Error control wants to select step smaller than minimum allowed "
                 f"({1e-14 * max(1.0, abs(self.time)):g})"
             )
-        elif status == FULL:
-            self._chunk = _CHUNK
-        return times, rows, steps
+        return rows
 
     def Feed(self, place: slice, values: Array) -> None:
         """Sets what an open input is fed with from now on: signals jump, a step ends.
@@ -212,19 +199,28 @@ class CompiledRun:
         """
         sample = None
         while sample is None or self.time < time - SAME:
-            _, rows, _ = self.Advance(time)
+            rows = self.Advance(time)
             if self.failure or self.error is not None:
                 raise ArithmeticError(self.failure or self.error)
             if len(rows):
                 sample = rows[0 if time == self.start.t else -1].copy()
-        if self.memory.counts[ROWS] > _CHUNK:
+        if self.memory.counts[ROWS] > _MOST_KEPT:
             self._ForgetRows()
         return sample
 
     def Rows(self) -> tuple[Array, Array]:
-        """Returns the times (k) and the signals y (k, num_y) of all rows so far."""
+        """Returns the times (k) and the signals y (k, num_y) of all rows so far.
+
+        A time that stands twice marks a jump.
+        """
         num = self.memory.counts[ROWS]
         return self.memory.row_times[:num], self.memory.rows[:num]
+
+    def Steps(self) -> Indices:
+        """Returns the rows of each step so far (s, 5)."""
+        ends = np.flatnonzero(self.memory.row_ends[: self.memory.counts[ROWS]])
+        steps: Indices = ends[:, np.newaxis] + np.arange(-DEGREE, 1)
+        return steps
 
     def _MakesStepShorter(self, error: Exception) -> bool:
         """Rejects the step that has raised an error; returns whether it was too long.
@@ -239,21 +235,20 @@ class CompiledRun:
         clock[1] *= 0.1
         return bool(clock[1] > _SHORTEST * max(1.0, self.time))
 
-    def _MakeRoom(self) -> None:
-        """Doubles the arrays that have no room for another chunk."""
-        memory = self.memory
-        needed = {
-            "row_times": memory.counts[ROWS] + self._chunk,
-            "row_ends": memory.counts[ROWS] + self._chunk,
-            "rows": memory.counts[ROWS] + self._chunk,
-            "breaks": 2 * memory.counts[BREAKS],
-        }
-        for name, room in needed.items():
-            array = getattr(memory, name)
-            if room > len(array):
-                larger = np.empty((2 * len(array), *array.shape[1:]), array.dtype)
-                larger[: len(array)] = array
-                self.memory = self.memory._replace(**{name: larger})
+    def _MakeRoom(self) -> Memory:
+        """Doubles the room for rows and breaks; returns the memory."""
+        larger = {}
+        for name in ("row_times", "row_ends", "rows", "breaks"):
+            array = getattr(self.memory, name)
+            # What is not written yet takes no memory.
+            larger[name] = np.empty((2 * len(array), *array.shape[1:]), array.dtype)
+            larger[name][: len(array)] = array
+        self.memory = self.memory._replace(**larger)
+        if isinstance(self._memory, Packed):
+            self._memory = Packed(self.memory)
+        else:
+            self._memory = self.memory
+        return self.memory
 
     def _ForgetRows(self) -> None:
         """Removes the rows that no delay reaches."""

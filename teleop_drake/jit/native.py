@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, Indices
 from teleop_drake.files import Replacing
 from teleop_drake.jit.scalar_code import LIBRARY_FUNCTIONS
 
@@ -190,7 +190,7 @@ class Evaluate:
     """A function `evaluate` in machine code, at its address; see `source`."""
 
     def __init__(self, address: int, owner: Any, is_from_cache: bool):
-        self.address = address
+        self.pointer = ctypes.c_void_p(address)
         self.is_from_cache = is_from_cache
         self._owner = owner
         self._function = _EVALUATE(address)
@@ -205,7 +205,7 @@ class Evaluate:
 _Nothing = ctypes.c_char * 0
 
 
-def _Address(array: Array) -> int:
+def _Address(array: Array | Indices) -> int:
     """Returns the address of an array, in a third of the time of array.ctypes."""
     return ctypes.addressof(_Nothing.from_buffer(array.data))
 
@@ -238,6 +238,7 @@ class Packed:
     def __init__(self, value: tuple[Any, ...]):
         self.value: Any = value
         self.header = np.array(Header(value), np.int64)
+        self.pointer = ctypes.c_void_p(_Address(self.header))
 
 
 class TypedFunction:
@@ -258,8 +259,6 @@ class TypedFunction:
 
 def _Argument(value: Any) -> ctypes.c_void_p | ctypes.c_double:
     """Returns what a function in machine code takes for a value."""
-    if isinstance(value, Packed):
-        return ctypes.c_void_p(value.header.ctypes.data)
-    if isinstance(value, Evaluate):
-        return ctypes.c_void_p(value.address)
+    if isinstance(value, Packed | Evaluate):
+        return value.pointer
     return ctypes.c_double(value)

@@ -6,7 +6,7 @@ therefore compiles it in a fraction of the time that general code takes.
 
 import itertools
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from types import FunctionType
 from typing import Any, NamedTuple
 
@@ -29,6 +29,12 @@ from teleop_drake.jit.symbols import (
 from teleop_drake.jit.tracing import Graph, Node
 
 Stores = dict[tuple[str, int], Any]
+
+# What `evaluate` computes: the rate and the signals that it and the delays depend on,
+# all, or all signals but not the rate. In Python it computes the rate in any case.
+RATE = 0
+ALL = 1
+SIGNALS = 2
 
 FLOAT = "double"
 INTEGER = "i64"
@@ -238,21 +244,43 @@ def _Operand(value: Any) -> Any:
 def MakeCode(program: ScalarProgram) -> str:
     """Returns the source of `evaluate` in LLVM's language.
 
-    It takes t, pointers to x, m, p, q, y and dx, and whether everything is wanted. It
-    has no use for q, whose numbers are in the code."""
+    It takes t, pointers to x, m, p, q, y and dx, and what is wanted: RATE, ALL or
+    SIGNALS. It has no use for q, whose numbers are in the code."""
+    more = program.more_stores
     writer = _GraphWriter(program.graph.nodes)
-    writer.StoreAll(program.stores)
-    writer.lines += ["  br i1 %wants, label %more, label %done", "more:"]
-    writer.StoreAll(program.more_stores)
+    signals = {place: x for place, x in program.stores.items() if place[0] != "dx"}
+    of_signals = writer.NeededBy(signals | more)
+    # Only these rates are left out where nobody wants them: the others cost nothing.
+    rates = {
+        place: x
+        for place, x in program.stores.items()
+        if place not in signals and isinstance(x, Ref) and x.place not in of_signals
+    }
+    writer.StoreAll({p: x for p, x in program.stores.items() if p not in rates})
+    # What both of the parts below need has to be computed before them.
+    writer.Compute(writer.NeededBy(rates) & writer.NeededBy(more))
+    writer.lines += [
+        f"  %wants_rate = icmp ne i32 %wanted, {SIGNALS}",
+        f"  %wants_more = icmp ne i32 %wanted, {RATE}",
+        "  br i1 %wants_rate, label %rate, label %signals",
+        "rate:",
+    ]
+    writer.StoreAll(rates)
+    writer.lines += [
+        "  br label %signals",
+        "signals:",
+        "  br i1 %wants_more, label %more, label %done",
+        "more:",
+    ]
+    writer.StoreAll(more)
     writer.lines += ["  br label %done", "done:", "  ret void", "}"]
     return "\n".join([*Declarations(), _HEAD, *writer.lines, ""])
 
 
 _HEAD = """
 define void @evaluate(
-  double %t, ptr %x, ptr %m, ptr %p, ptr %q, ptr %y, ptr %dx, i32 %all) {
-entry:
-  %wants = trunc i32 %all to i1"""
+  double %t, ptr %x, ptr %m, ptr %p, ptr %q, ptr %y, ptr %dx, i32 %wanted) {
+entry:"""
 
 
 class _GraphWriter(CodeWriter):
@@ -267,21 +295,25 @@ class _GraphWriter(CodeWriter):
     def StoreAll(self, stores: Stores) -> None:
         """Writes what computes values and puts them where they belong."""
         for (name, i), value in stores.items():
-            if isinstance(value, Ref):
-                self._Compute(value.place)
+            self.Compute(self.NeededBy({(name, i): value}))
             self.Store(FLOAT, self._Operand(value), self._Pointer(name, i))
 
-    def _Compute(self, place: int) -> None:
-        """Writes a node, after those that it depends on and that are not known yet."""
+    def NeededBy(self, stores: Stores) -> set[int]:
+        """Returns the nodes that values depend on and that are not computed yet."""
         needed: set[int] = set()
-        pending = [place]
+        pending = list(stores.values())
         while pending:
-            place = pending.pop()
-            if place not in needed and place not in self._names:
-                needed.add(place)
-                arguments = self._nodes[place].arguments
-                pending += [x.place for x in arguments if isinstance(x, Ref)]
-        for place in sorted(needed):
+            value = pending.pop()
+            if not isinstance(value, Ref):
+                continue
+            if value.place not in needed and value.place not in self._names:
+                needed.add(value.place)
+                pending += self._nodes[value.place].arguments
+        return needed
+
+    def Compute(self, places: Iterable[int]) -> None:
+        """Writes nodes, each after those that it depends on."""
+        for place in sorted(places):
             self._names[place] = self._Node(*self._nodes[place])
 
     def _Operand(self, argument: Any) -> str:

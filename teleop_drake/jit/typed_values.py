@@ -163,10 +163,10 @@ class Value(Symbol):
     def __call__(self, t: "Value", *others: "Value") -> None:
         """Writes a call of `evaluate`, which takes pointers."""
         code = self._code
-        *arrays, everything = map(code.AsValue, others)
+        *arrays, wanted = map(code.AsValue, others)
         pointers = ", ".join(f"ptr {array.Part(0)}" for array in arrays)
-        wanted = code.Do(f"zext i1 {code.As(BOOLEAN, everything)} to i32")
-        arguments = f"double {code.As(FLOAT, t)}, {pointers}, i32 {wanted}"
+        what = code.Do(f"trunc i64 {code.As(INTEGER, wanted)} to i32")
+        arguments = f"double {code.As(FLOAT, t)}, {pointers}, i32 {what}"
         code.lines.append(f"  call void {self._operand}({arguments})")
 
 

@@ -106,7 +106,7 @@ def RunInDrake(job: Job) -> Outcome:
         wall_time=wall_time,
         ending=ending,
         is_too_fast=bool(run.failure),
-        final_context=simulator.get_context().Clone(),
+        make_final_context=simulator.get_context().Clone().Clone,
     )
     outcome.TakeStatistics(SystemsIn(job.diagram))
     return outcome

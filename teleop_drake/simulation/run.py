@@ -88,7 +88,8 @@ class Outcome:
         ending: How it has ended.
         is_too_fast: Whether it ended because the tool was faster than allowed.
         channels: As in Recording.
-        final_context: As in Recording.
+        make_final_context: Returns the Context at the end of the run; None if it has
+            none, as in Recording.
     """
 
     engine: str
@@ -99,7 +100,7 @@ class Outcome:
     ending: Ending
     is_too_fast: bool
     channels: dict[str, PacketStatistics] = field(default_factory=dict)
-    final_context: Context | None = None
+    make_final_context: Callable[[], Context] | None = None
 
     def TakeStatistics(self, systems: Iterable[System]) -> None:
         """Takes what became of the packets of network channels among systems."""

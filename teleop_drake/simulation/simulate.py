@@ -254,13 +254,20 @@ def RecordingOf(job: Job, run: Outcome, notes: list[str]) -> Recording:
         notes: Those that are known already.
     """
     _EndWhereFinite(run)
-    if run.final_context is None:
+    make_final = run.make_final_context
+    if make_final is None:
         notes.append(_NO_FINAL_CONTEXT)
-    else:
-        _final_contexts.add(run.final_context)
     recording = MakeRecording(None, job.diagram, job.config, run, notes)
-    recording.final_context = run.final_context
+    if make_final is not None:
+        recording.FindLater({"final_context": lambda _: _FinalContext(make_final)})
     return recording
+
+
+def _FinalContext(make: Callable[[], Context]) -> Context:
+    """Returns the Context at which a run has ended; a run that continues knows it."""
+    context = make()
+    _final_contexts.add(context)
+    return context
 
 
 def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:
@@ -396,7 +403,7 @@ def MakeRecording(
         reason=run.ending.reason,
         has_constant_command=model.has_constant_command,
     )
-    recording.FindLater(events=find_events, notes=FindNotes)
+    recording.FindLater({"events": find_events, "notes": FindNotes})
     return recording
 
 

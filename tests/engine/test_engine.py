@@ -105,13 +105,10 @@ def run(diagram, end, *, accuracy=1e-9, max_step=0.1, every=math.inf):
         accuracy=accuracy,
         max_step=max_step,
     )
-    pieces = []
     while engine.time < end and not engine.failure:
-        stop = min(end, (round(engine.time / every) + 1) * every)
-        pieces.append(engine.Advance(stop))
+        engine.Advance(min(end, (round(engine.time / every) + 1) * every))
     assert not engine.failure
-    times, rows, _ = map(np.concatenate, zip(*pieces, strict=True))
-    return engine, times, rows
+    return engine, *engine.Rows()
 
 
 # The last one stops where the jumps arrive.
@@ -134,7 +131,7 @@ def test_the_method_of_steps(delay, every):
 @pytest.mark.parametrize("delay", [0.3, 0.05])
 def test_samples_need_few_rows(monkeypatch, delay):
     """What no delay reaches is forgotten: a loop over a network runs for hours."""
-    monkeypatch.setattr(compiled_runs, "_CHUNK", 40)
+    monkeypatch.setattr(compiled_runs, "_MOST_KEPT", 40)
     diagram = delayed_decay(delay)
     context = diagram.CreateDefaultContext()
     engine = CompiledRun(

@@ -68,7 +68,7 @@ def in_both_engines(diagram, output, start, times):
     )
     for time in times:
         simulator.AdvanceTo(time)
-        rows = run.Advance(time)[1]
+        rows = run.Advance(time)
         yield output.Eval(own).item(), rows[-1, place].item()
 
 
