@@ -333,9 +333,8 @@ def _locate(
 
 
 def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
-    """Records the first row, and executes the events of the start time."""
+    """Records the start, and executes the events of the start time."""
     clock = memory.clock
-    clock[2] = clock[0]
     _evaluate(ALL, evaluate, clock[0], memory.x, problem, memory, memory.stages[0])
     _record(clock[0], memory)
     _settle(evaluate, 0, problem, memory)
@@ -396,7 +395,7 @@ def advance(
     for d in range(len(delays.times)):
         if delays.times[d] > 0.0:
             longest = min(longest, delays.times[d])
-    if counts[ROWS] == 0:
+    if counts[EVALUATIONS] == 0:
         _start(evaluate, problem, memory)
     last_try = counts[TRIES] + _MOST_TRIES
     while clock[0] < t_end - SAME:

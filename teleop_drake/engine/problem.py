@@ -82,7 +82,8 @@ class Memory(NamedTuple):
     """The working memory and the results of advance().
 
     Attributes:
-        clock: The time, the length of the next step and the start time, in s (3).
+        clock: The time, the length of the next step and the time of the first row, in
+            s (3).
         counts: Numbers of steps taken and of evaluations; the index of the last row
             that ends a step, 0 without one; numbers of breaks, of rows, and of
             attempts, which are steps, including rejected ones, and events (6).
@@ -127,6 +128,20 @@ class Memory(NamedTuple):
     rows: Array
 
 
+class Past(NamedTuple):
+    """What was sent through the delays before a run.
+
+    Attributes:
+        times: When, s: five rows a step, its two ends and three instants between (r).
+        rows: The signals y (r, y), of which those that delays take are known.
+        arrivals: When the jumps arrive that are under way, s (b).
+    """
+
+    times: Array
+    rows: Array
+    arrivals: Array
+
+
 # The places in `counts`.
 STEPS, EVALUATIONS, END, BREAKS, ROWS, TRIES = range(6)
 
@@ -138,6 +153,7 @@ def make_memory(
     m: Array,
     y: Array,
     time: float = 0.0,
+    past: Past | None = None,
     first_step: float = 1e-3,
     room: int = 512,
 ) -> Memory:
@@ -147,6 +163,7 @@ def make_memory(
         y: Signals, including those that are fed from outside, and what comes out of
             delays before anything has gone through.
         time: The start time in s. Events that were due before it have happened.
+        past: What was sent before; None: nothing.
         first_step: Length of the first step in s.
         room: The number of rows for which memory is reserved.
     """
@@ -156,7 +173,7 @@ def make_memory(
     gone = np.where(transitions.guards < 0, time - transitions.offsets, 0.0)
     gone -= same_within(time)
     ticks = np.where(periods < np.inf, np.ceil(gone / periods), gone > 0)
-    return Memory(
+    memory = Memory(
         clock=np.array([time, first_step, time]),
         counts=np.zeros(6, np.int64),
         x=x,
@@ -176,3 +193,20 @@ def make_memory(
         row_ends=np.empty(room, np.int64),
         rows=np.empty((room, len(y))),
     )
+    if past is not None:
+        _put_past(past, memory)
+    return memory
+
+
+def _put_past(past: Past, memory: Memory) -> None:
+    """Puts what was sent before into the memory: its rows, and the jumps under way."""
+    num = len(past.times)
+    memory.row_times[:num] = past.times
+    memory.row_ends[:num] = np.arange(num) % 5 == 4
+    memory.rows[:num] = past.rows
+    memory.counts[ROWS] = num
+    memory.counts[END] = num - 1
+    memory.clock[2] = past.times[0]
+    for time in past.arrivals:
+        memory.breaks[memory.counts[BREAKS]] = time, 1
+        memory.counts[BREAKS] += 1

@@ -16,6 +16,7 @@ from teleop_drake.engine.problem import (
     ROWS,
     Delays,
     Memory,
+    Past,
     Problem,
     Transitions,
     make_memory,
@@ -72,6 +73,7 @@ class CompiledRun:
         evaluator: Of the diagram, in Python or in machine code.
         context: Where it starts.
         start: The same, instead of the context.
+        past: What was sent through the delays before.
         system: What is integrated, of MakeProblem(); None: it is made.
         end: Until when it can run, s.
         accuracy: What a step may be wrong by in the largest of all states, as Drake's
@@ -96,6 +98,7 @@ class CompiledRun:
         context: Context | None,
         *,
         start: Visited | None = None,
+        past: Past | None = None,
         system: Packed | None = None,
         end: float,
         accuracy: float,
@@ -114,14 +117,17 @@ class CompiledRun:
         self._max_step = max_step
         system = system or MakeProblem(evaluator.program, start.t, end)
         self.problem: Problem = system.value
+        # The first row of this run, behind those of the past.
+        self._first_row = 0 if past is None else len(past.times)
         self.memory = make_memory(
             self.problem,
             x=start.x.copy(),
             m=start.m.copy(),
             y=start.y.copy(),
             time=start.t,
+            past=past,
             first_step=0.1 * max_step,
-            room=_ROOM if is_checked else _FIRST_ROOM,
+            room=self._first_row + (_ROOM if is_checked else _FIRST_ROOM),
         )
         self._integrate: Callable[..., Any] = advance
         # What the integrator takes: tuples or, in machine code, their headers.
@@ -213,12 +219,13 @@ class CompiledRun:
 
         A time that stands twice marks a jump.
         """
-        num = self.memory.counts[ROWS]
-        return self.memory.row_times[:num], self.memory.rows[:num]
+        part = slice(self._first_row, self.memory.counts[ROWS])
+        return self.memory.row_times[part], self.memory.rows[part]
 
     def Steps(self) -> Indices:
         """Returns the rows of each step so far (s, 5)."""
-        ends = np.flatnonzero(self.memory.row_ends[: self.memory.counts[ROWS]])
+        part = slice(self._first_row, self.memory.counts[ROWS])
+        ends = np.flatnonzero(self.memory.row_ends[part])
         steps: Indices = ends[:, np.newaxis] + np.arange(-DEGREE, 1)
         return steps
 
@@ -273,6 +280,7 @@ class CompiledRun:
             array[: num - first] = array[first:num].copy()
         counts[ROWS] -= first
         counts[END] -= first
+        self._first_row = max(0, self._first_row - first)
 
 
 # The integrator in machine code, once it is made.
@@ -327,7 +335,9 @@ def _PiecesOf(delay: Delay, start: float, end: float) -> Pieces:
     """Returns a delay that varies as polynomials; none of any other."""
     if not callable(delay.time):
         return _NO_PIECES
-    return fit_pieces(delay.time, start, end, nonsmooth_times=delay.nonsmooth_times)
+    # What is sent at the end arrives later, in the run that continues this one.
+    last = min(end + 2 * delay.time(end), delay.end)
+    return fit_pieces(delay.time, start, last, nonsmooth_times=delay.nonsmooth_times)
 
 
 def _Ranges(groups: Sequence[Sized]) -> Indices:

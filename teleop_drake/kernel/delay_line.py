@@ -2,7 +2,8 @@
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from teleop_drake.arrays import Array
 from teleop_drake.kernel.events import DeclareTicks, Ticks, Weakly
 from teleop_drake.kernel.kernel import Delay
 from teleop_drake.numerics.bisection import halve
-from teleop_drake.numerics.sample_history import SampleHistory
+from teleop_drake.numerics.sample_history import NUM_KEPT, SampleHistory
 from teleop_drake.validation import Refuse
 
 # Drake stretches a step by up to one per cent to end it on an event.
@@ -28,9 +29,39 @@ _STRETCH = 0.011
 # keys although t - T(t) is rounded. Keys are exact for times up to some hours.
 _KEY_STEP = 2.0**-36
 
+CLOSE = 2 * _KEY_STEP
+"""Times of samples closer together than this, in s, are one."""
 
 # Dense enough for the motion of hands and haptic devices.
 _DEFAULT_SAMPLE_INTERVAL = 0.01
+
+
+@dataclass(frozen=True)
+class SentSignal:
+    """What a delay line has been sent until some time.
+
+    Attributes:
+        history: Its samples.
+        shift: Their keys less the times when they were taken, s.
+    """
+
+    history: SampleHistory
+    shift: float
+
+    @property
+    def times(self) -> Array:
+        """When the samples were taken, s; equal ones mark a jump."""
+        return np.array(self.history.times) - self.shift
+
+    def At(self, time: float, *, is_after: bool) -> Array:
+        """Returns the signal at a time in s, after or before a jump at that time."""
+        key = time + self.shift
+        begin = bisect_left(self.history.times, key - CLOSE)
+        end = bisect_right(self.history.times, key + CLOSE)
+        if begin == end:
+            return self.history.eval(key)
+        value: Array = self.history.values[end - 1 if is_after else begin]
+        return value
 
 
 class DelayLine:
@@ -153,21 +184,73 @@ class DelayLine:
 
     def _RecordBeforeEvents(self, context: Context, state: State) -> None:
         """Adds a sample to the history, and the jump at the end of the last step."""
+        longer = self._HistoryNow(context)
+        if longer is not self._GetHistory(context):
+            state.get_mutable_abstract_state(self._history).set_value(longer)
+
+    def _HistoryNow(self, context: Context) -> SampleHistory:
+        """Returns the history with a sample at the time of the Context."""
         time = context.get_time()
         history = self._GetHistory(context)
         jump = None
         if history.times and self._HasJumped(context, history):
             jump = context.get_discrete_state(self._jump).value()[1:]
         delay = self._DelayIn(context)
-        longer = history.record(
+        return history.record(
             _StoreKey(time, delay),
             self._signal.Eval(context),
             jump=jump,
             now=_FetchKey(time, delay),
             spacing=self.LongestStep(context) / 1024,
         )
-        if longer is not history:
-            state.get_mutable_abstract_state(self._history).set_value(longer)
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether the delay does not vary in a run."""
+        return not callable(self._delay.time)
+
+    def Sent(self, context: Context) -> SentSignal:
+        """Returns what has been sent until the time of a Context."""
+        delay = self._DelayIn(context)
+        shift = 0.0 if callable(delay) else delay
+        return SentSignal(self._HistoryNow(context), shift)
+
+    def JumpsAhead(self, context: Context) -> list[float]:
+        """Returns when jumps of the signal arrive from the time of a Context on, s."""
+        now = _FetchKey(context.get_time(), self._DelayIn(context)) - CLOSE
+        jumps = *self._GetHistory(context).jumps, *self._HistoryNow(context).jumps
+        return [self._FetchTime(key) for key in jumps if key >= now]
+
+    def SetSent(
+        self, context: Context, times: Array, values: Array, jumps: Sequence[float]
+    ) -> None:
+        """Sets what was sent before the time of a Context.
+
+        Args:
+            times: Of samples of the signal, s, ascending (k); equal ones mark a jump.
+                Those from the time of the Context on are left out.
+            values: The samples (k, size).
+            jumps: When steps have to end, because a jump or a bend arrives, s.
+        """
+        delay = self._DelayIn(context)
+        is_new = np.append(True, np.diff(times) > CLOSE)
+        is_new[1:] |= (values[1:] != values[:-1]).any(axis=1)
+        end = context.get_time()
+        is_past = times < end - CLOSE
+        times = times[is_new & is_past]
+        values = values[is_new & is_past]
+        if len(times) == 0:
+            return
+        keys = [_StoreKey(time, delay) for time in times.tolist()]
+        now = _FetchKey(times[-1], delay)
+        first = max(0, bisect_left(keys, now) - NUM_KEPT)
+        history = SampleHistory(
+            times=tuple(keys[first:]),
+            values=values[first:],
+            jumps=tuple(_FetchKey(max(x, end), delay) for x in sorted(jumps)),
+            now=now,
+        )
+        context.SetAbstractState(self._history, history)
 
     def _RecordAfterEvents(
         self, context: Context, values: DiscreteValues

@@ -36,7 +36,7 @@ _REACH = _NUM_POINTS - 2
 _CONVERGED = 1 / 32
 
 # How many samples stay in the history after they were delivered.
-_NUM_KEPT = 32
+NUM_KEPT = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ class SampleHistory:
         ):
             keep -= 1  # The sample between the two adds nothing but length.
         # The samples just before the oldest one in use serve its stencil.
-        first = max(0, bisect_left(self.times, now, 0, keep) - _NUM_KEPT)
+        first = max(0, bisect_left(self.times, now, 0, keep) - NUM_KEPT)
         polynomials = {}
         i = self._interval(now)
         if 0 <= i < keep - 1 and self.times[i] < self.times[i + 1]:

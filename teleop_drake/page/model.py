@@ -30,14 +30,15 @@ from teleop_drake.page.levels import Levels
 from teleop_drake.page.plants import PlantsIn
 from teleop_drake.page.wasm import ConstantsOf, MakeModule
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
-from teleop_drake.signals import PathsIn, SignalsOf, UnitOf
-from teleop_drake.simulation.compiled_run import StartOf
+from teleop_drake.signals import NameOf, PathsIn, SignalsOf, UnitOf
+from teleop_drake.simulation.compiled_run import StartOf, SystemsUnderWay
 from teleop_drake.simulation.ending import BoundsOf
 from teleop_drake.simulation.simulate import HasConstantCommand, ModelFactsOf
 from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.metrics import MetricUnits
 from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.validation import Refuse
 
 # Of a port table's row in a block's docstring: the port's name and its unit.
 _ROW = re.compile(r"^\s*\|\s*(?:in|out)\s*\|\s*(\w+)\s*\|[^|]*\|\s*([^|]*?)\s*\|", re.M)
@@ -342,9 +343,12 @@ def MakeModel(
 
     Raises:
         UnsupportedSystem: If a block of it has no kernel; it is named.
-        CannotCompile: If a signal is under way in a delay of the Context.
+        ScenarioError: If a signal is under way in a delay of the Context.
     """
     context = StartOf(diagram, context)
+    for system in SystemsUnderWay(diagram, context):
+        allowed = f"without a signal under way in {NameOf(system)}, as a page begins"
+        Refuse("context", "a Context", allowed)
     try:
         evaluator = Evaluator(diagram, context, has_zero_delays=True)
         has_zero_delays = True

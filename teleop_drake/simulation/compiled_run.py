@@ -15,10 +15,12 @@ from teleop_drake.contexts import ContextsIn, SetDiscreteState
 from teleop_drake.engine.check import CheckVisited, HoldsOwnCode
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import OutputOf, UnsupportedSystem
-from teleop_drake.engine.problem import EVALUATIONS, ROWS, STEPS, TRIES
+from teleop_drake.engine.past import CanWritePast, ReadPast, WritePast
+from teleop_drake.engine.problem import EVALUATIONS, ROWS, STEPS, TRIES, Past
 from teleop_drake.engine.run import CompiledRun, MakeProblem, Visited
 from teleop_drake.jit.native import Packed
 from teleop_drake.kernel import KernelBlock
+from teleop_drake.kernel.packet_line import PacketLine
 from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.scenario import AnyScenario
@@ -53,6 +55,7 @@ class CompiledDiagram:
         evaluator: What the blocks compute.
         places: The columns of each recorded signal in a row, by its name.
         start: Where a run begins.
+        past: What was sent through delays before; None: nothing.
         longest_step: The longest step that the blocks allow, s.
         parts: Systems that stand in the place of the diagram's, by their paths.
     """
@@ -62,6 +65,7 @@ class CompiledDiagram:
     evaluator: Evaluator
     places: dict[str, slice]
     start: Visited
+    past: Past | None
     longest_step: float
     parts: Mapping[str, System] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -78,6 +82,7 @@ class CompiledDiagram:
             self.evaluator,
             None,
             start=self.start,
+            past=self.past,
             system=problem,
             end=end,
             accuracy=config.accuracy,
@@ -95,13 +100,13 @@ class CompiledDiagram:
         outcome = _Run(run, job, self.places)
         systems = {system.get_name(): system for system in SystemsIn(self.diagram)}
         outcome.TakeStatistics({**systems, **self.parts}.values())
-        if not (self.evaluator.program.delays or self.parts):
+        if CanWritePast(self.evaluator) and not self.parts:
             outcome.make_final_context = partial(self._FinalContext, run)
         self.Check(run.visited)
         return outcome
 
     def _FinalContext(self, run: CompiledRun) -> Context:
-        """Returns the Context at the end of a run without delays."""
+        """Returns the Context at the end of a run without packets."""
         context: Context = self.context.Clone()
         context.SetTime(run.time)
         context.SetContinuousState(run.memory.x)
@@ -109,6 +114,7 @@ class CompiledDiagram:
         modes = self.evaluator.program.modes
         for block, part in zip(self.evaluator.blocks, modes, strict=True):
             SetDiscreteState(contexts[block.system], run.memory.m[part])
+        WritePast(self.evaluator, context, run.memory)
         return context
 
     def Check(self, visited: Iterable[Visited] = ()) -> None:
@@ -155,12 +161,14 @@ def CompileDiagram(
         places = SignalPlaces(evaluator, diagram)
     except UnsupportedSystem as error:
         raise CannotCompile(str(error)) from error
+    start = Visited(context.get_time(), *evaluator.ReadContext(context))
     return CompiledDiagram(
         diagram=diagram,
         context=context,
         evaluator=evaluator,
         places=places,
-        start=Visited(context.get_time(), *evaluator.ReadContext(context)),
+        start=start,
+        past=ReadPast(evaluator, context, start.y),
         longest_step=LongestStep(diagram, context, of_delays=False),
     )
 
@@ -175,26 +183,26 @@ def StartOf(
         continues: Whether the initialization events have happened already.
 
     Raises:
-        CannotCompile: If a signal is under way in a delay.
+        CannotCompile: If a packet is under way in a delay.
     """
     start = diagram.CreateDefaultContext() if context is None else context.Clone()
     start.SetAccuracy(EVENT_ACCURACY)
-    _CheckDelays(diagram, start)
+    for system in SystemsUnderWay(diagram, start):
+        if any(isinstance(line, PacketLine) for line in system.delays):
+            name = NameOf(system)
+            raise CannotCompile(f"in the Context a packet is under way in {name}")
     if not continues:
         diagram.ExecuteInitializationEvents(start)
     return start
 
 
-def _CheckDelays(diagram: System, context: Context) -> None:
-    """Refuses a Context with signals under way in delays, which only Drake continues.
-
-    Raises:
-        CannotCompile: If there are some.
-    """
-    for system, own in ContextsIn(diagram, context).items():
-        if isinstance(system, KernelBlock) and system.IsUnderWay(own):
-            name = NameOf(system)
-            raise CannotCompile(f"in the Context a signal is under way in {name}")
+def SystemsUnderWay(diagram: System, context: Context) -> list[KernelBlock]:
+    """Returns the blocks in whose delays something is under way in a Context."""
+    return [
+        system
+        for system, own in ContextsIn(diagram, context).items()
+        if isinstance(system, KernelBlock) and system.IsUnderWay(own)
+    ]
 
 
 def StartFed(

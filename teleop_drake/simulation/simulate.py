@@ -32,7 +32,7 @@ _NO_SURFACES = (
 )
 
 _NO_FINAL_CONTEXT = (
-    "The compiled engine does not hand over what is under way in delays: a run that is "
+    "The compiled engine does not hand over packets that are under way: a run that is "
     'to be continued from its final_context needs engine="drake".'
 )
 

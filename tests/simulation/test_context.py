@@ -22,10 +22,13 @@ from pydrake.systems.primitives import (
     LogVectorOutput,
     Sine,
     SymbolicVectorSystem,
+    ZeroOrderHold,
 )
 
+from teleop_drake import WritePage
 from teleop_drake.blocks.channels.sampled import SampledDelay
 from teleop_drake.blocks.channels.transport import TransportDelay
+from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid, VariableDelay
 from teleop_drake.parameters import SetNumbers
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.scenario.config import DefaultSimulator
@@ -105,17 +108,30 @@ def test_a_context_is_of_the_system_that_is_simulated():
 
 # A plain Simulator's run is recorded at the ends of steps, with straight lines between.
 @pytest.mark.parametrize(
-    ("delay", "engine", "inside"),
-    [(None, "drake", 1e-5), (None, "compiled", 1e-9), (0.3, "drake", 1e-9)],
+    ("delay", "engines", "inside"),
+    [
+        (None, "drake, drake", 1e-5),
+        (None, "compiled, compiled", 1e-9),
+        (0.3, "drake, drake", 1e-9),
+        (0.3, "compiled, compiled", 1e-9),
+        (0.3, "compiled, drake", 1e-9),
+        (0.3, "drake, compiled", 1e-9),
+        # Nothing has arrived at the end of the first half.
+        (1.5, "compiled, compiled", 1e-9),
+        # The jump of the start arrives at this very end.
+        (0.9, "compiled, compiled", 1e-9),
+        (0.9, "compiled, drake", 1e-9),
+    ],
 )
-def test_two_halves_are_the_whole(delay, engine, inside):
+def test_two_halves_are_the_whole(delay, engines, inside):
+    former, latter = engines.split(", ")
     diagram = decay(delay)
     context = diagram.CreateDefaultContext()
     diagram.GetInputPort("u").FixValue(context, 0.5)
-    whole = simulate(diagram, context=context, duration=2.0, engine=engine)
-    first = simulate(diagram, context=context, duration=0.9, engine=engine)
-    second = simulate(diagram, context=first.final_context, duration=1.1, engine=engine)
-    assert second.solver.engine == engine
+    whole = simulate(diagram, context=context, duration=2.0, engine=latter)
+    first = simulate(diagram, context=context, duration=0.9, engine=former)
+    second = simulate(diagram, context=first.final_context, duration=1.1, engine=latter)
+    assert (first.solver.engine, second.solver.engine) == (former, latter)
     assert second.time[[0, -1]] == pytest.approx([0.9, 2.0], abs=1e-12)
     assert second["x"][-1] == pytest.approx(whole["x"][-1], abs=1e-9)
     times = np.linspace(0.9, 2.0, 111)
@@ -124,17 +140,65 @@ def test_two_halves_are_the_whole(delay, engine, inside):
     )
 
 
-def test_a_compiled_run_with_delays_tells_that_it_cannot_be_continued():
+def loop_with_jumps():
+    """A loop with two delays, one of which varies, that packets of a sine disturb."""
+    profile = DelayProfile(delay=0.2, sinusoid=Sinusoid(amplitude=0.05, frequency=2.0))
+    parts = {
+        "sine": Sine(1.0, 2.0, 0.0, 1),
+        "hold": ZeroOrderHold(0.4, 1),
+        "sum": Adder(2, 1),
+        "there": TransportDelay(delay=0.31, size=1),
+        "plant": Integrator([1.0]),
+        "back": VariableDelay(profile=profile, size=1),
+        "minus": Gain(-2.0, 1),
+    }
+    builder = DiagramBuilder()
+    for name, part in parts.items():
+        builder.AddNamedSystem(name, part)
+    names = list(parts)
+    for source, target in zip(names, [*names[1:], ""], strict=True):
+        output = parts[source].get_output_port(0)
+        into = parts[target].get_input_port(0) if target else None
+        builder.Connect(output, into or parts["sum"].get_input_port(1))
+    builder.ExportOutput(parts["plant"].get_output_port(), "x")
+    builder.ExportOutput(parts["there"].get_output_port(), "delayed")
+    return builder.Build()
+
+
+@pytest.mark.parametrize("split", [0.55, 1.2, 1.31])
+def test_jumps_under_way_arrive_in_the_second_half(split):
+    """The hold jumps at 0.4, 0.8 ...: at 1.2 at the end of the first half itself."""
+    diagram = loop_with_jumps()
+    config = DefaultSimulator()
+    config.accuracy = 1e-10
+    whole = simulate(diagram, duration=2.5, simulator=config)
+    first = simulate(diagram, duration=split, simulator=config)
+    last = simulate(
+        diagram,
+        context=first.final_context,
+        duration=2.5 - split,
+        simulator=config,
+    )
+    third = {"duration": 0.9, "simulator": config}
+    again = simulate(diagram, context=last.final_context, **third)
+    longer = simulate(diagram, duration=3.4, simulator=config)
+    # A step's polynomial is as exact as its length allows, not as the state.
+    for name, atol in (("x", 1e-8), ("delayed", 2e-6)):
+        for part, run in ((last, whole), (again, longer)):
+            inner = np.linspace(part.time[0], part.time[-1], 200)[1:-1] + 1e-6
+            np.testing.assert_allclose(
+                part.Interpolate(name, inner), run.Interpolate(name, inner), atol=atol
+            )
+    assert {x.solver.engine for x in (whole, first, last, again)} == {"compiled"}
+
+
+def test_no_page_begins_with_a_signal_under_way(tmp_path):
     diagram = decay(0.3)
     context = diagram.CreateDefaultContext()
     diagram.GetInputPort("u").FixValue(context, 0.5)
-    first = simulate(diagram, context=context, duration=0.9, engine="compiled")
-    assert first.final_context is None
-    assert any('needs engine="drake"' in note for note in first.notes)
-    late = simulate(diagram, context=context, duration=0.9, engine="drake")
-    second = simulate(diagram, context=late.final_context, duration=0.1)
-    assert second.solver.engine == "drake"
-    assert "a signal is under way in delay" in second.notes[0]
+    first = simulate(diagram, context=context, duration=0.2)
+    with pytest.raises(ScenarioError, match="without a signal under way in delay"):
+        WritePage(diagram, tmp_path / "page.html", context=first.final_context)
 
 
 def test_no_run_makes_the_diagram_a_part_of_another_one():
@@ -254,7 +318,7 @@ def test_a_logger_is_left_out_of_a_compiled_run_with_a_note():
 
 @pytest.mark.parametrize("split", [0.9, 1.0])
 def test_packets_under_way_arrive_in_the_second_half(split):
-    """A packet is due to be sent at the end of the first half, 0.9 s."""
+    """A packet is due to be sent at the end of the first half, 0.9 s. In Drake only."""
     builder = DiagramBuilder()
     source = builder.AddSystem(Sine(1.0, 2.0, 0.0, 1))
     hold = builder.AddSystem(SampledDelay(size=1, delay=0.5, sample_period=0.3))
@@ -263,8 +327,12 @@ def test_packets_under_way_arrive_in_the_second_half(split):
     builder.Connect(hold.get_output_port(), plant.get_input_port())
     builder.ExportOutput(plant.get_output_port(), "x")
     diagram = builder.Build()
+    compiled = simulate(diagram, duration=split)
+    assert compiled.final_context is None
+    assert any('needs engine="drake"' in note for note in compiled.notes)
     first = simulate(diagram, duration=split, engine="drake")
     second = simulate(diagram, context=first.final_context, duration=2.0 - split)
+    assert "a packet is under way in SampledDelay" in second.notes[0]
     sent = np.arange(0, 1.5, 0.3)
     held = np.diff(np.append(sent + 0.5, 2.0))
     assert second["x"][-1, 0] == pytest.approx(np.sin(2 * sent) @ held, abs=1e-9)

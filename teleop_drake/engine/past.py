@@ -1,0 +1,104 @@
+"""What was sent through delays before a run begins, from its Context and back.
+
+Drake's delays have samples in their Contexts. advance() has rows: a signal is the
+polynomial through the five rows of each step.
+"""
+
+from collections.abc import Iterator
+from itertools import zip_longest
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import Context
+
+from teleop_drake.arrays import Array
+from teleop_drake.contexts import ContextsIn
+from teleop_drake.engine.delays import NODES
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.problem import BREAKS, ROWS, Memory, Past
+from teleop_drake.kernel import KernelBlock
+from teleop_drake.kernel.delay_line import CLOSE, DelayLine
+from teleop_drake.kernel.packet_line import PacketLine
+
+
+class _Line(NamedTuple):
+    """A continuous delay: its line, its block's Context, its signal's place in y."""
+
+    line: DelayLine
+    context: Context
+    signal: slice
+
+
+def _LinesIn(evaluator: Evaluator, context: Context) -> Iterator[_Line]:
+    """Yields the continuous delays of a diagram."""
+    contexts = ContextsIn(evaluator.system, context)
+    program = evaluator.program
+    signals = iter([signal for _, signal, _ in program.delays])
+    for block, kernel in zip(evaluator.blocks, program.kernels, strict=True):
+        # A delay of 0 s has no line.
+        lines = getattr(block.system, "delays", ())
+        for line, _ in zip_longest(lines, kernel.delays):
+            signal = next(signals)
+            if isinstance(line, DelayLine):
+                yield _Line(line, contexts[block.system], signal)
+
+
+def CanWritePast(evaluator: Evaluator) -> bool:
+    """Returns whether a Context can have all that a run has sent through delays."""
+    for block, kernel in zip(evaluator.blocks, evaluator.program.kernels, strict=True):
+        lines = getattr(block.system, "delays", ())
+        is_own = len(kernel.delays) > 0 and not isinstance(block.system, KernelBlock)
+        if is_own or any(isinstance(line, PacketLine) for line in lines):
+            return False
+    return True
+
+
+def ReadPast(evaluator: Evaluator, context: Context, y: Array) -> Past | None:
+    """Returns what was sent before the time of a Context; None if nothing was.
+
+    Args:
+        context: Of the diagram; its inputs have values.
+        y: The signals, with the initial values of what comes out of the delays.
+    """
+    lines = list(_LinesIn(evaluator, context))
+    if not any(line.IsUnderWay(own) for line, own, _ in lines):
+        return None
+    sent = [line.Sent(own) for line, own, _ in lines]
+    ends = _Distinct(np.concatenate([each.times for each in sent]))
+    if len(ends) < 2:
+        return None
+    begins = ends[:-1, np.newaxis]
+    times = begins + np.diff(ends)[:, np.newaxis] * NODES
+    times[:, -1] = ends[1:]
+    rows = np.tile(y, (*times.shape, 1))
+    for each, (_, _, signal) in zip(sent, lines, strict=True):
+        for step, instants in enumerate(times):
+            for node, time in enumerate(instants):
+                rows[step, node, signal] = each.At(time, is_after=node == 0)
+    arrivals = _Distinct([x for line, own, _ in lines for x in line.JumpsAhead(own)])
+    return Past(times.ravel(), rows.reshape(-1, len(y)), arrivals)
+
+
+def _Distinct(times: ArrayLike) -> Array:
+    """Returns times in s in their order; Drake's delays round each in its own way."""
+    unique = np.unique(times)
+    distinct: Array = unique[np.diff(unique, prepend=-np.inf) > CLOSE]
+    return distinct
+
+
+def WritePast(evaluator: Evaluator, context: Context, memory: Memory) -> None:
+    """Writes what a run has sent into the delays of a Context at its end.
+
+    Args:
+        context: Of the diagram; it has the time of the end.
+        memory: Of the run.
+    """
+    num_rows = memory.counts[ROWS]
+    times = memory.row_times[:num_rows]
+    # A step ends where any line has a jump or a bend: one of them has to have all.
+    jumps = memory.breaks[: memory.counts[BREAKS], 0].tolist()
+    lines = _LinesIn(evaluator, context)
+    for line, own, signal in sorted(lines, key=lambda x: x.line.is_constant)[::-1]:
+        line.SetSent(own, times, memory.rows[:num_rows, signal], jumps)
+        jumps = []
