@@ -172,7 +172,7 @@ def test_the_loop_by_hand_is_one_run_wherever_it_runs():
         plain = part.GetOutputPort(port).Eval(context)
         begin, width, _ = model.Ports()[f"{system}:{port}"]
         page = rows[-1, begin : begin + width]
-        np.testing.assert_allclose(plain, expected, rtol=0, atol=2e-6 * size)
+        np.testing.assert_allclose(plain, expected, rtol=0, atol=1e-6 * size)
         np.testing.assert_allclose(page, expected, rtol=0, atol=1e-9 * size)
 
 
