@@ -20,7 +20,7 @@ from teleop_drake.engine.problem import (
     Transitions,
     make_memory,
 )
-from teleop_drake.engine.source import Program
+from teleop_drake.engine.program import Program
 from teleop_drake.jit.native import Evaluate, Packed
 from teleop_drake.jit.typed_code import CompileTyped
 from teleop_drake.jit.typed_values import EVALUATE, TypeOf

@@ -1,4 +1,4 @@
-"""A generated function `evaluate` as a graph of operations, and the graph in LLVM.
+"""What a program computes as a graph of operations, and the graph in LLVM.
 
 The code has no loops, no arrays besides the arguments, and only known types. LLVM
 therefore compiles it in a fraction of the time that general code takes.
@@ -135,44 +135,58 @@ class ScalarProgram(NamedTuple):
     more_stores: Stores
 
 
+class Arrays(NamedTuple):
+    """What a program is executed on, see engine.program: floats, or Numbers of a graph.
+
+    Attributes:
+        t: The time in s.
+        x: Continuous state.
+        m: Discrete state.
+        p: The parameters that are floats.
+        q: The parameters that are integers.
+        y: Outputs of the blocks, which the program fills in.
+        dx: Rate of the continuous state, which the program fills in.
+        follow: Returns what is called in the place of a function.
+    """
+
+    t: Any
+    x: Any
+    m: Any
+    p: Any
+    q: Any
+    y: Any
+    dx: Any
+    follow: Callable[[Any], Any] = lambda function: function
+
+
 @Traced
 def TraceProgram(
     graph: Graph,
-    text: str,
-    names: dict[str, Callable[..., Any]],
+    parts: Sequence[Callable[[Arrays], None]],
     sizes: tuple[int, int, int],
     num_parameters: int,
     integers: Indices,
 ) -> ScalarProgram:
-    """Returns what a generated function `evaluate` computes, with y, x and m of sizes.
+    """Returns what the two parts of a program compute, with y, x and m of sizes.
 
-    Its integers q are part of the structure.
+    The first part is always executed, the second one on demand. The integers q belong
+    to the structure.
     """
     num_y, num_x, num_m = sizes
-    x = _Given(graph, "x", num_x)
-    m = _Given(graph, "m", num_m)
-    p = _Given(graph, "p", num_parameters)
-    y = _Given(graph, "y", num_y)
-    dx = _Given(graph, "dx", num_x)
-    q = integers.copy().view(Table)
-    arrays = {"dx": dx, "y": y}
-    states: list[Stores] = []
-
-    class Everything:
-        """Asked whether it is wanted, notes what has been computed until then."""
-
-        def __bool__(self) -> bool:
-            states.append(_Changes(graph, arrays))
-            return True
-
-    traced: dict[str, Any] = {
-        name: Follow(graph, function, name) for name, function in names.items()
-    }
-    exec(text, traced)
-    traced["evaluate"](graph.Add("load", "t", 0), x, m, p, q, y, dx, Everything())
-    if not states:
-        raise Untraceable("it does not say what is wanted in any case")
-    stores = states[0]
+    arrays = Arrays(
+        t=graph.Add("load", "t", 0),
+        x=_Given(graph, "x", num_x),
+        m=_Given(graph, "m", num_m),
+        p=_Given(graph, "p", num_parameters),
+        q=integers.copy().view(Table),
+        y=_Given(graph, "y", num_y),
+        dx=_Given(graph, "dx", num_x),
+        follow=lambda law: Follow(graph, law, getattr(law, "__name__", "a function")),
+    )
+    needed, others = parts
+    needed(arrays)
+    stores = _Changes(graph, arrays)
+    others(arrays)
     more = {
         place: operand
         for place, operand in _Changes(graph, arrays).items()
@@ -219,11 +233,11 @@ def _Given(graph: Graph, name: str, size: int) -> Numbers:
     return AsNumbers([graph.Add("load", name, i) for i in range(size)])
 
 
-def _Changes(graph: Graph, arrays: dict[str, Numbers]) -> Stores:
-    """Returns the elements of arrays that have changed, by their places."""
+def _Changes(graph: Graph, arrays: Arrays) -> Stores:
+    """Returns the elements of dx and y that have changed, by their places."""
     changes = {}
-    for name, array in arrays.items():
-        for i, value in enumerate(array):
+    for name in ("dx", "y"):
+        for i, value in enumerate(getattr(arrays, name)):
             operand = _Operand(value)
             if operand != graph.Add("load", name, i).ref:
                 changes[name, i] = operand
