@@ -22,11 +22,7 @@ from pydrake.systems.primitives import (
 
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import DiscreteState, SetDiscreteState
-from teleop_drake.engine.expression_tape import (
-    MakeTape,
-    UnknownExpression,
-    evaluate_tape,
-)
+from teleop_drake.engine.expression_tape import MakeTape, UnknownExpression
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.signals import VectorOutputs
@@ -176,11 +172,10 @@ class _SymbolicReader:
             if any(x.get_id() in depends_on for x in variables)
         }
         self._used |= set(vectors)
-        tape = f"tape of {name}"
-        self._parameters[tape] = MakeTape(
-            expressions, self._time, list(vectors.values())
-        )
-        return (evaluate_tape, tape, "time", *vectors)
+        tape, constants = MakeTape(expressions, self._time, list(vectors.values()))
+        numbers = f"numbers in {name}"
+        self._parameters[numbers] = constants
+        return (tape, numbers, "time", *vectors)
 
 
 def affine(constant: Array, *products: Array) -> Array:
