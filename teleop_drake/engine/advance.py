@@ -1,6 +1,6 @@
 """Integrates a system with delays and modes: Dormand-Prince 5(4) with dense output.
 
-The system is a function `evaluate(t, x, m, p, q, y, dx, everything)` that fills in the
+The system is a function `evaluate(t, x, m, p, y, dx, everything)` that fills in the
 rate dx of the state x and the signals y, as teleop_drake.engine.program describes it.
 The outputs of the delays are written into y before each evaluation.
 
@@ -69,7 +69,7 @@ def _evaluate(
 ) -> None:
     """Evaluates the rate and all signals, or those that it and the delays need."""
     fetch(t, problem.delays, memory)
-    evaluate(t, x, memory.m, problem.p, problem.q, memory.y, dx, everything)
+    evaluate(t, x, memory.m, problem.p, memory.y, dx, everything)
     memory.counts[EVALUATIONS] += 1
 
 

@@ -203,7 +203,7 @@ class Evaluator:
             for _, _, part in self.program.delays:
                 y[part] = delayed[part]
         dx = np.zeros(len(x))
-        self.function(context.get_time(), x, m, *self.program.parameters, y, dx, True)
+        self.function(context.get_time(), x, m, self.program.p, y, dx, True)
         return y, dx
 
     def ReadContext(self, context: Context) -> tuple[Array, Array, Array]:

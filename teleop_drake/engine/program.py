@@ -2,9 +2,9 @@
 
 A program fills in the rate dx of the continuous state and the outputs y of the blocks,
 all of them or only those that the rate and the delays depend on. It takes the time t,
-the continuous and the discrete state x and m, and the parameters p and q. What no
-kernel delivers, such as what comes out of a delay or what a diagram is fed with from
-outside, is in y beforehand.
+the continuous and the discrete state x and m, and the parameters p, which are floats.
+What no kernel delivers, such as what comes out of a delay or what a diagram is fed with
+from outside, is in y beforehand.
 
 Its steps are executed on arrays of floats or, to make machine code of them, on arrays
 of the Numbers of a graph.
@@ -21,14 +21,20 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import System
 
-from teleop_drake.arrays import Array, Indices
+from teleop_drake.arrays import Array
 from teleop_drake.engine.flatten import (
     AlgebraicLoop,
     Block,
     Source,
     UnsupportedSystem,
 )
-from teleop_drake.jit.scalar_code import Arrays, ScalarProgram, TraceProgram
+from teleop_drake.jit.scalar_code import (
+    Arrays,
+    IsWhole,
+    ScalarProgram,
+    TraceProgram,
+)
+from teleop_drake.jit.symbolic_arrays import Table
 from teleop_drake.jit.symbols import Untraceable
 from teleop_drake.kernel import Delay, Kernel, Name, Term, Transition
 from teleop_drake.kernel.kernel import Law
@@ -40,51 +46,73 @@ _RATE = "rate"
 
 @dataclass(frozen=True)
 class Place:
-    """Where a number or an array is among the parameters.
+    """A number or an array of floats among the parameters p.
 
     Attributes:
-        array: `p`, or `q` for whole numbers.
         first: The index of its first element.
         shape: Its shape; empty: it is a number.
     """
 
-    array: str
     first: int
     shape: tuple[int, ...]
 
     def In(self, arrays: Arrays) -> Any:
         """Returns the number or the array."""
         end = self.first + math.prod(self.shape)
-        return getattr(arrays, self.array)[self.first : end].reshape(self.shape)[()]
+        return arrays.p[self.first : end].reshape(self.shape)[()]
+
+
+@dataclass(frozen=True)
+class Whole:
+    """A whole number or an array of them, which decides which code there is."""
+
+    numbers: tuple[int, ...]
+    shape: tuple[int, ...]
+
+    def In(self, arrays: Arrays) -> Any:
+        """Returns the number or the array."""
+        return np.array(self.numbers, np.int64).view(Table).reshape(self.shape)[()]
+
+
+@dataclass(frozen=True)
+class Group:
+    """A (named) tuple of numbers, arrays and such tuples."""
+
+    kind: type
+    fields: tuple[Any, ...]
+
+    def In(self, arrays: Arrays) -> Any:
+        """Returns the tuple."""
+        values = [field.In(arrays) for field in self.fields]
+        return tuple(values) if self.kind is tuple else self.kind(*values)
 
 
 class Parameters:
-    """Packs parameters.
+    """Packs the floats of parameters one after another.
 
     Equal arrays in one field of a kind of named tuple are one array: what several
     blocks compute from the same plant is computed once.
+
+    Attributes:
+        numbers: The floats.
     """
 
     def __init__(self) -> None:
-        self._shared: dict[Any, Place] = {}
-        self._numbers: list[float] = []
-        self._integers: list[int] = []
+        self.numbers: list[float] = []
+        self._shared: dict[Any, Any] = {}
 
-    def Add(self, value: Any) -> Any:
-        """Adds a parameter and returns its layout, as Unpacked() takes it.
-
-        Args:
-            value: A number, an array, or a (named) tuple of them.
-        """
+    def Add(self, value: Any) -> Place | Whole | Group:
+        """Adds a number, an array, or a (named) tuple of them; returns where it is."""
         if isinstance(value, tuple):
             kind = type(value)
-            return kind, [self._AddField(kind, i, x) for i, x in enumerate(value)]
+            fields = [self._AddField(kind, i, x) for i, x in enumerate(value)]
+            return Group(kind, tuple(fields))
         array = np.asarray(value)
-        is_whole = array.dtype.kind in "iub"
-        store: list[Any] = self._integers if is_whole else self._numbers
-        first = len(store)
-        store.extend(array.ravel().tolist())
-        return Place("q" if is_whole else "p", first, array.shape)
+        if IsWhole(array):
+            return Whole(tuple(array.ravel().tolist()), array.shape)
+        first = len(self.numbers)
+        self.numbers.extend(array.ravel().tolist())
+        return Place(first, array.shape)
 
     def _AddField(self, kind: type, place: int, value: Any) -> Any:
         if kind is tuple or not isinstance(value, np.ndarray):
@@ -93,19 +121,6 @@ class Parameters:
         if key not in self._shared:
             self._shared[key] = self.Add(value)
         return self._shared[key]
-
-    def as_arrays(self) -> tuple[Array, Indices]:
-        """Returns the arrays p and q."""
-        return np.array(self._numbers, np.float64), np.array(self._integers, np.int64)
-
-
-def Unpacked(layout: Any, arrays: Arrays) -> Any:
-    """Returns a parameter; `layout` is that of Parameters.Add()."""
-    if isinstance(layout, Place):
-        return layout.In(arrays)
-    kind, fields = layout
-    values = [Unpacked(field, arrays) for field in fields]
-    return tuple(values) if kind is tuple else kind(*values)
 
 
 class Program:
@@ -117,7 +132,7 @@ class Program:
 
     Attributes:
         kernels: The same.
-        parameters: p and q.
+        p: The parameters that are floats.
         signals: Where in y an output is.
         fed: Where in y an input is that is not connected: (block, port).
         delays: Where in y a delay has its signal and its output.
@@ -179,7 +194,7 @@ class Program:
             {name: parameters.Add(value) for name, value in kernel.parameters.items()}
             for kernel in kernels
         ]
-        self.parameters = parameters.as_arrays()
+        self.p = np.array(parameters.numbers, np.float64)
 
     def With(self, kernels: Sequence[Kernel]) -> "Program | None":
         """Returns the program of kernels with other parameters and delays.
@@ -198,9 +213,9 @@ class Program:
 
     @property
     def structure(self) -> list[Any]:
-        """All but the numbers and the functions; integers decide which code there is.
+        """All but the floats and the functions.
 
-        Programs of one structure may have their numbers exchanged.
+        Programs of one structure may have their floats exchanged.
         """
         return [
             [(block.path, block.inputs) for block in self._blocks],
@@ -211,7 +226,6 @@ class Program:
             self.layouts,
             self.fed,
             self.sizes,
-            self.parameters[1].tolist(),
         ]
 
     @property
@@ -229,13 +243,12 @@ class Program:
         x: Array,
         m: Array,
         p: Array,
-        q: Indices,
         y: Array,
         dx: Array,
         everything: bool,
     ) -> None:
         """Fills in dx and the needed part of y, or everything."""
-        arrays = Arrays(t, x, m, p, q, y, dx)
+        arrays = Arrays(t, x, m, p, y, dx)
         self._Execute(self._needed, arrays)
         if everything:
             self._Execute(self._others, arrays)
@@ -248,8 +261,7 @@ class Program:
                 such as a loop until something has converged.
         """
         parts = [partial(self._Execute, x) for x in (self._needed, self._others)]
-        numbers, integers = self.parameters
-        return TraceProgram(parts, self.sizes, len(numbers), integers)
+        return TraceProgram(parts, self.sizes, len(self.p))
 
     def _Execute(self, outputs: Iterable[Source], arrays: Arrays) -> None:
         """Computes outputs, and rates, and puts them where they belong."""
@@ -359,8 +371,7 @@ class _Reader(TermReader):
         if name == "mode":
             return lambda arrays: arrays.m[mode]
         if name in program.layouts[i]:
-            layout = program.layouts[i][name]
-            return lambda arrays: Unpacked(layout, arrays)
+            return program.layouts[i][name].In
         if name == _RATE and program.kernels[i].rate is not None:
             program.Add(Source(i, _RATE))
             return lambda arrays: arrays.dx[state]

@@ -299,7 +299,7 @@ def _CompiledAdvance(system: Problem, memory: Memory) -> Callable[..., int]:
 def MakeProblem(program: Program, start: float, end: float) -> Packed:
     """Returns what is integrated between two times in s, a Problem."""
     delays = _Delays(program, start, end)
-    return Packed(Problem(*program.parameters, delays, _Transitions(program)))
+    return Packed(Problem(program.p, delays, _Transitions(program)))
 
 
 def _Delays(program: Program, start: float, end: float) -> Delays:

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Indices
 from teleop_drake.jit.following import Follow, Traced
 from teleop_drake.jit.symbolic_arrays import (
     AsNumbers,
@@ -143,7 +142,6 @@ class Arrays(NamedTuple):
         x: Continuous state.
         m: Discrete state.
         p: The parameters that are floats.
-        q: The parameters that are integers.
         y: Outputs of the blocks, which the program fills in.
         dx: Rate of the continuous state, which the program fills in.
         follow: Returns what is called in the place of a function.
@@ -153,7 +151,6 @@ class Arrays(NamedTuple):
     x: Any
     m: Any
     p: Any
-    q: Any
     y: Any
     dx: Any
     follow: Callable[[Any], Any] = lambda function: function
@@ -165,12 +162,10 @@ def TraceProgram(
     parts: Sequence[Callable[[Arrays], None]],
     sizes: tuple[int, int, int],
     num_parameters: int,
-    integers: Indices,
 ) -> ScalarProgram:
     """Returns what the two parts of a program compute, with y, x and m of sizes.
 
-    The first part is always executed, the second one on demand. The integers q belong
-    to the structure.
+    The first part is always executed, the second one on demand.
     """
     num_y, num_x, num_m = sizes
     arrays = Arrays(
@@ -178,7 +173,6 @@ def TraceProgram(
         x=_Given(graph, "x", num_x),
         m=_Given(graph, "m", num_m),
         p=_Given(graph, "p", num_parameters),
-        q=integers.copy().view(Table),
         y=_Given(graph, "y", num_y),
         dx=_Given(graph, "dx", num_x),
         follow=lambda law: Follow(graph, law, getattr(law, "__name__", "a function")),
@@ -252,8 +246,8 @@ def _Operand(value: Any) -> Any:
 def MakeCode(program: ScalarProgram) -> str:
     """Returns the source of `evaluate` in LLVM's language.
 
-    It takes t, pointers to x, m, p, q, y and dx, and whether everything is wanted. It
-    has no use for q, whose numbers are in the code."""
+    It takes t, pointers to x, m, p, y and dx, and whether everything is wanted.
+    """
     writer = _GraphWriter(program.graph.nodes)
     writer.StoreAll(program.stores)
     writer.lines += ["  br i1 %wants, label %more, label %done", "more:"]
@@ -264,7 +258,7 @@ def MakeCode(program: ScalarProgram) -> str:
 
 _HEAD = """
 define void @evaluate(
-  double %t, ptr %x, ptr %m, ptr %p, ptr %q, ptr %y, ptr %dx, i32 %all) {
+  double %t, ptr %x, ptr %m, ptr %p, ptr %y, ptr %dx, i32 %all) {
 entry:
   %wants = trunc i32 %all to i1"""
 

@@ -26,7 +26,7 @@ _LEVEL = 2
 
 # Returns what advance() does, or -1 after an index outside of an array.
 _RUN = """
-declare void @evaluate(double, ptr, ptr, ptr, ptr, ptr, ptr, i32)
+declare void @evaluate(double, ptr, ptr, ptr, ptr, ptr, i32)
 define i32 @run(ptr %problem, ptr %memory, double %end,
                 double %accuracy, double %max) {
   %status = call i64 @advance(

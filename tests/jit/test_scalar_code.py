@@ -16,6 +16,7 @@ from teleop_drake.jit.native import (
     ObjectFile,
 )
 from teleop_drake.jit.scalar_code import Arrays, MakeCode, TraceLaw, TraceProgram
+from teleop_drake.jit.symbolic_arrays import Table
 from teleop_drake.jit.symbols import Untraceable
 from teleop_drake.numerics.jacobi import singular_values, symmetric_eigen
 
@@ -101,14 +102,15 @@ FUNCTIONS = [
 def test_machine_code_and_python_agree(function):
     rng = np.random.default_rng(1)
     size = len(function(rng.normal(size=12), TABLE))
-    num_x, q = max(size, 12), TABLE.ravel()
+    num_x = max(size, 12)
+    table = TABLE.view(Table)
 
     def Needed(a):
-        a.dx[0:size] = a.follow(function)(a.x[0:12], a.q.reshape((3, 2)))
+        a.dx[0:size] = a.follow(function)(a.x[0:12], table)
 
     def Others(a):
         x = a.y[0] * a.x[0:12] + a.t - a.m[0] * a.p[1]
-        a.y[1:] = a.follow(function)(x, a.q.reshape((3, 2)))
+        a.y[1:] = a.follow(function)(x, table)
 
     def InPython(*arguments):
         *arrays, everything = arguments
@@ -116,7 +118,7 @@ def test_machine_code_and_python_agree(function):
         if everything:
             Others(Arrays(*arrays))
 
-    program = TraceProgram((Needed, Others), (size + 1, num_x, 1), 2, q)
+    program = TraceProgram((Needed, Others), (size + 1, num_x, 1), 2)
     library = Library(ObjectFile(MakeCode(program)), "evaluate")
     evaluate = Evaluate(library.Address("evaluate"), library, False)
     for _ in range(50):
@@ -125,7 +127,7 @@ def test_machine_code_and_python_agree(function):
         for f in (InPython, evaluate):
             for everything in (False, True):
                 y, dx = np.full(size + 1, 0.5), np.zeros(num_x)
-                f(0.3, x, m, p, q, y, dx, everything)
+                f(0.3, x, m, p, y, dx, everything)
                 results.append(np.concatenate((y, dx)))
         np.testing.assert_allclose(results[2:], results[:2], rtol=1e-10, atol=1e-11)
 
