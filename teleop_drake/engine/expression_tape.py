@@ -7,7 +7,6 @@ same tape, and therefore the same machine code.
 """
 
 import functools
-import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +15,6 @@ import numpy as np
 from pydrake.symbolic import Expression, ExpressionKind, Formula, FormulaKind, Variable
 
 from teleop_drake.arrays import Array
-from teleop_drake.jit.contents import Opaque
 
 # Expressions and formulas that are one function of their operands.
 _SAME_OPERANDS: dict[Any, Callable[..., Any]] = {
@@ -72,7 +70,7 @@ class UnknownExpression(ValueError):
 
 
 @dataclass(frozen=True)
-class Tape(Opaque):
+class Tape:
     """A law that computes expressions, operation by operation.
 
     Attributes:
@@ -91,7 +89,9 @@ class Tape(Opaque):
             constants: The numbers in the expressions.
             vectors: The values of the variables that MakeTape() was given.
         """
-        values = [time, *itertools.chain.from_iterable(vectors)]
+        values = [time]
+        for vector in vectors:
+            values.extend(vector)
         for function, *places in self.rows:
             if function is None:
                 values.append(constants[places[0]])

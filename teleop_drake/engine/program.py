@@ -12,9 +12,7 @@ of the Numbers of a graph.
 
 import copy
 import itertools
-import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -28,13 +26,8 @@ from teleop_drake.engine.flatten import (
     Source,
     UnsupportedSystem,
 )
-from teleop_drake.jit.scalar_code import (
-    Arrays,
-    IsWhole,
-    ScalarProgram,
-    TraceProgram,
-)
-from teleop_drake.jit.symbolic_arrays import Table
+from teleop_drake.jit.packing import Parameters
+from teleop_drake.jit.scalar_code import Arrays, ScalarProgram, TraceProgram
 from teleop_drake.jit.symbols import Untraceable
 from teleop_drake.kernel import Delay, Kernel, Name, Term, Transition
 from teleop_drake.kernel.kernel import Law
@@ -42,85 +35,6 @@ from teleop_drake.kernel.terms import TermReader, ValueIn
 
 # The rate of a block's state is found among its outputs under this name.
 _RATE = "rate"
-
-
-@dataclass(frozen=True)
-class Place:
-    """A number or an array of floats among the parameters p.
-
-    Attributes:
-        first: The index of its first element.
-        shape: Its shape; empty: it is a number.
-    """
-
-    first: int
-    shape: tuple[int, ...]
-
-    def In(self, arrays: Arrays) -> Any:
-        """Returns the number or the array."""
-        end = self.first + math.prod(self.shape)
-        return arrays.p[self.first : end].reshape(self.shape)[()]
-
-
-@dataclass(frozen=True)
-class Whole:
-    """A whole number or an array of them, which decides which code there is."""
-
-    numbers: tuple[int, ...]
-    shape: tuple[int, ...]
-
-    def In(self, arrays: Arrays) -> Any:
-        """Returns the number or the array."""
-        return np.array(self.numbers, np.int64).view(Table).reshape(self.shape)[()]
-
-
-@dataclass(frozen=True)
-class Group:
-    """A (named) tuple of numbers, arrays and such tuples."""
-
-    kind: type
-    fields: tuple[Any, ...]
-
-    def In(self, arrays: Arrays) -> Any:
-        """Returns the tuple."""
-        values = [field.In(arrays) for field in self.fields]
-        return tuple(values) if self.kind is tuple else self.kind(*values)
-
-
-class Parameters:
-    """Packs the floats of parameters one after another.
-
-    Equal arrays in one field of a kind of named tuple are one array: what several
-    blocks compute from the same plant is computed once.
-
-    Attributes:
-        numbers: The floats.
-    """
-
-    def __init__(self) -> None:
-        self.numbers: list[float] = []
-        self._shared: dict[Any, Any] = {}
-
-    def Add(self, value: Any) -> Place | Whole | Group:
-        """Adds a number, an array, or a (named) tuple of them; returns where it is."""
-        if isinstance(value, tuple):
-            kind = type(value)
-            fields = [self._AddField(kind, i, x) for i, x in enumerate(value)]
-            return Group(kind, tuple(fields))
-        array = np.asarray(value)
-        if IsWhole(array):
-            return Whole(tuple(array.ravel().tolist()), array.shape)
-        first = len(self.numbers)
-        self.numbers.extend(array.ravel().tolist())
-        return Place(first, array.shape)
-
-    def _AddField(self, kind: type, place: int, value: Any) -> Any:
-        if kind is tuple or not isinstance(value, np.ndarray):
-            return self.Add(value)
-        key = kind, place, value.shape, value.dtype, value.tobytes()
-        if key not in self._shared:
-            self._shared[key] = self.Add(value)
-        return self._shared[key]
 
 
 class Program:
@@ -371,7 +285,8 @@ class _Reader(TermReader):
         if name == "mode":
             return lambda arrays: arrays.m[mode]
         if name in program.layouts[i]:
-            return program.layouts[i][name].In
+            layout = program.layouts[i][name]
+            return lambda arrays: layout.In(arrays.p)
         if name == _RATE and program.kernels[i].rate is not None:
             program.Add(Source(i, _RATE))
             return lambda arrays: arrays.dx[state]

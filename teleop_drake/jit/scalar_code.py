@@ -4,7 +4,6 @@ The code has no loops, no arrays besides the arguments, and only known types. LL
 therefore compiles it in a fraction of the time that general code takes.
 """
 
-import itertools
 import struct
 from collections.abc import Callable, Sequence
 from types import FunctionType
@@ -13,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from teleop_drake.jit.following import Follow, Traced
+from teleop_drake.jit.packing import Parameters
 from teleop_drake.jit.symbolic_arrays import (
     AsNumbers,
     Numbers,
-    Table,
 )
 from teleop_drake.jit.symbols import (
     COMPARISONS,
@@ -197,30 +196,15 @@ def TraceLaw(graph: Graph, law: FunctionType, samples: Sequence[Any]) -> ScalarP
     are not in p: they are part of the structure.
     """
     graph.is_given_finite = False
-    places = itertools.count()
-
-    def Argument(sample: Any) -> Any:
-        if isinstance(sample, tuple):
-            items = map(Argument, sample)
-            is_named = hasattr(sample, "_fields")
-            return type(sample)(*items) if is_named else tuple(items)
-        if IsWhole(sample):
-            is_array = isinstance(sample, np.ndarray)
-            return sample.view(Table) if is_array else sample
-        numbers = [graph.Add("load", "p", next(places)) for _ in range(np.size(sample))]
-        return AsNumbers(numbers).reshape(np.shape(sample))[()]
-
-    arguments = [Argument(sample) for sample in samples]
+    parameters = Parameters()
+    layouts = [parameters.Add(sample) for sample in samples]
+    p = _Given(graph, "p", len(parameters.numbers))
+    arguments = [layout.In(p) for layout in layouts]
     result = np.asarray(Follow(graph, law, law.__name__)(*arguments), object)
     if not all(isinstance(x, (Number, int, float, np.generic)) for x in result.flat):
         raise Untraceable(f"{law.__name__}() returns something else than numbers")
     stores = {("dx", i): _Operand(value) for i, value in enumerate(result.flat)}
     return ScalarProgram(graph, stores, {})
-
-
-def IsWhole(value: Any) -> bool:
-    """Returns whether a value is a whole number, or an array of them."""
-    return bool(np.asarray(value).dtype.kind in "iub")
 
 
 def _Given(graph: Graph, name: str, size: int) -> Numbers:

@@ -14,7 +14,7 @@ from pydrake.systems.primitives import Gain, Integrator
 from teleop_drake.engine.check import Compare
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.engine.program import Group, Parameters, Place
+from teleop_drake.jit.packing import Group, Parameters, Place
 from teleop_drake.kernel import Kernel
 
 
