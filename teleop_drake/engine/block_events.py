@@ -24,7 +24,6 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     InitializeParams,
@@ -111,13 +110,10 @@ def _OwnContext(system: System, context: Context) -> Context:
     for i in range(system.num_input_ports()):
         port = system.get_input_port(i)
         if port.get_data_type() == PortDataType.kVectorValued:
-            # An input may depend on a port that is not connected.
-            value = np.zeros(port.size())
-            with contextlib.suppress(Exception):
-                value = port.Eval(context)
-            port.FixValue(own, value)
-        elif port.HasValue(context):
-            port.FixValue(own, AbstractValue.Make(port.Eval(context)))
+            port.FixValue(own, np.zeros(port.size()))
+    # An input may depend on a port that is not connected.
+    with contextlib.suppress(Exception):
+        system.FixInputPortsFrom(system, context, own)
     return own
 
 
@@ -135,12 +131,9 @@ def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> Non
         use_error_control=False,
     )
     ApplySimulatorConfig(config, simulator)
-    num_steps = 0
 
     def EndAfterSomeSteps(_: Context) -> EventStatus:
-        nonlocal num_steps
-        num_steps += 1
-        if num_steps == _MAX_STEPS:
+        if simulator.get_num_steps_taken() >= _MAX_STEPS:
             return EventStatus.ReachedTermination(system, "enough events")
         return EventStatus.DidNothing()
 

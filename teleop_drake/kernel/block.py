@@ -17,13 +17,12 @@ from pydrake.systems.framework import (
     Context,
     LeafSystem,
     LeafSystem_,
-    WitnessFunction,
 )
 
 from teleop_drake.kernel.convertible import Convertible
 from teleop_drake.kernel.delay_line import DelayLine
-from teleop_drake.kernel.events import EndStep, Events, Ticks, Weakly
-from teleop_drake.kernel.kernel import Delay, Kernel, Term
+from teleop_drake.kernel.events import EndStep, EventBlock, Weakly
+from teleop_drake.kernel.kernel import Delay, Kernel
 from teleop_drake.kernel.packet_line import PacketLine
 from teleop_drake.kernel.parameters import BlockParameters
 from teleop_drake.kernel.terms import ContextReader, ValueIn
@@ -145,15 +144,15 @@ def _Noting(name: str) -> Callable[..., Any]:
 
 
 @_NotingEvents
-class KernelBlock(_Rated, Convertible):
+class KernelBlock(_Rated, EventBlock, Convertible):
     """A block defined by its kernel: Drake's callbacks evaluate the terms of Kernel().
 
     A subclass declares its input ports and its state, sets the attributes that its
     Kernel() reads, and then calls DeclareOutputs(). The prerequisites of an output
     follow from its term.
 
-    The block's events are made from the kernel's transitions; see Events. The mode is
-    one vector, which the block has declared. Each delay has a state of its own; see
+    The block's events are made from the kernel's transitions; see EventBlock. The mode
+    is one vector, which the block has declared. Each delay has a state of its own; see
     DelayLine and PacketLine. A block with delays has no mode.
 
     Drake can convert the block to AutoDiffXd. It therefore linearises a diagram of such
@@ -168,9 +167,6 @@ class KernelBlock(_Rated, Convertible):
         is_compiled: Whether the outputs and the rate call the kernel's functions as
             machine code where that is installed. It pays for functions that take more
             than a few microseconds.
-        has_guards: Whether a transition of the kernel has a guard.
-        ticks: The instants of the periodic transitions that are not discrete updates.
-        discrete_ticks: The instants of the kernel's periodic discrete updates.
         other_events: The declarations of periodic and per-step events besides those
             of the kernel. A block with such events runs in Drake's Simulator only.
         kernel_parameters: The parameters of the kernel in Drake's Contexts.
@@ -181,9 +177,6 @@ class KernelBlock(_Rated, Convertible):
     """
 
     dual = DualBlock
-    has_guards = False
-    ticks: Sequence[Ticks] = ()
-    discrete_ticks: Sequence[Ticks] = ()
     other_events: tuple[str, ...] = ()
     _is_declaring = False
     delays: tuple[DelayLine | PacketLine, ...] = ()
@@ -216,15 +209,7 @@ class KernelBlock(_Rated, Convertible):
         self.delays = tuple(lines.values())
         delayed = {output: (x.Eval, x.tickets) for output, x in lines.items()}
         _DeclareTerms(self, kernel, sizes, delayed)
-
-        def Read(term: Term, place: str) -> ValueIn:
-            return ContextReader(self, kernel, place, is_compiled=False).Read(term)
-
-        events = Events(self, kernel, Read)
-        self._kernel_events = events
-        self.has_guards = events.has_guards
-        self.ticks = events.ticks
-        self.discrete_ticks = events.discrete_ticks
+        self._DeclareEvents(kernel)
         self._is_declaring = False
 
     def WatchRates(self, simulator: Any, look: Callable[[Any], None]) -> None:
@@ -259,14 +244,6 @@ class KernelBlock(_Rated, Convertible):
         times = [line.NextJumpTime(context) for line in self.delays]
         times += [x.After(context.get_time()) for x in self.ticks]
         return min(times, default=math.inf)
-
-    def Guards(self, context: Context) -> list[float]:
-        """Returns the values of the transitions' guards, in their order."""
-        return self._kernel_events.Guards(context)
-
-    def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
-        """Returns the guards of the transitions, if events are to be located."""
-        return self._kernel_events.Witnesses(context)
 
 
 def KernelIn(block: KernelBlock, context: Context) -> Kernel:
