@@ -1,7 +1,7 @@
 """Drake's symbolic expressions as a list of operations on numbers.
 
-The values of a tape are the time, the elements of the given vectors, and the value of
-each row, in this order. A row is a constant, or an operation that names its operands by
+The values of a tape are the elements of the given vectors, and the value of each row,
+in this order. A row is a constant, or an operation that names its operands by
 their places among the values. Expressions that differ in their constants alone have the
 same tape, and therefore the same machine code.
 """
@@ -82,16 +82,17 @@ class Tape:
     rows: tuple[tuple[Any, ...], ...]
     results: tuple[int, ...]
 
-    def __call__(self, constants: Array, time: Any, *vectors: Array) -> Array:
-        """Returns the values of the expressions at a time in s.
+    def __call__(self, constants: Array, *vectors: Any) -> Array:
+        """Returns the values of the expressions.
 
         Args:
             constants: The numbers in the expressions.
-            vectors: The values of the variables that MakeTape() was given.
+            vectors: The values of the variables that MakeTape() was given; a number is
+                a vector of one element.
         """
-        values = [time]
+        values: list[Any] = []
         for vector in vectors:
-            values.extend(vector)
+            values.extend(np.ravel(vector))
         for function, *places in self.rows:
             if function is None:
                 values.append(constants[places[0]])
@@ -101,20 +102,17 @@ class Tape:
 
 
 def MakeTape(
-    expressions: Iterable[Expression],
-    time: Variable,
-    vectors: Sequence[Sequence[Variable]],
+    expressions: Iterable[Expression], variables: Sequence[Variable]
 ) -> tuple[Tape, Array]:
     """Returns the tape of expressions, and their constants.
 
     Args:
-        time: The variable that stands for the time.
-        vectors: The variables in the expressions, as the tape takes them.
+        variables: The elements of the vectors that the tape takes, one after another.
 
     Raises:
         UnknownExpression: If a part of an expression is no operation of a tape.
     """
-    writer = _Writer([time, *(variable for vector in vectors for variable in vector)])
+    writer = _Writer(variables)
     results = tuple(writer.Write(expression) for expression in expressions)
     return Tape(tuple(writer.rows), results), np.array(writer.constants, float)
 

@@ -31,7 +31,7 @@ POINTS = [(0.3, 0.7, 0.2), (1.2, -0.4, 1.1), (2.0, 1.5, -0.6), (0.1, 0.8, 0.8)]
 
 @pytest.mark.parametrize("expression", EXPRESSIONS, ids=str)
 def test_a_tape_has_the_value_of_its_expression(expression):
-    tape, constants = MakeTape([expression], t, [[x], [y]])
+    tape, constants = MakeTape([expression], [t, x, y])
     for point in POINTS:
         expected = expression.Evaluate(dict(zip((t, x, y), point, strict=True)))
         time, a, b = point
@@ -40,13 +40,13 @@ def test_a_tape_has_the_value_of_its_expression(expression):
 
 
 def test_a_common_part_is_computed_once():
-    tape, _ = MakeTape([symbolic.sin(x) + y, symbolic.sin(x) * y], t, [[x, y]])
+    tape, _ = MakeTape([symbolic.sin(x) + y, symbolic.sin(x) * y], [x, y])
     assert len(tape.rows) == 3  # No constants among them.
 
 
 def test_constants_do_not_decide_which_rows_there_are():
-    one, constants = MakeTape([3 * x + 3 * y], t, [[x, y]])
-    other, _ = MakeTape([3 * x + 4 * y], t, [[x, y]])
+    one, constants = MakeTape([3 * x + 3 * y], [x, y])
+    other, _ = MakeTape([3 * x + 4 * y], [x, y])
     assert one == other
     assert constants.tolist() == [3.0, 3.0]
 
@@ -54,7 +54,7 @@ def test_constants_do_not_decide_which_rows_there_are():
 def test_what_is_no_operation_is_named():
     unknown = symbolic.uninterpreted_function("f", [Expression(x)])
     with pytest.raises(UnknownExpression, match="UninterpretedFunction"):
-        MakeTape([unknown], t, [[x]])
+        MakeTape([unknown], [x])
 
 
 def test_too_many_parts_are_refused():
@@ -63,4 +63,4 @@ def test_too_many_parts_are_refused():
     for _ in range(16):
         expression = symbolic.sin(expression) * symbolic.cos(expression)
     with pytest.raises(UnknownExpression, match="more than 50000 operations"):
-        MakeTape([expression], t, [[x, y]])
+        MakeTape([expression], [x, y])
