@@ -12,7 +12,7 @@ of the Numbers of a graph.
 
 import copy
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -65,6 +65,7 @@ class Program:
         self._TakeNumbers(kernels)
         self.signals: dict[Source, slice] = {}
         self.fed: dict[Source, slice] = {}
+        self.transitions: list[tuple[Transition, slice | None, slice, slice]] = []
         self.states = _Slices(block.system.num_continuous_states() for block in blocks)
         self.modes = _Slices(_NumModes(block.system) for block in blocks)
         self._num_y = 0
@@ -72,7 +73,8 @@ class Program:
         self._terms: dict[Source, Term] = {}
         self._values: dict[Source, ValueIn] = {}
         self._under_way: list[Source] = []
-        self._readers = [_Reader(self, i) for i in range(len(kernels))]
+        # The inputs that something is computed from: (block, port).
+        self._taken: set[tuple[int, str]] = set()
         for i, kernel in enumerate(kernels):
             self._Declare(i, kernel)
         for i in range(len(kernels)):
@@ -86,18 +88,8 @@ class Program:
         for output in self._terms:
             self.Add(output)
         self._others = list(self._values)[len(self._needed) :]
-        for i in range(len(blocks)):
-            self._CheckInputs(i)
-        self.transitions: list[tuple[Transition, slice | None, slice, slice]] = [
-            (
-                transition,
-                self.signals.get(Source(i, _Guard(name))),
-                self.signals[Source(i, _Mode(name))],
-                self.modes[i],
-            )
-            for i, kernel in enumerate(kernels)
-            for name, transition in kernel.transitions.items()
-        ]
+        for i, block in enumerate(blocks):
+            self._CheckInputs(i, block)
         self.sizes = self._num_y, self.states[-1].stop, self.modes[-1].stop
 
     def _TakeNumbers(self, kernels: Sequence[Kernel]) -> None:
@@ -203,22 +195,39 @@ class Program:
             self._terms[Source(i, _RATE)] = kernel.rate
         elif system.num_continuous_states() > 0:
             raise UnsupportedSystem(system, "its kernel has no rate")
-        for name, term, size in _OutputsOf(system, kernel):
-            self.signals[Source(i, name)] = self._NewSignal(size)
-            if term is not None:
-                self._terms[Source(i, name)] = term
+        for name, term in kernel.outputs.items():
+            size = kernel.sizes.get(name)
+            if size is None:
+                size = system.GetOutputPort(name).size()
+            self._Compute(Source(i, name), term, size)
+        for delay in kernel.delays:
+            output = Source(i, delay.output)
+            self.signals[output] = self._NewSignal(len(delay.initial_value))
+        modes = self.modes[i]
+        for name, transition in kernel.transitions.items():
+            guard = None
+            if transition.guard is not None:
+                guard = self._Compute(
+                    Source(i, f"guard of {name}"), transition.guard, 1
+                )
+            source = Source(i, f"mode after {name}")
+            mode = self._Compute(source, transition.mode, modes.stop - modes.start)
+            self.transitions.append((transition, guard, mode, modes))
+
+    def _Compute(self, output: Source, term: Term, size: int) -> slice:
+        """Makes room in y for the value of a term; returns where."""
+        self._terms[output] = term
+        self.signals[output] = self._NewSignal(size)
+        return self.signals[output]
 
     def _NewSignal(self, size: int) -> slice:
         self._num_y += size
         return slice(self._num_y - size, self._num_y)
 
-    def _CheckInputs(self, i: int) -> None:
+    def _CheckInputs(self, i: int, block: Block) -> None:
         """Raises UnsupportedSystem if a block is connected to what it does not take."""
-        block = self._blocks[i]
-        kernel = self.kernels[i]
-        taken = {*kernel.unused, *(delay.signal for delay in kernel.delays)}
         for name in block.inputs:
-            if name not in taken | self._readers[i].names:
+            if name not in self.kernels[i].unused and (i, name) not in self._taken:
                 raise UnsupportedSystem(
                     block.system, f"its kernel takes nothing from the input {name}"
                 )
@@ -231,14 +240,14 @@ class Program:
         if output in self._under_way:
             raise AlgebraicLoop(self._blocks[i].system, f"{name} depends on itself")
         self._under_way.append(output)
-        value = self._readers[i].Read(self._terms[output])
+        value = _Reader(self, i).Read(self._terms[output])
         self._under_way.pop()
         self._values[output] = value
 
     def Slot(self, i: int, name: str) -> slice:
         """Returns where in y a port of a block is, after what fills it in."""
         block = self._blocks[i]
-        kernel = self.kernels[i]
+        self._taken.add((i, name))
         source = block.inputs.get(name, Source(i, name))
         if source in self.signals:
             self.Add(source)
@@ -251,22 +260,20 @@ class Program:
         if not block.system.HasInputPort(name):
             raise UnsupportedSystem(block.system, f"its kernel takes {name!r}")
         if source not in self.fed:
-            size = kernel.sizes.get(name) or block.system.GetInputPort(name).size()
+            size = (
+                self.kernels[i].sizes.get(name)
+                or block.system.GetInputPort(name).size()
+            )
             self.fed[source] = self._NewSignal(size)
         return self.fed[source]
 
 
 class _Reader(TermReader):
-    """Translates the terms of a block into functions of the arrays of a program.
-
-    Attributes:
-        names: All names that were read.
-    """
+    """Translates the terms of a block into functions of the arrays of a program."""
 
     def __init__(self, program: Program, i: int):
         self._program = program
         self._i = i
-        self.names: set[str] = set()
 
     def Call(self, law: Law, arguments: Sequence[Name | int]) -> ValueIn:
         values = [self.Read(argument) for argument in arguments]
@@ -275,7 +282,6 @@ class _Reader(TermReader):
     def Named(self, name: str) -> ValueIn:
         program = self._program
         i = self._i
-        self.names.add(name)
         state = program.states[i]
         mode = program.modes[i]
         if name == "time":
@@ -294,34 +300,8 @@ class _Reader(TermReader):
         return lambda arrays: arrays.y[slot]
 
 
-def _OutputsOf(
-    system: System, kernel: Kernel
-) -> Iterator[tuple[str, Term | None, int]]:
-    """Yields what a block puts into y: its name, its term, and its size.
-
-    What comes out of a delay has no term.
-    """
-    for name, term in kernel.outputs.items():
-        size = kernel.sizes.get(name)
-        yield name, term, system.GetOutputPort(name).size() if size is None else size
-    for delay in kernel.delays:
-        yield delay.output, None, len(delay.initial_value)
-    for name, transition in kernel.transitions.items():
-        if transition.guard is not None:
-            yield _Guard(name), transition.guard, 1
-        yield _Mode(name), transition.mode, _NumModes(system)
-
-
 def _IsCall(term: Term) -> bool:
     return isinstance(term, tuple) and callable(term[0])
-
-
-def _Guard(transition: str) -> str:
-    return f"guard of {transition}"
-
-
-def _Mode(transition: str) -> str:
-    return f"mode after {transition}"
 
 
 def _NumModes(system: System) -> int:
