@@ -1,5 +1,6 @@
 """Blocks whose computation is described once, by a kernel."""
 
+import functools
 import math
 import re
 import weakref
@@ -120,30 +121,6 @@ def _DeclareTerms(
         block._kernel_rate = Reader("rate").Read(kernel.rate)
 
 
-def _NotingEvents(cls: type["KernelBlock"]) -> type["KernelBlock"]:
-    """Makes a class of blocks record each event declared outside of its kernel."""
-    names = [x for x in dir(LeafSystem) if re.fullmatch("DeclarePer.*Event", x)]
-    for name in names:
-        setattr(cls, name, _Noting(name))
-    return cls
-
-
-def _Noting(name: str) -> Callable[..., Any]:
-    """Returns the method of LeafSystem with a name, extended to record its calls."""
-    declare = getattr(LeafSystem, name)
-
-    def Declare(block: "KernelBlock", *arguments: Any, **options: Any) -> Any:
-        if not block._is_declaring and EndStep not in arguments:
-            block.other_events = (*block.other_events, name)
-        return declare(block, *arguments, **options)
-
-    Declare.__name__ = Declare.__qualname__ = name
-    Declare.__doc__ = f"Declares what LeafSystem.{name}() does, and notes the call."
-
-    return Declare
-
-
-@_NotingEvents
 class KernelBlock(_Rated, EventBlock, Convertible):
     """A block defined by its kernel: Drake's callbacks evaluate the terms of Kernel().
 
@@ -244,6 +221,24 @@ class KernelBlock(_Rated, EventBlock, Convertible):
         times = [line.NextJumpTime(context) for line in self.delays]
         times += [x.After(context.get_time()) for x in self.ticks]
         return min(times, default=math.inf)
+
+
+def _Noting(declare: Callable[..., Any]) -> Callable[..., Any]:
+    """Returns a method of LeafSystem, extended to record its calls."""
+
+    @functools.wraps(declare)
+    def Declare(block: KernelBlock, *arguments: Any, **options: Any) -> Any:
+        if not block._is_declaring and EndStep not in arguments:
+            block.other_events = (*block.other_events, declare.__name__)
+        return declare(block, *arguments, **options)
+
+    return Declare
+
+
+# A KernelBlock records each event that is declared outside of its kernel.
+for _name in dir(LeafSystem):
+    if re.fullmatch("DeclarePer.*Event", _name):
+        setattr(KernelBlock, _name, _Noting(getattr(LeafSystem, _name)))
 
 
 def KernelIn(block: KernelBlock, context: Context) -> Kernel:
