@@ -108,13 +108,8 @@ def DeclareTicks(
             reference, with the arguments of Drake's callback. None: steps end at the
             ticks, and nothing is updated.
     """
-    if update is not None and ticks.period == math.inf:
-        block.DeclarePeriodicUnrestrictedUpdateEvent(
-            _ONCE, ticks.offset, Weakly(update)
-        )
-        return
-    period = min(ticks.period, _ONCE)
-    block.DeclarePeriodicPublishEvent(period, ticks.offset, EndStep)
+    ticks = Ticks(min(ticks.period, _ONCE), ticks.offset)
+    block.DeclarePeriodicPublishEvent(ticks.period, ticks.offset, EndStep)
     if update is None:
         return
     last = block.DeclareAbstractState(AbstractValue.Make(-1))
