@@ -20,7 +20,6 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     Context,
     DiscreteValues,
-    Event,
     EventStatus,
     LeafSystem,
     State,
@@ -180,7 +179,7 @@ class EventBlock(LeafSystem):
 
     def Guards(self, context: Context) -> list[float]:
         """Returns the values of the transitions' guards, in their order."""
-        return [float(guard(context)[0]) for guard, _ in self._kernel_guards]
+        return [guard(context) for guard, _ in self._kernel_guards]
 
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the guards of the transitions, if events are to be located."""
@@ -216,23 +215,20 @@ class EventBlock(LeafSystem):
         def Calc(context: Context) -> float:
             return float(guard(context)[0])
 
-        def Update(context: Context, event: Event, state: State) -> None:
-            _Change(mode, context, state)
-
         witness = self.MakeWitnessFunction(
             name,
             WitnessFunctionDirection.kNegativeThenNonNegative,
-            self._Keep(Calc),
-            UnrestrictedUpdateEvent(self._Keep(Update)),
+            Weakly(Calc),
+            UnrestrictedUpdateEvent(self._Keep(partial(_Change, mode))),
         )
-        self._kernel_guards = (*self._kernel_guards, (guard, mode))
+        self._kernel_guards = (*self._kernel_guards, (Calc, mode))
         self._kernel_witnesses = (*self._kernel_witnesses, witness)
 
     def _CheckGuards(self, context: Context, values: DiscreteValues) -> EventStatus:
         if context.get_accuracy() is None and not self._has_warned:
             self._has_warned = True
             self._WarnOfAccuracy()
-        due = [mode for guard, mode in self._kernel_guards if guard(context)[0] >= 0]
+        due = [mode for guard, mode in self._kernel_guards if guard(context) >= 0]
         for mode in due:
             _Change(mode, context, values)
         return EventStatus.Succeeded() if due else EventStatus.DidNothing()
@@ -250,8 +246,13 @@ class EventBlock(LeafSystem):
         )
 
 
-def _Change(mode: ValueIn, context: Context, target: State | DiscreteValues) -> None:
-    """Sets the elements of the mode in which the new mode differs from the old one."""
+def _Change(mode: ValueIn, context: Context, *others: Any) -> None:
+    """Sets the elements of the mode in which the new mode differs from the old one.
+
+    Args:
+        others: What is changed comes last; the event of a witness comes before it.
+    """
+    target = others[-1]
     if isinstance(target, State):
         target = target.get_mutable_discrete_state()
     values = target.get_mutable_vector(0)
