@@ -18,7 +18,6 @@ handlers see a Context of their own, and are executed as in any run of Drake's.
 
 import contextlib
 import gc
-import math
 import sys
 from types import FrameType
 from typing import Any
@@ -40,6 +39,7 @@ from pydrake.systems.framework import (
 
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, KernelBlock, Transition
+from teleop_drake.kernel.events import Ticks
 
 # How far the run of a block goes, s: no period and no offset is longer in practice.
 _HORIZON = 1e9
@@ -95,12 +95,8 @@ def _Witnesses(system: System) -> list[WitnessFunction]:
 
 def _IsDue(transition: Transition, time: float) -> bool:
     """Returns whether a transition happens periodically at a time in s."""
-    if transition.guard is not None:
-        return False
-    gone = time - transition.offset
-    if transition.period < math.inf:
-        gone -= max(round(gone / transition.period), 0) * transition.period
-    return abs(gone) <= 1e-9 * max(1.0, abs(time))
+    ticks = Ticks(transition.period, transition.offset)
+    return transition.guard is None and ticks.At(time) is not None
 
 
 def _OwnContext(system: System, context: Context) -> Context:

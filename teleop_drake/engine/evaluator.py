@@ -183,9 +183,12 @@ class Evaluator:
             self.function = self.program.Evaluate
             return
         try:
-            self.function = CompileEvaluate(self.program)
+            code = MakeCode(self.program.Trace())
         except Untraceable as error:
             raise UnsupportedSystem(system, str(error)) from error
+        data, is_from_cache = Kept("evaluate", code)
+        library = Library(data, "evaluate")
+        self.function = Evaluate(library.Address("evaluate"), library, is_from_cache)
 
     def Evaluate(
         self, context: Context, delayed: Array | None = None
@@ -235,14 +238,3 @@ def _FedValue(system: System, name: str, context: Context) -> Array:
     if isinstance(system, MultibodyPlant) or name in optional:
         return np.zeros(port.size())
     raise UnsupportedSystem(system, f"its input {name} is not connected")
-
-
-def CompileEvaluate(program: Program) -> Evaluate:
-    """Returns Program.Evaluate() as machine code, which is kept in the user's cache.
-
-    Raises:
-        UnsupportedSystem: If a function does what a graph of operations cannot.
-    """
-    data, is_from_cache = Kept("evaluate", MakeCode(program.Trace()))
-    library = Library(data, "evaluate")
-    return Evaluate(library.Address("evaluate"), library, is_from_cache)

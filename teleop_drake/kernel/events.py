@@ -83,7 +83,7 @@ class Ticks:
 
     def _TimeOf(self, k: int) -> float:
         """Returns the time of a tick in s, rounded as Drake rounds it."""
-        return self.offset + k * self.period
+        return self.offset + k * self.period if k else self.offset
 
 
 def EndStep(context: Context) -> EventStatus:
@@ -107,8 +107,8 @@ def DeclareTicks(
             reference, with the arguments of Drake's callback. None: steps end at the
             ticks, and nothing is updated.
     """
-    ticks = Ticks(min(ticks.period, _ONCE), ticks.offset)
-    block.DeclarePeriodicPublishEvent(ticks.period, ticks.offset, EndStep)
+    period = min(ticks.period, _ONCE)
+    block.DeclarePeriodicPublishEvent(period, ticks.offset, EndStep)
     if update is None:
         return
     last = block.DeclareAbstractState(AbstractValue.Make(-1))
