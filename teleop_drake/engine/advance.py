@@ -1,7 +1,7 @@
 """Integrates a system with delays and modes: Dormand-Prince 5(4) with dense output.
 
-The system is a function `evaluate(t, x, m, p, q, y, dx, wanted)` that fills in the rate
-dx of the state x and the signals y, as teleop_drake.engine.source describes it.
+The system is a function `evaluate(t, x, m, p, y, dx, wanted)` that fills in the rate dx
+of the state x and the signals y, as teleop_drake.engine.program describes it.
 The outputs of the delays are written into y before each evaluation.
 
 * A delayed signal is a polynomial in each step, through the rows that are recorded at
@@ -76,7 +76,7 @@ def _evaluate(
 ) -> None:
     """Evaluates what is wanted: RATE, ALL or SIGNALS."""
     fetch(t, problem.delays, memory)
-    evaluate(t, x, memory.m, problem.p, problem.q, memory.y, dx, wanted)
+    evaluate(t, x, memory.m, problem.p, memory.y, dx, wanted)
     memory.counts[EVALUATIONS] += 1
 
 

@@ -18,13 +18,11 @@ handlers see a Context of their own, and are executed as in any run of Drake's.
 
 import contextlib
 import gc
-import math
 import sys
 from types import FrameType
 from typing import Any
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     InitializeParams,
@@ -41,6 +39,7 @@ from pydrake.systems.framework import (
 
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, KernelBlock, Transition
+from teleop_drake.kernel.events import Ticks
 
 # How far the run of a block goes, s: no period and no offset is longer in practice.
 _HORIZON = 1e9
@@ -96,12 +95,8 @@ def _Witnesses(system: System) -> list[WitnessFunction]:
 
 def _IsDue(transition: Transition, time: float) -> bool:
     """Returns whether a transition happens periodically at a time in s."""
-    if transition.guard is not None:
-        return False
-    gone = time - transition.offset
-    if transition.period < math.inf:
-        gone -= max(round(gone / transition.period), 0) * transition.period
-    return abs(gone) <= 1e-9 * max(1.0, abs(time))
+    ticks = Ticks(transition.period, transition.offset)
+    return transition.guard is None and ticks.At(time) is not None
 
 
 def _OwnContext(system: System, context: Context) -> Context:
@@ -111,13 +106,10 @@ def _OwnContext(system: System, context: Context) -> Context:
     for i in range(system.num_input_ports()):
         port = system.get_input_port(i)
         if port.get_data_type() == PortDataType.kVectorValued:
-            # An input may depend on a port that is not connected.
-            value = np.zeros(port.size())
-            with contextlib.suppress(Exception):
-                value = port.Eval(context)
-            port.FixValue(own, value)
-        elif port.HasValue(context):
-            port.FixValue(own, AbstractValue.Make(port.Eval(context)))
+            port.FixValue(own, np.zeros(port.size()))
+    # An input may depend on a port that is not connected.
+    with contextlib.suppress(Exception):
+        system.FixInputPortsFrom(system, context, own)
     return own
 
 
@@ -135,12 +127,9 @@ def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> Non
         use_error_control=False,
     )
     ApplySimulatorConfig(config, simulator)
-    num_steps = 0
 
     def EndAfterSomeSteps(_: Context) -> EventStatus:
-        nonlocal num_steps
-        num_steps += 1
-        if num_steps == _MAX_STEPS:
+        if simulator.get_num_steps_taken() >= _MAX_STEPS:
             return EventStatus.ReachedTermination(system, "enough events")
         return EventStatus.DidNothing()
 

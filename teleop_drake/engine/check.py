@@ -29,7 +29,7 @@ class KernelDisagrees(ValueError):
 def HoldsOwnCode(evaluator: Evaluator) -> bool:
     """Returns whether a program holds a user's own block or function."""
     blocks = [type(block.system) for block in evaluator.blocks]
-    code = [*blocks, *evaluator.program.functions]
+    code = [*blocks, *evaluator.program.laws]
     return any(item.__module__.partition(".")[0] not in _TESTED for item in code)
 
 

@@ -20,9 +20,9 @@ from teleop_drake.engine.block_events import CheckEvents
 from teleop_drake.engine.flatten import Flatten, UnsupportedSystem
 from teleop_drake.engine.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
 from teleop_drake.engine.primitives import IsSink, PrimitiveKernel
-from teleop_drake.engine.source import Program
+from teleop_drake.engine.program import Program
 from teleop_drake.jit.native import Evaluate, Kept, Library
-from teleop_drake.jit.scalar_code import MakeCode, TraceProgram
+from teleop_drake.jit.scalar_code import ALL, MakeCode
 from teleop_drake.jit.symbols import Untraceable
 from teleop_drake.kernel import Delay, Kernel, KernelBlock, KernelIn
 from teleop_drake.wiring import OutputNames
@@ -141,7 +141,7 @@ class Evaluator:
         system: The diagram.
         blocks: Of the diagram.
         program: What they compute.
-        function: The function `evaluate` of the program.
+        function: Program.Evaluate(), or the same as machine code.
         left_out: The paths of loggers, visualizers and the like, which do nothing here.
 
     Raises:
@@ -179,12 +179,16 @@ class Evaluator:
         if like is not None and self.program.HasCodeOf(like.program):
             self.function = like.function
             return
-        make = CompileEvaluate if as_machine_code else _InPython
+        if not as_machine_code:
+            self.function = self.program.Evaluate
+            return
         try:
-            self.function = make(self.program)
+            code = MakeCode(self.program.Trace())
         except Untraceable as error:
-            owner = self.program.OwnerOf(error.function) or system
-            raise UnsupportedSystem(owner, str(error)) from error
+            raise UnsupportedSystem(system, str(error)) from error
+        data, is_from_cache = Kept("evaluate", code)
+        library = Library(data, "evaluate")
+        self.function = Evaluate(library.Address("evaluate"), library, is_from_cache)
 
     def Evaluate(
         self, context: Context, delayed: Array | None = None
@@ -195,14 +199,14 @@ class Evaluator:
             delayed: A y with what comes out of delays; None: their initial values.
 
         Returns:
-            y and dx; see `source`.
+            y and dx; see `program`.
         """
         x, m, y = self.ReadContext(context)
         if delayed is not None:
             for _, _, part in self.program.delays:
                 y[part] = delayed[part]
         dx = np.zeros(len(x))
-        self.function(context.get_time(), x, m, *self.program.parameters, y, dx, True)
+        self.function(context.get_time(), x, m, self.program.p, y, dx, ALL)
         return y, dx
 
     def ReadContext(self, context: Context) -> tuple[Array, Array, Array]:
@@ -234,27 +238,3 @@ def _FedValue(system: System, name: str, context: Context) -> Array:
     if isinstance(system, MultibodyPlant) or name in optional:
         return np.zeros(port.size())
     raise UnsupportedSystem(system, f"its input {name} is not connected")
-
-
-def _InPython(program: Program) -> Callable[..., Any]:
-    names: dict[str, Any] = dict(program.names)
-    exec(program.text, names)
-    return names["evaluate"]
-
-
-def CompileEvaluate(program: Program) -> Evaluate:
-    """Returns the function `evaluate` of a program as machine code.
-
-    The code is kept in the user's cache.
-
-    Raises:
-        Untraceable: If a function does what a graph of operations cannot, such as a
-            loop until something has converged.
-    """
-    parameters, integers = program.parameters
-    traced = TraceProgram(
-        program.text, program.names, program.sizes, len(parameters), integers
-    )
-    data, is_from_cache = Kept("evaluate", MakeCode(traced))
-    library = Library(data, "evaluate")
-    return Evaluate(library.Address("evaluate"), library, is_from_cache)

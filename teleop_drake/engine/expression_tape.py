@@ -1,19 +1,20 @@
 """Drake's symbolic expressions as a list of operations on numbers.
 
-The values of a tape are the time, the elements of the given vectors, and the value of
-each row, in this order. A row is a constant, or an operation that names its operands by
+The values of a tape are the elements of the given vectors, and the value of each row,
+in this order. A row is a constant, or an operation that names its operands by
 their places among the values. Expressions that differ in their constants alone have the
-same rows, and therefore the same machine code.
+same tape, and therefore the same machine code.
 """
 
 import functools
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pydrake.symbolic import Expression, ExpressionKind, Formula, FormulaKind, Variable
 
-from teleop_drake.arrays import Array, Indices
+from teleop_drake.arrays import Array
 
 # Expressions and formulas that are one function of their operands.
 _SAME_OPERANDS: dict[Any, Callable[..., Any]] = {
@@ -54,23 +55,10 @@ _REDUCED = {
     FormulaKind.Or: np.logical_or,
 }
 
-# The first operand, a number, is left out where it is this one.
-_NEUTRAL = {ExpressionKind.Add: 0.0, ExpressionKind.Mul: 1.0}
-
-FUNCTIONS: tuple[Callable[..., Any], ...] = (
-    *_SAME_OPERANDS.values(),
-    *_REDUCED.values(),
-    np.power,
-)
-"""The functions that a row names by their places here."""
-
-# The first entry of a row that is a constant, whose place among them follows.
-_CONSTANT = -1
-
 # More parts take seconds to read and minutes to compile.
 _MAX_PARTS = 50_000
 
-# Powers up to this one are products.
+# Powers up to this one are products, which are faster.
 _MAX_FACTORS = 16
 
 
@@ -78,67 +66,52 @@ class UnknownExpression(ValueError):
     """An expression with a part that is no operation of a tape."""
 
 
-class Tape(NamedTuple):
-    """Expressions as operations, each after those of its operands.
+@dataclass(frozen=True)
+class Tape:
+    """A law that computes expressions, operation by operation.
 
     Attributes:
-        rows: The place in FUNCTIONS and the places of the operands of each operation
-            (k, 4). A function of fewer than three operands takes the first ones.
-        constants: The numbers in the expressions.
+        rows: The function of each operation and the places of its operands, or None and
+            the index of a constant.
         results: The place of the value of each expression.
     """
 
-    rows: Indices
-    constants: Array
-    results: Indices
+    rows: tuple[tuple[Any, ...], ...]
+    results: tuple[int, ...]
 
+    def __call__(self, constants: Array, *vectors: Any) -> Array:
+        """Returns the values of the expressions.
 
-def evaluate_tape(tape: Tape, time: Any, *vectors: Array) -> Array:
-    """Returns the values of the expressions of a tape at a time in s.
-
-    Args:
-        vectors: The values of the variables that MakeTape() was given.
-    """
-    values = [time]
-    for vector in vectors:
-        for i in range(len(vector)):
-            values.append(vector[i])
-    for k in range(len(tape.rows)):
-        first = tape.rows[k, 0]
-        if first == _CONSTANT:
-            values.append(tape.constants[tape.rows[k, 1]])
-            continue
-        function = FUNCTIONS[first]
-        operands = [values[i] for i in tape.rows[k, 1:]]
-        values.append(function(*operands[: _NUM_OPERANDS[function]]))
-    return np.array([values[i] for i in tape.results])
-
-
-# np.where is no ufunc.
-_NUM_OPERANDS = {function: getattr(function, "nin", 3) for function in FUNCTIONS}
+        Args:
+            constants: The numbers in the expressions.
+            vectors: The values of the variables that MakeTape() was given; a number is
+                a vector of one element.
+        """
+        values: list[Any] = []
+        for vector in vectors:
+            values.extend(np.ravel(vector))
+        for function, *places in self.rows:
+            if function is None:
+                values.append(constants[places[0]])
+            else:
+                values.append(function(*[values[place] for place in places]))
+        return np.array([values[place] for place in self.results])
 
 
 def MakeTape(
-    expressions: Iterable[Expression],
-    time: Variable,
-    vectors: Sequence[Sequence[Variable]],
-) -> Tape:
-    """Returns the tape of expressions.
+    expressions: Iterable[Expression], variables: Sequence[Variable]
+) -> tuple[Tape, Array]:
+    """Returns the tape of expressions, and their constants.
 
     Args:
-        time: The variable that stands for the time.
-        vectors: The variables in the expressions, as evaluate_tape() takes them.
+        variables: The elements of the vectors that the tape takes, one after another.
 
     Raises:
         UnknownExpression: If a part of an expression is no operation of a tape.
     """
-    writer = _Writer([time, *(variable for vector in vectors for variable in vector)])
-    results = [writer.Write(expression) for expression in expressions]
-    return Tape(
-        rows=np.array(writer.rows, np.int64).reshape(-1, 4),
-        constants=np.array(writer.constants, float),
-        results=np.array(results, np.int64),
-    )
+    writer = _Writer(variables)
+    results = tuple(writer.Write(expression) for expression in expressions)
+    return Tape(tuple(writer.rows), results), np.array(writer.constants, float)
 
 
 class _Writer:
@@ -146,12 +119,15 @@ class _Writer:
 
     Equal constants are not shared, because which numbers are equal would decide which
     rows there are.
+
+    Attributes:
+        rows: The rows in their order, with the places of their values.
+        constants: The numbers that rows mention by their indices.
     """
 
     def __init__(self, variables: Sequence[Variable]):
-        self.rows: list[tuple[int, ...]] = []
+        self.rows: dict[tuple[Any, ...], int] = {}
         self.constants: list[float] = []
-        self._places: dict[tuple[int, ...], int] = {}
         self._variables = {x.get_id(): i for i, x in enumerate(variables)}
         self._num_parts = 0
 
@@ -170,42 +146,30 @@ class _Writer:
             return self._variables[operands[0].get_id()]
         if kind == ExpressionKind.Pow:
             return self._Power(*operands)
-        if kind in _NEUTRAL and operands[0] == _NEUTRAL[kind]:
-            operands = operands[1:]
         places = map(self.Write, operands)
         if kind in _REDUCED:
             return self._Reduce(_REDUCED[kind], places)
         if kind in _SAME_OPERANDS:
-            return self._Apply(_SAME_OPERANDS[kind], *places)
+            return self._Row(_SAME_OPERANDS[kind], *places)
         raise UnknownExpression(f"{kind.name} is no operation of a tape")
 
     def _Power(self, base: Expression, exponent: Expression) -> int:
-        """Writes a power, with a whole number as exponent as a product."""
+        """Writes a power, as a product if the exponent is a small whole number."""
         place = self.Write(base)
         is_number = exponent.get_kind() == ExpressionKind.Constant
         number = exponent.Evaluate() if is_number else 0.0
-        if not (number.is_integer() and 1 <= abs(number) <= _MAX_FACTORS):
-            return self._Apply(np.power, place, self.Write(exponent))
-        product = self._Reduce(np.multiply, [place] * int(abs(number)))
-        if number > 0:
-            return product
-        return self._Apply(np.divide, self._Constant(1.0), product)
+        if number.is_integer() and 1 <= number <= _MAX_FACTORS:
+            return self._Reduce(np.multiply, [place] * int(number))
+        return self._Row(np.power, place, self.Write(exponent))
 
     def _Constant(self, value: float) -> int:
         self.constants.append(value)
-        return self._Row(_CONSTANT, len(self.constants) - 1)
+        return self._Row(None, len(self.constants) - 1)
 
     def _Reduce(self, function: Callable[..., Any], places: Iterable[int]) -> int:
         """Writes a function of two operands that is applied one after another."""
-        return functools.reduce(functools.partial(self._Apply, function), places)
+        return functools.reduce(functools.partial(self._Row, function), places)
 
-    def _Apply(self, function: Callable[..., Any], *operands: int) -> int:
-        return self._Row(FUNCTIONS.index(function), *operands)
-
-    def _Row(self, *entries: int) -> int:
+    def _Row(self, *row: Any) -> int:
         """Writes a row, unless it is there; returns the place of its value."""
-        row = (*entries, 0, 0)[:4]
-        if row not in self._places:
-            self._places[row] = len(self._variables) + len(self.rows)
-            self.rows.append(row)
-        return self._places[row]
+        return self.rows.setdefault(row, len(self._variables) + len(self.rows))

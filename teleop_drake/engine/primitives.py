@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from pydrake.symbolic import Expression, Variable
+from pydrake.symbolic import Expression, MakeVectorVariable, Variable
 from pydrake.systems.framework import Context, PortDataType, System
 from pydrake.systems.primitives import (
     AffineSystem,
@@ -22,11 +22,7 @@ from pydrake.systems.primitives import (
 
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import DiscreteState, SetDiscreteState
-from teleop_drake.engine.expression_tape import (
-    MakeTape,
-    UnknownExpression,
-    evaluate_tape,
-)
+from teleop_drake.engine.expression_tape import MakeTape, UnknownExpression
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.signals import VectorOutputs
@@ -97,33 +93,29 @@ class _SymbolicReader:
         self._system = system
         self._symbolic = symbolic
         self._parameters: dict[str, Any] = {}
-        self._time = Variable("time")
         # The variables of each vector, by its name in the kernel.
-        self._vectors: dict[str, list[Variable]] = {}
+        self._variables: dict[str, list[Variable]] = {}
         self._used: set[str] = set()
-        self._context = symbolic.CreateDefaultContext()
-        self._context.SetTime(Expression(self._time))
-        if context.num_continuous_states() > 0:
-            x = self._New("state", context.num_continuous_states())
-            self._context.SetContinuousState(x)
-        num_modes = len(DiscreteState(context))
-        if num_modes > 0:
-            SetDiscreteState(self._context, self._New("mode", num_modes))
+        own = symbolic.CreateDefaultContext()
+        own.SetTime(self._New("time", 1)[0])
+        own.SetContinuousState(self._New("state", context.num_continuous_states()))
+        SetDiscreteState(own, self._New("mode", len(DiscreteState(context))))
         for i in range(context.num_numeric_parameter_groups()):
             name = f"parameter{i}"
             numbers = context.get_numeric_parameter(i).CopyToVector()
             self._parameters[name] = numbers
-            vector = self._context.get_mutable_numeric_parameter(i)
+            vector = own.get_mutable_numeric_parameter(i)
             vector.SetFromVector(self._New(name, len(numbers)))
         for name in _InputNames(symbolic):
             port = symbolic.GetInputPort(name)
             if port.get_data_type() == PortDataType.kVectorValued:
-                port.FixValue(self._context, self._New(name, port.size()))
+                port.FixValue(own, self._New(name, port.size()))
+        self._context = own
 
     def Kernel(self) -> Kernel:
         """Returns the kernel of the system."""
         rate = None
-        if "state" in self._vectors:
+        if self._variables["state"]:
             derivatives = self._symbolic.EvalTimeDerivatives(self._context)
             rate = self._Term("rate", derivatives.CopyToVector())
         outputs = {}
@@ -141,7 +133,7 @@ class _SymbolicReader:
     def _Transitions(self) -> dict[str, Transition]:
         """Returns the periodic discrete update of the system, if it has one."""
         timing = self._symbolic.GetUniquePeriodicDiscreteUpdateAttribute()
-        if timing is None and "mode" in self._vectors:
+        if timing is None and self._variables["mode"]:
             reason = "its discrete states have no common period"
             raise UnsupportedSystem(self._system, reason)
         if timing is None:
@@ -159,8 +151,8 @@ class _SymbolicReader:
 
     def _New(self, name: str, size: int) -> Array:
         """Returns new variables for a vector of the kernel."""
-        self._vectors[name] = [Variable(f"{name}[{i}]") for i in range(size)]
-        return np.array([Expression(x) for x in self._vectors[name]], object)
+        self._variables[name] = list(MakeVectorVariable(size, name))
+        return np.array([Expression(x) for x in self._variables[name]], object)
 
     def _Term(self, name: str, expressions: Array) -> Term:
         """Returns the term of expressions, with the vectors that they depend on.
@@ -169,18 +161,18 @@ class _SymbolicReader:
             name: Of what the expressions stand for.
             expressions: A vector of them.
         """
-        depends_on = {x.get_id() for e in expressions for x in e.GetVariables()}
-        vectors = {
-            vector: variables
-            for vector, variables in self._vectors.items()
-            if any(x.get_id() in depends_on for x in variables)
-        }
+        found = {x.get_id() for e in expressions for x in e.GetVariables()}
+        vectors = []
+        variables: list[Variable] = []
+        for vector, own in self._variables.items():
+            if any(x.get_id() in found for x in own):
+                vectors.append(vector)
+                variables += own
         self._used |= set(vectors)
-        tape = f"tape of {name}"
-        self._parameters[tape] = MakeTape(
-            expressions, self._time, list(vectors.values())
-        )
-        return (evaluate_tape, tape, "time", *vectors)
+        tape, constants = MakeTape(expressions, variables)
+        numbers = f"numbers in {name}"
+        self._parameters[numbers] = constants
+        return (tape, numbers, *vectors)
 
 
 def affine(constant: Array, *products: Array) -> Array:

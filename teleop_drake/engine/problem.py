@@ -67,13 +67,11 @@ class Problem(NamedTuple):
 
     Attributes:
         p: The parameters that are floats.
-        q: The parameters that are integers.
         delays: The delays.
         transitions: The changes of the mode.
     """
 
     p: Array
-    q: Indices
     delays: Delays
     transitions: Transitions
 

@@ -21,7 +21,7 @@ from teleop_drake.engine.problem import (
     Transitions,
     make_memory,
 )
-from teleop_drake.engine.source import Program
+from teleop_drake.engine.program import Program
 from teleop_drake.jit.native import Evaluate, Packed
 from teleop_drake.jit.typed_code import CompileTyped
 from teleop_drake.jit.typed_values import EVALUATE, TypeOf
@@ -302,7 +302,7 @@ def _CompiledAdvance(system: Problem, memory: Memory) -> Callable[..., int]:
 def MakeProblem(program: Program, start: float, end: float) -> Packed:
     """Returns what is integrated between two times in s, a Problem."""
     delays = _Delays(program, start, end)
-    return Packed(Problem(*program.parameters, delays, _Transitions(program)))
+    return Packed(Problem(program.p, delays, _Transitions(program)))
 
 
 def _Delays(program: Program, start: float, end: float) -> Delays:

@@ -12,7 +12,8 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.jit.native import BoundEvaluate, Kept, Library
-from teleop_drake.jit.scalar_code import IsWhole, MakeCode, TraceLaw
+from teleop_drake.jit.packing import Parameters
+from teleop_drake.jit.scalar_code import MakeCode, TraceLaw
 from teleop_drake.jit.symbols import Untraceable
 
 Law = Callable[..., Array]
@@ -75,8 +76,10 @@ class CompiledLaw:
             error.place = error.place or f"{self.law.func.__name__}()"
             TellOnce(error)
             return self.law
-        leaves = [x for x in _LeavesOf(samples) if not IsWhole(x)]
-        memory = np.concatenate([np.ravel(leaf) for leaf in leaves])
+        parameters = Parameters()
+        for sample in samples:
+            parameters.Add(sample)
+        memory = np.array(parameters.numbers)
         # The arguments come last.
         sizes = [np.size(x) for x in arguments]
         parts = np.split(memory, len(memory) - sum(sizes) + np.cumsum([0, *sizes]))
@@ -98,13 +101,6 @@ class _Local(threading.local):
 
     num_calls = 0
     run: Law | None = None
-
-
-def _LeavesOf(value: Any) -> list[Any]:
-    """Returns the numbers and arrays in (named) tuples and lists of them."""
-    if isinstance(value, (tuple, list)):
-        return [leaf for item in value for leaf in _LeavesOf(item)]
-    return [value]
 
 
 def _LibraryOf(law: FunctionType, samples: Sequence[Any]) -> Library:

@@ -58,7 +58,7 @@ def Traced(trace: Callable[Concatenate[Graph, P], T]) -> Callable[P, T]:
                     if surrounding.contents.Changed():
                         raise surrounding.Refused("it changes")
                 return result
-        except Untraceable:
+        except Exception:
             for surrounding in surroundings.values():
                 surrounding.contents.Restore()
             raise

@@ -180,14 +180,14 @@ class Library:
             raise IndexError(f"{where}: an index is outside of its array")
 
 
-_ARGUMENTS = (ctypes.c_double, *[ctypes.c_void_p] * 6, ctypes.c_int32)
+_ARGUMENTS = (ctypes.c_double, *[ctypes.c_void_p] * 5, ctypes.c_int32)
 _EVALUATE = ctypes.CFUNCTYPE(None, *_ARGUMENTS)
 # Holds Python's lock: its release would take as long as a short law.
 _EVALUATE_AT_ONCE = ctypes.PYFUNCTYPE(None, *_ARGUMENTS)
 
 
 class Evaluate:
-    """A function `evaluate` in machine code, at its address; see `source`."""
+    """A function `evaluate` in machine code, at its address; see `scalar_code`."""
 
     def __init__(self, address: int, owner: Any, is_from_cache: bool):
         self.pointer = ctypes.c_void_p(address)
@@ -196,9 +196,9 @@ class Evaluate:
         self._function = _EVALUATE(address)
 
     def __call__(self, t: float, *others: Any) -> None:
-        """Evaluates the generated function."""
-        *arrays, everything = others
-        self._function(t, *(array.ctypes.data for array in arrays), everything)
+        """Calls the function."""
+        *arrays, wanted = others
+        self._function(t, *(array.ctypes.data for array in arrays), wanted)
 
 
 # The type of no bytes at all, at any place.
@@ -213,7 +213,7 @@ def _Address(array: Array | Indices) -> int:
 def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
     """Returns a function that evaluates a law with the same arrays each time."""
     function = _EVALUATE_AT_ONCE(library.Address("evaluate"))
-    addresses = None, None, _Address(p), None, None, _Address(dx)
+    addresses = None, None, _Address(p), None, _Address(dx)
     call = functools.partial(function, 0.0, *addresses, 0)
     call.__dict__["owners"] = library, p, dx
     return call

@@ -1,10 +1,9 @@
-"""A generated function `evaluate` as a graph of operations, and the graph in LLVM.
+"""What a program computes as a graph of operations, and the graph in LLVM.
 
 The code has no loops, no arrays besides the arguments, and only known types. LLVM
 therefore compiles it in a fraction of the time that general code takes.
 """
 
-import itertools
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from types import FunctionType
@@ -12,12 +11,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from teleop_drake.arrays import Indices
 from teleop_drake.jit.following import Follow, Traced
+from teleop_drake.jit.packing import Parameters
 from teleop_drake.jit.symbolic_arrays import (
     AsNumbers,
     Numbers,
-    Table,
 )
 from teleop_drake.jit.symbols import (
     COMPARISONS,
@@ -141,44 +139,53 @@ class ScalarProgram(NamedTuple):
     more_stores: Stores
 
 
+class Arrays(NamedTuple):
+    """What a program is executed on, see engine.program: floats, or Numbers of a graph.
+
+    Attributes:
+        t: The time in s.
+        x: Continuous state.
+        m: Discrete state.
+        p: The parameters that are floats.
+        y: Outputs of the blocks, which the program fills in.
+        dx: Rate of the continuous state, which the program fills in.
+        follow: Returns what is called in the place of a function.
+    """
+
+    t: Any
+    x: Any
+    m: Any
+    p: Any
+    y: Any
+    dx: Any
+    follow: Callable[[Any], Any] = lambda function: function
+
+
 @Traced
 def TraceProgram(
     graph: Graph,
-    text: str,
-    names: dict[str, Callable[..., Any]],
+    parts: Sequence[Callable[[Arrays], None]],
     sizes: tuple[int, int, int],
     num_parameters: int,
-    integers: Indices,
 ) -> ScalarProgram:
-    """Returns what a generated function `evaluate` computes, with y, x and m of sizes.
+    """Returns what the two parts of a program compute, with y, x and m of sizes.
 
-    Its integers q are part of the structure.
+    The first part is always executed, the second one on demand.
     """
     num_y, num_x, num_m = sizes
-    x = _Given(graph, "x", num_x)
-    m = _Given(graph, "m", num_m)
-    p = _Given(graph, "p", num_parameters)
-    y = _Given(graph, "y", num_y)
-    dx = _Given(graph, "dx", num_x)
-    q = integers.copy().view(Table)
-    arrays = {"dx": dx, "y": y}
-    states: list[Stores] = []
-
-    class Everything:
-        """Asked whether it is wanted, notes what has been computed until then."""
-
-        def __bool__(self) -> bool:
-            states.append(_Changes(graph, arrays))
-            return True
-
-    traced: dict[str, Any] = {
-        name: Follow(graph, function, name) for name, function in names.items()
-    }
-    exec(text, traced)
-    traced["evaluate"](graph.Add("load", "t", 0), x, m, p, q, y, dx, Everything())
-    if not states:
-        raise Untraceable("it does not say what is wanted in any case")
-    stores = states[0]
+    arrays = Arrays(
+        t=graph.Add("load", "t", 0),
+        x=_Given(graph, "x", num_x),
+        m=_Given(graph, "m", num_m),
+        p=_Given(graph, "p", num_parameters),
+        y=_Given(graph, "y", num_y),
+        dx=_Given(graph, "dx", num_x),
+        follow=lambda law: Follow(graph, law, getattr(law, "__name__", "a function")),
+    )
+    needed, others = parts
+    needed(arrays)
+    stores = _Changes(graph, arrays)
+    others(arrays)
     more = {
         place: operand
         for place, operand in _Changes(graph, arrays).items()
@@ -195,20 +202,10 @@ def TraceLaw(graph: Graph, law: FunctionType, samples: Sequence[Any]) -> ScalarP
     are not in p: they are part of the structure.
     """
     graph.is_given_finite = False
-    places = itertools.count()
-
-    def Argument(sample: Any) -> Any:
-        if isinstance(sample, tuple):
-            items = map(Argument, sample)
-            is_named = hasattr(sample, "_fields")
-            return type(sample)(*items) if is_named else tuple(items)
-        if IsWhole(sample):
-            is_array = isinstance(sample, np.ndarray)
-            return sample.view(Table) if is_array else sample
-        numbers = [graph.Add("load", "p", next(places)) for _ in range(np.size(sample))]
-        return AsNumbers(numbers).reshape(np.shape(sample))[()]
-
-    arguments = [Argument(sample) for sample in samples]
+    parameters = Parameters()
+    layouts = [parameters.Add(sample) for sample in samples]
+    p = _Given(graph, "p", len(parameters.numbers))
+    arguments = [layout.In(p) for layout in layouts]
     result = np.asarray(Follow(graph, law, law.__name__)(*arguments), object)
     if not all(isinstance(x, (Number, int, float, np.generic)) for x in result.flat):
         raise Untraceable(f"{law.__name__}() returns something else than numbers")
@@ -216,20 +213,15 @@ def TraceLaw(graph: Graph, law: FunctionType, samples: Sequence[Any]) -> ScalarP
     return ScalarProgram(graph, stores, {})
 
 
-def IsWhole(value: Any) -> bool:
-    """Returns whether a value is a whole number, or an array of them."""
-    return bool(np.asarray(value).dtype.kind in "iub")
-
-
 def _Given(graph: Graph, name: str, size: int) -> Numbers:
     return AsNumbers([graph.Add("load", name, i) for i in range(size)])
 
 
-def _Changes(graph: Graph, arrays: dict[str, Numbers]) -> Stores:
-    """Returns the elements of arrays that have changed, by their places."""
+def _Changes(graph: Graph, arrays: Arrays) -> Stores:
+    """Returns the elements of dx and y that have changed, by their places."""
     changes = {}
-    for name, array in arrays.items():
-        for i, value in enumerate(array):
+    for name in ("dx", "y"):
+        for i, value in enumerate(getattr(arrays, name)):
             operand = _Operand(value)
             if operand != graph.Add("load", name, i).ref:
                 changes[name, i] = operand
@@ -244,8 +236,8 @@ def _Operand(value: Any) -> Any:
 def MakeCode(program: ScalarProgram) -> str:
     """Returns the source of `evaluate` in LLVM's language.
 
-    It takes t, pointers to x, m, p, q, y and dx, and what is wanted: RATE, ALL or
-    SIGNALS. It has no use for q, whose numbers are in the code."""
+    It takes t, pointers to x, m, p, y and dx, and what is wanted: RATE, ALL or SIGNALS.
+    """
     more = program.more_stores
     writer = _GraphWriter(program.graph.nodes)
     signals = {place: x for place, x in program.stores.items() if place[0] != "dx"}
@@ -279,7 +271,7 @@ def MakeCode(program: ScalarProgram) -> str:
 
 _HEAD = """
 define void @evaluate(
-  double %t, ptr %x, ptr %m, ptr %p, ptr %q, ptr %y, ptr %dx, i32 %wanted) {
+  double %t, ptr %x, ptr %m, ptr %p, ptr %y, ptr %dx, i32 %wanted) {
 entry:"""
 
 

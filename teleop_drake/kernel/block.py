@@ -1,5 +1,6 @@
 """Blocks whose computation is described once, by a kernel."""
 
+import functools
 import math
 import re
 import weakref
@@ -17,13 +18,12 @@ from pydrake.systems.framework import (
     Context,
     LeafSystem,
     LeafSystem_,
-    WitnessFunction,
 )
 
 from teleop_drake.kernel.convertible import Convertible
 from teleop_drake.kernel.delay_line import DelayLine
-from teleop_drake.kernel.events import EndStep, Events, Ticks, Weakly
-from teleop_drake.kernel.kernel import Delay, Kernel, Term
+from teleop_drake.kernel.events import EndStep, EventBlock, Weakly
+from teleop_drake.kernel.kernel import Delay, Kernel
 from teleop_drake.kernel.packet_line import PacketLine
 from teleop_drake.kernel.parameters import BlockParameters
 from teleop_drake.kernel.terms import ContextReader, ValueIn
@@ -121,39 +121,15 @@ def _DeclareTerms(
         block._kernel_rate = Reader("rate").Read(kernel.rate)
 
 
-def _NotingEvents(cls: type["KernelBlock"]) -> type["KernelBlock"]:
-    """Makes a class of blocks record each event declared outside of its kernel."""
-    names = [x for x in dir(LeafSystem) if re.fullmatch("DeclarePer.*Event", x)]
-    for name in names:
-        setattr(cls, name, _Noting(name))
-    return cls
-
-
-def _Noting(name: str) -> Callable[..., Any]:
-    """Returns the method of LeafSystem with a name, extended to record its calls."""
-    declare = getattr(LeafSystem, name)
-
-    def Declare(block: "KernelBlock", *arguments: Any, **options: Any) -> Any:
-        if not block._is_declaring and EndStep not in arguments:
-            block.other_events = (*block.other_events, name)
-        return declare(block, *arguments, **options)
-
-    Declare.__name__ = Declare.__qualname__ = name
-    Declare.__doc__ = f"Declares what LeafSystem.{name}() does, and notes the call."
-
-    return Declare
-
-
-@_NotingEvents
-class KernelBlock(_Rated, Convertible):
+class KernelBlock(_Rated, EventBlock, Convertible):
     """A block defined by its kernel: Drake's callbacks evaluate the terms of Kernel().
 
     A subclass declares its input ports and its state, sets the attributes that its
     Kernel() reads, and then calls DeclareOutputs(). The prerequisites of an output
     follow from its term.
 
-    The block's events are made from the kernel's transitions; see Events. The mode is
-    one vector, which the block has declared. Each delay has a state of its own; see
+    The block's events are made from the kernel's transitions; see EventBlock. The mode
+    is one vector, which the block has declared. Each delay has a state of its own; see
     DelayLine and PacketLine. A block with delays has no mode.
 
     Drake can convert the block to AutoDiffXd. It therefore linearises a diagram of such
@@ -168,9 +144,6 @@ class KernelBlock(_Rated, Convertible):
         is_compiled: Whether the outputs and the rate call the kernel's functions as
             machine code where that is installed. It pays for functions that take more
             than a few microseconds.
-        has_guards: Whether a transition of the kernel has a guard.
-        ticks: The instants of the periodic transitions that are not discrete updates.
-        discrete_ticks: The instants of the kernel's periodic discrete updates.
         other_events: The declarations of periodic and per-step events besides those
             of the kernel. A block with such events runs in Drake's Simulator only.
         kernel_parameters: The parameters of the kernel in Drake's Contexts.
@@ -181,9 +154,6 @@ class KernelBlock(_Rated, Convertible):
     """
 
     dual = DualBlock
-    has_guards = False
-    ticks: Sequence[Ticks] = ()
-    discrete_ticks: Sequence[Ticks] = ()
     other_events: tuple[str, ...] = ()
     _is_declaring = False
     delays: tuple[DelayLine | PacketLine, ...] = ()
@@ -216,15 +186,7 @@ class KernelBlock(_Rated, Convertible):
         self.delays = tuple(lines.values())
         delayed = {output: (x.Eval, x.tickets) for output, x in lines.items()}
         _DeclareTerms(self, kernel, sizes, delayed)
-
-        def Read(term: Term, place: str) -> ValueIn:
-            return ContextReader(self, kernel, place, is_compiled=False).Read(term)
-
-        events = Events(self, kernel, Read)
-        self._kernel_events = events
-        self.has_guards = events.has_guards
-        self.ticks = events.ticks
-        self.discrete_ticks = events.discrete_ticks
+        self._DeclareEvents(kernel)
         self._is_declaring = False
 
     def WatchRates(self, simulator: Any, look: Callable[[Any], None]) -> None:
@@ -260,13 +222,23 @@ class KernelBlock(_Rated, Convertible):
         times += [x.After(context.get_time()) for x in self.ticks]
         return min(times, default=math.inf)
 
-    def Guards(self, context: Context) -> list[float]:
-        """Returns the values of the transitions' guards, in their order."""
-        return self._kernel_events.Guards(context)
 
-    def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
-        """Returns the guards of the transitions, if events are to be located."""
-        return self._kernel_events.Witnesses(context)
+def _Noting(declare: Callable[..., Any]) -> Callable[..., Any]:
+    """Returns a method of LeafSystem, extended to record its calls."""
+
+    @functools.wraps(declare)
+    def Declare(block: KernelBlock, *arguments: Any, **options: Any) -> Any:
+        if not block._is_declaring and EndStep not in arguments:
+            block.other_events = (*block.other_events, declare.__name__)
+        return declare(block, *arguments, **options)
+
+    return Declare
+
+
+# A KernelBlock records each event that is declared outside of its kernel.
+for _name in dir(LeafSystem):
+    if re.fullmatch("DeclarePer.*Event", _name):
+        setattr(KernelBlock, _name, _Noting(getattr(LeafSystem, _name)))
 
 
 def KernelIn(block: KernelBlock, context: Context) -> Kernel:

@@ -10,7 +10,7 @@ import inspect
 import math
 import warnings
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -20,7 +20,6 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import (
     Context,
     DiscreteValues,
-    Event,
     EventStatus,
     LeafSystem,
     State,
@@ -30,10 +29,8 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.kernel.kernel import Kernel, Term, Transition
-from teleop_drake.kernel.terms import ValueIn
+from teleop_drake.kernel.terms import ContextReader, ValueIn
 from teleop_drake.numerics.instants import same_within
-
-ReadTerm = Callable[[Term, str], ValueIn]
 
 # Longer than any simulation: an event with this period happens once.
 _ONCE = 1e12
@@ -86,7 +83,7 @@ class Ticks:
 
     def _TimeOf(self, k: int) -> float:
         """Returns the time of a tick in s, rounded as Drake rounds it."""
-        return self.offset + k * self.period
+        return self.offset + k * self.period if k else self.offset
 
 
 def EndStep(context: Context) -> EventStatus:
@@ -110,11 +107,6 @@ def DeclareTicks(
             reference, with the arguments of Drake's callback. None: steps end at the
             ticks, and nothing is updated.
     """
-    if update is not None and ticks.period == math.inf:
-        block.DeclarePeriodicUnrestrictedUpdateEvent(
-            _ONCE, ticks.offset, Weakly(update)
-        )
-        return
     period = min(ticks.period, _ONCE)
     block.DeclarePeriodicPublishEvent(period, ticks.offset, EndStep)
     if update is None:
@@ -133,10 +125,8 @@ def DeclareTicks(
     block.DeclarePerStepUnrestrictedUpdateEvent(Update)
 
 
-class Events:
-    """The Drake events of a block, made from its kernel's transitions.
-
-    The block has to hold this object: Drake's callbacks refer to it weakly.
+class EventBlock(LeafSystem):
+    """A block with the events of its kernel's transitions.
 
     | in a transition      | in Drake                                                |
     |----------------------|---------------------------------------------------------|
@@ -150,105 +140,102 @@ class Events:
         has_guards: Whether a transition has a guard.
         ticks: The instants of periodic unrestricted updates.
         discrete_ticks: The instants of periodic discrete updates.
-
-    Args:
-        block: The block, which has declared its inputs and its state.
-        read: Returns a function of a Context for a term at a place in the kernel.
     """
 
-    def __init__(self, block: LeafSystem, kernel: Kernel, read: ReadTerm):
-        self.ticks: list[Ticks] = []
-        self.discrete_ticks: list[Ticks] = []
-        self._guards: list[tuple[ValueIn, ValueIn]] = []
-        self._block = weakref.ref(block)
-        self._has_warned = False
-        self._kept: list[Callable[..., Any]] = []
-        self._witnesses: list[WitnessFunction] = []
+    has_guards = False
+    ticks: Sequence[Ticks] = ()
+    discrete_ticks: Sequence[Ticks] = ()
+    # The guards with the new modes, their witness functions, and the functions to which
+    # Drake refers weakly.
+    _kernel_guards: Sequence[tuple[ValueIn, ValueIn]] = ()
+    _kernel_witnesses: Sequence[WitnessFunction] = ()
+    _kernel_callbacks: Sequence[Callable[..., Any]] = ()
+    _has_warned = False
+
+    def _DeclareEvents(self, kernel: Kernel) -> None:
+        """Declares the events of a kernel; the block has its inputs and its state."""
+
+        def Read(term: Term, place: str) -> ValueIn:
+            return ContextReader(self, kernel, place, is_compiled=False).Read(term)
+
         for name, transition in kernel.transitions.items():
             place = f"transitions.{name}"
-            mode = read(transition.mode, f"{place}.mode")
+            mode = Read(transition.mode, f"{place}.mode")
             if transition.guard is None:
-                self._DeclarePeriodic(block, transition, mode)
+                self._DeclarePeriodic(transition, mode)
             else:
-                guard = read(transition.guard, f"{place}.guard")
-                self._DeclareGuard(block, name, guard, mode)
-        self.has_guards = bool(self._guards)
+                guard = Read(transition.guard, f"{place}.guard")
+                self._DeclareGuard(name, guard, mode)
+        self.has_guards = bool(self._kernel_guards)
         if self.has_guards:
-            block.DeclarePerStepDiscreteUpdateEvent(Weakly(self._CheckGuards))
+            self.DeclarePerStepDiscreteUpdateEvent(Weakly(self._CheckGuards))
         if kernel.initial_mode is not None:
-            initial = read(kernel.initial_mode, "initial_mode")
+            initial = Read(kernel.initial_mode, "initial_mode")
 
             def Initialize(context: Context, state: State) -> None:
                 state.get_mutable_discrete_state(0).SetFromVector(initial(context))
 
-            block.DeclareInitializationUnrestrictedUpdateEvent(self._Keep(Initialize))
+            self.DeclareInitializationUnrestrictedUpdateEvent(self._Keep(Initialize))
 
     def Guards(self, context: Context) -> list[float]:
-        """Returns the values of the guards."""
-        return [float(guard(context)[0]) for guard, _ in self._guards]
+        """Returns the values of the transitions' guards, in their order."""
+        return [guard(context) for guard, _ in self._kernel_guards]
 
-    def Witnesses(self, context: Context) -> list[WitnessFunction]:
-        """Returns the witnesses, if events are to be located."""
-        return self._witnesses if context.get_accuracy() is not None else []
+    def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
+        """Returns the guards of the transitions, if events are to be located."""
+        if context.get_accuracy() is None:
+            return []
+        return list(self._kernel_witnesses)
 
     def _Keep(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        self._kept.append(function)
+        self._kernel_callbacks = (*self._kernel_callbacks, function)
         return Weakly(function)
 
-    def _DeclarePeriodic(
-        self, block: LeafSystem, transition: Transition, mode: ValueIn
-    ) -> None:
+    def _DeclarePeriodic(self, transition: Transition, mode: ValueIn) -> None:
         """Declares a periodic transition; a mode that stays only ends steps."""
         ticks = Ticks(transition.period, transition.offset)
         if transition.mode == "mode":
-            DeclareTicks(block, ticks, None)
+            DeclareTicks(self, ticks, None)
             return
         change = partial(_Change, mode)
         weak_change = self._Keep(change)
         if transition.is_discrete:
-            self.discrete_ticks.append(ticks)
-            block.DeclarePeriodicDiscreteUpdateEvent(
+            self.discrete_ticks = (*self.discrete_ticks, ticks)
+            self.DeclarePeriodicDiscreteUpdateEvent(
                 ticks.period, ticks.offset, weak_change
             )
             return
-        DeclareTicks(block, ticks, change)
+        DeclareTicks(self, ticks, change)
         if ticks.period < math.inf:
-            self.ticks.append(ticks)
+            self.ticks = (*self.ticks, ticks)
 
-    def _DeclareGuard(
-        self, block: LeafSystem, name: str, guard: ValueIn, mode: ValueIn
-    ) -> None:
+    def _DeclareGuard(self, name: str, guard: ValueIn, mode: ValueIn) -> None:
         """Adds a transition's guard to the guards and to the witness functions."""
 
         def Calc(context: Context) -> float:
             return float(guard(context)[0])
 
-        def Update(context: Context, event: Event, state: State) -> None:
-            _Change(mode, context, state)
-
-        self._guards.append((guard, mode))
-        self._witnesses.append(
-            block.MakeWitnessFunction(
-                name,
-                WitnessFunctionDirection.kNegativeThenNonNegative,
-                self._Keep(Calc),
-                UnrestrictedUpdateEvent(self._Keep(Update)),
-            )
+        witness = self.MakeWitnessFunction(
+            name,
+            WitnessFunctionDirection.kNegativeThenNonNegative,
+            Weakly(Calc),
+            UnrestrictedUpdateEvent(self._Keep(partial(_Change, mode))),
         )
+        self._kernel_guards = (*self._kernel_guards, (Calc, mode))
+        self._kernel_witnesses = (*self._kernel_witnesses, witness)
 
     def _CheckGuards(self, context: Context, values: DiscreteValues) -> EventStatus:
         if context.get_accuracy() is None and not self._has_warned:
             self._has_warned = True
             self._WarnOfAccuracy()
-        due = [mode for guard, mode in self._guards if guard(context)[0] >= 0]
+        due = [mode for guard, mode in self._kernel_guards if guard(context) >= 0]
         for mode in due:
             _Change(mode, context, values)
         return EventStatus.Succeeded() if due else EventStatus.DidNothing()
 
     def _WarnOfAccuracy(self) -> None:
         """Warns that a Simulator steps across the events of the block."""
-        block = self._block()
-        name = "" if block is None else block.GetSystemPathname().removeprefix("::")
+        name = self.GetSystemPathname().removeprefix("::")
         warnings.warn(
             f"{name}: no event is located, because the Context has no accuracy, and "
             "the run is off by some per cent after a contact. Call "
@@ -259,8 +246,13 @@ class Events:
         )
 
 
-def _Change(mode: ValueIn, context: Context, target: State | DiscreteValues) -> None:
-    """Sets the elements of the mode in which the new mode differs from the old one."""
+def _Change(mode: ValueIn, context: Context, *others: Any) -> None:
+    """Sets the elements of the mode in which the new mode differs from the old one.
+
+    Args:
+        others: What is changed comes last; the event of a witness comes before it.
+    """
+    target = others[-1]
     if isinstance(target, State):
         target = target.get_mutable_discrete_state()
     values = target.get_mutable_vector(0)

@@ -7,6 +7,7 @@ with the elements of the array, row by row. All other parameters are constants, 
 computed from these.
 """
 
+import functools
 import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -55,17 +56,20 @@ class Numbers:
 
     def __init__(self, values: Mapping[str, Any]):
         self.values = values
-        self._laws: dict[Any, CompiledLaw] = {}
+        self._laws: dict[Any, Callable[..., Any]] = {}
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Numbers":
         return self
 
-    def Compiled(self, law: Callable[..., Any], names: tuple[str, ...]) -> CompiledLaw:
-        """Returns a law as machine code, with parameters as its first arguments."""
-        key = law, names
+    def Bound(
+        self, law: Callable[..., Any], names: tuple[str, ...], is_compiled: bool
+    ) -> Callable[..., Any]:
+        """Returns a law, or its machine code, with parameters as first arguments."""
+        key = id(law), names  # A law may have no hash.
         if key not in self._laws:
             constants = [self.values[name] for name in names]
-            self._laws[key] = CompiledLaw(law, *constants)
+            bind = CompiledLaw if is_compiled else functools.partial
+            self._laws[key] = bind(law, *constants)
         return self._laws[key]
 
 

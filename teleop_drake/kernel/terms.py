@@ -1,84 +1,57 @@
-"""Readers of the terms of kernels, for Drake's callbacks and for compiled programs."""
+"""Readers of the terms of kernels, for Drake's callbacks and for compiled programs.
+
+A term becomes a function of what it is evaluated in: a Context of the block, or the
+arrays of a program.
+"""
 
 import itertools
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd, ExtractValue
 from pydrake.math import inv
 from pydrake.systems.framework import Context, DependencyTicket, LeafSystem_
 
-from teleop_drake.kernel.kernel import Kernel, Law, Name, Part, Term
+from teleop_drake.kernel.kernel import Kernel, Law, Name, Term
 from teleop_drake.validation import Choices, Refuse
-
-T = TypeVar("T")
 
 WORDS = ("time", "state", "mode")
 """The names that a term of any kernel may use."""
 
+ValueIn = Callable[[Any], Any]
+"""Returns the value of a term in a Context of its block, or on a program's arrays."""
 
-class TermReader(Generic[T]):
-    """Translates terms; a subclass has a method for each kind of part of a term.
 
-    Attributes:
-        names: All names that were read.
-        Number: Translates an integer.
-        Joined: Translates vectors one after another.
-        Part: Translates some elements of a vector.
-        Call: Translates the call of a function.
-        Word: Translates the time, the state or the mode.
-        Parameter: Translates a parameter.
-        Port: Translates an input port or another output; raises an error if there is
-            none of that name.
+class TermReader:
+    """Translates terms; a subclass translates the names and the calls in them."""
 
-    Args:
-        kernel: The kernel to which the terms belong.
-    """
+    @abstractmethod
+    def Named(self, name: str) -> ValueIn:
+        """Returns a named vector; refuses the name if there is none."""
 
-    Number: Callable[[int], T]
-    Joined: Callable[[list[T]], T]
-    Part: Callable[[T, Part], T]
-    Call: Callable[[Law, Sequence[Name | int]], T]
-    Word: Callable[[str], T]
-    Parameter: Callable[[str, Any], T]
-    Port: Callable[[str], T]
+    @abstractmethod
+    def Call(self, law: Law, arguments: Sequence[Name | int]) -> ValueIn:
+        """Returns the result of a function."""
 
-    def __init__(self, kernel: Kernel):
-        self.kernel = kernel
-        self.names: set[str] = set()
-
-    def Read(self, term: Term | int) -> T:
-        """Returns the translation of a term."""
+    def Read(self, term: Term | int) -> ValueIn:
+        """Returns the value of a term."""
         if isinstance(term, str):
-            return self._Named(term)
+            return self.Named(term)
         if isinstance(term, int):
-            return self.Number(term)
+            return lambda _: term
         if isinstance(term, list):
-            return self.Joined([self.Read(name) for name in term])
+            vectors = [self.Read(name) for name in term]
+            if not vectors:
+                return lambda _: np.empty(0)
+            return lambda place: np.concatenate([vector(place) for vector in vectors])
         first, *others = term
         if callable(first):
             return self.Call(first, others)  # type: ignore[arg-type]
-        return self.Part(self._Named(term[0]), term)  # type: ignore[arg-type]
-
-    def Rate(self, term: Term) -> T:
-        """Returns the translation of the rate of the state."""
-        return self.Read(term)
-
-    def _Named(self, name: str) -> T:
-        self.names.add(name)
-        kernel = self.kernel
-        if name in WORDS:
-            return self.Word(name)
-        if name in kernel.parameters:
-            return self.Parameter(name, kernel.parameters[name])
-        if name == "rate" and kernel.rate is not None:
-            return self.Rate(kernel.rate)
-        return self.Port(name)
-
-
-ValueIn = Callable[[Context], Any]
-"""Returns the value of a term in a Context of its block."""
+        whole = self.Read(first)
+        elements = slice(*others)
+        return lambda place: whole(place)[elements]
 
 
 class Duals(np.ndarray):
@@ -113,7 +86,7 @@ def _ValuesOfMode(context: Any) -> Any:
     return ExtractValue(_ModeOf(context)).ravel()
 
 
-class ContextReader(TermReader[ValueIn]):
+class ContextReader(TermReader):
     """Translates terms into functions of a Context.
 
     Attributes:
@@ -127,96 +100,78 @@ class ContextReader(TermReader[ValueIn]):
     """
 
     def __init__(self, block: Any, kernel: Kernel, place: str, *, is_compiled: bool):
-        super().__init__(kernel)
         self._block = block
+        self._kernel = kernel
         self._is_dual = isinstance(block, LeafSystem_[AutoDiffXd])
         self._place = place
         self._is_compiled = is_compiled
         self.tickets: set[DependencyTicket] = set()
 
-    def Number(self, number: int) -> ValueIn:
-        """Returns an integer."""
-        return lambda context: number
-
-    def Joined(self, parts: list[ValueIn]) -> ValueIn:
-        """Returns vectors one after another."""
-        return lambda context: np.concatenate([part(context) for part in parts])
-
-    def Part(self, whole: ValueIn, part: Part) -> ValueIn:
-        """Returns some elements of a vector."""
-        elements = slice(*part[1:])
-        return lambda context: whole(context)[elements]
-
     def Call(self, law: Law, arguments: Sequence[Name | int]) -> ValueIn:
         """Returns the call of a law, whose leading parameters are read as constants."""
-        parameters = self.kernel.parameters
+        parameters = self._kernel.parameters
         names: Any = tuple(itertools.takewhile(parameters.__contains__, arguments))
         others = [self.Read(argument) for argument in arguments[len(names) :]]
         if not names and not self._is_compiled:
             return lambda context: law(*[other(context) for other in others])
         self.tickets.add(self._block.kernel_parameters.ticket)
         numbers_in = self._block.kernel_parameters.In
-        if self._is_compiled:
-            return lambda context: numbers_in(context).Compiled(law, names)(
-                *[other(context) for other in others]
-            )
+        is_compiled = self._is_compiled
+        return lambda context: numbers_in(context).Bound(law, names, is_compiled)(
+            *[other(context) for other in others]
+        )
 
-        def CallWithNumbers(context: Context) -> Any:
-            values = numbers_in(context).values
-            constants = [values[name] for name in names]
-            return law(*constants, *[other(context) for other in others])
-
-        return CallWithNumbers
-
-    def Word(self, word: str) -> ValueIn:
-        """Returns the time, the state or the mode, and adds its ticket."""
+    def Named(self, name: str) -> ValueIn:
+        """Returns a named vector, and adds its tickets."""
         block = self._block
-        if word == "time":
+        kernel = self._kernel
+        if name == "time":
             self.tickets.add(block.time_ticket())
             return lambda context: context.get_time()
-        if word == "state":
+        if name == "state":
             self.tickets.add(block.xc_ticket())
             return self._Dual(lambda x: x.get_continuous_state_vector().CopyToVector())
+        if name == "mode":
+            return self._Mode()
+        if name in kernel.parameters:
+            numbers_in = block.kernel_parameters.In
+            self.tickets.add(block.kernel_parameters.ticket)
+            return lambda context: numbers_in(context).values[name]
+        if name == "rate" and kernel.rate is not None:
+            return self.Read(kernel.rate)
+        if block.HasInputPort(name):
+            return self._Input(name)
+        if name not in kernel.outputs:
+            ports = map(block.get_input_port, range(block.num_input_ports()))
+            inputs = [port.get_name() for port in ports]
+            names = [*inputs, *kernel.outputs, *kernel.parameters, *WORDS]
+            owner = block.get_name() or type(block).__name__
+            Refuse(f"{owner}: {self._place}", name, Choices(name, names))
+        return self.Read(kernel.outputs[name])
+
+    def _Mode(self) -> ValueIn:
+        block = self._block
         self.tickets.add(block.xd_ticket())
         mode = _ValuesOfMode if self._is_dual else _ModeOf
-        if self.kernel.initial_mode is None:
+        if self._kernel.initial_mode is None:
             return mode
         self.tickets.add(block.accuracy_ticket())
-        reader = ContextReader(block, self.kernel, "initial_mode", is_compiled=False)
-        initial = reader.Read(self.kernel.initial_mode)
+        reader = ContextReader(block, self._kernel, "initial_mode", is_compiled=False)
+        initial = reader.Read(self._kernel.initial_mode)
         self.tickets |= reader.tickets
         return lambda x: initial(x) if x.get_accuracy() is None else mode(x)
+
+    def _Input(self, name: str) -> ValueIn:
+        port = self._block.GetInputPort(name)
+        self.tickets.add(port.ticket())
+        evaluate = self._Dual(lambda context: port.Eval(context))
+        if name not in self._block.optional_inputs:
+            return evaluate
+        has_value = port.HasValue
+        nothing = np.zeros(port.size())
+        return lambda context: evaluate(context) if has_value(context) else nothing
 
     def _Dual(self, value: ValueIn) -> ValueIn:
         if self._is_dual:
             return lambda context: value(context).view(Duals)
         return value
-
-    def Parameter(self, name: str, value: Any) -> ValueIn:
-        """Returns a parameter with its value in the Context."""
-        numbers_in = self._block.kernel_parameters.In
-        self.tickets.add(self._block.kernel_parameters.ticket)
-        return lambda context: numbers_in(context).values[name]
-
-    def Port(self, name: str) -> ValueIn:
-        """Returns an input port's value or another output's term; refuses others."""
-        block = self._block
-        if not block.HasInputPort(name):
-            outputs = self.kernel.outputs
-            if name in outputs:
-                return self.Read(outputs[name])
-            inputs = [
-                block.get_input_port(i).get_name()
-                for i in range(block.num_input_ports())
-            ]
-            names = [*inputs, *outputs, *self.kernel.parameters, *WORDS]
-            owner = block.get_name() or type(block).__name__
-            Refuse(f"{owner}: {self._place}", name, Choices(name, names))
-        port = block.GetInputPort(name)
-        self.tickets.add(port.ticket())
-        evaluate = self._Dual(lambda context: port.Eval(context))
-        if name not in block.optional_inputs:
-            return evaluate
-        has_value = port.HasValue
-        nothing = np.zeros(port.size())
-        return lambda context: evaluate(context) if has_value(context) else nothing

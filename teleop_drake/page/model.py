@@ -103,8 +103,7 @@ class Model:
         program = self.run.evaluator.program
         fields = Fields(self.run.problem)
         return (
-            program.text,
-            program.sizes,
+            program.structure,
             *(tuple(x.tolist()) for name, x in fields.items() if _IsWiring(name, x)),
             tuple(surface.name for surface in self.surfaces),
             (self.metrics, tuple(self.labels), self.has_constant_command),

@@ -13,9 +13,9 @@ from typing import Any, cast
 import llvmlite.binding as llvm
 
 from teleop_drake.engine.advance import advance
-from teleop_drake.engine.source import Program
+from teleop_drake.engine.program import Program
 from teleop_drake.jit.native import Kept
-from teleop_drake.jit.scalar_code import MakeCode, TraceProgram
+from teleop_drake.jit.scalar_code import MakeCode
 from teleop_drake.jit.typed_code import MakeTypedCode
 from teleop_drake.jit.typed_values import EVALUATE, TypeOf
 
@@ -26,7 +26,7 @@ _LEVEL = 2
 
 # Returns what advance() does, or -1 after an index outside of an array.
 _RUN = """
-declare void @evaluate(double, ptr, ptr, ptr, ptr, ptr, ptr, i32)
+declare void @evaluate(double, ptr, ptr, ptr, ptr, ptr, i32)
 define i32 @run(ptr %problem, ptr %memory, double %end,
                 double %accuracy, double %max) {
   %status = call i64 @advance(
@@ -58,14 +58,10 @@ def MakeModule(program: Program, *arguments: Any) -> bytes:
         *arguments: The named tuples of arrays that it takes.
 
     Raises:
-        Untraceable: If a function does what a graph of operations cannot.
+        UnsupportedSystem: If a function does what a graph of operations cannot.
     """
-    parameters, integers = program.parameters
-    traced = TraceProgram(
-        program.text, dict(program.names), program.sizes, len(parameters), integers
-    )
     types = (EVALUATE, *map(TypeOf, (*arguments, 0.0, 0.0, 0.0)))
-    run, model = _Run(types), _Head() + MakeCode(traced)
+    run, model = _Run(types), _Head() + MakeCode(program.Trace())
 
     def Emit(_: str) -> bytes:
         # What is the same for all models is most of it, and optimised once.

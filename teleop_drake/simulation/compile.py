@@ -195,7 +195,7 @@ class CompiledScenario:
         known = self._compiled.evaluator
         diagram = self._task.MakeDiagram(scenario)
         compiled = CompileDiagram(diagram, scenario.simulator, like=known)
-        if not compiled.evaluator.program.HasTextOf(known.program):
+        if compiled.evaluator.program.structure != known.program.structure:
             self._RefuseOne(changes)
             raise NeedsAnotherProgram(
                 f"{_Named(changes)}: must not change the structure of the loop, for "

@@ -58,7 +58,7 @@ class CompiledSystem:
             SetNumbers(job.diagram, job.context, numbers)
             compiled = self._Compiled(job.context)
             program = self._compiled.evaluator.program
-            if not compiled.evaluator.program.HasTextOf(program):
+            if compiled.evaluator.program.structure != program.structure:
                 allowed = "without an influence on the structure of the program"
                 Refuse(", ".join(numbers), list(numbers.values()), allowed)
         if duration is not None:

@@ -37,7 +37,7 @@ def OneTransition(*, guard, source, period=math.inf, offset=math.inf):
 
 
 def MakeProblem(delays=NO_DELAYS, transitions=NO_TRANSITIONS):
-    return Problem(np.empty(0), np.empty(0, dtype=int), delays, transitions)
+    return Problem(np.empty(0), delays, transitions)
 
 
 def MakeMemory(x, m=(), num_signals=1, problem=None, room=2000):
@@ -51,7 +51,7 @@ def MakeMemory(x, m=(), num_signals=1, problem=None, room=2000):
     )
 
 
-def oscillate(t, x, m, p, q, y, dx, everything):
+def oscillate(t, x, m, p, y, dx, wanted):
     dx[0], dx[1] = x[1], -x[0]
     y[0] = x[0]
 
@@ -76,7 +76,7 @@ def test_it_goes_on_where_there_was_no_more_room():
     assert outcome == DONE and calls > 2 and times[-1] == 6.0
 
 
-def decay(t, x, m, p, q, y, dx, everything):
+def decay(t, x, m, p, y, dx, wanted):
     y[0] = x[0]
     dx[0] = -y[1]
 
@@ -120,9 +120,9 @@ def test_packets_are_held():
     assert memory.x[0] == pytest.approx(-0.5, abs=1e-9)
 
 
-def throw(t, x, m, p, q, y, dx, everything):
+def throw(t, x, m, p, y, dx, wanted):
     dx[0], dx[1] = x[1], -1.0
-    if everything:
+    if wanted:
         y[0], y[1] = x[0] - 0.49 if m[0] == 0 else -1.0, 1.0
 
 
@@ -146,7 +146,7 @@ def test_it_comes_back_from_what_comes_no_further(monkeypatch, is_stiff):
     each = OneTransition(guard=-1, source=0, period=1e-14, offset=0.0)
     problem = MakeProblem() if is_stiff else MakeProblem(transitions=each)
 
-    def decay(t, x, m, p, q, y, dx, everything):
+    def decay(t, x, m, p, y, dx, wanted):
         dx[0] = -1e12 * x[0] if is_stiff else 0.0
 
     memory = MakeMemory([1.0], m=[0.0], problem=problem)

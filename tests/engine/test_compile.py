@@ -14,7 +14,7 @@ from pydrake.systems.primitives import Gain, Integrator
 from teleop_drake.engine.check import Compare
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.engine.source import Parameters
+from teleop_drake.jit.packing import Group, Parameters, Place
 from teleop_drake.kernel import Kernel
 
 
@@ -155,10 +155,12 @@ def test_what_is_no_graph_of_operations_is_named():
 def test_a_plant_that_several_blocks_read_is_there_once():
     """The masses of one of them differ; the rest is computed once for both."""
     parameters = Parameters()
+    first, second, third = (Place(i, (3,)) for i in (0, 3, 6))
     one = parameters.Add(Links(np.arange(3.0), np.arange(3.0)))
-    assert one == "T0(p[0:3], p[3:6])"  # Equal fields are still two numbers.
+    assert one == Group(Links, (first, second))  # Equal fields are still two numbers.
     assert parameters.Add(Links(np.arange(3.0), np.arange(3.0))) == one
-    assert parameters.Add(Links(np.arange(3.0), np.ones(3))) == "T0(p[0:3], p[6:9])"
+    other = parameters.Add(Links(np.arange(3.0), np.ones(3)))
+    assert other == Group(Links, (first, third))
 
 
 class Links(NamedTuple):

@@ -35,7 +35,7 @@ def test_there_is_room_for_what_is_kept():
         are_discrete=places,
     )
     memory = make_memory(
-        Problem(np.empty(0), np.empty(0, int), delays, transitions),
+        Problem(np.empty(0), delays, transitions),
         x=np.zeros(4),
         m=np.zeros(1),
         y=np.zeros(10),

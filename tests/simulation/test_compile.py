@@ -15,10 +15,11 @@ from teleop_drake.blocks.architectures.direct_force import DirectForceConfig
 from teleop_drake.blocks.environments import LayersEnvironmentConfig
 from teleop_drake.blocks.environments.layered_force_field import LayeredForceField
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine import check, evaluator
+from teleop_drake.engine import check
 from teleop_drake.engine.check import KernelDisagrees
 from teleop_drake.engine.evaluator import KernelOf
 from teleop_drake.engine.flatten import Flatten
+from teleop_drake.engine.program import Program
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.scenario.tree import ToTree
@@ -76,15 +77,15 @@ def made(monkeypatch):
 @pytest.fixture
 def traced(monkeypatch):
     """The programs that were traced."""
-    texts = []
-    trace = evaluator.TraceProgram
+    programs = []
+    trace = Program.Trace
 
-    def TraceProgram(text, *others):
-        texts.append(text)
-        return trace(text, *others)
+    def Trace(program):
+        programs.append(program)
+        return trace(program)
 
-    monkeypatch.setattr(evaluator, "TraceProgram", TraceProgram)
-    return texts
+    monkeypatch.setattr(Program, "Trace", Trace)
+    return programs
 
 
 def Numbers(recording):
