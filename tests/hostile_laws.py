@@ -511,8 +511,8 @@ class Refused:
         return x
 
     def remembering(x):
-        change = x[0] - NOTES["last"]  # here
-        NOTES["last"] = x[0]
+        change = x[0] - NOTES["last"]
+        NOTES["last"] = x[0]  # here
         return np.array([change])
 
     def counting_in_function(x):

@@ -1,6 +1,5 @@
 """Laws and loops as machine code."""
 
-import copy
 import functools
 import logging
 import threading
@@ -109,6 +108,6 @@ def _LeavesOf(value: Any) -> list[Any]:
 
 def _LibraryOf(law: FunctionType, samples: Sequence[Any]) -> Library:
     """Returns a law as machine code for arguments with the shapes of the samples."""
-    program = TraceLaw(law, copy.deepcopy(samples))
+    program = TraceLaw(law, samples)
     data, _ = Kept(law.__name__.strip("<>"), MakeCode(program))
     return Library(data, "evaluate")

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from teleop_drake.arrays import Indices
-from teleop_drake.jit.following import Follow, Traced
+from teleop_drake.jit.following import Follow
 from teleop_drake.jit.symbolic_arrays import (
     AsNumbers,
     Numbers,
@@ -135,9 +135,7 @@ class ScalarProgram(NamedTuple):
     more_stores: Stores
 
 
-@Traced
 def TraceProgram(
-    graph: Graph,
     text: str,
     names: dict[str, Callable[..., Any]],
     sizes: tuple[int, int, int],
@@ -148,6 +146,7 @@ def TraceProgram(
 
     Its integers q are part of the structure.
     """
+    graph = Graph()
     num_y, num_x, num_m = sizes
     x = _Given(graph, "x", num_x)
     m = _Given(graph, "m", num_m)
@@ -168,6 +167,7 @@ def TraceProgram(
     traced: dict[str, Any] = {
         name: Follow(graph, function, name) for name, function in names.items()
     }
+    traced["put"] = names["put"]  # It writes into its arguments, and is no law.
     exec(text, traced)
     traced["evaluate"](graph.Add("load", "t", 0), x, m, p, q, y, dx, Everything())
     if not states:
@@ -181,14 +181,13 @@ def TraceProgram(
     return ScalarProgram(graph, stores, more)
 
 
-@Traced
-def TraceLaw(graph: Graph, law: FunctionType, samples: Sequence[Any]) -> ScalarProgram:
+def TraceLaw(law: FunctionType, samples: Sequence[Any]) -> ScalarProgram:
     """Returns what a law computes: from p, its arguments in a row, dx, its result.
 
     The samples are arguments like those it will get. Whole numbers and arrays of them
     are not in p: they are part of the structure.
     """
-    graph.is_given_finite = False
+    graph = Graph(is_given_finite=False)
     places = itertools.count()
 
     def Argument(sample: Any) -> Any:

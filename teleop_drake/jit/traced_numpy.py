@@ -243,8 +243,8 @@ FUNCTIONS |= {
 }  # fmt: skip
 
 
-class _Replacement:
-    """What takes the place of a function, and has its attributes."""
+class Replacement:
+    """What takes the place of a function, is equal to it, and has its attributes."""
 
     def __init__(self, function: Any, name: str = ""):
         self._function = function
@@ -253,8 +253,14 @@ class _Replacement:
     def __getattr__(self, attribute: str) -> Any:
         return getattr(self._function, attribute)
 
+    def __eq__(self, other: Any) -> bool:
+        return bool(self._function == other)
 
-class OfNumpy(_Replacement):
+    def __hash__(self) -> int:
+        return hash(self._function)
+
+
+class OfNumpy(Replacement):
     """A function of numpy, for which a list of Numbers is an array, too."""
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Any:
@@ -269,7 +275,7 @@ class OfNumpy(_Replacement):
         return CallUfunc(function, "__call__", *arguments, **keywords)
 
 
-class Refusing(_Replacement):
+class Refusing(Replacement):
     """A function that is refused with Numbers."""
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Any:
@@ -279,7 +285,7 @@ class Refusing(_Replacement):
         return self._function(*arguments, **keywords)
 
 
-class Refused(_Replacement):
+class Refused(Replacement):
     """A function that is refused in any case."""
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Any:
