@@ -218,7 +218,7 @@ class Right:
         numbers = [float(a) + float(b), a * 2 + b * 3.0, np.sum(x > 0), sum([a, b])]
         numbers += [math.exp(float(a)), math.exp(a)]
         logic = [a & b, a | b, np.logical_or(x[0], b), not a, abs(a), max(a, b)]
-        logic += [np.any(x > 0), np.all(x > -1), np.where(a, True, b), int(a) / 2, 2**b]
+        logic += [np.any(x > 0), np.all(x > -1), np.where(a, True, b), int(a) / 2]
         return np.array([*numbers, *logic, *stored, *np.where(~(x > 0), x, 2.0)])
 
     def yes_of_numbers(x):
@@ -468,14 +468,11 @@ class Refused:
         return np.array([x[0] // 0.7])  # here
 
     # Whole numbers, which Python has beyond 2^53.
-    def sum_beyond_floats(x):
-        return np.array([int(1e17 * x[0]) + 1])  # here
-
-    def product_beyond_floats(x):
-        return np.array([np.where(x[0] > 0, 2**52, 1) * 3])  # here
-
     def power_beyond_floats(x):
         return np.array([int(x[0]) ** 40 * 1.0])  # here
+
+    def power_of_yes(x):
+        return np.array([2 ** (x[0] > 0) * 1.0])  # here
 
     def compared_beyond_floats(x):
         return np.array([1.0 if int(1e17 * x[0]) < 2**53 + 1 else 2.0])  # here

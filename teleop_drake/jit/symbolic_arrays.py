@@ -14,11 +14,10 @@ from teleop_drake.jit.symbols import (
     Dispatched,
     IsBoolean,
     IsSame,
-    LimitOf,
+    KindOf,
     Not,
     Number,
     Untraceable,
-    WithLimit,
 )
 
 UFUNCS: dict[Any, Any] = {}
@@ -40,7 +39,7 @@ class Table(np.ndarray):
     def _Selected(self, keys: tuple[Any, ...]) -> Any:
         """Returns the row that a Number says; nothing finite if there is none."""
         index, *others = keys
-        is_number = isinstance(index, Number) and not index.is_boolean
+        is_number = isinstance(index, Number) and not IsBoolean(index)
         if not is_number:
             raise Untraceable("an index behind another one depends on numbers")
         plain = np.asarray(self)
@@ -53,7 +52,7 @@ class Table(np.ndarray):
         for i in reversed(range(len(rows))):
             result = Where(index == float(i), rows[i], result)
         if plain.dtype == np.int64 and isinstance(result, Number):
-            return AsWhole(result, float(abs(plain).max()))
+            return AsWhole(result)
         return result
 
 
@@ -88,18 +87,22 @@ class Numbers(Dispatched, Table):
             value = Where(key, value, self)
             key = ...
         key = _Masked(key)
-        old = list(Objects(np.asarray(self)[key]).flat)
-        new = list(Objects(value).flat)
+        old = _Kinds(Objects(np.asarray(self)[key]))
+        new = _Kinds(Objects(value))
         # An array of yes and no stays one, and so do whole numbers and others.
-        if any(map(IsBoolean, old)):
-            if not all(map(IsBoolean, new)):
+        if bool in old:
+            if new != {bool}:
                 raise Untraceable("it writes numbers where yes or no was")
-        elif any(LimitOf(x) is not None for x in old):
-            if any(LimitOf(x) is None for x in new):
+        elif int in old:
+            if float in new:
                 raise Untraceable("it writes numbers where whole numbers were")
         else:
             value = _REAL(Objects(value))
         super().__setitem__(key, value)
+
+
+def _Kinds(array: Any) -> set[type]:
+    return set(map(KindOf, array.flat))
 
 
 _REAL = np.frompyfunc(AsReal, 1, 1)
@@ -134,10 +137,9 @@ def Unified(array: Any) -> Any:
 
     It is the same array where that is so.
     """
-    if not isinstance(array, Numbers):
+    if not isinstance(array, Numbers) or len(_Kinds(array)) < 2:
         return array
-    kinds = {(IsBoolean(x), LimitOf(x) is None) for x in array.flat}
-    return array if len(kinds) < 2 else AsFloats(array)
+    return AsFloats(array)
 
 
 def AsFloats(array: Any) -> Numbers:
@@ -242,7 +244,7 @@ def Where(condition: Any, a: Any, b: Any) -> Any:
     if IsBoolean(a) and IsBoolean(b):
         return (condition & a) | (Not(condition) & b)
     result = condition.graph.Add("select", condition, AsReal(a), AsReal(b))
-    return WithLimit(result, a, b, max)
+    return result if float in (KindOf(a), KindOf(b)) else AsWhole(result)
 
 
 _WHERE = np.frompyfunc(Where, 3, 1)

@@ -5,7 +5,6 @@ numbers, and `traced_numpy` defines numpy's functions on both.
 """
 
 import math
-import operator
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -92,34 +91,32 @@ class Ref(NamedTuple):
     place: int
 
 
+def KindOf(value: Any) -> type:
+    """Returns what a number is, symbolic or of Python: a bool, an int or a float."""
+    if isinstance(value, Number):
+        return value.kind
+    if isinstance(value, (bool, np.bool_)):
+        return bool
+    return int if isinstance(value, (int, np.integer)) else float
+
+
 def IsBoolean(value: Any) -> bool:
-    """Returns whether a number, symbolic or of Python, is a boolean."""
-    if isinstance(value, Number):
-        return value.is_boolean
-    return isinstance(value, (bool, np.bool_))
-
-
-def LimitOf(value: Any) -> float | None:
-    """Returns the largest magnitude of a whole number; None for other numbers."""
-    if IsBoolean(value):
-        return 1.0
-    if isinstance(value, Number):
-        return value.limit
-    return abs(float(value)) if isinstance(value, (int, np.integer)) else None
+    """Returns whether a number is a boolean."""
+    return KindOf(value) is bool
 
 
 def AsReal(value: Any) -> Any:
     """Returns a number as a float, of which a yes is 1 and a no is 0."""
     if not isinstance(value, Number):
         return _AsFloat(value)
-    if value.is_boolean:
+    if value.kind is bool:
         return value.graph.Add("select", value, 1.0, 0.0)
-    return value if value.limit is None else Number(value.graph, value.ref)
+    return Number(value.graph, value.ref)
 
 
-def AsWhole(value: Any, limit: float = math.inf) -> Any:
-    """Returns a Number as a whole number of at most a magnitude."""
-    return Number(value.graph, AsReal(value).ref, limit=limit)
+def AsWhole(value: Any) -> Any:
+    """Returns a Number as a whole number."""
+    return Number(value.graph, AsReal(value).ref, int)
 
 
 def AsBoolean(value: Any) -> Any:
@@ -185,25 +182,22 @@ def Apply(operation: str, *values: Any) -> Any:
 
 
 def _Arithmetic(operation: str, a: Any, b: Any) -> Any:
-    """Returns a sum, a difference or a product.
-
-    Whole numbers have a limit: floats have gaps from 2^53 on.
-    """
-    are_boolean = IsBoolean(a) and IsBoolean(b)
-    if are_boolean and operation == "mul":
+    """Returns a sum, a difference or a product."""
+    kinds = {KindOf(a), KindOf(b)}
+    if kinds == {bool} and operation == "mul":
         return Both(a, b)
-    if are_boolean:
+    if kinds == {bool}:
         raise Untraceable(
             "a sum of two comparisons, which numpy takes for `or`: write float()"
         )
     result = _FoldedProduct(a, b) if operation == "mul" else None
     if result is None:
         result = Apply(operation, a, b)
-    limit_of = operator.mul if operation == "mul" else operator.add
-    result = WithLimit(result, a, b, limit_of)
-    if isinstance(result, Number) and (result.limit or 0.0) > 2.0**53:
-        raise Untraceable("whole numbers that may be beyond 2^53: write float()")
-    return result
+    if float in kinds or not isinstance(result, Number):
+        return result
+    # Python's whole numbers have no gaps, as floats have from 2^53 on.
+    is_exact = abs(result) <= 2.0**53
+    return AsWhole(result.graph.Add("select", is_exact, result, math.nan))
 
 
 def _FoldedProduct(a: Any, b: Any) -> Any:
@@ -231,12 +225,8 @@ def _Quotient(a: Any, b: Any) -> Any:
 
 def _Power(a: Any, b: Any) -> Any:
     """Returns a ** b; small powers are products."""
-    base = LimitOf(a)
-    exponent = LimitOf(b)
-    if base is not None and exponent is not None:
-        num_bits = exponent * math.log2(max(base, 1.0))
-        if num_bits > 53.0:
-            raise Untraceable("a power of whole numbers: write float()")
+    if float not in (KindOf(a), KindOf(b)):
+        raise Untraceable("a power of whole numbers: write float()")
     power = None if isinstance(b, Number) else _Operand(b)
     if power in (0.0, 1.0, 2.0, 3.0, 4.0):
         return math.prod([AsReal(a)] * int(power), start=1.0)
@@ -267,19 +257,6 @@ def _RefuseRemainder(*operands: Any) -> NoReturn:
     raise Untraceable("a remainder, or a number that is rounded")
 
 
-def WithLimit(result: Any, a: Any, b: Any, limit_of: Callable[..., float]) -> Any:
-    """Returns the result of two numbers, as a whole number if both are.
-
-    Args:
-        limit_of: Returns the largest magnitude of the result from those of a and b.
-    """
-    first = LimitOf(a)
-    second = LimitOf(b)
-    if first is None or second is None or not isinstance(result, Number):
-        return result
-    return AsWhole(result, limit_of(first, second))
-
-
 NUMPY: dict[str, Callable[..., Any]] = {}
 """What calls functions of numpy: `ufunc` and `function`, see symbolic_arrays."""
 
@@ -304,23 +281,15 @@ class Number(Dispatched, Symbol):
     Attributes:
         graph: The tracing.Graph.
         ref: The node.
-        is_boolean: Whether it is a yes or no.
-        limit: The largest magnitude of a whole number, also inf; None for others.
+        kind: What it is in Python: a bool, an int or a float.
     """
 
-    __slots__ = ("graph", "is_boolean", "limit", "ref")
+    __slots__ = ("graph", "kind", "ref")
 
-    def __init__(
-        self,
-        graph: Any,
-        ref: Ref,
-        is_boolean: bool = False,
-        limit: float | None = None,
-    ):
+    def __init__(self, graph: Any, ref: Ref, kind: type = float):
         self.graph = graph
         self.ref = ref
-        self.is_boolean = is_boolean
-        self.limit = limit
+        self.kind = kind
 
     def __bool__(self) -> bool:
         """Returns the answer on the way that is being traced."""
@@ -339,20 +308,20 @@ class Number(Dispatched, Symbol):
         raise Untraceable("~ of a number, which Python and numpy take for two; use not")
 
     def __neg__(self) -> Any:
-        if self.is_boolean:
+        if self.kind is bool:
             raise Untraceable("the negative of a comparison: write float()")
         node = self.graph.nodes[self.ref.place]
         if node.operation == "neg":
-            return Number(self.graph, node.arguments[0], limit=self.limit)
-        return Number(self.graph, self.graph.Add("neg", self).ref, limit=self.limit)
+            return Number(self.graph, node.arguments[0], self.kind)
+        return Number(self.graph, self.graph.Add("neg", self).ref, self.kind)
 
     def __pos__(self) -> "Number":
         return self
 
     def __abs__(self) -> "Number":
-        if self.is_boolean:
+        if self.kind is bool:
             return self
-        return Number(self.graph, self.graph.Add("fabs", self).ref, limit=self.limit)
+        return Number(self.graph, self.graph.Add("fabs", self).ref, self.kind)
 
     __round__ = __floor__ = __ceil__ = _RefuseRemainder
 

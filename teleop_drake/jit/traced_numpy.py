@@ -31,7 +31,7 @@ from teleop_drake.jit.symbols import (
     AsBoolean,
     AsReal,
     AsWhole,
-    LimitOf,
+    KindOf,
     Not,
     Number,
     Untraceable,
@@ -95,8 +95,10 @@ def _Whole(value: Any = 0, *base: Any) -> Any:
         value = value.item()
     if not isinstance(value, Number):
         return int(value, *base)
-    if value.limit is not None:
+    if value.kind is int:
         return value
+    if value.kind is bool:
+        return AsWhole(value)
     # Python's whole numbers have no -0.0.
     return AsWhole(Apply("trunc", value) + 0.0)
 
@@ -105,7 +107,7 @@ def _Whole(value: Any = 0, *base: Any) -> Any:
 
 
 def _ZerosLike(array: Any) -> Any:
-    if any(LimitOf(x) is not None for x in Objects(array).flat):
+    if any(KindOf(x) is not float for x in Objects(array).flat):
         raise Untraceable("np.zeros_like() of something else than floats")
     return AsNumbers(np.zeros(np.shape(array)))
 
@@ -127,7 +129,7 @@ def _Array(usual: Callable[..., Any]) -> Callable[..., Any]:
         if not is_known or dtype not in (None, float, np.float64):
             raise Untraceable(f"np.{usual.__name__}() of what depends on numbers")
         array = Unified(usual(value, dtype=object, **keywords).view(Numbers))
-        has_floats = all(LimitOf(x) is None for x in array.flat)
+        has_floats = all(KindOf(x) is float for x in array.flat)
         return array if dtype is None or has_floats else AsFloats(array)
 
     return Call

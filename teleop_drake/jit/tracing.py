@@ -138,7 +138,8 @@ class Graph:
         if node not in self._places:
             self._CheckCaller()
             self._places[node] = self._Append(node)
-        return Number(self, self._places[node], operation in _BOOLEAN)
+        kind = bool if operation in _BOOLEAN else float
+        return Number(self, self._places[node], kind)
 
     def _Append(self, node: Node) -> Ref:
         if len(self.nodes) >= _MAX_NODES:
@@ -310,7 +311,7 @@ def _Merged(graph: Graph, ways: Sequence[_Way], depth: int = 0) -> Any:
     path, result = ways[0]
     if len(path) == depth:
         return result
-    condition = Number(graph, path[depth][0], True)
+    condition = Number(graph, path[depth][0], bool)
     yes = [way for way in ways if way.path[depth][1]]
     no = [way for way in ways if not way.path[depth][1]]
     return Where(

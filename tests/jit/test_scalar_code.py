@@ -149,6 +149,24 @@ def test_a_law_is_the_same_in_machine_code(law):
             assert not np.isfinite(result).all()
 
 
+def test_whole_numbers_beyond_those_of_floats_are_nan():
+    def law(x):
+        return np.array([int(1e17 * x[0]) + 1, np.where(x[1] > 0, 2**52, 1) * 3])
+
+    program = TraceLaw(law, [np.ones(2)])
+    memory, result = np.zeros(2), np.zeros(2)
+    call = BoundEvaluate(
+        Library(ObjectFile(MakeCode(program)), "evaluate"), memory, result
+    )
+    for x, expected in (
+        ((1e-3, -1.0), (1e14 + 1, 3.0)),
+        ((1.0, 1.0), (np.nan, np.nan)),
+    ):
+        memory[:] = x
+        call()
+        np.testing.assert_array_equal(result, expected)
+
+
 @pytest.mark.parametrize("law", laws.REFUSED, ids=lambda law: law.__name__)
 def test_what_would_be_wrong_is_refused_with_its_line(law):
     before = repr([laws.COUNTS, laws.NOTES, vars(laws.Calls), laws.WORK, laws.TOTAL])
