@@ -38,7 +38,7 @@ from teleop_drake.jit.tracing import Graph
 
 # Modules whose functions return another value in each call, and harmless ones.
 _CHANGING = "numpy.random.", "random.", "secrets.", "time.", "uuid."
-_HARMLESS = "_operator", "_functools", "builtins"
+_HARMLESS = "_functools", "builtins"
 
 # Types whose values do not change.
 _PLAIN = str, bytes, int, float, complex, type(None), np.generic, range, slice

@@ -8,7 +8,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -64,11 +64,6 @@ class Symbol:
     __truediv__ = _Operator("div")
     __rtruediv__ = _Reflected("div")
     __floordiv__ = _Operator("floordiv")
-    __rfloordiv__ = _Reflected("floordiv")
-    __mod__ = _Operator("mod")
-    __rmod__ = _Reflected("mod")
-    __divmod__ = _Operator("divmod")
-    __rdivmod__ = _Reflected("divmod")
     __pow__ = _Operator("pow")
     __rpow__ = _Reflected("pow")
     __and__ = _Operator("and")
@@ -253,10 +248,6 @@ def Either(a: Any, b: Any) -> Any:
     return a.graph.Add("or", a, b)
 
 
-def _RefuseRemainder(*operands: Any) -> NoReturn:
-    raise Untraceable("a remainder, or a number that is rounded")
-
-
 NUMPY: dict[str, Callable[..., Any]] = {}
 """What calls functions of numpy: `ufunc` and `function`, see symbolic_arrays."""
 
@@ -302,10 +293,9 @@ class Number(Dispatched, Symbol):
 
     def Operate(self, operation: str, *operands: Any) -> Any:
         """Returns the value of an operation, or NotImplemented."""
+        if operation not in _OPERATIONS:  # A quotient without a remainder.
+            return NotImplemented
         return _OPERATIONS[operation](*operands)
-
-    def __invert__(self) -> Any:
-        raise Untraceable("~ of a number, which Python and numpy take for two; use not")
 
     def __neg__(self) -> Any:
         if self.kind is bool:
@@ -323,8 +313,6 @@ class Number(Dispatched, Symbol):
             return self
         return Number(self.graph, self.graph.Add("fabs", self).ref, self.kind)
 
-    __round__ = __floor__ = __ceil__ = _RefuseRemainder
-
 
 _NUMBERS = (Number, bool, int, float, np.bool_, np.integer, np.floating)
 
@@ -337,5 +325,4 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "and": Both,
     "or": Either,
     **{name: partial(Apply, name) for name in COMPARISONS},
-    **dict.fromkeys(("mod", "floordiv", "divmod"), _RefuseRemainder),
 }

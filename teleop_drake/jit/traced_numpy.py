@@ -4,7 +4,6 @@ A function of numpy that is not defined here is refused when it is called with N
 """
 
 import builtins
-import datetime
 import math
 import operator
 from collections.abc import Callable
@@ -324,30 +323,23 @@ REPLACED: dict[Any, Any] = {
     **{function: _Array(function) for function in _ARRAYS},
     float: _Float, np.float64: _Float, int: _Whole, min: _LEAST, max: _GREATEST,
     isinstance: _IsInstance,
-    operator.is_: Refusing(operator.is_, "operator.is_"),
-    operator.is_not: Refusing(operator.is_not, "operator.is_not"),
-    **{
-        kind: Refused(kind, name)
-        for kind, name in (
-            (datetime.datetime, "datetime"), (datetime.date, "date"),
-            (np.datetime64, "np.datetime64"),
-        )
-    },
+    np.datetime64: Refused(np.datetime64, "np.datetime64"),
 }  # fmt: skip
 """The replacements of functions that numpy itself gives no means to override."""
 
-# Those of Python's functions that do not know Numbers, and those with effects.
+# Those of Python's functions that do not know Numbers, and those that have effects or
+# would show that a value from outside is another object.
 _KNOWS_NO_NUMBERS = (
-    "type", "hasattr", "getattr", "id", "hash", "callable", "repr", "str", "format",
-    "print", "vars", "dir", "complex", "divmod",
+    "hasattr", "getattr", "hash", "repr", "str", "format", "print", "complex",
 )  # fmt: skip
-_HAS_EFFECTS = (
-    "compile", "eval", "exec", "globals", "input", "locals", "next", "open",
+_REFUSED = (
+    "callable", "compile", "dir", "eval", "exec", "globals", "id", "input", "locals",
+    "next", "open", "type", "vars",
 )  # fmt: skip
 BUILTINS: dict[str, Any] = {
     **vars(builtins),
     **{name: Refusing(getattr(builtins, name), name) for name in _KNOWS_NO_NUMBERS},
-    **{name: Refused(None, name) for name in _HAS_EFFECTS},
+    **{name: Refused(None, name) for name in _REFUSED},
     "float": _Float, "int": _Whole, "min": _LEAST, "max": _GREATEST,
     "isinstance": _IsInstance,
 }  # fmt: skip

@@ -2,7 +2,7 @@
 
 It consists of numbers, arrays, named tuples of arrays, loops, conditions, and calls of
 functions in the same style. Types follow from the arguments, and a variable has one
-type. Other code is refused with its line when it is compiled.
+type. Other code is an error, to which a note with its line is added.
 
 Statements that decide where a function continues are translated here. Python itself
 executes all other statements and expressions, with `Value`s in the place of numbers and
@@ -12,6 +12,7 @@ arrays: each operation on a Value writes its instruction.
 import ast
 import functools
 import inspect
+import textwrap
 from collections.abc import Callable, Sequence
 from types import FunctionType
 from typing import Any
@@ -38,10 +39,6 @@ from teleop_drake.jit.typed_values import (
 )
 
 
-class NotTyped(Exception):
-    """Raised for a function outside of the part of Python that is compiled here."""
-
-
 def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
     """Returns a function and all that it calls as LLVM's code.
 
@@ -51,7 +48,7 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
         types: The types of its arguments. A named tuple is a pointer to its Header().
 
     Raises:
-        NotTyped: If the function cannot be compiled here.
+        TypeError: If the function cannot be compiled here.
     """
     module = _Module()
     module.Compile(function, tuple(types), "")
@@ -83,20 +80,6 @@ class _Module:
         self.constants: dict[str, str] = {}
         self.functions: list[str] = []
         self._known: dict[tuple[FunctionType, tuple[Type, ...]], tuple[str, Type]] = {}
-        # Of each file, by their first lines.
-        self._definitions: dict[str, dict[int, ast.FunctionDef]] = {}
-
-    def Definition(self, function: FunctionType) -> ast.FunctionDef:
-        """Returns the definition of a function, from its file that is parsed once."""
-        lines, first = inspect.findsource(function)
-        file = function.__code__.co_filename
-        if file not in self._definitions:
-            self._definitions[file] = {
-                min([node.lineno, *(x.lineno for x in node.decorator_list)]): node
-                for node in ast.walk(ast.parse("".join(lines)))
-                if isinstance(node, ast.FunctionDef)
-            }
-        return self._definitions[file][first + 1]
 
     def Compile(
         self, function: FunctionType, types: tuple[Type, ...], linkage: str = "internal"
@@ -134,6 +117,14 @@ class _Module:
         return name
 
 
+def _Definition(function: FunctionType) -> ast.FunctionDef:
+    """Returns the syntax of a function, with the lines that it has in its file."""
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
+    assert isinstance(definition, ast.FunctionDef)
+    ast.increment_lineno(definition, function.__code__.co_firstlineno - 1)
+    return definition
+
+
 class _Function(ValueWriter):
     """The code of one function for types of arguments, and the type of its result."""
 
@@ -150,18 +141,14 @@ class _Function(ValueWriter):
         self._loops: list[tuple[str, str]] = []
         self._line = function.__code__.co_firstlineno
         self._names = self._Outside()
-        definition = module.Definition(function)
+        definition = _Definition(function)
         names = [argument.arg for argument in definition.args.args]
-        if len(names) != len(types):
-            raise NotTyped(f"{function.__name__} takes {len(names)} arguments")
         self._arguments: list[str] = []
         for name, kind in zip(names, types, strict=True):
             operand = f"%{self.NewName()}"
             self._arguments.append(f"{TextOf(kind)} {operand}")
             self._variables[name] = Value(self, kind, operand)
         self._Block(definition.body)
-        if self._is_open and self.result:
-            raise NotTyped(f"{self._Where()}: it may end without returning a number")
         if self._is_open:
             self.lines.append("  ret void")
 
@@ -211,9 +198,8 @@ class _Function(ValueWriter):
         result = self.AsValue(first)
         for other in others:
             is_better = result.Operate(comparison, other, result)
-            kind = FLOAT if FLOAT in (TypeOf(other), result._kind) else INTEGER
-            texts = is_better._operand, self.As(kind, other), self.As(kind, result)
-            result = Value(self, kind, self.Do(Instruction("select", kind, texts)))
+            texts = is_better._operand, self.As(FLOAT, other), self.As(FLOAT, result)
+            result = Value(self, FLOAT, self.Do(Instruction("select", FLOAT, texts)))
         return result
 
     def _Call(self, function: FunctionType, *arguments: Any) -> Value | None:
@@ -274,10 +260,9 @@ class _Function(ValueWriter):
             self._line = statement.lineno
             try:
                 self._Statement(statement)
-            except NotTyped:  # In a function that it calls.
-                raise
             except Exception as error:
-                raise NotTyped(f"{self._Where()}: {error}") from error
+                error.add_note(self._Where())
+                raise
 
     def _Statement(self, node: ast.stmt) -> None:
         """Writes a statement; refuses statements that have no case here."""

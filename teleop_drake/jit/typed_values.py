@@ -174,10 +174,6 @@ class Value(Symbol):
 _OF_FLOATS = frozenset({"div", "pow", "neg", "fabs"})
 _OF_NUMBERS = COMPARISONS | _OF_FLOATS | {"add", "sub", "mul"}
 
-# The initial values of variables that are numbers: nan, and an index that is out of
-# bounds. Arrays are empty.
-_NO_VALUES = {FLOAT: ConstantText(float("nan")), INTEGER: str(-(2**62))}
-
 
 class Variables(dict[str, tuple[Type, str]]):
     """The types of a function's variables, and their places in memory.
@@ -203,9 +199,7 @@ class Variables(dict[str, tuple[Type, str]]):
         if name not in self:
             slot = f"%{code.NewName()}"
             super().__setitem__(name, (kind, slot))
-            nothing = _NO_VALUES.get(text, "zeroinitializer")
             self.lines.append(f"  {slot} = alloca {text}")
-            self.lines.append(f"  store {text} {nothing}, ptr {slot}")
         code.Store(text, code.As(kind, value), super().__getitem__(name)[1])
 
 
