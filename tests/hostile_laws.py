@@ -143,6 +143,32 @@ def affine(a, b, x):
     return a * x + b if x > 0 else b
 
 
+class Damper:
+    limits = [0.5]  # noqa: RUF012
+
+    def __init__(self):
+        self.gains, self.used = {"b": 2.0}, []
+
+    def force(self, x):
+        return -self.gains["b"] * min(x, self.limits[0])
+
+    def noted(self, x):
+        self.used.append(1)  # here
+        return x
+
+    def __call__(self, x):
+        return self.force(x) + 1.0
+
+
+DAMPER, FORCES = Damper(), {math.sin: 2.0, shifted: 3.0}
+
+
+def friction(v, level=0.3):
+    if v > 0.1:
+        return level
+    return -level if v < -0.1 else 3 * v
+
+
 PARTIAL = functools.partial(affine, 2.0, 1.0)
 
 
@@ -307,6 +333,23 @@ class Right:
 
     def helper_of_a_module(x):
         return shifted(x)
+
+    def objects_from_outside(x):
+        forces = [DAMPER.force(value) for value in x[:3]] + Damper.limits
+        kinds = isinstance(DAMPER, Damper), isinstance(DAMPER.limits, list)
+        return np.array([*forces, DAMPER(x[3]), *kinds, len(DAMPER.gains)])
+
+    def keys_that_are_functions(x):
+        return x * FORCES[math.sin] + FORCES.get(shifted, 5.0)
+
+    def many_cases_of_helpers(x):
+        return np.array([friction(v) + friction(2 * v, level=0.1) for v in x])
+
+    def written_into_its_argument(x):
+        if x[0] > 0.2:
+            x[0] = 0.2
+        x += 1.0
+        return x
 
     def calls(x):
         gains = [PARTIAL(value) for value in x]
@@ -547,6 +590,29 @@ class Refused:
 
     def method(x):
         return np.array([Spring().force(x[0])])
+
+    def changing_an_object(x):
+        return DAMPER.noted(x)
+
+    def changing_a_list_of_a_class(x):
+        DAMPER.limits[0] += 1  # here
+        return x
+
+    def changing_a_class_of_an_object(x):
+        DAMPER.__class__.limits = x
+        return x
+
+    def asking_what_is_called(x):
+        return 2 * x if callable(SPRING) else x  # here
+
+    def asking_for_the_type(x):
+        return 2 * x if type(DAMPER) == Damper else x  # noqa: E721  # here
+
+    def comparing_objects(x):
+        return 2 * x if DAMPER == SPRING else x  # here
+
+    def asking_whether_it_is_true(x):
+        return 2 * x if DAMPER else x  # here
 
     counting_outside = closure()
 

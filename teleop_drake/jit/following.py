@@ -101,8 +101,8 @@ def Follow(graph: Graph, value: Any, name: str) -> Any:
         kind = _LIST if isinstance(value, list) else getattr(value, "_make", tuple)
         return kind(Follow(graph, item, name) for item in value)
     if type(value) is dict:
-        items = {key: Follow(graph, item, name) for key, item in value.items()}
-        return _DICTIONARY(items)
+        # The keys may be functions.
+        return _DICTIONARY(Follow(graph, item, name) for item in value.items())
     return _Outside(graph, value, name)
 
 

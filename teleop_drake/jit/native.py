@@ -17,12 +17,10 @@ from teleop_drake.arrays import Array
 from teleop_drake.files import Replacing
 from teleop_drake.jit.scalar_code import LIBRARY_FUNCTIONS
 
-# Optimisation: from loops, less than this leaves the checks of indices inside.
+# Optimisation of LLVM's code: from loops, less than this leaves the checks of indices
+# inside. And of the machine's: more takes longer, and its code is no faster.
 _LEVEL = 3
-
-# Lines of code from which on LLVM gets less time for each: what it takes grows faster
-# than the code does.
-_LONG = 20_000
+_MACHINE_LEVEL = 1
 
 # Beyond this total size, files of all versions are deleted, least recently used first.
 _MAX_BYTES = 64_000_000
@@ -32,8 +30,8 @@ _HASH_SIZE = _HASH().digest_size
 
 
 @functools.cache
-def Targets() -> Any:
-    """Returns LLVM's descriptions of this machine, for long code and for other code."""
+def _Machine() -> Any:
+    """Returns LLVM's description of this machine."""
     import llvmlite.binding as llvm
 
     try:
@@ -41,14 +39,8 @@ def Targets() -> Any:
         llvm.initialize_native_asmprinter()
     except RuntimeError:  # Newer ones are initialised as they are.
         pass
-    return [_Machine(level) for level in (1, 2)]
-
-
-def _Machine(level: int) -> Any:
-    import llvmlite.binding as llvm
-
     return llvm.Target.from_default_triple().create_target_machine(
-        opt=level,
+        opt=_MACHINE_LEVEL,
         reloc="pic",
         codemodel="jitdefault",
         cpu=llvm.get_host_cpu_name(),
@@ -64,15 +56,14 @@ def Target() -> str:
 
     features = llvm.get_host_cpu_features().flatten()
     processor = f"{llvm.get_default_triple()} {llvm.get_host_cpu_name()} {features}"
-    return f"llvmlite {llvmlite.__version__} {processor} {_LEVEL} {_LONG}"
+    return f"llvmlite {llvmlite.__version__} {processor} {_LEVEL} {_MACHINE_LEVEL}"
 
 
 def ObjectFile(code: str) -> bytes:
     """Returns LLVM's code as an object file."""
     import llvmlite.binding as llvm
 
-    for_long, for_other = Targets()
-    machine = for_long if code.count("\n") > _LONG else for_other
+    machine = _Machine()
     module = llvm.parse_assembly(code)
     module.verify()
     options = llvm.create_pipeline_tuning_options(speed_level=_LEVEL)
@@ -142,7 +133,7 @@ def _Linker() -> Any:
     """Returns the linker of libraries, and a counter that numbers them."""
     import llvmlite.binding as llvm
 
-    Targets()
+    _Machine()
     return llvm.create_lljit_compiler(), itertools.count()
 
 
@@ -163,7 +154,6 @@ class Library:
         for name in names:
             builder.export_symbol(name)
         self._addresses = builder.link(linker, f"library{next(numbers)}")
-        self._fault: ctypes.c_char_p | None = None
 
     def Address(self, name: str) -> int:
         """Returns the address of a function or variable."""
@@ -171,19 +161,17 @@ class Library:
 
     def RaiseFault(self) -> None:
         """Raises an IndexError if loops have ended at an index; see typed_code."""
-        if self._fault is None:
-            self._fault = ctypes.c_char_p.from_address(self.Address("fault"))
-        place = self._fault
+        place = ctypes.c_char_p.from_address(self.Address("fault"))
         if place.value is not None:
             where = place.value.decode()
             place.value = None
             raise IndexError(f"{where}: an index is outside of its array")
 
 
-_ARGUMENTS = (ctypes.c_double, *[ctypes.c_void_p] * 6, ctypes.c_int32)
-_EVALUATE = ctypes.CFUNCTYPE(None, *_ARGUMENTS)
 # Holds Python's lock: its release would take as long as a short law.
-_EVALUATE_AT_ONCE = ctypes.PYFUNCTYPE(None, *_ARGUMENTS)
+_EVALUATE = ctypes.PYFUNCTYPE(
+    None, ctypes.c_double, *[ctypes.c_void_p] * 6, ctypes.c_int32
+)
 
 
 class Evaluate:
@@ -203,7 +191,7 @@ class Evaluate:
 
 def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
     """Returns a function that evaluates a law with the same arrays each time."""
-    function = _EVALUATE_AT_ONCE(library.Address("evaluate"))
+    function = _EVALUATE(library.Address("evaluate"))
     addresses = None, None, p.ctypes.data, None, None, dx.ctypes.data
     call = functools.partial(function, 0.0, *addresses, 0)
     call.__dict__["owners"] = library, p, dx

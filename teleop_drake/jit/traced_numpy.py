@@ -136,7 +136,8 @@ def _Array(usual: Callable[..., Any]) -> Callable[..., Any]:
 
 def _UsualType(value: Any) -> Any:
     """Returns one of Python's types for what has taken its place."""
-    return _USUAL.get(value, value) if callable(value) else value
+    has_hash = callable(value) and type(value).__hash__ is not None
+    return _USUAL.get(value, value) if has_hash else value
 
 
 def _Clip(a: Any, lower: Any, upper: Any) -> Any:
