@@ -255,6 +255,5 @@ def CompileEvaluate(program: Program) -> Evaluate:
     traced = TraceProgram(
         program.text, program.names, program.sizes, len(parameters), integers
     )
-    data, is_from_cache = Kept("evaluate", MakeCode(traced))
-    library = Library(data, "evaluate")
-    return Evaluate(library.Address("evaluate"), library, is_from_cache)
+    data = Kept("evaluate", MakeCode(traced))
+    return Evaluate(Library(data, "evaluate"))

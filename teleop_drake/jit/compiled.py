@@ -70,7 +70,7 @@ class CompiledLaw:
             error.place = error.place or f"{law.__name__}()"
             _TellOnce(law, str(error))
             return self.law
-        data, _ = Kept(law.__name__.strip("<>"), MakeCode(program))
+        data = Kept(law.__name__.strip("<>"), MakeCode(program))
         leaves = [x for x in _LeavesOf(samples) if not IsWhole(x)]
         memory = np.concatenate([*leaves, ()], axis=None, dtype=float)
         # The arguments come last.

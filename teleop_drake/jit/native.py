@@ -72,16 +72,14 @@ def ObjectFile(code: str) -> bytes:
     return machine.emit_object(module)
 
 
-def Kept(
-    name: str, code: str, make: Callable[[str], bytes] | None = None
-) -> tuple[bytes, bool]:
+def Kept(name: str, code: str, make: Callable[[str], bytes] | None = None) -> bytes:
     """Returns the object file of LLVM's code from the cache, or makes and stores it.
 
     Several processes may do so at once. The object file is made anew if the cache
     cannot be written, or if the file in the cache is damaged.
 
     The file's name begins with `name`. `make` is the function that makes the file from
-    the code. The second result is whether the file was in the cache.
+    the code.
     """
     folder = _Folder()
     file = folder / _Version() / f"{name}_{_HASH(code.encode()).hexdigest()[:32]}.o"
@@ -91,14 +89,14 @@ def Kept(
         if _HASH(data).digest() == content[:_HASH_SIZE]:
             with contextlib.suppress(OSError):
                 os.utime(file)  # A file's time is the time of its last use.
-            return data, True
+            return data
     data = (make or ObjectFile)(code)
     with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
         with Replacing(file) as temporary:
             temporary.write_bytes(_HASH(data).digest() + data)
         _Sweep(folder)
-    return data, False
+    return data
 
 
 def _Folder() -> Path:
@@ -175,13 +173,12 @@ _EVALUATE = ctypes.PYFUNCTYPE(
 
 
 class Evaluate:
-    """A function `evaluate` in machine code, at its address; see `source`."""
+    """The function `evaluate` of a library, at its address; see `source`."""
 
-    def __init__(self, address: int, owner: Any, is_from_cache: bool):
-        self.address = address
-        self.is_from_cache = is_from_cache
-        self._owner = owner
-        self._function = _EVALUATE(address)
+    def __init__(self, library: Library):
+        self.address = library.Address("evaluate")
+        self._library = library
+        self._function = _EVALUATE(self.address)
 
     def __call__(self, t: float, *others: Any) -> None:
         """Evaluates the generated function."""

@@ -238,7 +238,7 @@ def Where(condition: Any, a: Any, b: Any) -> Any:
         return Unified(_Result(_WHERE(*map(Objects, (condition, a, b)))))
     if not isinstance(condition, Number):
         return a if condition else b
-    if IsSame((a, b)):
+    if IsSame(a, b):
         return a
     condition = AsBoolean(condition)
     if IsBoolean(a) and IsBoolean(b):

@@ -6,7 +6,7 @@ numbers, and `traced_numpy` defines numpy's functions on both.
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -127,13 +127,12 @@ def Not(value: Any) -> Any:
     return not value
 
 
-def IsSame(column: Sequence[Any]) -> bool:
-    """Returns whether all values of a column are the same number or node."""
-    first = column[0]
-    if isinstance(first, Number):
-        return all(isinstance(x, Number) and x.ref == first.ref for x in column)
+def IsSame(a: Any, b: Any) -> bool:
+    """Returns whether two values are the same number or node."""
+    if isinstance(a, Number) or isinstance(b, Number):
+        return isinstance(a, Number) and isinstance(b, Number) and a.ref == b.ref
     # Texts distinguish 0.0 from -0.0, and True from 1.0.
-    return all(not isinstance(x, Number) and repr(x) == repr(first) for x in column)
+    return repr(a) == repr(b)
 
 
 def CheckPrecision(value: Any) -> None:

@@ -330,9 +330,7 @@ REPLACED: dict[Any, Any] = {
 
 # Those of Python's functions that do not know Numbers, and those that have effects or
 # would show that a value from outside is another object.
-_KNOWS_NO_NUMBERS = (
-    "hasattr", "getattr", "hash", "repr", "str", "format", "print", "complex",
-)  # fmt: skip
+_KNOWS_NO_NUMBERS = ("hasattr", "getattr")
 _REFUSED = (
     "callable", "compile", "dir", "eval", "exec", "globals", "id", "input", "locals",
     "next", "open", "type", "vars",

@@ -69,7 +69,7 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
 def CompileTyped(function: Any, types: tuple[Type, ...]) -> TypedFunction:
     """Returns a function in machine code, which is kept in the user's cache."""
     name = function.__name__
-    data, _ = Kept(name, MakeTypedCode(function, types))
+    data = Kept(name, MakeTypedCode(function, types))
     return TypedFunction(Library(data, name, "fault"), name)
 
 
@@ -87,11 +87,10 @@ class _Module:
         """Returns the name of a function for types, and what it returns."""
         key = function, types
         if key not in self._known:
+            code = _Function(self, function, types)
             name = function.__name__
             if linkage:
                 name = f"{name}.{len(self._known)}"
-            self._known[key] = name, NOTHING
-            code = _Function(self, function, types)
             self._known[key] = name, code.result or NOTHING
             self.functions.append(code.Text(name, linkage))
         return self._known[key]
@@ -368,16 +367,6 @@ class _Function(ValueWriter):
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 opposite = Instruction("not", BOOLEAN, [self._Truth(operand)])
                 return Value(self, BOOLEAN, self.Do(opposite))
-            # Such as a < b < c.
-            case ast.Compare(
-                left=left, ops=[op, *more], comparators=[middle, *others]
-            ) if more:
-                first = ast.Compare(left, [op], [middle])
-                second = ast.Compare(middle, more, others)
-                both: list[ast.expr] = [first, second]
-                for comparison in both:
-                    ast.copy_location(comparison, node)
-                return self._Logic(ast.BoolOp(ast.And(), both))
         code = compile(ast.Expression(node), self._Where(), "eval")
         return eval(code, self._names, self._variables)
 

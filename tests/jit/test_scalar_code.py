@@ -116,7 +116,7 @@ def test_machine_code_and_python_agree(function):
     exec(text, python)
     program = TraceProgram(text, names, (size + 1, num_x, 1), 2, q)
     library = Library(ObjectFile(MakeCode(program)), "evaluate")
-    evaluate = Evaluate(library.Address("evaluate"), library, False)
+    evaluate = Evaluate(library)
     for _ in range(50):
         x, m, p = rng.normal(size=num_x), rng.normal(size=1), rng.normal(size=2)
         results = []

@@ -71,7 +71,7 @@ def everything(work, t, n):
     row = work.cube[1]
     row[0, 1] += t**2 / 3 - abs(-t) ** (1 / 5)
     for k in range(1, 3):
-        if 0.0 < row[0, k] <= 1.0:
+        if row[0, k] > 0.0 and row[0, k] <= 1.0:
             row[1, k] = -row[0, k]
         else:
             row[1, k] = min(t, 2, row[0, k])
@@ -184,6 +184,9 @@ def test_what_is_outside_is_refused_with_its_line():
         n, m = 1, n
         return m
 
+    def with_a_chain(n):
+        return 0 < n < 3
+
     def with_a_slice(n):
         return len(NODES[1:n])
 
@@ -191,6 +194,7 @@ def test_what_is_outside_is_refused_with_its_line():
         (with_any_step, "a range with steps"),
         (with_a_loop_over_an_array, "For"),
         (with_two_at_once, "Assign"),
+        (with_a_chain, "truth"),
         (with_a_slice, "slice"),
     ):
         with pytest.raises(TypeError, match=reason):
