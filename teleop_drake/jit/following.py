@@ -83,9 +83,10 @@ def Follow(graph: Graph, value: Any, name: str) -> Any:
     if isinstance(value, MethodType):
         value = functools.partial(value.__func__, value.__self__)
     if isinstance(value, functools.partial):
-        arguments = [Follow(graph, x, name) for x in (value.func, *value.args)]
+        function = Follow(graph, value.func, name)
+        arguments = [Follow(graph, x, name) for x in value.args]
         keywords = {key: Follow(graph, x, key) for key, x in value.keywords.items()}
-        return functools.partial(*arguments, **keywords)
+        return functools.partial(function, *arguments, **keywords)
     if isinstance(value, BuiltinFunctionType):
         is_harmless = getattr(value.__self__, "__name__", None) in _HARMLESS
         return value if is_harmless else Refused(value, name)

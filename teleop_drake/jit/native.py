@@ -15,7 +15,6 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.files import Replacing
-from teleop_drake.jit.scalar_code import LIBRARY_FUNCTIONS
 
 # Optimisation of LLVM's code: from loops, less than this leaves the checks of indices
 # inside. And of the machine's: more takes longer, and its code is no faster.
@@ -101,12 +100,9 @@ def Kept(name: str, code: str, make: Callable[[str], bytes] | None = None) -> by
 
 def _Folder() -> Path:
     """Returns the folder of this user's cache."""
-    if sys.platform == "win32":
-        root = os.environ.get("LOCALAPPDATA", "~")
-    elif sys.platform == "darwin":
+    root = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    if sys.platform == "darwin":
         root = "~/Library/Caches"
-    else:
-        root = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     return Path(root).expanduser() / "teleop-drake" / "kernels"
 
 
@@ -143,12 +139,6 @@ class Library:
 
         linker, numbers = _Linker()
         builder = llvm.JITLibraryBuilder().add_object_img(data).add_current_process()
-        # C's mathematics, where the process does not export it.
-        library = ctypes.cdll.msvcrt if sys.platform == "win32" else ctypes.CDLL(None)
-        for name in LIBRARY_FUNCTIONS:
-            if hasattr(library, name):
-                function = ctypes.cast(getattr(library, name), ctypes.c_void_p)
-                builder.import_symbol(name, function.value)
         for name in names:
             builder.export_symbol(name)
         self._addresses = builder.link(linker, f"library{next(numbers)}")

@@ -188,9 +188,6 @@ def _Norm(a: Any) -> Any:
     return (a * a).sum() ** 0.5
 
 
-_LEAST = _Best(min, operator.lt)
-_GREATEST = _Best(max, operator.gt)
-
 # The tables. First the operations of a graph, by numpy's names and by math's.
 _OPERATIONS = {
     "arcsin": "asin", "arccos": "acos", "arctan": "atan", "arctan2": "atan2",
@@ -315,6 +312,15 @@ _ARRAYS = (
     np.array, np.asarray, np.empty, np.eye, np.full, np.ones, np.zeros,
 )  # fmt: skip
 
+# Those of Python's functions that take Numbers.
+_OF_PYTHON: dict[Any, Any] = {
+    float: _Float,
+    int: _Whole,
+    min: _Best(min, operator.lt),
+    max: _Best(max, operator.gt),
+    isinstance: _IsInstance,
+}
+
 REPLACED: dict[Any, Any] = {
     **{
         getattr(math, name): _Operation(name, getattr(math, name))
@@ -322,8 +328,8 @@ REPLACED: dict[Any, Any] = {
     },
     math.log: _Log,
     **{function: _Array(function) for function in _ARRAYS},
-    float: _Float, np.float64: _Float, int: _Whole, min: _LEAST, max: _GREATEST,
-    isinstance: _IsInstance,
+    **_OF_PYTHON,
+    np.float64: _Float,
     np.datetime64: Refused(np.datetime64, "np.datetime64"),
 }  # fmt: skip
 """The replacements of functions that numpy itself gives no means to override."""
@@ -339,13 +345,8 @@ BUILTINS: dict[str, Any] = {
     **vars(builtins),
     **{name: Refusing(getattr(builtins, name), name) for name in _KNOWS_NO_NUMBERS},
     **{name: Refused(None, name) for name in _REFUSED},
-    "float": _Float, "int": _Whole, "min": _LEAST, "max": _GREATEST,
-    "isinstance": _IsInstance,
-}  # fmt: skip
+    **{usual.__name__: own for usual, own in _OF_PYTHON.items()},
+}
 """Python's own functions."""
 
-_USUAL = {
-    function: getattr(builtins, name)
-    for name, function in BUILTINS.items()
-    if function is not getattr(builtins, name)
-}
+_USUAL = {own: usual for usual, own in _OF_PYTHON.items()}

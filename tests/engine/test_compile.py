@@ -21,7 +21,6 @@ from teleop_drake.kernel import Kernel
 @pytest.fixture(autouse=True)
 def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
     return tmp_path / "teleop-drake" / "kernels"
 
 

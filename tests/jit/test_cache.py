@@ -14,7 +14,6 @@ from teleop_drake.jit.native import Kept
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setenv("LOCALAPPDATA", str(tmp_path))
     native._Version.cache_clear()
     yield tmp_path / "teleop-drake" / "kernels"
     native._Version.cache_clear()
