@@ -200,33 +200,30 @@ class _Followed(Replacement):
     def _Copy(self) -> FunctionType:
         """Returns the function with what it has from outside replaced."""
         function = self._function
-        graph = self._graph
+        follow = functools.partial(Follow, self._graph)
         codes = self._Codes()
         for code in codes:
             _CheckCode(code, code is codes[0])
-        graph.codes |= set(codes)
+        self._graph.codes |= set(codes)
 
         def Import(name: str, *arguments: Any) -> Any:
             module = __import__(name, *arguments)
             is_of_numpy = isinstance(arguments[2], list)  # As its own code asks.
-            return module if is_of_numpy else Outside(module, name)
-
-        def Outside(value: Any, name: str) -> Any:
-            return Follow(graph, value, name)
+            return module if is_of_numpy else follow(module, name)
 
         own = {**BUILTINS, "__import__": Import}
         names = {**function.__globals__, "__builtins__": own}
         for name in {name for code in codes for name in code.co_names} & names.keys():
-            names[name] = Outside(names[name], name)
+            names[name] = follow(names[name], name)
         closure = zip(codes[0].co_freevars, function.__closure__ or (), strict=True)
         cells = tuple(
-            CellType(*() if x == CellType() else (Outside(x.cell_contents, name),))
+            CellType(*() if x == CellType() else (follow(x.cell_contents, name),))
             for name, x in closure
         )
-        defaults = tuple(Outside(x, "a default") for x in function.__defaults__ or ())
+        defaults = tuple(follow(x, "a default") for x in function.__defaults__ or ())
         copy = FunctionType(codes[0], names, function.__name__, defaults, cells)
         others = function.__kwdefaults__ or {}
-        copy.__kwdefaults__ = {name: Outside(x, name) for name, x in others.items()}
+        copy.__kwdefaults__ = {name: follow(x, name) for name, x in others.items()}
         return copy
 
 
