@@ -172,15 +172,13 @@ def _Reduced(
 ) -> Any:
     """Returns what a ufunc makes of the elements along an axis."""
     is_logical = ufunc in (np.logical_and, np.logical_or)
-    is_known = is_logical or (ufunc in UFUNCS and dtype is None)
+    is_known = ufunc in UFUNCS and (is_logical or dtype is None)
     if not is_known or any(x is not _DEFAULTS.get(n, n) for n, x in keywords.items()):
         raise _IsUnknown(ufunc, keywords)
     array = Objects(value)
+    reduce = UFUNCS[ufunc].reduce
     if is_logical:
-        reduce = ufunc.reduce  # It asks no more elements than it has to, one by one.
         array = _BOOLEAN(array)
-    else:
-        reduce = UFUNCS[ufunc].reduce
     if ufunc is np.add:  # The sum of yes and no is their number.
         array = _REAL(array)
     if axis is None:
@@ -214,11 +212,11 @@ def Structural(function: Any) -> Callable[..., Any]:
 
 
 def _Plain(value: Any) -> Any:
-    if isinstance(value, (tuple, list)):
-        if any(isinstance(item, (tuple, list, np.ndarray)) for item in value):
-            return [_Plain(item) for item in value]
-        return Objects(value) if HasNumbers(value) else value
-    return Objects(value) if isinstance(value, (Number, Numbers)) else value
+    if not HasNumbers(value):
+        return value
+    if isinstance(value, (tuple, list)) and any(np.ndim(item) for item in value):
+        return [_Plain(item) for item in value]
+    return Objects(value)
 
 
 def HasNumbers(value: Any) -> bool:
