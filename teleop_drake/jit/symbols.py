@@ -179,7 +179,7 @@ def _Arithmetic(operation: str, a: Any, b: Any) -> Any:
     """Returns a sum, a difference or a product."""
     kinds = {KindOf(a), KindOf(b)}
     if kinds == {bool} and operation == "mul":
-        return Both(a, b)
+        return _Logical("and", a, b)
     if kinds == {bool}:
         raise Untraceable(
             "a sum of two comparisons, which numpy takes for `or`: write float()"
@@ -202,8 +202,6 @@ def _FoldedProduct(a: Any, b: Any) -> Any:
         factor = _Operand(x)
         if factor == 1.0:
             return AsReal(y)
-        if factor == -1.0:
-            return -AsReal(y)
         if factor == 0.0 and y.graph.IsZeroTimes(y):
             return 0.0
     return None
@@ -227,24 +225,12 @@ def _Power(a: Any, b: Any) -> Any:
     return Apply("sqrt", a) if power == 0.5 else Apply("pow", a, b)
 
 
-def Both(a: Any, b: Any) -> Any:
-    """Returns whether both of two hold; one of them is a Number."""
+def _Logical(operation: str, a: Any, b: Any) -> Any:
+    """Returns whether both of two hold, or one of them; one of them is a Number."""
     if not (IsBoolean(a) and IsBoolean(b)):
         return NotImplemented
-    for x, y in ((a, b), (b, a)):
-        if not isinstance(x, Number):
-            return y if x else False
-    return a.graph.Add("and", a, b)
-
-
-def Either(a: Any, b: Any) -> Any:
-    """Returns whether one of two holds; one of them is a Number."""
-    if not (IsBoolean(a) and IsBoolean(b)):
-        return NotImplemented
-    for x, y in ((a, b), (b, a)):
-        if not isinstance(x, Number):
-            return True if x else y
-    return a.graph.Add("or", a, b)
+    number = a if isinstance(a, Number) else b
+    return number.graph.Add(operation, a, b)
 
 
 NUMPY: dict[str, Callable[..., Any]] = {}
@@ -299,9 +285,6 @@ class Number(Dispatched, Symbol):
     def __neg__(self) -> Any:
         if self.kind is bool:
             raise Untraceable("the negative of a comparison: write float()")
-        node = self.graph.nodes[self.ref.place]
-        if node.operation == "neg":
-            return Number(self.graph, node.arguments[0], self.kind)
         return Number(self.graph, self.graph.Add("neg", self).ref, self.kind)
 
     def __pos__(self) -> "Number":
@@ -321,7 +304,7 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "mul": partial(_Arithmetic, "mul"),
     "div": _Quotient,
     "pow": _Power,
-    "and": Both,
-    "or": Either,
+    "and": partial(_Logical, "and"),
+    "or": partial(_Logical, "or"),
     **{name: partial(Apply, name) for name in COMPARISONS},
 }
