@@ -156,6 +156,15 @@ class Damper:
         self.used.append(1)  # here
         return x
 
+    @property
+    def stiffness(self):
+        return 10.0 * self.gains["b"]
+
+    @property
+    def uses(self):
+        self.used.append(1)  # here
+        return len(self.used)
+
     def __call__(self, x):
         return self.force(x) + 1.0
 
@@ -337,7 +346,8 @@ class Right:
     def objects_from_outside(x):
         forces = [DAMPER.force(value) for value in x[:3]] + Damper.limits
         kinds = isinstance(DAMPER, Damper), isinstance(DAMPER.limits, list)
-        return np.array([*forces, DAMPER(x[3]), *kinds, len(DAMPER.gains)])
+        others = DAMPER(x[3]), len(DAMPER.gains), DAMPER.stiffness
+        return np.array([*forces, *kinds, *others])
 
     def keys_that_are_functions(x):
         return x * FORCES[math.sin] + FORCES.get(shifted, 5.0)
@@ -593,6 +603,9 @@ class Refused:
 
     def changing_an_object(x):
         return DAMPER.noted(x)
+
+    def changing_by_a_property(x):
+        return x + DAMPER.uses
 
     def changing_a_list_of_a_class(x):
         DAMPER.limits[0] += 1  # here

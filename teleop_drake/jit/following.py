@@ -121,10 +121,12 @@ class _Outside:
 
     def __getattribute__(self, attribute: str) -> Any:
         graph, value, name = object.__getattribute__(self, "_outside")
-        found = getattr(value, attribute)
         if attribute == "__class__":  # As isinstance() asks; see _CheckCode().
-            return found
-        return Follow(graph, found, f"{name}.{attribute}")
+            return type(value)
+        of_class = getattr(type(value), attribute, None)
+        if isinstance(of_class, property) and of_class.fget:
+            return Follow(graph, MethodType(of_class.fget, value), name)()
+        return Follow(graph, getattr(value, attribute), f"{name}.{attribute}")
 
     def __setattr__(self, attribute: str, value: Any) -> None:
         _, _, name = object.__getattribute__(self, "_outside")
