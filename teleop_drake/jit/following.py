@@ -76,6 +76,8 @@ def Follow(graph: Graph, value: Any, name: str) -> Any:
             return OfNumpy(value)
         return value if isinstance(value, type) else Refusing(value, name)
     # Functions of Python are followed, also as methods or with bound arguments.
+    if isinstance(value, functools._lru_cache_wrapper):
+        value = value.__wrapped__
     if isinstance(value, FunctionType):
         if value not in graph.followed:
             graph.followed[value] = _Followed(graph, value)

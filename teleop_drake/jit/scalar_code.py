@@ -37,15 +37,14 @@ NOTHING = "void"
 
 LIBRARY_FUNCTIONS = (
     "exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh",
-    "tanh", "pow", "fmod",
+    "tanh", "pow",
 )  # fmt: skip
 """The functions of C's mathematics library that the code may call."""
 
 _INTRINSICS = (
-    "sqrt", "fabs", "floor", "ceil", "trunc", "rint", "copysign", "exp", "log", "sin",
-    "cos", "pow",
+    "sqrt", "fabs", "floor", "ceil", "trunc", "exp", "log", "sin", "cos", "pow",
 )  # fmt: skip
-_WITH_TWO_SIDES = ("pow", "atan2", "fmod", "copysign")
+_WITH_TWO_SIDES = ("pow", "atan2")
 
 # The operations that are one instruction; further operands follow.
 _INSTRUCTIONS = {

@@ -44,8 +44,8 @@ _BOOLEAN = COMPARISONS | {"and", "or", "not"}
 
 # Operations whose value is finite if their arguments are finite.
 _FINITE = frozenset(
-    {"add", "sub", "mul", "neg", "fabs", "select", "floor", "ceil", "trunc", "rint"}
-    | {"sin", "cos", "atan", "atan2", "tanh", "copysign"}
+    {"add", "sub", "mul", "neg", "fabs", "select", "floor", "ceil", "trunc"}
+    | {"sin", "cos", "atan", "atan2", "tanh"}
 )
 
 # A function with more leaves or operations than this is not worth a graph.
