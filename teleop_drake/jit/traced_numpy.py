@@ -63,10 +63,6 @@ def _LogicalOr(a: Any, b: Any) -> Any:
     return AsBoolean(a) | AsBoolean(b)
 
 
-def _Square(a: Any) -> Any:
-    return a * a
-
-
 def _Best(usual: Callable[..., Any], is_better: Callable[..., Any]) -> Any:
     """Returns Python's min() or max(), extended to Numbers."""
 
@@ -205,18 +201,19 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.less: operator.lt, np.less_equal: operator.le,
     np.greater: operator.gt, np.greater_equal: operator.ge,
     np.equal: operator.eq, np.not_equal: operator.ne,
-    np.subtract: operator.sub, np.divide: operator.truediv, np.power: operator.pow,
-    np.bitwise_and: operator.and_, np.bitwise_or: operator.or_,
     np.logical_and: _LogicalAnd, np.logical_or: _LogicalOr, np.logical_not: Not,
     np.invert: Not, np.minimum: _Better(operator.lt), np.maximum: _Better(operator.gt),
-    np.square: _Square, np.negative: operator.neg, np.positive: operator.pos,
-    np.absolute: abs,
 }  # fmt: skip
 UFUNCS |= {
     ufunc: np.frompyfunc(function, ufunc.nin, 1)
     for ufunc, function in _ELEMENTWISE.items()
 }
-UFUNCS |= {np.add: np.add, np.multiply: np.multiply, np.matmul: np.matmul}
+# Of objects, these call the operators.
+_OF_OPERATORS = (
+    np.absolute, np.add, np.bitwise_and, np.bitwise_or, np.divide, np.matmul,
+    np.multiply, np.negative, np.positive, np.power, np.square, np.subtract,
+)  # fmt: skip
+UFUNCS |= {ufunc: ufunc for ufunc in _OF_OPERATORS}
 
 # What does not care about what is in an array.
 _STRUCTURAL = (
