@@ -392,6 +392,9 @@ class Refused:
     def opposite(x):
         return np.array([1.0 if ~(x[0] > 0) else 2.0])  # here
 
+    def opposite_of_whole_numbers(x):
+        return ~np.array([int(x[0]), 1]) * 1.0  # here
+
     def is_true(x):
         return np.array([1.0 if (x[0] > 0) is True else 2.0])  # here
 

@@ -15,7 +15,6 @@ from teleop_drake.jit.symbols import (
     IsBoolean,
     IsSame,
     KindOf,
-    Not,
     Number,
     Untraceable,
 )
@@ -239,10 +238,11 @@ def Where(condition: Any, a: Any, b: Any) -> Any:
     if IsSame(a, b):
         return a
     condition = AsBoolean(condition)
-    if IsBoolean(a) and IsBoolean(b):
-        return (condition & a) | (Not(condition) & b)
     result = condition.graph.Add("select", condition, AsReal(a), AsReal(b))
-    return result if float in (KindOf(a), KindOf(b)) else AsWhole(result)
+    kinds = {KindOf(a), KindOf(b)}
+    if kinds == {bool}:
+        return AsBoolean(result)
+    return result if float in kinds else AsWhole(result)
 
 
 _WHERE = np.frompyfunc(Where, 3, 1)

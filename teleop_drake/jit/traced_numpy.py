@@ -30,6 +30,7 @@ from teleop_drake.jit.symbols import (
     AsBoolean,
     AsReal,
     AsWhole,
+    IsBoolean,
     KindOf,
     Not,
     Number,
@@ -53,6 +54,12 @@ def _Better(is_better: Callable[..., Any]) -> Callable[..., Any]:
     """Returns numpy's minimum or maximum of two numbers."""
     # What is not a number stays so.
     return lambda a, b: Where(is_better(a, b) | (a != a), a, b)
+
+
+def _Opposite(a: Any) -> Any:
+    if not IsBoolean(a):
+        raise Untraceable("~ of a number")
+    return Not(a)
 
 
 def _LogicalAnd(a: Any, b: Any) -> Any:
@@ -202,7 +209,8 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.greater: operator.gt, np.greater_equal: operator.ge,
     np.equal: operator.eq, np.not_equal: operator.ne,
     np.logical_and: _LogicalAnd, np.logical_or: _LogicalOr, np.logical_not: Not,
-    np.invert: Not, np.minimum: _Better(operator.lt), np.maximum: _Better(operator.gt),
+    np.minimum: _Better(operator.lt), np.maximum: _Better(operator.gt),
+    np.invert: _Opposite,
 }  # fmt: skip
 UFUNCS |= {
     ufunc: np.frompyfunc(function, ufunc.nin, 1)
