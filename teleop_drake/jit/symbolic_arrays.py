@@ -1,12 +1,10 @@
-"""Arrays of symbolic numbers, and numpy's dispatch to the functions that know them."""
+"""Arrays of symbolic numbers."""
 
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from teleop_drake.jit.symbols import (
-    NUMPY,
     AsBoolean,
     AsReal,
     AsWhole,
@@ -18,12 +16,6 @@ from teleop_drake.jit.symbols import (
     Number,
     Untraceable,
 )
-
-UFUNCS: dict[Any, Any] = {}
-"""The functions that compute the ufuncs of numpy on arrays of objects."""
-
-FUNCTIONS: dict[Any, Callable[..., Any]] = {}
-"""The replacements of other functions of numpy."""
 
 
 class Table(np.ndarray):
@@ -96,7 +88,7 @@ class Numbers(Dispatched, Table):
             if float in new:
                 raise Untraceable("it writes numbers where whole numbers were")
         else:
-            value = _REAL(Objects(value))
+            value = REAL(Objects(value))
         super().__setitem__(key, value)
 
 
@@ -104,8 +96,11 @@ def _Kinds(array: Any) -> set[type]:
     return set(map(KindOf, array.flat))
 
 
-_REAL = np.frompyfunc(AsReal, 1, 1)
-_BOOLEAN = np.frompyfunc(AsBoolean, 1, 1)
+REAL = np.frompyfunc(AsReal, 1, 1)
+"""Returns an array of objects with AsReal() of each element."""
+
+BOOLEAN = np.frompyfunc(AsBoolean, 1, 1)
+"""Returns an array of objects with AsBoolean() of each element."""
 
 
 def Objects(value: Any) -> Any:
@@ -122,10 +117,10 @@ def AsNumbers(value: Any) -> Numbers:
     return np.asarray(value, object).view(Numbers)
 
 
-def _Result(value: Any) -> Any:
+def Result(value: Any) -> Any:
     """Returns what numpy made of arrays of objects."""
     if isinstance(value, (tuple, list)):
-        return type(value)(_Result(item) for item in value)
+        return type(value)(Result(item) for item in value)
     if not isinstance(value, np.ndarray) or value.dtype != object:
         return value
     return AsNumbers(value) if value.ndim else value.item()
@@ -143,79 +138,7 @@ def Unified(array: Any) -> Any:
 
 def AsFloats(array: Any) -> Numbers:
     """Returns a copy of an array in which yes and no and whole numbers are floats."""
-    return AsNumbers(_REAL(np.asarray(array)))
-
-
-# What numpy's own code hands to a ufunc although it means nothing.
-_DEFAULTS = {"where": True, "keepdims": False}
-
-
-def CallUfunc(
-    ufunc: Any, method: str, *inputs: Any, out: Any = None, **keywords: Any
-) -> Any:
-    """Calls a ufunc of numpy, as __array_ufunc__ has it."""
-    if method == "reduce":
-        result = _Reduced(ufunc, inputs[0], **keywords)
-    elif method == "__call__" and ufunc in UFUNCS and not keywords:
-        result = _Result(UFUNCS[ufunc](*map(Objects, inputs)))
-    else:
-        raise _IsUnknown(ufunc, keywords)
-    if out is None:
-        return result
-    out[0][...] = result
-    return out[0]
-
-
-def _Reduced(
-    ufunc: Any, value: Any, axis: int | None = 0, dtype: Any = None, **keywords: Any
-) -> Any:
-    """Returns what a ufunc makes of the elements along an axis."""
-    is_logical = ufunc in (np.logical_and, np.logical_or)
-    is_known = ufunc in UFUNCS and (is_logical or dtype is None)
-    if not is_known or any(x is not _DEFAULTS.get(n, n) for n, x in keywords.items()):
-        raise _IsUnknown(ufunc, keywords)
-    array = Objects(value)
-    reduce = UFUNCS[ufunc].reduce
-    if is_logical:
-        array = _BOOLEAN(array)
-    if ufunc is np.add:  # The sum of yes and no is their number.
-        array = _REAL(array)
-    if axis is None:
-        return _Result(reduce(array.ravel()))
-    return _Result(reduce(array, axis=axis))
-
-
-def _IsUnknown(ufunc: Any, keywords: dict[str, Any]) -> Untraceable:
-    names = ", ".join([*keywords, "..."])
-    return Untraceable(f"np.{ufunc.__name__}({names}) is not known")
-
-
-def CallFunction(
-    function: Any, types: Any, arguments: Sequence[Any], keywords: dict[str, Any]
-) -> Any:
-    """Calls another function of numpy, as __array_function__ has it."""
-    if function not in FUNCTIONS:
-        raise Untraceable(f"np.{function.__name__}() is not known")
-    return FUNCTIONS[function](*arguments, **keywords)
-
-
-def Structural(function: Any) -> Callable[..., Any]:
-    """Returns a function of numpy that does not care what is in an array."""
-
-    def Call(*arguments: Any, **keywords: Any) -> Any:
-        arguments = tuple(_Plain(value) for value in arguments)
-        keywords = {name: _Plain(value) for name, value in keywords.items()}
-        return Unified(_Result(function(*arguments, **keywords)))
-
-    return Call
-
-
-def _Plain(value: Any) -> Any:
-    if not HasNumbers(value):
-        return value
-    if isinstance(value, (tuple, list)) and any(np.ndim(item) for item in value):
-        return [_Plain(item) for item in value]
-    return Objects(value)
+    return AsNumbers(REAL(np.asarray(array)))
 
 
 def HasNumbers(value: Any) -> bool:
@@ -232,7 +155,7 @@ def HasNumbers(value: Any) -> bool:
 def Where(condition: Any, a: Any, b: Any) -> Any:
     """Returns a where a condition holds and b elsewhere, element by element."""
     if any(isinstance(item, (np.ndarray, list, tuple)) for item in (condition, a, b)):
-        return Unified(_Result(_WHERE(*map(Objects, (condition, a, b)))))
+        return Unified(Result(_WHERE(*map(Objects, (condition, a, b)))))
     if not isinstance(condition, Number):
         return a if condition else b
     if IsSame(a, b):
@@ -246,6 +169,3 @@ def Where(condition: Any, a: Any, b: Any) -> Any:
 
 
 _WHERE = np.frompyfunc(Where, 3, 1)
-
-NUMPY["ufunc"] = CallUfunc
-NUMPY["function"] = CallFunction

@@ -6,26 +6,25 @@ A function of numpy that is not defined here is refused when it is called with N
 import builtins
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from teleop_drake.jit.symbolic_arrays import (
-    FUNCTIONS,
-    UFUNCS,
+    BOOLEAN,
+    REAL,
     AsFloats,
     AsNumbers,
-    CallFunction,
-    CallUfunc,
     HasNumbers,
     Numbers,
     Objects,
-    Structural,
+    Result,
     Unified,
     Where,
 )
 from teleop_drake.jit.symbols import (
+    NUMPY,
     Apply,
     AsBoolean,
     AsReal,
@@ -191,6 +190,83 @@ def _Norm(a: Any) -> Any:
     return (a * a).sum() ** 0.5
 
 
+# Numpy's dispatch to functions that know Numbers.
+
+# What numpy's own code hands to a ufunc although it means nothing.
+_DEFAULTS = {"where": True, "keepdims": False}
+
+
+def _CallUfunc(
+    ufunc: Any, method: str, *inputs: Any, out: Any = None, **keywords: Any
+) -> Any:
+    """Calls a ufunc of numpy, as __array_ufunc__ has it."""
+    if method == "reduce":
+        result = _Reduced(ufunc, inputs[0], **keywords)
+    elif method == "__call__" and ufunc in UFUNCS and not keywords:
+        result = Result(UFUNCS[ufunc](*map(Objects, inputs)))
+    else:
+        raise _IsUnknown(ufunc, keywords)
+    if out is None:
+        return result
+    out[0][...] = result
+    return out[0]
+
+
+def _Reduced(
+    ufunc: Any, value: Any, axis: int | None = 0, dtype: Any = None, **keywords: Any
+) -> Any:
+    """Returns what a ufunc makes of the elements along an axis."""
+    is_logical = ufunc in (np.logical_and, np.logical_or)
+    is_known = ufunc in UFUNCS and (is_logical or dtype is None)
+    if not is_known or any(x is not _DEFAULTS.get(n, n) for n, x in keywords.items()):
+        raise _IsUnknown(ufunc, keywords)
+    array = Objects(value)
+    reduce = UFUNCS[ufunc].reduce
+    if is_logical:
+        array = BOOLEAN(array)
+    if ufunc is np.add:  # The sum of yes and no is their number.
+        array = REAL(array)
+    if axis is None:
+        return Result(reduce(array.ravel()))
+    return Result(reduce(array, axis=axis))
+
+
+def _IsUnknown(ufunc: Any, keywords: dict[str, Any]) -> Untraceable:
+    names = ", ".join([*keywords, "..."])
+    return Untraceable(f"np.{ufunc.__name__}({names}) is not known")
+
+
+def _CallFunction(
+    function: Any, types: Any, arguments: Sequence[Any], keywords: dict[str, Any]
+) -> Any:
+    """Calls another function of numpy, as __array_function__ has it."""
+    if function not in FUNCTIONS:
+        raise Untraceable(f"np.{function.__name__}() is not known")
+    return FUNCTIONS[function](*arguments, **keywords)
+
+
+def _Structural(function: Any) -> Callable[..., Any]:
+    """Returns a function of numpy that does not care what is in an array."""
+
+    def Call(*arguments: Any, **keywords: Any) -> Any:
+        arguments = tuple(_Plain(value) for value in arguments)
+        keywords = {name: _Plain(value) for name, value in keywords.items()}
+        return Unified(Result(function(*arguments, **keywords)))
+
+    return Call
+
+
+def _Plain(value: Any) -> Any:
+    if not HasNumbers(value):
+        return value
+    if isinstance(value, (tuple, list)) and any(np.ndim(item) for item in value):
+        return [_Plain(item) for item in value]
+    return Objects(value)
+
+
+NUMPY["ufunc"] = _CallUfunc
+NUMPY["function"] = _CallFunction
+
 # The tables. First the operations of a graph, by numpy's names and by math's.
 _OPERATIONS = {
     "arcsin": "asin", "arccos": "acos", "arctan": "atan", "arctan2": "atan2",
@@ -212,16 +288,19 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.minimum: _Better(operator.lt), np.maximum: _Better(operator.gt),
     np.invert: _Opposite,
 }  # fmt: skip
-UFUNCS |= {
-    ufunc: np.frompyfunc(function, ufunc.nin, 1)
-    for ufunc, function in _ELEMENTWISE.items()
-}
 # Of objects, these call the operators.
 _OF_OPERATORS = (
     np.absolute, np.add, np.bitwise_and, np.bitwise_or, np.divide, np.matmul,
     np.multiply, np.negative, np.positive, np.power, np.square, np.subtract,
 )  # fmt: skip
-UFUNCS |= {ufunc: ufunc for ufunc in _OF_OPERATORS}
+UFUNCS: dict[Any, Any] = {
+    **{ufunc: ufunc for ufunc in _OF_OPERATORS},
+    **{
+        ufunc: np.frompyfunc(function, ufunc.nin, 1)
+        for ufunc, function in _ELEMENTWISE.items()
+    },
+}
+"""The functions that compute the ufuncs of numpy on arrays of objects."""
 
 # What does not care about what is in an array.
 _STRUCTURAL = (
@@ -238,13 +317,14 @@ def _Method(name: str) -> Callable[..., Any]:
     )
 
 
-FUNCTIONS |= {function: Structural(function) for function in _STRUCTURAL}
-FUNCTIONS |= {
+FUNCTIONS: dict[Any, Callable[..., Any]] = {
+    **{function: _Structural(function) for function in _STRUCTURAL},
     np.sum: _Method("sum"), np.any: _Method("any"), np.all: _Method("all"),
     np.zeros_like: _ZerosLike,
     np.where: Where, np.clip: _Clip, np.searchsorted: _SearchSorted,
     np.linalg.solve: _Solve, np.linalg.inv: _Inverse, np.linalg.norm: _Norm,
 }  # fmt: skip
+"""The replacements of other functions of numpy."""
 
 
 class Replacement:
@@ -273,10 +353,10 @@ class OfNumpy(Replacement):
         if not (HasNumbers(arguments) or HasNumbers(keywords)):
             return function(*arguments, **keywords)
         if not isinstance(function, np.ufunc):
-            return CallFunction(function, None, arguments, keywords)
+            return _CallFunction(function, None, arguments, keywords)
         if "out" in keywords:
             keywords["out"] = (keywords["out"],)
-        return CallUfunc(function, "__call__", *arguments, **keywords)
+        return _CallUfunc(function, "__call__", *arguments, **keywords)
 
 
 class Refusing(Replacement):
