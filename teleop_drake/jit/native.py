@@ -48,16 +48,6 @@ def _Machine() -> Any:
     )
 
 
-def Target() -> str:
-    """Returns the target of object files, on which they depend besides their source."""
-    import llvmlite
-    import llvmlite.binding as llvm
-
-    features = llvm.get_host_cpu_features().flatten()
-    processor = f"{llvm.get_default_triple()} {llvm.get_host_cpu_name()} {features}"
-    return f"llvmlite {llvmlite.__version__} {processor} {_LEVEL} {_MACHINE_LEVEL}"
-
-
 def ObjectFile(code: str) -> bytes:
     """Returns LLVM's code as an object file."""
     import llvmlite.binding as llvm
@@ -108,8 +98,14 @@ def _Folder() -> Path:
 
 @functools.cache
 def _Version() -> str:
-    """Returns a folder name that identifies llvmlite's version and the processor."""
-    return _HASH(Target().encode()).hexdigest()[:16]
+    """Returns the name of a folder for what object files depend on besides the code."""
+    import llvmlite
+    import llvmlite.binding as llvm
+
+    features = llvm.get_host_cpu_features().flatten()
+    processor = f"{llvm.get_default_triple()} {llvm.get_host_cpu_name()} {features}"
+    target = f"llvmlite {llvmlite.__version__} {processor} {_LEVEL} {_MACHINE_LEVEL}"
+    return _HASH(target.encode()).hexdigest()[:16]
 
 
 def _Sweep(folder: Path) -> None:

@@ -14,9 +14,7 @@ from teleop_drake.jit.native import Kept
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    native._Version.cache_clear()
-    yield tmp_path / "teleop-drake" / "kernels"
-    native._Version.cache_clear()
+    return tmp_path / "teleop-drake" / "kernels"
 
 
 def IsKept(code):
@@ -39,8 +37,7 @@ def test_it_is_kept_for_its_text_version_and_processor(monkeypatch):
     assert not IsKept("text")
     assert IsKept("text")
     assert not IsKept("another")
-    monkeypatch.setattr(native, "Target", lambda: "another version or processor")
-    native._Version.cache_clear()
+    monkeypatch.setattr(native, "_Version", lambda: "another version or processor")
     assert not IsKept("text")
 
 
