@@ -150,6 +150,7 @@ def TraceProgram(
     x = _Given(graph, "x", num_x)
     m = _Given(graph, "m", num_m)
     p = _Given(graph, "p", num_parameters)
+    p.flags.writeable = False
     y = _Given(graph, "y", num_y)
     dx = _Given(graph, "dx", num_x)
     q = integers.copy().view(Table)

@@ -293,9 +293,9 @@ def _IsOwn(code: CodeType) -> bool:
 
 
 def _Copied(value: Any) -> Any:
-    """Returns a value with copies of the arrays in it."""
+    """Returns a value with copies of the arrays in it that may be changed."""
     if isinstance(value, np.ndarray):
-        return value.copy()
+        return value.copy() if value.flags.writeable else value
     if isinstance(value, tuple):
         return getattr(value, "_make", tuple)(map(_Copied, value))
     return value

@@ -1,6 +1,7 @@
 """Functions as graphs of operations, and as LLVM's code: the same numbers."""
 
 import contextlib
+import functools
 import inspect
 import math
 import re
@@ -147,6 +148,23 @@ def test_a_law_is_the_same_in_machine_code(law):
             np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-12)
         else:
             assert not np.isfinite(result).all()
+
+
+@pytest.mark.parametrize("of_parameter", [True, False])
+def test_a_law_that_writes_into_what_it_keeps_is_refused(of_parameter):
+    def law(buffer, x):
+        buffer[0] += x[0]
+        return buffer
+
+    text = "put(dx[0:1], f0(p[0:1], x[0:1]))\n    if not everything:\n        return"
+    function = law
+    if not of_parameter:
+        text = text.replace("p[0:1], ", "")
+        function = functools.partial(law, np.zeros(1))
+    text = f"def evaluate(t, x, m, p, q, y, dx, everything):\n    {text}\n"
+    names = {"put": put, "f0": function}
+    with pytest.raises(Untraceable, match=r"law.*read-only"):
+        TraceProgram(text, names, (0, 1, 0), 1, np.zeros(0, int))
 
 
 def test_whole_numbers_beyond_those_of_floats_are_nan():
