@@ -91,7 +91,7 @@ class _Module:
             name = function.__name__
             if linkage:
                 name = f"{name}.{len(self._known)}"
-            self._known[key] = name, code.result or NOTHING
+            self._known[key] = name, code.result
             self.functions.append(code.Text(name, linkage))
         return self._known[key]
 
@@ -116,12 +116,12 @@ class _Module:
         return name
 
 
-def _Definition(function: FunctionType) -> ast.FunctionDef:
-    """Returns the syntax of a function, with the lines that it has in its file."""
+def _BodyOf(function: FunctionType) -> list[ast.stmt]:
+    """Returns the statements of a function, with their lines in its file."""
     (definition,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
     assert isinstance(definition, ast.FunctionDef)
     ast.increment_lineno(definition, function.__code__.co_firstlineno - 1)
-    return definition
+    return definition.body
 
 
 class _Function(ValueWriter):
@@ -131,7 +131,7 @@ class _Function(ValueWriter):
         self, module: _Module, function: FunctionType, types: tuple[Type, ...]
     ):
         super().__init__()
-        self.result: Type = None
+        self.result: Type = NOTHING
         self._module = module
         self._function = function
         self._variables = Variables(self)
@@ -140,24 +140,22 @@ class _Function(ValueWriter):
         self._loops: list[tuple[str, str]] = []
         self._line = function.__code__.co_firstlineno
         self._names = self._Outside()
-        definition = _Definition(function)
-        names = [argument.arg for argument in definition.args.args]
         self._arguments: list[str] = []
+        names = inspect.signature(function).parameters
         for name, kind in zip(names, types, strict=True):
             operand = f"%{self.NewName()}"
             self._arguments.append(f"{TextOf(kind)} {operand}")
             self._variables[name] = Value(self, kind, operand)
-        self._Block(definition.body)
+        self._Block(_BodyOf(function))
         if self._is_open:
             self.lines.append("  ret void")
 
     def Text(self, name: str, linkage: str) -> str:
         """Returns the definition."""
-        result = self.result or NOTHING
         arguments = ", ".join(self._arguments)
-        head = f"define {linkage} {result} @{name}({arguments}) {{"
-        value = " zeroinitializer" if self.result else ""
-        end = ["fault:", f"  ret {result}{value}", "}"]
+        head = f"define {linkage} {self.result} @{name}({arguments}) {{"
+        value = "" if self.result == NOTHING else " zeroinitializer"
+        end = ["fault:", f"  ret {self.result}{value}", "}"]
         return "\n".join([head, "entry:", *self._variables.lines, *self.lines, *end])
 
     def _Where(self) -> str:
@@ -298,7 +296,8 @@ class _Function(ValueWriter):
             self.lines.append("  ret void")
         else:
             result = self.AsValue(self._Evaluate(value))
-            self.result = self.result or result._kind
+            if self.result == NOTHING:
+                self.result = result._kind
             if self.result not in (FLOAT, INTEGER, BOOLEAN):
                 raise TypeError("it returns no number")
             self.lines.append(f"  ret {self.result} {self.As(self.result, result)}")
