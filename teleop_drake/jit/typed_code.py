@@ -59,8 +59,6 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
             *Declarations(),
             *module.functions,
             "!0 = !{}",
-            '!1 = !{!"branch_weights", i32 1000, i32 1}',
-            '!2 = !{!"branch_weights", i32 1, i32 1000}',
         ]
     )
 
@@ -213,7 +211,7 @@ class _Function(ValueWriter):
         fault = self.Do("load ptr, ptr @fault")
         bad = self.Do(f"icmp ne ptr {fault}, null")
         following = self.NewName()
-        self._Branch(bad, "fault", following, ", !prof !2")
+        self._Branch(bad, "fault", following)
         self._Label(following)
         return result
 
@@ -221,7 +219,7 @@ class _Function(ValueWriter):
         """Ends the function with an error unless a condition holds."""
         good = self.NewName()
         bad = self.NewName()
-        self._Branch(condition, good, bad, ", !prof !1")
+        self._Branch(condition, good, bad)
         self._Label(bad)
         self.Store("ptr", self._module.Text(self._Where()), "@fault")
         self._Jump("fault")
@@ -243,8 +241,8 @@ class _Function(ValueWriter):
             self.lines.append(f"  br label %{label}")
         self._is_open = False
 
-    def _Branch(self, condition: str, yes: str, no: str, weights: str = "") -> None:
-        line = f"  br i1 {condition}, label %{yes}, label %{no}{weights}"
+    def _Branch(self, condition: str, yes: str, no: str) -> None:
+        line = f"  br i1 {condition}, label %{yes}, label %{no}"
         self.lines.append(line)
         self._is_open = False
 
