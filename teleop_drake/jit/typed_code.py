@@ -58,7 +58,6 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
             *module.constants.values(),
             *Declarations(),
             *module.functions,
-            "!0 = !{}",
         ]
     )
 

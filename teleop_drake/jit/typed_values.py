@@ -239,17 +239,8 @@ class ValueWriter(CodeWriter):
         return Value(self, kind, self.Do(f"load {TextOf(kind)}, ptr {pointer}"))
 
     def Field(self, kind: Type, header: str, place: int) -> Value:
-        """Returns the array or the named tuple at a place in a header.
-
-        No function writes into a header, so that what is read is an invariant load.
-        """
-        pointers = [
-            self.Do(f"getelementptr i64, ptr {header}, i64 {place + k}")
-            for k in range(_NumSlots(kind))
-        ]
+        """Returns the array or the named tuple at a place in a header."""
+        pointer = self.Do(f"getelementptr i64, ptr {header}, i64 {place}")
         if isinstance(kind, TupleType):
-            return Value(self, kind, pointers[0])
-        loads = [f"load i64, ptr {pointer}" for pointer in pointers]
-        loads[0] = f"load ptr, ptr {pointers[0]}"
-        parts = [self.Do(f"{load}, !invariant.load !0") for load in loads]
-        return self.Array(kind, *parts)
+            return Value(self, kind, pointer)
+        return self.Load(kind, pointer)
