@@ -143,6 +143,46 @@ def affine(a, b, x):
     return a * x + b if x > 0 else b
 
 
+class Damper:
+    limits = [0.5]  # noqa: RUF012
+
+    def __init__(self):
+        self.gains, self.used = {"b": 2.0}, []
+
+    def force(self, x):
+        return -self.gains["b"] * min(x, self.limits[0])
+
+    def noted(self, x):
+        self.used.append(1)  # here
+        return x
+
+    @property
+    def stiffness(self):
+        return 10.0 * self.gains["b"]
+
+    @property
+    def uses(self):
+        self.used.append(1)  # here
+        return len(self.used)
+
+    def __call__(self, x):
+        return self.force(x) + 1.0
+
+
+DAMPER, FORCES = Damper(), {math.sin: 2.0, shifted: 3.0}
+
+
+@functools.cache
+def matrix(n):
+    return np.eye(n) + 1.0
+
+
+def friction(v, level=0.3):
+    if v > 0.1:
+        return level
+    return -level if v < -0.1 else 3 * v
+
+
 PARTIAL = functools.partial(affine, 2.0, 1.0)
 
 
@@ -218,7 +258,7 @@ class Right:
         numbers = [float(a) + float(b), a * 2 + b * 3.0, np.sum(x > 0), sum([a, b])]
         numbers += [math.exp(float(a)), math.exp(a)]
         logic = [a & b, a | b, np.logical_or(x[0], b), not a, abs(a), max(a, b)]
-        logic += [np.any(x > 0), np.all(x > -1), np.where(a, True, b), int(a) / 2, 2**b]
+        logic += [np.any(x > 0), np.all(x > -1), np.where(a, True, b), int(a) / 2]
         return np.array([*numbers, *logic, *stored, *np.where(~(x > 0), x, 2.0)])
 
     def yes_of_numbers(x):
@@ -308,8 +348,26 @@ class Right:
     def helper_of_a_module(x):
         return shifted(x)
 
+    def objects_from_outside(x):
+        forces = [DAMPER.force(value) for value in x[:3]] + Damper.limits
+        kinds = isinstance(DAMPER, Damper), isinstance(DAMPER.limits, list)
+        others = DAMPER(x[3]), len(DAMPER.gains), DAMPER.stiffness
+        return np.array([*forces, *kinds, *others])
+
+    def keys_that_are_functions(x):
+        return x * FORCES[math.sin] + FORCES.get(shifted, 5.0)
+
+    def many_cases_of_helpers(x):
+        return np.array([friction(v) + friction(2 * v, level=0.1) for v in x])
+
+    def written_into_its_argument(x):
+        if x[0] > 0.2:
+            x[0] = 0.2
+        x += 1.0
+        return x
+
     def calls(x):
-        gains = [PARTIAL(value) for value in x]
+        gains = [PARTIAL(value) for value in x] + list(matrix(6) @ x)
         return np.array([*gains, any(v > 0 for v in x), *map(abs, x), *sorted(x[:3])])
 
 
@@ -333,6 +391,9 @@ class Refused:
 
     def opposite(x):
         return np.array([1.0 if ~(x[0] > 0) else 2.0])  # here
+
+    def opposite_of_whole_numbers(x):
+        return ~np.array([int(x[0]), 1]) * 1.0  # here
 
     def is_true(x):
         return np.array([1.0 if (x[0] > 0) is True else 2.0])  # here
@@ -468,14 +529,11 @@ class Refused:
         return np.array([x[0] // 0.7])  # here
 
     # Whole numbers, which Python has beyond 2^53.
-    def sum_beyond_floats(x):
-        return np.array([int(1e17 * x[0]) + 1])  # here
-
-    def product_beyond_floats(x):
-        return np.array([np.where(x[0] > 0, 2**52, 1) * 3])  # here
-
     def power_beyond_floats(x):
         return np.array([int(x[0]) ** 40 * 1.0])  # here
+
+    def power_of_yes(x):
+        return np.array([2 ** (x[0] > 0) * 1.0])  # here
 
     def compared_beyond_floats(x):
         return np.array([1.0 if int(1e17 * x[0]) < 2**53 + 1 else 2.0])  # here
@@ -511,8 +569,8 @@ class Refused:
         return x
 
     def remembering(x):
-        change = x[0] - NOTES["last"]  # here
-        NOTES["last"] = x[0]
+        change = x[0] - NOTES["last"]
+        NOTES["last"] = x[0]  # here
         return np.array([change])
 
     def counting_in_function(x):
@@ -550,6 +608,32 @@ class Refused:
 
     def method(x):
         return np.array([Spring().force(x[0])])
+
+    def changing_an_object(x):
+        return DAMPER.noted(x)
+
+    def changing_by_a_property(x):
+        return x + DAMPER.uses
+
+    def changing_a_list_of_a_class(x):
+        DAMPER.limits[0] += 1  # here
+        return x
+
+    def changing_a_class_of_an_object(x):
+        DAMPER.__class__.limits = x
+        return x
+
+    def asking_what_is_called(x):
+        return 2 * x if callable(SPRING) else x  # here
+
+    def asking_for_the_type(x):
+        return 2 * x if type(DAMPER) == Damper else x  # noqa: E721  # here
+
+    def comparing_objects(x):
+        return 2 * x if DAMPER == SPRING else x  # here
+
+    def asking_whether_it_is_true(x):
+        return 2 * x if DAMPER else x  # here
 
     counting_outside = closure()
 

@@ -28,14 +28,10 @@ from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.engine.primitives import KERNELS
 from teleop_drake.jit.scalar_code import MakeCode, TraceLaw
-from teleop_drake.jit.symbolic_arrays import (
-    FUNCTIONS,
-    UFUNCS,
-)
 from teleop_drake.jit.symbols import (
     Untraceable,
 )
-from teleop_drake.jit.traced_numpy import REPLACED
+from teleop_drake.jit.traced_numpy import FUNCTIONS, REPLACED, UFUNCS
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.signals import PathsIn

@@ -199,7 +199,8 @@ def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
             after = memory.rows[row, delays.signals[d] + i]
             if abs(after - before) > 1e-9 * (abs(after) + abs(before)):
                 echo = 1
-        if echo <= _MAX_ECHO and 0.0 < delays.times[d] < math.inf:
+        is_finite = delays.times[d] > 0.0 and delays.times[d] < math.inf
+        if echo <= _MAX_ECHO and is_finite:
             _add_break(arrival(t, d, delays), echo, memory)
 
 
@@ -322,7 +323,7 @@ def _locate(
     low = 0.0
     while (high - low) * h > SAME:
         middle = (low + high) / 2
-        if not low < middle < high:
+        if middle <= low or middle >= high:
             break
         _evaluate_within(middle, evaluate, h, problem, memory)
         if is_due(problem.transitions, memory):

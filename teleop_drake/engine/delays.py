@@ -114,7 +114,7 @@ def arrival(s: float, d: int, delays: Delays) -> float:
         low = high
         high = high + delay_at(high, d, delays)
     middle = (low + high) / 2
-    while low < middle < high:
+    while low < middle and middle < high:
         if middle - delay_at(middle, d, delays) < s:
             low = middle
         else:

@@ -186,9 +186,7 @@ class Evaluator:
             code = MakeCode(self.program.Trace())
         except Untraceable as error:
             raise UnsupportedSystem(system, str(error)) from error
-        data, is_from_cache = Kept("evaluate", code)
-        library = Library(data, "evaluate")
-        self.function = Evaluate(library.Address("evaluate"), library, is_from_cache)
+        self.function = Evaluate(Library(Kept("evaluate", code), "evaluate"))
 
     def Evaluate(
         self, context: Context, delayed: Array | None = None

@@ -21,14 +21,15 @@ write what is done with them (`typed_values`).
   functions read from outside of their arguments when they were traced. No trace is
   reused: each compiled diagram, and each CompiledLaw, traces anew.
 * *Refused*, with function and line, is a law that cannot be a graph: with loops that
-  end when numbers have converged, caught errors, random numbers, state that changes
-  from call to call (detected by `contents`), writing at indices that depend on numbers,
-  or functions of numpy that are not in the table of docs/blocks.md. Operations that
-  would round differently are refused as well: float32, whole numbers beyond 2^53, and
-  the eigenvectors of LAPACK with their signs. Such a law runs in Python, and its
-  diagram in Drake's Simulator; the log has a line with the reason.
+  end when numbers have converged, caught errors, random numbers, changes of values
+  outside of it, writing at indices that depend on numbers, or functions of numpy that
+  are not in the table of docs/blocks.md. Operations that would round differently are
+  refused as well: float32, constants beyond 2^53, powers of whole numbers, and the
+  eigenvectors of LAPACK with their signs. Such a law runs in Python, and its diagram in
+  Drake's Simulator; the log has a line with the reason.
 * *Bounds.* If an index in a law depends on numbers, it is compared with each valid
-  index. The result is nan if it is out of bounds, or where Python would raise another
-  error. The index of a loop is checked, before the loop if possible. If it is out of
-  bounds or below 0, an IndexError names the function and the line.
+  index. The result is nan if it is out of bounds, where Python would raise another
+  error, and for a sum or product of whole numbers beyond 2^53. The index of a loop is
+  checked, before the loop if possible. If it is out of bounds or below 0, an IndexError
+  names the function and the line.
 """

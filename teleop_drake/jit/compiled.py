@@ -1,6 +1,5 @@
 """Laws and loops as machine code."""
 
-import copy
 import functools
 import logging
 import threading
@@ -23,23 +22,19 @@ Law = Callable[..., Array]
 _COMPILED_CALL = 200
 
 
-_told: set[Any] = set()
-
-
-def TellOnce(error: Untraceable) -> None:
-    """Logs that a law is not compiled, once for each law."""
-    if error.function not in _told:
-        _told.add(error.function)
-        logging.getLogger("teleop_drake").warning("not compiled: %s", error)
+@functools.cache
+def _TellOnce(law: Law, reason: str) -> None:
+    """Logs why a law is not compiled."""
+    logging.getLogger("teleop_drake").warning("not compiled: %s", reason)
 
 
 class CompiledLaw:
     """A law that becomes machine code after some calls as a Python function.
 
-    Both compute the same function to within rounding. Each thread traces the law for
-    itself. Values outside of its arguments are read then, and not again; a new
-    CompiledLaw traces anew. A law that cannot be a graph of operations, see `tracing`,
-    remains a Python function, and a line in the log has the reason.
+    Both compute the same function to within rounding. Values outside of its arguments
+    are read when it is traced, and not again; a new CompiledLaw traces anew. A law that
+    cannot be a graph of operations, see `tracing`, remains a Python function, and a
+    line in the log has the reason.
 
     Args:
         law: A function of numbers and arrays that returns an array. The shapes are the
@@ -51,60 +46,46 @@ class CompiledLaw:
 
     def __init__(self, law: Law, *constants: Any):
         self.law = functools.partial(law, *constants)
-        self._local = _Local()
+        self._num_calls = 0
+        self._run: Law | None = None
 
     def __call__(self, *arguments: Any) -> Array:
         """Calls the law."""
-        local = self._local
-        if local.run is None:
-            local.num_calls += 1
-            if local.num_calls < _COMPILED_CALL:
+        if self._run is None:
+            self._num_calls += 1
+            if self._num_calls < _COMPILED_CALL:
                 with np.errstate(all="ignore"):  # Machine code does not warn either.
                     return self.law(*arguments)
-            local.run = self._Compiled(arguments)
-        return local.run(*arguments)
+            self._run = self._Compiled(arguments)
+        return self._run(*arguments)
 
     def _Compiled(self, arguments: Sequence[Any]) -> Law:
         """Returns the law as machine code, or the law itself, and logs the reason."""
         # A first call in Python gives the shape of the result.
+        law = cast(FunctionType, self.law.func)
         result = np.array(self.law(*arguments), dtype=float)
         samples = [*self.law.args, *(np.asarray(x, dtype=float) for x in arguments)]
         try:
-            library = _LibraryOf(cast(FunctionType, self.law.func), samples)
+            program = TraceLaw(law, samples)
         except Untraceable as error:
-            error.function = self.law.func
-            error.place = error.place or f"{self.law.func.__name__}()"
-            TellOnce(error)
+            error.place = error.place or f"{law.__name__}()"
+            _TellOnce(law, str(error))
             return self.law
+        data = Kept(law.__name__.strip("<>"), MakeCode(program))
         parameters = Parameters()
         for sample in samples:
             parameters.Add(sample)
         memory = np.array(parameters.numbers)
         # The arguments come last.
-        sizes = [np.size(x) for x in arguments]
-        parts = np.split(memory, len(memory) - sum(sizes) + np.cumsum([0, *sizes]))
-        shapes = [np.shape(x) for x in arguments]
-        places = [x.reshape(shape) for x, shape in zip(parts[1:], shapes, strict=False)]
-        evaluate = BoundEvaluate(library, memory, result)
+        place = memory[len(memory) - sum(map(np.size, arguments)) :]
+        evaluate = BoundEvaluate(Library(data, "evaluate"), memory, result)
+        lock = threading.Lock()
 
         def Run(*arguments: Any) -> Array:
-            for place, argument in zip(places, arguments, strict=True):
-                place[...] = argument
-            evaluate()
-            return result.copy()
+            with lock:  # Threads share the memory.
+                if arguments:
+                    np.concatenate(arguments, axis=None, out=place)
+                evaluate()
+                return result.copy()
 
         return Run
-
-
-class _Local(threading.local):
-    """The state of a law in a thread: its calls so far, and what is called from now."""
-
-    num_calls = 0
-    run: Law | None = None
-
-
-def _LibraryOf(law: FunctionType, samples: Sequence[Any]) -> Library:
-    """Returns a law as machine code for arguments with the shapes of the samples."""
-    program = TraceLaw(law, copy.deepcopy(samples))
-    data, _ = Kept(law.__name__.strip("<>"), MakeCode(program))
-    return Library(data, "evaluate")

@@ -1,26 +1,24 @@
 """Functions, with all that they call, whose operations on Numbers are recorded.
 
 A copy of a function is made with other globals: numpy, math, Python's built-in
-functions and the function's helpers are replaced. A statement that cannot be followed
-is refused with its line.
+functions and the function's helpers are replaced. What the function has from outside of
+it cannot be changed by the copy. A statement that cannot be followed is refused with
+its line.
 """
 
 import dis
 import functools
-from collections.abc import Callable
 from types import (
     BuiltinFunctionType,
     CellType,
     CodeType,
     FunctionType,
     MethodType,
-    ModuleType,
 )
-from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
+from typing import Any, NoReturn
 
 import numpy as np
 
-from teleop_drake.jit.contents import Contents, Opaque
 from teleop_drake.jit.symbolic_arrays import (
     AsNumbers,
     Table,
@@ -28,84 +26,47 @@ from teleop_drake.jit.symbolic_arrays import (
 from teleop_drake.jit.symbols import (
     Untraceable,
 )
-from teleop_drake.jit.traced_numpy import BUILTINS, REPLACED, OfNumpy, Refused, Refusing
-from teleop_drake.jit.tracing import Graph, MustJoinCaller
-
-P = ParamSpec("P")
-T = TypeVar("T")
-
-
-def Traced(trace: Callable[Concatenate[Graph, P], T]) -> Callable[P, T]:
-    """Returns a function that traces others in a new graph.
-
-    It raises Untraceable if they cannot be a graph or have side effects.
-    """
-
-    @functools.wraps(trace)
-    def Trace(*arguments: P.args, **keywords: P.kwargs) -> T:
-        joined: set[CodeType] = set()
-        surroundings: dict[int, _Surrounding] = {}
-        try:
-            while True:
-                graph = Graph(joined=joined, surroundings=surroundings)
-                try:
-                    with np.errstate(all="ignore"):
-                        result = trace(graph, *arguments, **keywords)
-                except MustJoinCaller as helper:
-                    joined |= set(helper.args)
-                    continue
-                for surrounding in surroundings.values():
-                    if surrounding.contents.Changed():
-                        raise surrounding.Refused("it changes")
-                return result
-        except Exception:
-            for surrounding in surroundings.values():
-                surrounding.contents.Restore()
-            raise
-
-    return Trace
-
+from teleop_drake.jit.traced_numpy import (
+    BUILTINS,
+    REPLACED,
+    OfNumpy,
+    Refused,
+    Refusing,
+    Replacement,
+)
+from teleop_drake.jit.tracing import Graph
 
 # Modules whose functions return another value in each call, and harmless ones.
 _CHANGING = "numpy.random.", "random.", "secrets.", "time.", "uuid."
-_HARMLESS = "_operator", "_functools", "builtins"
+_HARMLESS = "_functools", "builtins"
+
+# Types whose values do not change.
+_PLAIN = str, bytes, int, float, complex, type(None), np.generic, range, slice
+
+# What changes a list or a dictionary.
+_CHANGES = (
+    "__setitem__", "__delitem__", "__iadd__", "__imul__", "__ior__", "append", "clear",
+    "extend", "insert", "pop", "popitem", "remove", "reverse", "setdefault", "sort",
+    "update",
+)  # fmt: skip
 
 
-class _Surrounding(NamedTuple):
-    """A value from outside of a function, with its name and its original contents.
-
-    The function is None outside of functions.
-    """
-
-    function: FunctionType | None
-    name: str
-    contents: Contents
-
-    def Refused(self, why: str) -> Untraceable:
-        """Returns an error with the line in which the value is mentioned."""
-        error = Untraceable(f"{why} {self.name}")
-        if self.function is not None:
-            line = self.function.__code__.co_firstlineno
-            for x in dis.get_instructions(self.function.__code__):
-                if x.argval == self.name.split(".")[-1] and x.positions:
-                    line = x.positions.lineno or line
-                    break
-            error.place = f"{self.function.__name__}(), line {line}"
-        return error
+def _RefuseChange(*arguments: Any, **keywords: Any) -> NoReturn:
+    raise Untraceable("it changes a list or a dictionary from outside of it")
 
 
-def Follow(
-    graph: Graph, value: Any, name: str, function: FunctionType | None = None
-) -> Any:
+_LIST = type("list", (list,), dict.fromkeys(_CHANGES, _RefuseChange))
+_DICTIONARY = type("dict", (dict,), dict.fromkeys(_CHANGES, _RefuseChange))
+
+
+def Follow(graph: Graph, value: Any, name: str) -> Any:
     """Returns the replacement of a value from outside of a function."""
-    # Functions and modules of numpy, math and Python.
+    # Functions of numpy, math and Python.
     try:
         if value in REPLACED:
             return REPLACED[value]
     except TypeError:  # It has no hash.
         pass
-    if isinstance(value, ModuleType):
-        return _Module(graph, value, name, function)
     owner = type(getattr(value, "__self__", None))
     module = getattr(value, "__module__", None) or owner.__module__
     if callable(value) and f"{module}.".startswith(_CHANGING):
@@ -115,6 +76,8 @@ def Follow(
             return OfNumpy(value)
         return value if isinstance(value, type) else Refusing(value, name)
     # Functions of Python are followed, also as methods or with bound arguments.
+    if isinstance(value, functools._lru_cache_wrapper):
+        value = value.__wrapped__
     if isinstance(value, FunctionType):
         if value not in graph.followed:
             graph.followed[value] = _Followed(graph, value)
@@ -122,40 +85,76 @@ def Follow(
     if isinstance(value, MethodType):
         value = functools.partial(value.__func__, value.__self__)
     if isinstance(value, functools.partial):
-        followed = Follow(graph, value.func, name, function)
-        return functools.partial(followed, *value.args, **value.keywords)
-    if isinstance(value, BuiltinFunctionType) and module not in _HARMLESS:
-        return Refused(value, name)
-    # An array becomes read-only. Any other value is checked for changes at the end.
+        function = Follow(graph, value.func, name)
+        arguments = [Follow(graph, x, name) for x in value.args]
+        keywords = {key: Follow(graph, x, key) for key, x in value.keywords.items()}
+        return functools.partial(function, *arguments, **keywords)
+    if isinstance(value, BuiltinFunctionType):
+        is_harmless = getattr(value.__self__, "__name__", None) in _HARMLESS
+        return value if is_harmless else Refused(value, name)
+    # Of values that could be changed, the function gets copies that cannot.
+    if isinstance(value, _PLAIN):
+        return value
     if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
         is_real = value.dtype.kind == "f"
         array = AsNumbers(value) if is_real else value.view(Table)
         array.flags.writeable = False
         return array
-    if id(value) not in graph.surroundings:
-        if hasattr(value, "__next__"):
-            nothing = _Surrounding(function, name, Contents(()))
-            raise nothing.Refused("it takes from an iterator,")
-        graph.surroundings[id(value)] = _Surrounding(function, name, Contents((value,)))
-    return value
+    if isinstance(value, tuple) or type(value) is list:
+        kind = _LIST if isinstance(value, list) else getattr(value, "_make", tuple)
+        return kind(Follow(graph, item, name) for item in value)
+    if type(value) is dict:
+        # The keys may be functions.
+        return _DICTIONARY(Follow(graph, item, name) for item in value.items())
+    return _Outside(graph, value, name)
 
 
-class _Module(Opaque):
-    """A module whose functions are followed."""
+class _Outside:
+    """A module, a class or an object from outside of a function.
 
-    def __init__(self, graph: Graph, module: ModuleType, name: str, function: Any):
-        vars(self)["_followed"] = graph, module, name, function
+    Its attributes are followed. It refuses what would change it, and what would show
+    that it is another object.
+    """
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __init__(self, graph: Graph, value: Any, name: str):
+        object.__setattr__(self, "_outside", (graph, value, name))
+
+    def __getattribute__(self, attribute: str) -> Any:
+        graph, value, name = object.__getattribute__(self, "_outside")
+        if attribute == "__class__":  # As isinstance() asks; see _CheckCode().
+            return type(value)
+        of_class = getattr(type(value), attribute, None)
+        if isinstance(of_class, property) and of_class.fget:
+            return Follow(graph, MethodType(of_class.fget, value), name)()
+        return Follow(graph, getattr(value, attribute), f"{name}.{attribute}")
 
     def __setattr__(self, attribute: str, value: Any) -> None:
-        raise Untraceable(f"it assigns to {self._followed[2]}.{attribute}")
+        _, _, name = object.__getattribute__(self, "_outside")
+        raise Untraceable(f"it assigns to {name}.{attribute}")
 
-    def __getattr__(self, attribute: str) -> Any:
-        graph, module, name, function = self._followed
-        value = getattr(module, attribute)
-        return Follow(graph, value, f"{name}.{attribute}", function)
+    def __call__(self, *arguments: Any, **keywords: Any) -> Any:
+        graph, value, name = object.__getattribute__(self, "_outside")
+        if isinstance(value, type):
+            return value(*arguments, **keywords)
+        call = vars(type(value)).get("__call__")
+        if not isinstance(call, FunctionType):
+            raise Untraceable(f"a call of {name}()")
+        return Follow(graph, MethodType(call, value), name)(*arguments, **keywords)
+
+    def __instancecheck__(self, instance: Any) -> bool:
+        _, value, _ = object.__getattribute__(self, "_outside")
+        return isinstance(instance, value)
+
+    def _Refuse(self, *others: Any) -> NoReturn:
+        _, _, name = object.__getattribute__(self, "_outside")
+        raise Untraceable(f"it compares {name}, or makes text of it")
+
+    __eq__ = __ne__ = __bool__ = __repr__ = _Refuse
 
 
-class _Followed(Opaque):
+class _Followed(Replacement):
     """A function that records its operations and those of its helpers."""
 
     _graph: Graph
@@ -164,6 +163,9 @@ class _Followed(Opaque):
 
     def __init__(self, graph: Graph, function: FunctionType):
         vars(self).update(_graph=graph, _function=function, _copy=None)
+
+    def __getattr__(self, attribute: str) -> Any:
+        return Follow(self._graph, getattr(self._function, attribute), attribute)
 
     def __setattr__(self, attribute: str, value: Any) -> None:
         name = self._function.__name__
@@ -202,33 +204,30 @@ class _Followed(Opaque):
     def _Copy(self) -> FunctionType:
         """Returns the function with what it has from outside replaced."""
         function = self._function
-        graph = self._graph
+        follow = functools.partial(Follow, self._graph)
         codes = self._Codes()
         for code in codes:
             _CheckCode(code, code is codes[0])
-        graph.codes |= set(codes)
+        self._graph.codes |= set(codes)
 
         def Import(name: str, *arguments: Any) -> Any:
             module = __import__(name, *arguments)
             is_of_numpy = isinstance(arguments[2], list)  # As its own code asks.
-            return module if is_of_numpy else _Module(graph, module, name, function)
-
-        def Outside(value: Any, name: str) -> Any:
-            return Follow(graph, value, name, function)
+            return module if is_of_numpy else follow(module, name)
 
         own = {**BUILTINS, "__import__": Import}
         names = {**function.__globals__, "__builtins__": own}
         for name in {name for code in codes for name in code.co_names} & names.keys():
-            names[name] = Outside(names[name], name)
+            names[name] = follow(names[name], name)
         closure = zip(codes[0].co_freevars, function.__closure__ or (), strict=True)
         cells = tuple(
-            CellType(*() if x == CellType() else (Outside(x.cell_contents, name),))
+            CellType(*() if x == CellType() else (follow(x.cell_contents, name),))
             for name, x in closure
         )
-        defaults = tuple(Outside(x, "a default") for x in function.__defaults__ or ())
+        defaults = tuple(follow(x, "a default") for x in function.__defaults__ or ())
         copy = FunctionType(codes[0], names, function.__name__, defaults, cells)
         others = function.__kwdefaults__ or {}
-        copy.__kwdefaults__ = {name: Outside(x, name) for name, x in others.items()}
+        copy.__kwdefaults__ = {name: follow(x, name) for name, x in others.items()}
         return copy
 
 
@@ -251,6 +250,8 @@ def _IsNone(instruction: dis.Instruction | None) -> bool:
 
 def _CheckCode(code: CodeType, is_outermost: bool) -> None:
     """Refuses code that can be rejected without running it."""
+    if "__class__" in code.co_names:
+        raise Untraceable("it asks for __class__")
     if not _REFUSED_NUMBERS & set(code.co_code[::2]):
         return
     instructions = list(dis.get_instructions(code))

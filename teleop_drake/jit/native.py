@@ -15,14 +15,11 @@ import numpy as np
 
 from teleop_drake.arrays import Array, Indices
 from teleop_drake.files import Replacing
-from teleop_drake.jit.scalar_code import LIBRARY_FUNCTIONS
 
-# Optimisation: from loops, less than this leaves the checks of indices inside.
+# Optimisation of LLVM's code: from loops, less than this leaves the checks of indices
+# inside. And of the machine's: more takes longer, and its code is no faster.
 _LEVEL = 3
-
-# Lines of code from which on LLVM gets less time for each: what it takes grows faster
-# than the code does.
-_LONG = 20_000
+_MACHINE_LEVEL = 1
 
 # Beyond this total size, files of all versions are deleted, least recently used first.
 _MAX_BYTES = 64_000_000
@@ -32,8 +29,8 @@ _HASH_SIZE = _HASH().digest_size
 
 
 @functools.cache
-def Targets() -> Any:
-    """Returns LLVM's descriptions of this machine, for long code and for other code."""
+def _Machine() -> Any:
+    """Returns LLVM's description of this machine."""
     import llvmlite.binding as llvm
 
     try:
@@ -41,14 +38,8 @@ def Targets() -> Any:
         llvm.initialize_native_asmprinter()
     except RuntimeError:  # Newer ones are initialised as they are.
         pass
-    return [_Machine(level) for level in (1, 2)]
-
-
-def _Machine(level: int) -> Any:
-    import llvmlite.binding as llvm
-
     return llvm.Target.from_default_triple().create_target_machine(
-        opt=level,
+        opt=_MACHINE_LEVEL,
         reloc="pic",
         codemodel="jitdefault",
         cpu=llvm.get_host_cpu_name(),
@@ -57,22 +48,11 @@ def _Machine(level: int) -> Any:
     )
 
 
-def Target() -> str:
-    """Returns the target of object files, on which they depend besides their source."""
-    import llvmlite
-    import llvmlite.binding as llvm
-
-    features = llvm.get_host_cpu_features().flatten()
-    processor = f"{llvm.get_default_triple()} {llvm.get_host_cpu_name()} {features}"
-    return f"llvmlite {llvmlite.__version__} {processor} {_LEVEL} {_LONG}"
-
-
 def ObjectFile(code: str) -> bytes:
     """Returns LLVM's code as an object file."""
     import llvmlite.binding as llvm
 
-    for_long, for_other = Targets()
-    machine = for_long if code.count("\n") > _LONG else for_other
+    machine = _Machine()
     module = llvm.parse_assembly(code)
     module.verify()
     options = llvm.create_pipeline_tuning_options(speed_level=_LEVEL)
@@ -81,16 +61,14 @@ def ObjectFile(code: str) -> bytes:
     return machine.emit_object(module)
 
 
-def Kept(
-    name: str, code: str, make: Callable[[str], bytes] | None = None
-) -> tuple[bytes, bool]:
+def Kept(name: str, code: str, make: Callable[[str], bytes] | None = None) -> bytes:
     """Returns the object file of LLVM's code from the cache, or makes and stores it.
 
     Several processes may do so at once. The object file is made anew if the cache
     cannot be written, or if the file in the cache is damaged.
 
     The file's name begins with `name`. `make` is the function that makes the file from
-    the code. The second result is whether the file was in the cache.
+    the code.
     """
     folder = _Folder()
     file = folder / _Version() / f"{name}_{_HASH(code.encode()).hexdigest()[:32]}.o"
@@ -100,31 +78,34 @@ def Kept(
         if _HASH(data).digest() == content[:_HASH_SIZE]:
             with contextlib.suppress(OSError):
                 os.utime(file)  # A file's time is the time of its last use.
-            return data, True
+            return data
     data = (make or ObjectFile)(code)
     with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
         with Replacing(file) as temporary:
             temporary.write_bytes(_HASH(data).digest() + data)
         _Sweep(folder)
-    return data, False
+    return data
 
 
 def _Folder() -> Path:
     """Returns the folder of this user's cache."""
-    if sys.platform == "win32":
-        root = os.environ.get("LOCALAPPDATA", "~")
-    elif sys.platform == "darwin":
+    root = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    if sys.platform == "darwin":
         root = "~/Library/Caches"
-    else:
-        root = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     return Path(root).expanduser() / "teleop-drake" / "kernels"
 
 
 @functools.cache
 def _Version() -> str:
-    """Returns a folder name that identifies llvmlite's version and the processor."""
-    return _HASH(Target().encode()).hexdigest()[:16]
+    """Returns the name of a folder for what object files depend on besides the code."""
+    import llvmlite
+    import llvmlite.binding as llvm
+
+    features = llvm.get_host_cpu_features().flatten()
+    processor = f"{llvm.get_default_triple()} {llvm.get_host_cpu_name()} {features}"
+    target = f"llvmlite {llvmlite.__version__} {processor} {_LEVEL} {_MACHINE_LEVEL}"
+    return _HASH(target.encode()).hexdigest()[:16]
 
 
 def _Sweep(folder: Path) -> None:
@@ -142,7 +123,7 @@ def _Linker() -> Any:
     """Returns the linker of libraries, and a counter that numbers them."""
     import llvmlite.binding as llvm
 
-    Targets()
+    _Machine()
     return llvm.create_lljit_compiler(), itertools.count()
 
 
@@ -154,16 +135,9 @@ class Library:
 
         linker, numbers = _Linker()
         builder = llvm.JITLibraryBuilder().add_object_img(data).add_current_process()
-        # C's mathematics, where the process does not export it.
-        library = ctypes.cdll.msvcrt if sys.platform == "win32" else ctypes.CDLL(None)
-        for name in LIBRARY_FUNCTIONS:
-            if hasattr(library, name):
-                function = ctypes.cast(getattr(library, name), ctypes.c_void_p)
-                builder.import_symbol(name, function.value)
         for name in names:
             builder.export_symbol(name)
         self._addresses = builder.link(linker, f"library{next(numbers)}")
-        self._fault: ctypes.c_char_p | None = None
 
     def Address(self, name: str) -> int:
         """Returns the address of a function or variable."""
@@ -171,28 +145,26 @@ class Library:
 
     def RaiseFault(self) -> None:
         """Raises an IndexError if loops have ended at an index; see typed_code."""
-        if self._fault is None:
-            self._fault = ctypes.c_char_p.from_address(self.Address("fault"))
-        place = self._fault
+        place = ctypes.c_char_p.from_address(self.Address("fault"))
         if place.value is not None:
             where = place.value.decode()
             place.value = None
             raise IndexError(f"{where}: an index is outside of its array")
 
 
-_ARGUMENTS = (ctypes.c_double, *[ctypes.c_void_p] * 5, ctypes.c_int32)
-_EVALUATE = ctypes.CFUNCTYPE(None, *_ARGUMENTS)
 # Holds Python's lock: its release would take as long as a short law.
-_EVALUATE_AT_ONCE = ctypes.PYFUNCTYPE(None, *_ARGUMENTS)
+_EVALUATE = ctypes.PYFUNCTYPE(
+    None, ctypes.c_double, *[ctypes.c_void_p] * 5, ctypes.c_int32
+)
 
 
 class Evaluate:
-    """A function `evaluate` in machine code, at its address; see `scalar_code`."""
+    """The function `evaluate` of a library in machine code; see `scalar_code`."""
 
-    def __init__(self, address: int, owner: Any, is_from_cache: bool):
+    def __init__(self, library: Library):
+        address = library.Address("evaluate")
         self.pointer = ctypes.c_void_p(address)
-        self.is_from_cache = is_from_cache
-        self._owner = owner
+        self._library = library
         self._function = _EVALUATE(address)
 
     def __call__(self, t: float, *others: Any) -> None:
@@ -212,7 +184,7 @@ def _Address(array: Array | Indices) -> int:
 
 def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
     """Returns a function that evaluates a law with the same arrays each time."""
-    function = _EVALUATE_AT_ONCE(library.Address("evaluate"))
+    function = _EVALUATE(library.Address("evaluate"))
     addresses = None, None, _Address(p), None, _Address(dx)
     call = functools.partial(function, 0.0, *addresses, 0)
     call.__dict__["owners"] = library, p, dx

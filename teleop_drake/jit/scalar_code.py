@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from teleop_drake.jit.following import Follow, Traced
+from teleop_drake.jit.following import Follow
 from teleop_drake.jit.packing import Parameters
 from teleop_drake.jit.symbolic_arrays import (
     AsNumbers,
@@ -41,15 +41,14 @@ NOTHING = "void"
 
 LIBRARY_FUNCTIONS = (
     "exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh",
-    "tanh", "pow", "fmod",
+    "tanh", "pow",
 )  # fmt: skip
 """The functions of C's mathematics library that the code may call."""
 
 _INTRINSICS = (
-    "sqrt", "fabs", "floor", "ceil", "trunc", "rint", "copysign", "exp", "log", "sin",
-    "cos", "pow",
+    "sqrt", "fabs", "floor", "ceil", "trunc", "exp", "log", "sin", "cos", "pow",
 )  # fmt: skip
-_WITH_TWO_SIDES = ("pow", "atan2", "fmod", "copysign")
+_WITH_TWO_SIDES = ("pow", "atan2")
 
 # The operations that are one instruction; further operands follow.
 _INSTRUCTIONS = {
@@ -161,9 +160,7 @@ class Arrays(NamedTuple):
     follow: Callable[[Any], Any] = lambda function: function
 
 
-@Traced
 def TraceProgram(
-    graph: Graph,
     parts: Sequence[Callable[[Arrays], None]],
     sizes: tuple[int, int, int],
     num_parameters: int,
@@ -172,6 +169,7 @@ def TraceProgram(
 
     The first part is always executed, the second one on demand.
     """
+    graph = Graph()
     num_y, num_x, num_m = sizes
     arrays = Arrays(
         t=graph.Add("load", "t", 0),
@@ -182,6 +180,7 @@ def TraceProgram(
         dx=_Given(graph, "dx", num_x),
         follow=lambda law: Follow(graph, law, getattr(law, "__name__", "a function")),
     )
+    arrays.p.flags.writeable = False
     needed, others = parts
     needed(arrays)
     stores = _Changes(graph, arrays)
@@ -194,14 +193,13 @@ def TraceProgram(
     return ScalarProgram(graph, stores, more)
 
 
-@Traced
-def TraceLaw(graph: Graph, law: FunctionType, samples: Sequence[Any]) -> ScalarProgram:
+def TraceLaw(law: FunctionType, samples: Sequence[Any]) -> ScalarProgram:
     """Returns what a law computes: from p, its arguments in a row, dx, its result.
 
     The samples are arguments like those it will get. Whole numbers and arrays of them
     are not in p: they are part of the structure.
     """
-    graph.is_given_finite = False
+    graph = Graph(is_given_finite=False)
     parameters = Parameters()
     layouts = [parameters.Add(sample) for sample in samples]
     p = _Given(graph, "p", len(parameters.numbers))

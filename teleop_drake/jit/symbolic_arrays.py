@@ -1,12 +1,10 @@
-"""Arrays of symbolic numbers, and numpy's dispatch to the functions that know them."""
+"""Arrays of symbolic numbers."""
 
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from teleop_drake.jit.symbols import (
-    NUMPY,
     AsBoolean,
     AsReal,
     AsWhole,
@@ -14,18 +12,10 @@ from teleop_drake.jit.symbols import (
     Dispatched,
     IsBoolean,
     IsSame,
-    LimitOf,
-    Not,
+    KindOf,
     Number,
     Untraceable,
-    WithLimit,
 )
-
-UFUNCS: dict[Any, Any] = {}
-"""The functions that compute the ufuncs of numpy on arrays of objects."""
-
-FUNCTIONS: dict[Any, Callable[..., Any]] = {}
-"""The replacements of other functions of numpy."""
 
 
 class Table(np.ndarray):
@@ -40,7 +30,7 @@ class Table(np.ndarray):
     def _Selected(self, keys: tuple[Any, ...]) -> Any:
         """Returns the row that a Number says; nothing finite if there is none."""
         index, *others = keys
-        is_number = isinstance(index, Number) and not index.is_boolean
+        is_number = isinstance(index, Number) and not IsBoolean(index)
         if not is_number:
             raise Untraceable("an index behind another one depends on numbers")
         plain = np.asarray(self)
@@ -53,7 +43,7 @@ class Table(np.ndarray):
         for i in reversed(range(len(rows))):
             result = Where(index == float(i), rows[i], result)
         if plain.dtype == np.int64 and isinstance(result, Number):
-            return AsWhole(result, float(abs(plain).max()))
+            return AsWhole(result)
         return result
 
 
@@ -88,22 +78,29 @@ class Numbers(Dispatched, Table):
             value = Where(key, value, self)
             key = ...
         key = _Masked(key)
-        old = list(Objects(np.asarray(self)[key]).flat)
-        new = list(Objects(value).flat)
+        old = _Kinds(Objects(np.asarray(self)[key]))
+        new = _Kinds(Objects(value))
         # An array of yes and no stays one, and so do whole numbers and others.
-        if any(map(IsBoolean, old)):
-            if not all(map(IsBoolean, new)):
+        if bool in old:
+            if new != {bool}:
                 raise Untraceable("it writes numbers where yes or no was")
-        elif any(LimitOf(x) is not None for x in old):
-            if any(LimitOf(x) is None for x in new):
+        elif int in old:
+            if float in new:
                 raise Untraceable("it writes numbers where whole numbers were")
         else:
-            value = _REAL(Objects(value))
+            value = REAL(Objects(value))
         super().__setitem__(key, value)
 
 
-_REAL = np.frompyfunc(AsReal, 1, 1)
-_BOOLEAN = np.frompyfunc(AsBoolean, 1, 1)
+def _Kinds(array: Any) -> set[type]:
+    return set(map(KindOf, array.flat))
+
+
+REAL = np.frompyfunc(AsReal, 1, 1)
+"""Returns an array of objects with AsReal() of each element."""
+
+BOOLEAN = np.frompyfunc(AsBoolean, 1, 1)
+"""Returns an array of objects with AsBoolean() of each element."""
 
 
 def Objects(value: Any) -> Any:
@@ -120,10 +117,10 @@ def AsNumbers(value: Any) -> Numbers:
     return np.asarray(value, object).view(Numbers)
 
 
-def _Result(value: Any) -> Any:
+def Result(value: Any) -> Any:
     """Returns what numpy made of arrays of objects."""
     if isinstance(value, (tuple, list)):
-        return type(value)(_Result(item) for item in value)
+        return type(value)(Result(item) for item in value)
     if not isinstance(value, np.ndarray) or value.dtype != object:
         return value
     return AsNumbers(value) if value.ndim else value.item()
@@ -134,89 +131,14 @@ def Unified(array: Any) -> Any:
 
     It is the same array where that is so.
     """
-    if not isinstance(array, Numbers):
+    if not isinstance(array, Numbers) or len(_Kinds(array)) < 2:
         return array
-    kinds = {(IsBoolean(x), LimitOf(x) is None) for x in array.flat}
-    return array if len(kinds) < 2 else AsFloats(array)
+    return AsFloats(array)
 
 
 def AsFloats(array: Any) -> Numbers:
     """Returns a copy of an array in which yes and no and whole numbers are floats."""
-    return AsNumbers(_REAL(np.asarray(array)))
-
-
-# What numpy's own code hands to a ufunc although it means nothing.
-_DEFAULTS = {"where": True, "keepdims": False}
-
-
-def CallUfunc(
-    ufunc: Any, method: str, *inputs: Any, out: Any = None, **keywords: Any
-) -> Any:
-    """Calls a ufunc of numpy, as __array_ufunc__ has it."""
-    if method == "reduce":
-        result = _Reduced(ufunc, inputs[0], **keywords)
-    elif method == "__call__" and ufunc in UFUNCS and not keywords:
-        result = _Result(UFUNCS[ufunc](*map(Objects, inputs)))
-    else:
-        raise _IsUnknown(ufunc, keywords)
-    if out is None:
-        return result
-    out[0][...] = result
-    return out[0]
-
-
-def _Reduced(
-    ufunc: Any, value: Any, axis: int | None = 0, dtype: Any = None, **keywords: Any
-) -> Any:
-    """Returns what a ufunc makes of the elements along an axis."""
-    is_logical = ufunc in (np.logical_and, np.logical_or)
-    is_known = is_logical or (ufunc in UFUNCS and dtype is None)
-    if not is_known or any(x is not _DEFAULTS.get(n, n) for n, x in keywords.items()):
-        raise _IsUnknown(ufunc, keywords)
-    array = Objects(value)
-    if is_logical:
-        reduce = ufunc.reduce  # It asks no more elements than it has to, one by one.
-        array = _BOOLEAN(array)
-    else:
-        reduce = UFUNCS[ufunc].reduce
-    if ufunc is np.add:  # The sum of yes and no is their number.
-        array = _REAL(array)
-    if axis is None:
-        return _Result(reduce(array.ravel()))
-    return _Result(reduce(array, axis=axis))
-
-
-def _IsUnknown(ufunc: Any, keywords: dict[str, Any]) -> Untraceable:
-    names = ", ".join([*keywords, "..."])
-    return Untraceable(f"np.{ufunc.__name__}({names}) is not known")
-
-
-def CallFunction(
-    function: Any, types: Any, arguments: Sequence[Any], keywords: dict[str, Any]
-) -> Any:
-    """Calls another function of numpy, as __array_function__ has it."""
-    if function not in FUNCTIONS:
-        raise Untraceable(f"np.{function.__name__}() is not known")
-    return FUNCTIONS[function](*arguments, **keywords)
-
-
-def Structural(function: Any) -> Callable[..., Any]:
-    """Returns a function of numpy that does not care what is in an array."""
-
-    def Call(*arguments: Any, **keywords: Any) -> Any:
-        arguments = tuple(_Plain(value) for value in arguments)
-        keywords = {name: _Plain(value) for name, value in keywords.items()}
-        return Unified(_Result(function(*arguments, **keywords)))
-
-    return Call
-
-
-def _Plain(value: Any) -> Any:
-    if isinstance(value, (tuple, list)):
-        if any(isinstance(item, (tuple, list, np.ndarray)) for item in value):
-            return [_Plain(item) for item in value]
-        return Objects(value) if HasNumbers(value) else value
-    return Objects(value) if isinstance(value, (Number, Numbers)) else value
+    return AsNumbers(REAL(np.asarray(array)))
 
 
 def HasNumbers(value: Any) -> bool:
@@ -233,19 +155,17 @@ def HasNumbers(value: Any) -> bool:
 def Where(condition: Any, a: Any, b: Any) -> Any:
     """Returns a where a condition holds and b elsewhere, element by element."""
     if any(isinstance(item, (np.ndarray, list, tuple)) for item in (condition, a, b)):
-        return Unified(_Result(_WHERE(*map(Objects, (condition, a, b)))))
+        return Unified(Result(_WHERE(*map(Objects, (condition, a, b)))))
     if not isinstance(condition, Number):
         return a if condition else b
-    if IsSame((a, b)):
+    if IsSame(a, b):
         return a
     condition = AsBoolean(condition)
-    if IsBoolean(a) and IsBoolean(b):
-        return (condition & a) | (Not(condition) & b)
     result = condition.graph.Add("select", condition, AsReal(a), AsReal(b))
-    return WithLimit(result, a, b, max)
+    kinds = {KindOf(a), KindOf(b)}
+    if kinds == {bool}:
+        return AsBoolean(result)
+    return result if float in kinds else AsWhole(result)
 
 
 _WHERE = np.frompyfunc(Where, 3, 1)
-
-NUMPY["ufunc"] = CallUfunc
-NUMPY["function"] = CallFunction

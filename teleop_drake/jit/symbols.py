@@ -5,11 +5,10 @@ numbers, and `traced_numpy` defines numpy's functions on both.
 """
 
 import math
-import operator
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -65,11 +64,6 @@ class Symbol:
     __truediv__ = _Operator("div")
     __rtruediv__ = _Reflected("div")
     __floordiv__ = _Operator("floordiv")
-    __rfloordiv__ = _Reflected("floordiv")
-    __mod__ = _Operator("mod")
-    __rmod__ = _Reflected("mod")
-    __divmod__ = _Operator("divmod")
-    __rdivmod__ = _Reflected("divmod")
     __pow__ = _Operator("pow")
     __rpow__ = _Reflected("pow")
     __and__ = _Operator("and")
@@ -92,34 +86,32 @@ class Ref(NamedTuple):
     place: int
 
 
+def KindOf(value: Any) -> type:
+    """Returns what a number is, symbolic or of Python: a bool, an int or a float."""
+    if isinstance(value, Number):
+        return value.kind
+    if isinstance(value, (bool, np.bool_)):
+        return bool
+    return int if isinstance(value, (int, np.integer)) else float
+
+
 def IsBoolean(value: Any) -> bool:
-    """Returns whether a number, symbolic or of Python, is a boolean."""
-    if isinstance(value, Number):
-        return value.is_boolean
-    return isinstance(value, (bool, np.bool_))
-
-
-def LimitOf(value: Any) -> float | None:
-    """Returns the largest magnitude of a whole number; None for other numbers."""
-    if IsBoolean(value):
-        return 1.0
-    if isinstance(value, Number):
-        return value.limit
-    return abs(float(value)) if isinstance(value, (int, np.integer)) else None
+    """Returns whether a number is a boolean."""
+    return KindOf(value) is bool
 
 
 def AsReal(value: Any) -> Any:
     """Returns a number as a float, of which a yes is 1 and a no is 0."""
     if not isinstance(value, Number):
         return _AsFloat(value)
-    if value.is_boolean:
+    if value.kind is bool:
         return value.graph.Add("select", value, 1.0, 0.0)
-    return value if value.limit is None else Number(value.graph, value.ref)
+    return Number(value.graph, value.ref)
 
 
-def AsWhole(value: Any, limit: float = math.inf) -> Any:
-    """Returns a Number as a whole number of at most a magnitude."""
-    return Number(value.graph, AsReal(value).ref, limit=limit)
+def AsWhole(value: Any) -> Any:
+    """Returns a Number as a whole number."""
+    return Number(value.graph, AsReal(value).ref, int)
 
 
 def AsBoolean(value: Any) -> Any:
@@ -135,13 +127,12 @@ def Not(value: Any) -> Any:
     return not value
 
 
-def IsSame(column: Sequence[Any]) -> bool:
-    """Returns whether all values of a column are the same number or node."""
-    first = column[0]
-    if isinstance(first, Number):
-        return all(isinstance(x, Number) and x.ref == first.ref for x in column)
+def IsSame(a: Any, b: Any) -> bool:
+    """Returns whether two values are the same number or node."""
+    if isinstance(a, Number) or isinstance(b, Number):
+        return isinstance(a, Number) and isinstance(b, Number) and a.ref == b.ref
     # Texts distinguish 0.0 from -0.0, and True from 1.0.
-    return all(not isinstance(x, Number) and repr(x) == repr(first) for x in column)
+    return repr(a) == repr(b)
 
 
 def CheckPrecision(value: Any) -> None:
@@ -185,25 +176,22 @@ def Apply(operation: str, *values: Any) -> Any:
 
 
 def _Arithmetic(operation: str, a: Any, b: Any) -> Any:
-    """Returns a sum, a difference or a product.
-
-    Whole numbers have a limit: floats have gaps from 2^53 on.
-    """
-    are_boolean = IsBoolean(a) and IsBoolean(b)
-    if are_boolean and operation == "mul":
-        return Both(a, b)
-    if are_boolean:
+    """Returns a sum, a difference or a product."""
+    kinds = {KindOf(a), KindOf(b)}
+    if kinds == {bool} and operation == "mul":
+        return _Logical("and", a, b)
+    if kinds == {bool}:
         raise Untraceable(
             "a sum of two comparisons, which numpy takes for `or`: write float()"
         )
     result = _FoldedProduct(a, b) if operation == "mul" else None
     if result is None:
         result = Apply(operation, a, b)
-    limit_of = operator.mul if operation == "mul" else operator.add
-    result = WithLimit(result, a, b, limit_of)
-    if isinstance(result, Number) and (result.limit or 0.0) > 2.0**53:
-        raise Untraceable("whole numbers that may be beyond 2^53: write float()")
-    return result
+    if float in kinds or not isinstance(result, Number):
+        return result
+    # Python's whole numbers have no gaps, as floats have from 2^53 on.
+    is_exact = abs(result) <= 2.0**53
+    return AsWhole(result.graph.Add("select", is_exact, result, math.nan))
 
 
 def _FoldedProduct(a: Any, b: Any) -> Any:
@@ -214,8 +202,6 @@ def _FoldedProduct(a: Any, b: Any) -> Any:
         factor = _Operand(x)
         if factor == 1.0:
             return AsReal(y)
-        if factor == -1.0:
-            return -AsReal(y)
         if factor == 0.0 and y.graph.IsZeroTimes(y):
             return 0.0
     return None
@@ -231,53 +217,20 @@ def _Quotient(a: Any, b: Any) -> Any:
 
 def _Power(a: Any, b: Any) -> Any:
     """Returns a ** b; small powers are products."""
-    base = LimitOf(a)
-    exponent = LimitOf(b)
-    if base is not None and exponent is not None:
-        num_bits = exponent * math.log2(max(base, 1.0))
-        if num_bits > 53.0:
-            raise Untraceable("a power of whole numbers: write float()")
+    if float not in (KindOf(a), KindOf(b)):
+        raise Untraceable("a power of whole numbers: write float()")
     power = None if isinstance(b, Number) else _Operand(b)
     if power in (0.0, 1.0, 2.0, 3.0, 4.0):
         return math.prod([AsReal(a)] * int(power), start=1.0)
     return Apply("sqrt", a) if power == 0.5 else Apply("pow", a, b)
 
 
-def Both(a: Any, b: Any) -> Any:
-    """Returns whether both of two hold; one of them is a Number."""
+def _Logical(operation: str, a: Any, b: Any) -> Any:
+    """Returns whether both of two hold, or one of them; one of them is a Number."""
     if not (IsBoolean(a) and IsBoolean(b)):
         return NotImplemented
-    for x, y in ((a, b), (b, a)):
-        if not isinstance(x, Number):
-            return y if x else False
-    return a.graph.Add("and", a, b)
-
-
-def Either(a: Any, b: Any) -> Any:
-    """Returns whether one of two holds; one of them is a Number."""
-    if not (IsBoolean(a) and IsBoolean(b)):
-        return NotImplemented
-    for x, y in ((a, b), (b, a)):
-        if not isinstance(x, Number):
-            return True if x else y
-    return a.graph.Add("or", a, b)
-
-
-def _RefuseRemainder(*operands: Any) -> NoReturn:
-    raise Untraceable("a remainder, or a number that is rounded")
-
-
-def WithLimit(result: Any, a: Any, b: Any, limit_of: Callable[..., float]) -> Any:
-    """Returns the result of two numbers, as a whole number if both are.
-
-    Args:
-        limit_of: Returns the largest magnitude of the result from those of a and b.
-    """
-    first = LimitOf(a)
-    second = LimitOf(b)
-    if first is None or second is None or not isinstance(result, Number):
-        return result
-    return AsWhole(result, limit_of(first, second))
+    number = a if isinstance(a, Number) else b
+    return number.graph.Add(operation, a, b)
 
 
 NUMPY: dict[str, Callable[..., Any]] = {}
@@ -304,23 +257,15 @@ class Number(Dispatched, Symbol):
     Attributes:
         graph: The tracing.Graph.
         ref: The node.
-        is_boolean: Whether it is a yes or no.
-        limit: The largest magnitude of a whole number, also inf; None for others.
+        kind: What it is in Python: a bool, an int or a float.
     """
 
-    __slots__ = ("graph", "is_boolean", "limit", "ref")
+    __slots__ = ("graph", "kind", "ref")
 
-    def __init__(
-        self,
-        graph: Any,
-        ref: Ref,
-        is_boolean: bool = False,
-        limit: float | None = None,
-    ):
+    def __init__(self, graph: Any, ref: Ref, kind: type = float):
         self.graph = graph
         self.ref = ref
-        self.is_boolean = is_boolean
-        self.limit = limit
+        self.kind = kind
 
     def __bool__(self) -> bool:
         """Returns the answer on the way that is being traced."""
@@ -333,28 +278,22 @@ class Number(Dispatched, Symbol):
 
     def Operate(self, operation: str, *operands: Any) -> Any:
         """Returns the value of an operation, or NotImplemented."""
+        if operation not in _OPERATIONS:  # A quotient without a remainder.
+            return NotImplemented
         return _OPERATIONS[operation](*operands)
 
-    def __invert__(self) -> Any:
-        raise Untraceable("~ of a number, which Python and numpy take for two; use not")
-
     def __neg__(self) -> Any:
-        if self.is_boolean:
+        if self.kind is bool:
             raise Untraceable("the negative of a comparison: write float()")
-        node = self.graph.nodes[self.ref.place]
-        if node.operation == "neg":
-            return Number(self.graph, node.arguments[0], limit=self.limit)
-        return Number(self.graph, self.graph.Add("neg", self).ref, limit=self.limit)
+        return Number(self.graph, self.graph.Add("neg", self).ref, self.kind)
 
     def __pos__(self) -> "Number":
         return self
 
     def __abs__(self) -> "Number":
-        if self.is_boolean:
+        if self.kind is bool:
             return self
-        return Number(self.graph, self.graph.Add("fabs", self).ref, limit=self.limit)
-
-    __round__ = __floor__ = __ceil__ = _RefuseRemainder
+        return Number(self.graph, self.graph.Add("fabs", self).ref, self.kind)
 
 
 _NUMBERS = (Number, bool, int, float, np.bool_, np.integer, np.floating)
@@ -365,8 +304,7 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "mul": partial(_Arithmetic, "mul"),
     "div": _Quotient,
     "pow": _Power,
-    "and": Both,
-    "or": Either,
+    "and": partial(_Logical, "and"),
+    "or": partial(_Logical, "or"),
     **{name: partial(Apply, name) for name in COMPARISONS},
-    **dict.fromkeys(("mod", "floordiv", "divmod"), _RefuseRemainder),
 }

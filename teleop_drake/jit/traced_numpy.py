@@ -4,34 +4,33 @@ A function of numpy that is not defined here is refused when it is called with N
 """
 
 import builtins
-import datetime
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from teleop_drake.jit.symbolic_arrays import (
-    FUNCTIONS,
-    UFUNCS,
+    BOOLEAN,
+    REAL,
     AsFloats,
     AsNumbers,
-    CallFunction,
-    CallUfunc,
     HasNumbers,
     Numbers,
     Objects,
-    Structural,
+    Result,
     Unified,
     Where,
 )
 from teleop_drake.jit.symbols import (
+    NUMPY,
     Apply,
     AsBoolean,
     AsReal,
     AsWhole,
-    LimitOf,
+    IsBoolean,
+    KindOf,
     Not,
     Number,
     Untraceable,
@@ -56,16 +55,18 @@ def _Better(is_better: Callable[..., Any]) -> Callable[..., Any]:
     return lambda a, b: Where(is_better(a, b) | (a != a), a, b)
 
 
+def _Opposite(a: Any) -> Any:
+    if not IsBoolean(a):
+        raise Untraceable("~ of a number")
+    return Not(a)
+
+
 def _LogicalAnd(a: Any, b: Any) -> Any:
     return AsBoolean(a) & AsBoolean(b)
 
 
 def _LogicalOr(a: Any, b: Any) -> Any:
     return AsBoolean(a) | AsBoolean(b)
-
-
-def _Square(a: Any) -> Any:
-    return a * a
 
 
 def _Best(usual: Callable[..., Any], is_better: Callable[..., Any]) -> Any:
@@ -95,8 +96,10 @@ def _Whole(value: Any = 0, *base: Any) -> Any:
         value = value.item()
     if not isinstance(value, Number):
         return int(value, *base)
-    if value.limit is not None:
+    if value.kind is int:
         return value
+    if value.kind is bool:
+        return AsWhole(value)
     # Python's whole numbers have no -0.0.
     return AsWhole(Apply("trunc", value) + 0.0)
 
@@ -105,7 +108,7 @@ def _Whole(value: Any = 0, *base: Any) -> Any:
 
 
 def _ZerosLike(array: Any) -> Any:
-    if any(LimitOf(x) is not None for x in Objects(array).flat):
+    if any(KindOf(x) is not float for x in Objects(array).flat):
         raise Untraceable("np.zeros_like() of something else than floats")
     return AsNumbers(np.zeros(np.shape(array)))
 
@@ -127,7 +130,7 @@ def _Array(usual: Callable[..., Any]) -> Callable[..., Any]:
         if not is_known or dtype not in (None, float, np.float64):
             raise Untraceable(f"np.{usual.__name__}() of what depends on numbers")
         array = Unified(usual(value, dtype=object, **keywords).view(Numbers))
-        has_floats = all(LimitOf(x) is None for x in array.flat)
+        has_floats = all(KindOf(x) is float for x in array.flat)
         return array if dtype is None or has_floats else AsFloats(array)
 
     return Call
@@ -135,7 +138,8 @@ def _Array(usual: Callable[..., Any]) -> Callable[..., Any]:
 
 def _UsualType(value: Any) -> Any:
     """Returns one of Python's types for what has taken its place."""
-    return _USUAL.get(value, value) if callable(value) else value
+    has_hash = callable(value) and type(value).__hash__ is not None
+    return _USUAL.get(value, value) if has_hash else value
 
 
 def _Clip(a: Any, lower: Any, upper: Any) -> Any:
@@ -186,8 +190,82 @@ def _Norm(a: Any) -> Any:
     return (a * a).sum() ** 0.5
 
 
-_LEAST = _Best(min, operator.lt)
-_GREATEST = _Best(max, operator.gt)
+# Numpy's dispatch to functions that know Numbers.
+
+# What numpy's own code hands to a ufunc although it means nothing.
+_DEFAULTS = {"where": True, "keepdims": False}
+
+
+def _CallUfunc(
+    ufunc: Any, method: str, *inputs: Any, out: Any = None, **keywords: Any
+) -> Any:
+    """Calls a ufunc of numpy, as __array_ufunc__ has it."""
+    if method == "reduce":
+        result = _Reduced(ufunc, inputs[0], **keywords)
+    elif method == "__call__" and ufunc in UFUNCS and not keywords:
+        result = Result(UFUNCS[ufunc](*map(Objects, inputs)))
+    else:
+        raise _IsUnknown(ufunc, keywords)
+    if out is None:
+        return result
+    out[0][...] = result
+    return out[0]
+
+
+def _Reduced(
+    ufunc: Any, value: Any, axis: int | None = 0, dtype: Any = None, **keywords: Any
+) -> Any:
+    """Returns what a ufunc makes of the elements along an axis."""
+    is_logical = ufunc in (np.logical_and, np.logical_or)
+    is_known = ufunc in UFUNCS and (is_logical or dtype is None)
+    if not is_known or any(x is not _DEFAULTS.get(n, n) for n, x in keywords.items()):
+        raise _IsUnknown(ufunc, keywords)
+    array = Objects(value)
+    reduce = UFUNCS[ufunc].reduce
+    if is_logical:
+        array = BOOLEAN(array)
+    if ufunc is np.add:  # The sum of yes and no is their number.
+        array = REAL(array)
+    if axis is None:
+        return Result(reduce(array.ravel()))
+    return Result(reduce(array, axis=axis))
+
+
+def _IsUnknown(ufunc: Any, keywords: dict[str, Any]) -> Untraceable:
+    names = ", ".join([*keywords, "..."])
+    return Untraceable(f"np.{ufunc.__name__}({names}) is not known")
+
+
+def _CallFunction(
+    function: Any, types: Any, arguments: Sequence[Any], keywords: dict[str, Any]
+) -> Any:
+    """Calls another function of numpy, as __array_function__ has it."""
+    if function not in FUNCTIONS:
+        raise Untraceable(f"np.{function.__name__}() is not known")
+    return FUNCTIONS[function](*arguments, **keywords)
+
+
+def _Structural(function: Any) -> Callable[..., Any]:
+    """Returns a function of numpy that does not care what is in an array."""
+
+    def Call(*arguments: Any, **keywords: Any) -> Any:
+        arguments = tuple(_Plain(value) for value in arguments)
+        keywords = {name: _Plain(value) for name, value in keywords.items()}
+        return Unified(Result(function(*arguments, **keywords)))
+
+    return Call
+
+
+def _Plain(value: Any) -> Any:
+    if not HasNumbers(value):
+        return value
+    if isinstance(value, (tuple, list)) and any(np.ndim(item) for item in value):
+        return [_Plain(item) for item in value]
+    return Objects(value)
+
+
+NUMPY["ufunc"] = _CallUfunc
+NUMPY["function"] = _CallFunction
 
 # The tables. First the operations of a graph, by numpy's names and by math's.
 _OPERATIONS = {
@@ -206,18 +284,23 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.less: operator.lt, np.less_equal: operator.le,
     np.greater: operator.gt, np.greater_equal: operator.ge,
     np.equal: operator.eq, np.not_equal: operator.ne,
-    np.subtract: operator.sub, np.divide: operator.truediv, np.power: operator.pow,
-    np.bitwise_and: operator.and_, np.bitwise_or: operator.or_,
     np.logical_and: _LogicalAnd, np.logical_or: _LogicalOr, np.logical_not: Not,
-    np.invert: Not, np.minimum: _Better(operator.lt), np.maximum: _Better(operator.gt),
-    np.square: _Square, np.negative: operator.neg, np.positive: operator.pos,
-    np.absolute: abs,
+    np.minimum: _Better(operator.lt), np.maximum: _Better(operator.gt),
+    np.invert: _Opposite,
 }  # fmt: skip
-UFUNCS |= {
-    ufunc: np.frompyfunc(function, ufunc.nin, 1)
-    for ufunc, function in _ELEMENTWISE.items()
+# Of objects, these call the operators.
+_OF_OPERATORS = (
+    np.absolute, np.add, np.bitwise_and, np.bitwise_or, np.divide, np.matmul,
+    np.multiply, np.negative, np.positive, np.power, np.square, np.subtract,
+)  # fmt: skip
+UFUNCS: dict[Any, Any] = {
+    **{ufunc: ufunc for ufunc in _OF_OPERATORS},
+    **{
+        ufunc: np.frompyfunc(function, ufunc.nin, 1)
+        for ufunc, function in _ELEMENTWISE.items()
+    },
 }
-UFUNCS |= {np.add: np.add, np.multiply: np.multiply, np.matmul: np.matmul}
+"""The functions that compute the ufuncs of numpy on arrays of objects."""
 
 # What does not care about what is in an array.
 _STRUCTURAL = (
@@ -234,17 +317,18 @@ def _Method(name: str) -> Callable[..., Any]:
     )
 
 
-FUNCTIONS |= {function: Structural(function) for function in _STRUCTURAL}
-FUNCTIONS |= {
+FUNCTIONS: dict[Any, Callable[..., Any]] = {
+    **{function: _Structural(function) for function in _STRUCTURAL},
     np.sum: _Method("sum"), np.any: _Method("any"), np.all: _Method("all"),
     np.zeros_like: _ZerosLike,
     np.where: Where, np.clip: _Clip, np.searchsorted: _SearchSorted,
     np.linalg.solve: _Solve, np.linalg.inv: _Inverse, np.linalg.norm: _Norm,
 }  # fmt: skip
+"""The replacements of other functions of numpy."""
 
 
-class _Replacement:
-    """What takes the place of a function, and has its attributes."""
+class Replacement:
+    """What takes the place of a function, is equal to it, and has its attributes."""
 
     def __init__(self, function: Any, name: str = ""):
         self._function = function
@@ -253,8 +337,14 @@ class _Replacement:
     def __getattr__(self, attribute: str) -> Any:
         return getattr(self._function, attribute)
 
+    def __eq__(self, other: Any) -> bool:
+        return bool(self._function == other)
 
-class OfNumpy(_Replacement):
+    def __hash__(self) -> int:
+        return hash(self._function)
+
+
+class OfNumpy(Replacement):
     """A function of numpy, for which a list of Numbers is an array, too."""
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Any:
@@ -263,13 +353,13 @@ class OfNumpy(_Replacement):
         if not (HasNumbers(arguments) or HasNumbers(keywords)):
             return function(*arguments, **keywords)
         if not isinstance(function, np.ufunc):
-            return CallFunction(function, None, arguments, keywords)
+            return _CallFunction(function, None, arguments, keywords)
         if "out" in keywords:
             keywords["out"] = (keywords["out"],)
-        return CallUfunc(function, "__call__", *arguments, **keywords)
+        return _CallUfunc(function, "__call__", *arguments, **keywords)
 
 
-class Refusing(_Replacement):
+class Refusing(Replacement):
     """A function that is refused with Numbers."""
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Any:
@@ -279,7 +369,7 @@ class Refusing(_Replacement):
         return self._function(*arguments, **keywords)
 
 
-class Refused(_Replacement):
+class Refused(Replacement):
     """A function that is refused in any case."""
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Any:
@@ -307,6 +397,15 @@ _ARRAYS = (
     np.array, np.asarray, np.empty, np.eye, np.full, np.ones, np.zeros,
 )  # fmt: skip
 
+# Those of Python's functions that take Numbers.
+_OF_PYTHON: dict[Any, Any] = {
+    float: _Float,
+    int: _Whole,
+    min: _Best(min, operator.lt),
+    max: _Best(max, operator.gt),
+    isinstance: _IsInstance,
+}
+
 REPLACED: dict[Any, Any] = {
     **{
         getattr(math, name): _Operation(name, getattr(math, name))
@@ -314,39 +413,25 @@ REPLACED: dict[Any, Any] = {
     },
     math.log: _Log,
     **{function: _Array(function) for function in _ARRAYS},
-    float: _Float, np.float64: _Float, int: _Whole, min: _LEAST, max: _GREATEST,
-    isinstance: _IsInstance,
-    operator.is_: Refusing(operator.is_, "operator.is_"),
-    operator.is_not: Refusing(operator.is_not, "operator.is_not"),
-    **{
-        kind: Refused(kind, name)
-        for kind, name in (
-            (datetime.datetime, "datetime"), (datetime.date, "date"),
-            (np.datetime64, "np.datetime64"),
-        )
-    },
+    **_OF_PYTHON,
+    np.float64: _Float,
+    np.datetime64: Refused(np.datetime64, "np.datetime64"),
 }  # fmt: skip
 """The replacements of functions that numpy itself gives no means to override."""
 
-# Those of Python's functions that do not know Numbers, and those with effects.
-_KNOWS_NO_NUMBERS = (
-    "type", "hasattr", "getattr", "id", "hash", "callable", "repr", "str", "format",
-    "print", "vars", "dir", "complex", "divmod",
-)  # fmt: skip
-_HAS_EFFECTS = (
-    "compile", "eval", "exec", "globals", "input", "locals", "next", "open",
+# Those of Python's functions that do not know Numbers, and those that have effects or
+# would show that a value from outside is another object.
+_KNOWS_NO_NUMBERS = ("hasattr", "getattr")
+_REFUSED = (
+    "callable", "compile", "dir", "eval", "exec", "globals", "id", "input", "locals",
+    "next", "open", "type", "vars",
 )  # fmt: skip
 BUILTINS: dict[str, Any] = {
     **vars(builtins),
     **{name: Refusing(getattr(builtins, name), name) for name in _KNOWS_NO_NUMBERS},
-    **{name: Refused(None, name) for name in _HAS_EFFECTS},
-    "float": _Float, "int": _Whole, "min": _LEAST, "max": _GREATEST,
-    "isinstance": _IsInstance,
-}  # fmt: skip
+    **{name: Refused(None, name) for name in _REFUSED},
+    **{usual.__name__: own for usual, own in _OF_PYTHON.items()},
+}
 """Python's own functions."""
 
-_USUAL = {
-    function: getattr(builtins, name)
-    for name, function in BUILTINS.items()
-    if function is not getattr(builtins, name)
-}
+_USUAL = {own: usual for usual, own in _OF_PYTHON.items()}

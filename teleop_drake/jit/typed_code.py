@@ -2,7 +2,7 @@
 
 It consists of numbers, arrays, named tuples of arrays, loops, conditions, and calls of
 functions in the same style. Types follow from the arguments, and a variable has one
-type. Other code is refused with its line when it is compiled.
+type. Other code is an error, to which a note with its line is added.
 
 Statements that decide where a function continues are translated here. Python itself
 executes all other statements and expressions, with `Value`s in the place of numbers and
@@ -12,6 +12,7 @@ arrays: each operation on a Value writes its instruction.
 import ast
 import functools
 import inspect
+import textwrap
 from collections.abc import Callable, Sequence
 from types import FunctionType
 from typing import Any
@@ -38,10 +39,6 @@ from teleop_drake.jit.typed_values import (
 )
 
 
-class NotTyped(Exception):
-    """Raised for a function outside of the part of Python that is compiled here."""
-
-
 def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
     """Returns a function and all that it calls as LLVM's code.
 
@@ -51,7 +48,7 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
         types: The types of its arguments. A named tuple is a pointer to its Header().
 
     Raises:
-        NotTyped: If the function cannot be compiled here.
+        TypeError: If the function cannot be compiled here.
     """
     module = _Module()
     module.Compile(function, tuple(types), "")
@@ -61,9 +58,6 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
             *module.constants.values(),
             *Declarations(),
             *module.functions,
-            "!0 = !{}",
-            '!1 = !{!"branch_weights", i32 1000, i32 1}',
-            '!2 = !{!"branch_weights", i32 1, i32 1000}',
         ]
     )
 
@@ -72,7 +66,7 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
 def CompileTyped(function: Any, types: tuple[Type, ...]) -> TypedFunction:
     """Returns a function in machine code, which is kept in the user's cache."""
     name = function.__name__
-    data, _ = Kept(name, MakeTypedCode(function, types))
+    data = Kept(name, MakeTypedCode(function, types))
     return TypedFunction(Library(data, name, "fault"), name)
 
 
@@ -83,20 +77,6 @@ class _Module:
         self.constants: dict[str, str] = {}
         self.functions: list[str] = []
         self._known: dict[tuple[FunctionType, tuple[Type, ...]], tuple[str, Type]] = {}
-        # Of each file, by their first lines.
-        self._definitions: dict[str, dict[int, ast.FunctionDef]] = {}
-
-    def Definition(self, function: FunctionType) -> ast.FunctionDef:
-        """Returns the definition of a function, from its file that is parsed once."""
-        lines, first = inspect.findsource(function)
-        file = function.__code__.co_filename
-        if file not in self._definitions:
-            self._definitions[file] = {
-                min([node.lineno, *(x.lineno for x in node.decorator_list)]): node
-                for node in ast.walk(ast.parse("".join(lines)))
-                if isinstance(node, ast.FunctionDef)
-            }
-        return self._definitions[file][first + 1]
 
     def Compile(
         self, function: FunctionType, types: tuple[Type, ...], linkage: str = "internal"
@@ -104,12 +84,11 @@ class _Module:
         """Returns the name of a function for types, and what it returns."""
         key = function, types
         if key not in self._known:
+            code = _Function(self, function, types)
             name = function.__name__
             if linkage:
                 name = f"{name}.{len(self._known)}"
-            self._known[key] = name, NOTHING
-            code = _Function(self, function, types)
-            self._known[key] = name, code.result or NOTHING
+            self._known[key] = name, code.result
             self.functions.append(code.Text(name, linkage))
         return self._known[key]
 
@@ -134,6 +113,14 @@ class _Module:
         return name
 
 
+def _BodyOf(function: FunctionType) -> list[ast.stmt]:
+    """Returns the statements of a function, with their lines in its file."""
+    (definition,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
+    assert isinstance(definition, ast.FunctionDef)
+    ast.increment_lineno(definition, function.__code__.co_firstlineno - 1)
+    return definition.body
+
+
 class _Function(ValueWriter):
     """The code of one function for types of arguments, and the type of its result."""
 
@@ -141,7 +128,7 @@ class _Function(ValueWriter):
         self, module: _Module, function: FunctionType, types: tuple[Type, ...]
     ):
         super().__init__()
-        self.result: Type = None
+        self.result: Type = NOTHING
         self._module = module
         self._function = function
         self._variables = Variables(self)
@@ -150,28 +137,22 @@ class _Function(ValueWriter):
         self._loops: list[tuple[str, str]] = []
         self._line = function.__code__.co_firstlineno
         self._names = self._Outside()
-        definition = module.Definition(function)
-        names = [argument.arg for argument in definition.args.args]
-        if len(names) != len(types):
-            raise NotTyped(f"{function.__name__} takes {len(names)} arguments")
         self._arguments: list[str] = []
+        names = inspect.signature(function).parameters
         for name, kind in zip(names, types, strict=True):
             operand = f"%{self.NewName()}"
             self._arguments.append(f"{TextOf(kind)} {operand}")
             self._variables[name] = Value(self, kind, operand)
-        self._Block(definition.body)
-        if self._is_open and self.result:
-            raise NotTyped(f"{self._Where()}: it may end without returning a number")
+        self._Block(_BodyOf(function))
         if self._is_open:
             self.lines.append("  ret void")
 
     def Text(self, name: str, linkage: str) -> str:
         """Returns the definition."""
-        result = self.result or NOTHING
         arguments = ", ".join(self._arguments)
-        head = f"define {linkage} {result} @{name}({arguments}) {{"
-        value = " zeroinitializer" if self.result else ""
-        end = ["fault:", f"  ret {result}{value}", "}"]
+        head = f"define {linkage} {self.result} @{name}({arguments}) {{"
+        value = "" if self.result == NOTHING else " zeroinitializer"
+        end = ["fault:", f"  ret {self.result}{value}", "}"]
         return "\n".join([head, "entry:", *self._variables.lines, *self.lines, *end])
 
     def _Where(self) -> str:
@@ -211,9 +192,8 @@ class _Function(ValueWriter):
         result = self.AsValue(first)
         for other in others:
             is_better = result.Operate(comparison, other, result)
-            kind = FLOAT if FLOAT in (TypeOf(other), result._kind) else INTEGER
-            texts = is_better._operand, self.As(kind, other), self.As(kind, result)
-            result = Value(self, kind, self.Do(Instruction("select", kind, texts)))
+            texts = is_better._operand, self.As(FLOAT, other), self.As(FLOAT, result)
+            result = Value(self, FLOAT, self.Do(Instruction("select", FLOAT, texts)))
         return result
 
     def _Call(self, function: FunctionType, *arguments: Any) -> Value | None:
@@ -230,7 +210,7 @@ class _Function(ValueWriter):
         fault = self.Do("load ptr, ptr @fault")
         bad = self.Do(f"icmp ne ptr {fault}, null")
         following = self.NewName()
-        self._Branch(bad, "fault", following, ", !prof !2")
+        self._Branch(bad, "fault", following)
         self._Label(following)
         return result
 
@@ -238,7 +218,7 @@ class _Function(ValueWriter):
         """Ends the function with an error unless a condition holds."""
         good = self.NewName()
         bad = self.NewName()
-        self._Branch(condition, good, bad, ", !prof !1")
+        self._Branch(condition, good, bad)
         self._Label(bad)
         self.Store("ptr", self._module.Text(self._Where()), "@fault")
         self._Jump("fault")
@@ -260,8 +240,8 @@ class _Function(ValueWriter):
             self.lines.append(f"  br label %{label}")
         self._is_open = False
 
-    def _Branch(self, condition: str, yes: str, no: str, weights: str = "") -> None:
-        line = f"  br i1 {condition}, label %{yes}, label %{no}{weights}"
+    def _Branch(self, condition: str, yes: str, no: str) -> None:
+        line = f"  br i1 {condition}, label %{yes}, label %{no}"
         self.lines.append(line)
         self._is_open = False
 
@@ -274,10 +254,9 @@ class _Function(ValueWriter):
             self._line = statement.lineno
             try:
                 self._Statement(statement)
-            except NotTyped:  # In a function that it calls.
-                raise
             except Exception as error:
-                raise NotTyped(f"{self._Where()}: {error}") from error
+                error.add_note(self._Where())
+                raise
 
     def _Statement(self, node: ast.stmt) -> None:
         """Writes a statement; refuses statements that have no case here."""
@@ -314,7 +293,8 @@ class _Function(ValueWriter):
             self.lines.append("  ret void")
         else:
             result = self.AsValue(self._Evaluate(value))
-            self.result = self.result or result._kind
+            if self.result == NOTHING:
+                self.result = result._kind
             if self.result not in (FLOAT, INTEGER, BOOLEAN):
                 raise TypeError("it returns no number")
             self.lines.append(f"  ret {self.result} {self.As(self.result, result)}")
@@ -383,16 +363,6 @@ class _Function(ValueWriter):
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 opposite = Instruction("not", BOOLEAN, [self._Truth(operand)])
                 return Value(self, BOOLEAN, self.Do(opposite))
-            # Such as a < b < c.
-            case ast.Compare(
-                left=left, ops=[op, *more], comparators=[middle, *others]
-            ) if more:
-                first = ast.Compare(left, [op], [middle])
-                second = ast.Compare(middle, more, others)
-                both: list[ast.expr] = [first, second]
-                for comparison in both:
-                    ast.copy_location(comparison, node)
-                return self._Logic(ast.BoolOp(ast.And(), both))
         code = compile(ast.Expression(node), self._Where(), "eval")
         return eval(code, self._names, self._variables)
 

@@ -174,10 +174,6 @@ class Value(Symbol):
 _OF_FLOATS = frozenset({"div", "pow", "neg", "fabs"})
 _OF_NUMBERS = COMPARISONS | _OF_FLOATS | {"add", "sub", "mul"}
 
-# The initial values of variables that are numbers: nan, and an index that is out of
-# bounds. Arrays are empty.
-_NO_VALUES = {FLOAT: ConstantText(float("nan")), INTEGER: str(-(2**62))}
-
 
 class Variables(dict[str, tuple[Type, str]]):
     """The types of a function's variables, and their places in memory.
@@ -203,9 +199,7 @@ class Variables(dict[str, tuple[Type, str]]):
         if name not in self:
             slot = f"%{code.NewName()}"
             super().__setitem__(name, (kind, slot))
-            nothing = _NO_VALUES.get(text, "zeroinitializer")
             self.lines.append(f"  {slot} = alloca {text}")
-            self.lines.append(f"  store {text} {nothing}, ptr {slot}")
         code.Store(text, code.As(kind, value), super().__getitem__(name)[1])
 
 
@@ -245,17 +239,8 @@ class ValueWriter(CodeWriter):
         return Value(self, kind, self.Do(f"load {TextOf(kind)}, ptr {pointer}"))
 
     def Field(self, kind: Type, header: str, place: int) -> Value:
-        """Returns the array or the named tuple at a place in a header.
-
-        No function writes into a header, so that what is read is an invariant load.
-        """
-        pointers = [
-            self.Do(f"getelementptr i64, ptr {header}, i64 {place + k}")
-            for k in range(_NumSlots(kind))
-        ]
+        """Returns the array or the named tuple at a place in a header."""
+        pointer = self.Do(f"getelementptr i64, ptr {header}, i64 {place}")
         if isinstance(kind, TupleType):
-            return Value(self, kind, pointers[0])
-        loads = [f"load i64, ptr {pointer}" for pointer in pointers]
-        loads[0] = f"load ptr, ptr {pointers[0]}"
-        parts = [self.Do(f"{load}, !invariant.load !0") for load in loads]
-        return self.Array(kind, *parts)
+            return Value(self, kind, pointer)
+        return self.Load(kind, pointer)

@@ -65,12 +65,12 @@ def MakeModule(program: Program, *arguments: Any) -> bytes:
 
     def Emit(_: str) -> bytes:
         # What is the same for all models is most of it, and optimised once.
-        module = llvm.parse_bitcode(Kept("run", run, _Optimised)[0])
+        module = llvm.parse_bitcode(Kept("run", run, _Optimised))
         module.link_in(llvm.parse_bitcode(_Optimised(model)))
         data: bytes = _Machine().emit_object(module)
         return data
 
-    return _WithExport(Kept("page", run + model, Emit)[0], b"run")
+    return _WithExport(Kept("page", run + model, Emit), b"run")
 
 
 @functools.cache

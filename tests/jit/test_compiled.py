@@ -37,7 +37,7 @@ def AssertSame(law, constants, samples):
     fast = CompiledLaw(law, *constants)
     for arguments in samples:
         result, expected = fast(*arguments), law(*constants, *arguments)
-        assert fast._local.run is not fast.law
+        assert fast._run is not fast.law
         assert result.shape == expected.shape
         scale = max(np.max(np.abs(expected)), 1.0)
         np.testing.assert_allclose(result, expected, rtol=0, atol=1e-12 * scale)
@@ -86,25 +86,18 @@ def halved(u):
 def test_what_is_no_graph_of_operations_stays_as_it_is_and_says_so_once(caplog):
     for law in (CompiledLaw(halved), CompiledLaw(halved)):
         assert law(np.array([3.0])) == law(np.array([3.0])) == halved(np.array([3.0]))
-        assert law._local.run is law.law
+        assert law._run is law.law
     (record,) = caplog.records
     assert record.message.startswith("not compiled: halved(), line ")
 
 
-def test_a_law_is_compiled_after_some_calls_of_a_thread(monkeypatch):
+def test_a_law_is_compiled_after_some_calls(monkeypatch):
     monkeypatch.setattr(compiled, "_COMPILED_CALL", 3)
     law, are_compiled = CompiledLaw(lambda x: x + 1.0), []
-
-    def Call():
-        for k in range(4):
-            assert law(np.array([float(k)])) == k + 1.0
-            are_compiled.append(law._local.run is not None)
-
-    Call()
-    thread = threading.Thread(target=Call)
-    thread.start()
-    thread.join()
-    assert are_compiled == 2 * [False, False, True, True]
+    for k in range(4):
+        assert law(np.array([float(k)])) == k + 1.0
+        are_compiled.append(law._run is not None)
+    assert are_compiled == [False, False, True, True]
 
 
 def test_whole_numbers_as_arguments_are_numbers():
@@ -230,7 +223,7 @@ def test_what_is_outside_is_read_when_a_law_is_traced(name, monkeypatch):
         assert before(x) == traced != 1.0 + value
         law = CompiledLaw(function, *constants)
         assert law(x) == function(*constants, x) == 1.0 + value
-        assert law._local.run is not law.law
+        assert law._run is not law.law
 
 
 def test_what_changes_with_each_call_is_not_compiled():
@@ -287,3 +280,9 @@ def test_threads_do_not_share_what_they_work_with():
     for thread in threads:
         thread.join()
     assert not wrong
+
+
+def test_a_law_may_have_no_arguments():
+    law = CompiledLaw(lambda: np.array([2.0, LIMIT]))
+    np.testing.assert_array_equal(law(), [2.0, LIMIT])
+    assert law._run is not law.law

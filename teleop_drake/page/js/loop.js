@@ -25,8 +25,7 @@ export class Loop {
     const module = await WebAssembly.compile(this.module);
     const env = {};
     for (const { name, kind } of WebAssembly.Module.imports(module)) {
-      // Of C's mathematics Math lacks fmod() alone.
-      env[name] = kind === "memory" ? this.memory : (Math[name] ?? ((x, y) => x % y));
+      env[name] = kind === "memory" ? this.memory : Math[name];
     }
     this.exports = (await WebAssembly.instantiate(module, { env })).exports;
   }
