@@ -165,7 +165,8 @@ def _OperatorEvents(recording: Recording) -> list[Event]:
     """Returns the events at which the operator starts to hold a force, or stops."""
     if "surgeon_mode" not in recording:
         return []
-    mode = recording["surgeon_mode"][:, 0]
+    # Where a step was cut, the mode was interpolated.
+    mode = np.round(recording["surgeon_mode"][:, 0])
     events = []
     for row in 1 + np.flatnonzero(np.diff(mode)):
         name = "surgeon_force" if mode[row] == 1.0 else "surgeon_stop"
