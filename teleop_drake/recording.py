@@ -280,6 +280,17 @@ class Recording:
             return np.hstack([self["force_command"], self["velocity_command"]])
         return self["forward_packet_sent"]
 
+    @property
+    def felt_velocity(self) -> Array | None:
+        """The velocity that the operator feels in m/s (N, n); None: not recorded."""
+        if "felt_velocity" in self.signals:
+            return self["felt_velocity"]
+        if "return_packet_received" not in self.signals:
+            return None
+        # The thesis's packet is [p_WT; v_WT].
+        n = self["tool_velocity"].shape[1]
+        return self["return_packet_received"][:, n : 2 * n]
+
     def FindSurface(self, name: str) -> Surface | None:
         """Returns a surface of the environment, None if there is none of this name.
 

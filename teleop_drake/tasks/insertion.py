@@ -25,11 +25,8 @@ from teleop_drake.tasks.insertion_metrics import (
 from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
 from teleop_drake.teleoperator import MakeTeleoperator
 
-# Names of the events of crossing a surface, by whether it is inwards.
-_CROSSINGS = {
-    PUNCTURE: {True: "puncture", False: "heal"},
-    CONTACT: {True: "contact", False: "release"},
-}
+# Names of the events of crossing a surface, inwards and outwards.
+_CROSSINGS = {PUNCTURE: ("puncture", "heal"), CONTACT: ("contact", "release")}
 
 
 class Insertion(Task[Scenario]):
@@ -78,13 +75,12 @@ class Insertion(Task[Scenario]):
         events = _OperatorEvents(recording)
         found = FindCrossings(recording)
         for surface, crossings in zip(recording.surfaces, found, strict=True):
-            names = _CROSSINGS.get(surface.name)
             # If several surfaces have one name, the first one counts.
-            if names is None or surface is not recording.FindSurface(surface.name):
+            if surface is not recording.FindSurface(surface.name):
                 continue
-            for crossing in crossings:
-                name = names[crossing.is_upwards]
-                events.append(Event(name=name, time=crossing.time))
+            names = _CROSSINGS.get(surface.name, ())
+            for name, times in zip(names, crossings, strict=False):
+                events += [Event(name=name, time=time) for time in times]
         return sorted(events, key=lambda event: event.time)
 
     def Metrics(self, recording: Recording) -> Record:
