@@ -3,6 +3,8 @@
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -112,27 +114,59 @@ class DelayLine:
     def NextJumpTime(self, context: Context) -> float:
         """Returns when the output jumps next, s; infinity if no jump is under way."""
         history = self._GetHistory(context)
-        delay = self._DelayIn(context)
         if not history.times:
-            return self._FetchTime(_StoreKey(context.get_time(), delay))
-        for jump in history.jumps:
-            if jump > history.now:
-                return self._FetchTime(jump)
-        if self._HasJumped(context, history):
-            return self._FetchTime(history.times[-1])
-        return math.inf
+            return self._FetchTime(self._Keys(context)[0])
+        jump = history.next_jump()
+        if jump == math.inf and self._HasJumped(context, history):
+            jump = history.times[-1]
+        return self._FetchTime(jump)
 
     def Eval(self, context: Context) -> Array:
-        """Returns the delayed signal."""
-        key = _FetchKey(context.get_time(), self._DelayIn(context))
-        value = self._Deliver(context, key)
-        return np.array(self._delay.initial_value) if value is None else value
+        """Returns the delayed signal.
+
+        Raises:
+            RuntimeError: If the signal is not known yet, because a step is too long.
+        """
+        history = self._GetHistory(context)
+        times = history.times
+        _, key = self._Keys(context)
+        i = bisect_left(times, key)
+        if i < len(times) and key == times[i]:
+            # A jump at this very instant counts only after the step has ended here.
+            if key <= history.now:
+                return history.values[bisect_right(times, key) - 1]
+            if i > 0:
+                return history.values[i]
+        if i == 0:
+            return np.array(self._delay.initial_value)
+        if i == len(times) and key > times[-1] + _STRETCH * self.LongestStep(context):
+            raise RuntimeError(
+                f"{type(self._block).__name__} {self._block.get_name()!r}: evaluated "
+                f"{key - history.now:.6g} s after the last step; allowed: at most "
+                f"the delay, {self.LongestStep(context):.6g} s, which the integrator's "
+                "longest step must not exceed"
+            )
+        return history.eval(key)
+
+    def _Keys(self, context: Context) -> tuple[float, float]:
+        """Returns the keys of the samples that are taken and delivered now.
+
+        Keys of a delay that varies are rounded to multiples of _KEY_STEP.
+        """
+        time = context.get_time()
+        delay = self._DelayIn(context)
+        if not callable(delay):
+            return time + delay, time
+        taken, delivered = (
+            round(t / _KEY_STEP) * _KEY_STEP for t in (time, time - delay(time))
+        )
+        return taken, delivered
 
     def _FetchTime(self, key: float) -> float:
         """Returns when the sample with a key is delivered, s; infinity: never."""
         delay = self._delay.time
         end = self._delay.end
-        if not callable(delay):
+        if not callable(delay) or key == math.inf:
             return key
         early = key
         late = min(key + delay(key), end)
@@ -149,25 +183,26 @@ class DelayLine:
     def _HasJumped(self, context: Context, history: SampleHistory) -> bool:
         """Returns whether the events of the last step made the signal jump."""
         key: float = context.get_discrete_state(self._jump).GetAtIndex(0)
-        return key == history.times[-1]
+        return history.times[-1:] == (key,)
 
     def _RecordBeforeEvents(self, context: Context, state: State) -> None:
         """Adds a sample to the history, and the jump at the end of the last step."""
-        time = context.get_time()
         history = self._GetHistory(context)
-        jump = None
-        if history.times and self._HasJumped(context, history):
-            jump = context.get_discrete_state(self._jump).value()[1:]
-        delay = self._DelayIn(context)
-        longer = history.record(
-            _StoreKey(time, delay),
-            self._signal.Eval(context),
-            jump=jump,
-            now=_FetchKey(time, delay),
-            spacing=self.LongestStep(context) / 1024,
+        key, now = self._Keys(context)
+        if now <= history.now:
+            return
+        append = partial(
+            SampleHistory.append, now=now, spacing=self.LongestStep(context) / 1024
         )
-        if longer is not history:
-            state.get_mutable_abstract_state(self._history).set_value(longer)
+        if history.times and key <= history.times[-1]:
+            # Two steps so close that their keys are rounded to one.
+            history = replace(history, now=now)
+        else:
+            if self._HasJumped(context, history):
+                jump = context.get_discrete_state(self._jump).value()[1:]
+                history = append(history, history.times[-1], jump)
+            history = append(history, key, self._signal.Eval(context))
+        state.get_mutable_abstract_state(self._history).set_value(history)
 
     def _RecordAfterEvents(
         self, context: Context, values: DiscreteValues
@@ -185,32 +220,6 @@ class DelayLine:
         values.set_value(self._jump, jump)
         return EventStatus.Succeeded()
 
-    def _Deliver(self, context: Context, key: float) -> Array | None:
-        """Returns the signal at a key; None before the first sample."""
-        history = self._GetHistory(context)
-        times = history.times
-        i = bisect_left(times, key)
-        if 0 < i < len(times) and key < times[i]:  # The usual case, for speed.
-            return history.polynomial(i - 1).eval(key)
-        if not times or key < times[0]:
-            return None
-        longest_step = self.LongestStep(context)
-        if key > times[-1] + _STRETCH * longest_step:
-            raise RuntimeError(
-                f"{type(self._block).__name__} {self._block.get_name()!r}: evaluated "
-                f"{key - history.now:.6g} s after the last step; allowed: at most "
-                f"the delay, {longest_step:.6g} s, which the integrator's "
-                "longest step must not exceed"
-            )
-        if i == len(times):
-            return history.eval(key)
-        # A jump at this very instant counts only after the step has ended here.
-        if key <= history.now:
-            i = bisect_right(times, key) - 1
-        elif i == 0:
-            return None
-        return history.values[i]
-
 
 def _SampleInterval(max_sample_interval: float | None, shortest: float) -> float:
     if max_sample_interval is None:
@@ -219,17 +228,3 @@ def _SampleInterval(max_sample_interval: float | None, shortest: float) -> float
         allowed = f"more than 0, at most the delay, {shortest} s, or infinity"
         Refuse("max_sample_interval", max_sample_interval, allowed)
     return max_sample_interval
-
-
-def _StoreKey(time: float, delay: float | Callable[[float], float]) -> float:
-    """Returns the key under which the sample taken at a time is stored."""
-    return _Round(time) if callable(delay) else time + delay
-
-
-def _FetchKey(time: float, delay: float | Callable[[float], float]) -> float:
-    """Returns the key of the sample that is delivered at a time."""
-    return _Round(time - delay(time)) if callable(delay) else time
-
-
-def _Round(time: float) -> float:
-    return round(time / _KEY_STEP) * _KEY_STEP
