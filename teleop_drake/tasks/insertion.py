@@ -12,7 +12,7 @@ from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import CONTROLLERS, Scenario
 from teleop_drake.signals import AxisUnit
 from teleop_drake.stations import MakeArchitecture
-from teleop_drake.tasks.base import SpeedLimit, Task
+from teleop_drake.tasks.base import Divergence, SpeedLimit, Task
 from teleop_drake.tasks.insertion_metrics import (
     AXIS_METRICS,
     COLLISION_METRICS,
@@ -108,14 +108,12 @@ class Insertion(Task[Scenario]):
         if run.contact.time is not None:
             collision = {name: f(run) for name, (f, _) in COLLISION_METRICS.items()}
         per_axis = {name: f(run) for name, (f, _) in AXIS_METRICS.items()}
-        has_diverged = recording.termination == "diverged"
         return {
             "start_velocity_overshoot": StartVelocityOvershoot(run),
             "puncture": puncture,
             "collision": collision,
             **{name: None if x is None else x.tolist() for name, x in per_axis.items()},
-            "diverged": has_diverged,
-            "diverged_at": float(recording.time[-1]) if has_diverged else None,
+            **Divergence(recording),
         }
 
     def Particulars(self, recording: Recording) -> Record:
