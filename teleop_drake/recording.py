@@ -45,6 +45,9 @@ FORMAT = 3
 # Fields that JSON takes as they are.
 _PLAIN = ("termination", "reason", "notes", "has_constant_command")
 
+# Fields of dataclasses.
+_NESTED = ("events", "surfaces", "solver", "channels")
+
 
 @dataclass(kw_only=True)
 class Event:
@@ -278,6 +281,17 @@ class Recording:
             return np.hstack([self["force_command"], self["velocity_command"]])
         return self["forward_packet_sent"]
 
+    @property
+    def felt_velocity(self) -> Array | None:
+        """The velocity that the operator feels in m/s (N, n); None: not recorded."""
+        if "felt_velocity" in self.signals:
+            return self["felt_velocity"]
+        if "return_packet_received" not in self.signals:
+            return None
+        # The thesis's packet is [p_WT; v_WT].
+        n = self["tool_velocity"].shape[1]
+        return self["return_packet_received"][:, n : 2 * n]
+
     def FindSurface(self, name: str) -> Surface | None:
         """Returns a surface of the environment, None if there is none of this name.
 
@@ -331,17 +345,18 @@ class Recording:
         description = {
             "format": FORMAT,
             "scenario": ScenarioToYaml(self.scenario),
-            "events": [asdict(event) for event in self.events],
-            "surfaces": [asdict(surface) for surface in self.surfaces],
-            "solver": asdict(self.solver),
-            "channels": {name: asdict(x) for name, x in self.channels.items()},
-            **{name: getattr(self, name) for name in _PLAIN},
+            **{name: getattr(self, name) for name in (*_NESTED, *_PLAIN)},
         }
         arrays = {f"signal.{name}": x for name, x in self.signals.items()}
-        text = json.dumps(description, default=np.ndarray.tolist)
+        text = json.dumps(description, default=_AsPlain)
         arrays["description"] = np.array(text)
         with Replacing(path) as temporary, open(temporary, "wb") as file:
             np.savez_compressed(file, time=self.time, steps=self.steps, **arrays)  # type: ignore[arg-type]
+
+
+def _AsPlain(x: Any) -> Any:
+    """Returns a dataclass or an array as JSON has it."""
+    return x.tolist() if isinstance(x, np.ndarray) else asdict(x)
 
 
 def LoadRecording(path: str | Path) -> Recording:

@@ -160,14 +160,12 @@ def _HasName(system: System) -> bool:
 def NamesOf(systems: Sequence[System]) -> list[str]:
     """Returns a name of each system; of those without one, several are numbered."""
     taken = {system.get_name() for system in systems}
-    unnamed = [system for system in systems if not _HasName(system)]
-    classes = Counter(map(NameOf, unnamed))
+    classes = Counter(NameOf(system) for system in systems if not _HasName(system))
     names = []
     for system in systems:
         name = NameOf(system)
-        is_single = classes[name] == 1 and name not in taken
-        if not (_HasName(system) or is_single):
-            numbered = (f"{NameOf(system)}{k}" for k in itertools.count(1))
+        if not _HasName(system) and (classes[name] > 1 or name in taken):
+            numbered = (f"{name}{k}" for k in itertools.count(1))
             name = next(x for x in numbered if x not in taken)
         taken.add(name)
         names.append(name)

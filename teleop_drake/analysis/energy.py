@@ -50,20 +50,14 @@ def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
     Raises:
         ValueError: If it is the recording of something else.
     """
-    if "forward_packet_sent" not in recording.signals:
+    v_felt = recording.felt_velocity
+    if v_felt is None or "forward_packet_sent" not in recording:
         Refuse("recording", "without packets", "a run of a teleoperation")
     time = recording.time
     steps = recording.steps
     F_c = recording["control_force"]
     v = recording["tool_velocity"]
-    if "felt_velocity" in recording.signals:
-        F_h = recording["force_command"]
-        v_felt = recording["felt_velocity"]
-    else:
-        # The thesis's packets, [F_h; v_d] and [p_WT; v_WT].
-        n = v.shape[1]
-        F_h = recording["forward_packet_sent"][:, :n]
-        v_felt = recording["return_packet_received"][:, n : 2 * n]
+    F_h = recording.commands[:, : v.shape[1]]
     shares = integrate_product(F_h[steps], v_felt[steps])
     shares -= integrate_product(F_c[steps], v[steps])
     length = time[steps[:, -1:]] - time[steps[:, :1]]

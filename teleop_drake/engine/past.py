@@ -97,8 +97,8 @@ def WritePast(evaluator: Evaluator, context: Context, memory: Memory) -> None:
     num_rows = memory.counts[ROWS]
     times = memory.row_times[:num_rows]
     # A step ends where any line has a jump or a bend: one of them has to have all.
-    jumps = memory.breaks[: memory.counts[BREAKS], 0].tolist()
+    bends = memory.breaks[: memory.counts[BREAKS], 0].tolist()
     lines = _LinesIn(evaluator, context)
     for line, own, signal in sorted(lines, key=lambda x: x.line.is_constant)[::-1]:
-        line.SetSent(own, times, memory.rows[:num_rows, signal], jumps)
-        jumps = []
+        line.SetSent(own, times, memory.rows[:num_rows, signal], bends)
+        bends = []

@@ -3,7 +3,8 @@
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -143,27 +144,49 @@ class DelayLine:
     def NextJumpTime(self, context: Context) -> float:
         """Returns when the output jumps next, s; infinity if no jump is under way."""
         history = self._GetHistory(context)
-        delay = self._DelayIn(context)
         if not history.times:
-            return self._FetchTime(_StoreKey(context.get_time(), delay))
-        for jump in history.jumps:
-            if jump > history.now:
-                return self._FetchTime(jump)
-        if self._HasJumped(context, history):
-            return self._FetchTime(history.times[-1])
-        return math.inf
+            return self._FetchTime(self._Keys(context)[0])
+        jump = min(history.jumps_after(history.now), default=math.inf)
+        if jump == math.inf and self._HasJumped(context, history):
+            jump = history.times[-1]
+        return self._FetchTime(jump)
 
     def Eval(self, context: Context) -> Array:
-        """Returns the delayed signal."""
-        key = _FetchKey(context.get_time(), self._DelayIn(context))
-        value = self._Deliver(context, key)
-        return np.array(self._delay.initial_value) if value is None else value
+        """Returns the delayed signal.
+
+        Raises:
+            RuntimeError: If the signal is not known yet, because a step is too long.
+        """
+        history = self._GetHistory(context)
+        times = history.times
+        _, key = self._Keys(context)
+        i = bisect_left(times, key)
+        if i < len(times) and key == times[i]:
+            # A jump at this very instant counts only after the step has ended here.
+            if key <= history.now:
+                return history.values[bisect_right(times, key) - 1]
+            if i > 0:
+                return history.values[i]
+        if i == 0:
+            return np.array(self._delay.initial_value)
+        if i == len(times) and key > times[-1] + _STRETCH * self.LongestStep(context):
+            raise RuntimeError(
+                f"{type(self._block).__name__} {self._block.get_name()!r}: evaluated "
+                f"{key - history.now:.6g} s after the last step; allowed: at most "
+                f"the delay, {self.LongestStep(context):.6g} s, which the integrator's "
+                "longest step must not exceed"
+            )
+        return history.eval(key)
+
+    def _Keys(self, context: Context) -> tuple[float, float]:
+        """Returns the keys of the samples that are taken and delivered now."""
+        return _KeysAt(context.get_time(), self._DelayIn(context))
 
     def _FetchTime(self, key: float) -> float:
         """Returns when the sample with a key is delivered, s; infinity: never."""
         delay = self._delay.time
         end = self._delay.end
-        if not callable(delay):
+        if not callable(delay) or key == math.inf:
             return key
         early = key
         late = min(key + delay(key), end)
@@ -180,7 +203,7 @@ class DelayLine:
     def _HasJumped(self, context: Context, history: SampleHistory) -> bool:
         """Returns whether the events of the last step made the signal jump."""
         key: float = context.get_discrete_state(self._jump).GetAtIndex(0)
-        return key == history.times[-1]
+        return history.times[-1:] == (key,)
 
     def _RecordBeforeEvents(self, context: Context, state: State) -> None:
         """Adds a sample to the history, and the jump at the end of the last step."""
@@ -190,19 +213,20 @@ class DelayLine:
 
     def _HistoryNow(self, context: Context) -> SampleHistory:
         """Returns the history with a sample at the time of the Context."""
-        time = context.get_time()
         history = self._GetHistory(context)
-        jump = None
-        if history.times and self._HasJumped(context, history):
-            jump = context.get_discrete_state(self._jump).value()[1:]
-        delay = self._DelayIn(context)
-        return history.record(
-            _StoreKey(time, delay),
-            self._signal.Eval(context),
-            jump=jump,
-            now=_FetchKey(time, delay),
-            spacing=self.LongestStep(context) / 1024,
+        key, now = self._Keys(context)
+        if now <= history.now:
+            return history
+        if history.times and key <= history.times[-1]:
+            # Two steps so close that their keys are rounded to one.
+            return replace(history, now=now)
+        append = partial(
+            SampleHistory.append, now=now, spacing=self.LongestStep(context) / 1024
         )
+        if self._HasJumped(context, history):
+            jump = context.get_discrete_state(self._jump).value()[1:]
+            history = append(history, history.times[-1], jump)
+        return append(history, key, self._signal.Eval(context))
 
     @property
     def is_constant(self) -> bool:
@@ -216,13 +240,13 @@ class DelayLine:
         return SentSignal(self._HistoryNow(context), shift)
 
     def JumpsAhead(self, context: Context) -> list[float]:
-        """Returns when jumps of the signal arrive from the time of a Context on, s."""
-        now = _FetchKey(context.get_time(), self._DelayIn(context)) - CLOSE
-        jumps = *self._GetHistory(context).jumps, *self._HistoryNow(context).jumps
-        return [self._FetchTime(key) for key in jumps if key >= now]
+        """Returns when jumps and bends arrive from the time of a Context on, s."""
+        _, now = self._Keys(context)
+        keys = self._HistoryNow(context).jumps_after(now - CLOSE)
+        return [self._FetchTime(key) for key in keys]
 
     def SetSent(
-        self, context: Context, times: Array, values: Array, jumps: Sequence[float]
+        self, context: Context, times: Array, values: Array, bends: Sequence[float]
     ) -> None:
         """Sets what was sent before the time of a Context.
 
@@ -230,25 +254,24 @@ class DelayLine:
             times: Of samples of the signal, s, ascending (k); equal ones mark a jump.
                 Those from the time of the Context on are left out.
             values: The samples (k, size).
-            jumps: When steps have to end, because a jump or a bend arrives, s.
+            bends: When steps have to end, because a jump or a bend arrives, s.
         """
         delay = self._DelayIn(context)
+        end = context.get_time()
         is_new = np.append(True, np.diff(times) > CLOSE)
         is_new[1:] |= (values[1:] != values[:-1]).any(axis=1)
-        end = context.get_time()
-        is_past = times < end - CLOSE
-        times = times[is_new & is_past]
-        values = values[is_new & is_past]
-        if len(times) == 0:
+        is_kept = is_new & (times < end - CLOSE)
+        if not is_kept.any():
             return
-        keys = [_StoreKey(time, delay) for time in times.tolist()]
-        now = _FetchKey(times[-1], delay)
-        first = max(0, bisect_left(keys, now) - NUM_KEPT)
+        keys = [_KeysAt(time, delay) for time in times[is_kept].tolist()]
+        taken = [key for key, _ in keys]
+        _, now = keys[-1]
+        first = max(0, bisect_left(taken, now) - NUM_KEPT)
         history = SampleHistory(
-            times=tuple(keys[first:]),
-            values=values[first:],
-            jumps=tuple(_FetchKey(max(x, end), delay) for x in sorted(jumps)),
+            times=tuple(taken[first:]),
+            values=tuple(values[is_kept][first:]),
             now=now,
+            bends=tuple(_KeysAt(max(x, end), delay)[1] for x in bends),
         )
         context.SetAbstractState(self._history, history)
 
@@ -268,32 +291,6 @@ class DelayLine:
         values.set_value(self._jump, jump)
         return EventStatus.Succeeded()
 
-    def _Deliver(self, context: Context, key: float) -> Array | None:
-        """Returns the signal at a key; None before the first sample."""
-        history = self._GetHistory(context)
-        times = history.times
-        i = bisect_left(times, key)
-        if 0 < i < len(times) and key < times[i]:  # The usual case, for speed.
-            return history.polynomial(i - 1).eval(key)
-        if not times or key < times[0]:
-            return None
-        longest_step = self.LongestStep(context)
-        if key > times[-1] + _STRETCH * longest_step:
-            raise RuntimeError(
-                f"{type(self._block).__name__} {self._block.get_name()!r}: evaluated "
-                f"{key - history.now:.6g} s after the last step; allowed: at most "
-                f"the delay, {longest_step:.6g} s, which the integrator's "
-                "longest step must not exceed"
-            )
-        if i == len(times):
-            return history.eval(key)
-        # A jump at this very instant counts only after the step has ended here.
-        if key <= history.now:
-            i = bisect_right(times, key) - 1
-        elif i == 0:
-            return None
-        return history.values[i]
-
 
 def _SampleInterval(max_sample_interval: float | None, shortest: float) -> float:
     if max_sample_interval is None:
@@ -304,15 +301,16 @@ def _SampleInterval(max_sample_interval: float | None, shortest: float) -> float
     return max_sample_interval
 
 
-def _StoreKey(time: float, delay: float | Callable[[float], float]) -> float:
-    """Returns the key under which the sample taken at a time is stored."""
-    return _Round(time) if callable(delay) else time + delay
+def _KeysAt(
+    time: float, delay: float | Callable[[float], float]
+) -> tuple[float, float]:
+    """Returns the keys of the samples that are taken and delivered at a time in s.
 
-
-def _FetchKey(time: float, delay: float | Callable[[float], float]) -> float:
-    """Returns the key of the sample that is delivered at a time."""
-    return _Round(time - delay(time)) if callable(delay) else time
-
-
-def _Round(time: float) -> float:
-    return round(time / _KEY_STEP) * _KEY_STEP
+    Keys of a delay that varies are rounded to multiples of _KEY_STEP.
+    """
+    if not callable(delay):
+        return time + delay, time
+    taken, delivered = (
+        round(t / _KEY_STEP) * _KEY_STEP for t in (time, time - delay(time))
+    )
+    return taken, delivered

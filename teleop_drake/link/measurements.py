@@ -56,15 +56,14 @@ class Measurements:
     """
 
     def __init__(self, half: Half, last: int):
-        self._heard = half.heard
         self._spoken = half.spoken
         self._period = half.period
         self.ticks: list[Tick] = []
         # Entries before tick 0 are those of the first packets.
         num = NUM_USED + last + 1
         self._padded = {
-            self._heard: np.full(num, _NONE),
-            self._spoken: np.full(num, _UNKNOWN),
+            half.heard: np.full(num, _NONE),
+            half.spoken: np.full(num, _UNKNOWN),
         }
         self.used = {way: used[NUM_USED:] for way, used in self._padded.items()}
 
@@ -73,13 +72,13 @@ class Measurements:
         """The number of the last tick; -1 before the start."""
         return self.ticks[-1].tick if self.ticks else -1
 
-    def LatestUsed(self, tick: int) -> Array:
-        """Returns what was in use at a tick and before (NUM_USED)."""
-        return self._padded[self._heard][tick + 1 :][:NUM_USED]
+    def LatestUsed(self, way: str, tick: int) -> Array:
+        """Returns what was in use at a tick and before (NUM_USED), to read or to set.
 
-    def TakeUsed(self, tick: int, used: Array) -> None:
-        """Takes note of what the other side had in use at its tick and before."""
-        self._padded[self._spoken][tick + 1 :][:NUM_USED] = used
+        Args:
+            way: The direction of the packets.
+        """
+        return self._padded[way][tick + 1 :][:NUM_USED]
 
     def Time(self) -> Array:
         """Returns the times of the ticks (N), s."""

@@ -35,7 +35,7 @@ def SaveRun(
     recording = side.Recording()
     recording.Save(folder / f"{side.side}.npz")
     traces = {}
-    for way, delays in side.Delays().items():
+    for way, delays in side.measured.Delays().items():
         trace = folder / f"{side.side}_{way}.csv"
         WriteTrace(trace, side.period, delays.clip(0))
         traces[way] = trace.name

@@ -240,7 +240,7 @@ class Side(Half):
             echo = int(used[-1])
             start = int(packet["start"])
             self._newest = _Newest(tick, echo, start, packet["values"])
-            self.measured.TakeUsed(tick, used)
+            self.measured.LatestUsed(self.spoken, tick)[:] = used
 
     def _AnswerRefused(self, reason: Reason, address: Address, now: int) -> None:
         """Answers a hello, and reports why the two sides cannot meet.
@@ -342,7 +342,7 @@ class Side(Half):
         state = State(
             start=self._start,
             tick=self.tick,
-            used=self.measured.LatestUsed(self.tick),
+            used=self.measured.LatestUsed(self.heard, self.tick),
             ended=self.reason is not None,
         )
         data = self._session.Seal(self._clock(), self.sent[-1], state)
@@ -380,15 +380,6 @@ class Side(Half):
             Ending(self._termination, self.reason or ""),
         )
         return MakeRecording(*self.model, outcome, [])
-
-    def Delays(self) -> dict[str, Array]:
-        """Returns how long each packet took until it was in use, s; NaN: it never was.
-
-        Returns:
-            By `forward` and `return`; entry k is of the packet of tick k. It is less
-            than 0 if clocks have drifted so far that it was in use before its tick.
-        """
-        return self.measured.Delays()
 
     def Report(self) -> dict[str, Any]:
         """Returns what was measured, times in s, as JSON has it."""

@@ -9,10 +9,10 @@ from teleop_drake.arrays import Array
 
 # Each round divides an interval into as many equal parts. They are tried at once,
 # which is quicker in numpy than one half after another.
-_PARTS = 8
+_PARTS = 32
 
-ROUNDS = 17
-"""Rounds that leave 2^-51 of an interval."""
+ROUNDS = 10
+"""Rounds that leave 2^-50 of an interval."""
 
 
 def halve(
@@ -48,15 +48,17 @@ def bisect(
     It is the upper end of what is left of the interval.
 
     Args:
-        holds: Returns whether the condition holds at places (7, k), a column for each
+        holds: Returns whether the condition holds at places (31, k), a column for each
             interval.
         low: Lower ends (k), where it holds.
         high: Upper ends (k), where it does not.
-        rounds: How often an interval is divided by 8.
+        rounds: How often an interval is divided by 32.
     """
     lower = np.asarray(low, float)
     part = (np.asarray(high, float) - lower) / _PARTS
     inner = np.arange(1.0, _PARTS)[:, np.newaxis]
+    if not part.size:
+        return lower
     for _ in range(rounds):
         still_holds = np.logical_and.accumulate(holds(lower + inner * part))
         lower = lower + still_holds.sum(axis=0) * part

@@ -10,14 +10,16 @@ Signals in pieces are added and multiplied as arrays are. A product is a quartic
 its values again.
 """
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
+from numpy.typing import NDArray
 
 from teleop_drake.arrays import Array, Indices
-from teleop_drake.numerics.bisection import bisect
+from teleop_drake.numerics.bisection import ROUNDS, bisect
 from teleop_drake.numerics.step_polynomials import (
     DEGREE,
     interpolate,
@@ -26,6 +28,8 @@ from teleop_drake.numerics.step_polynomials import (
     shares,
     to_powers,
 )
+
+Truths = NDArray[np.bool_]
 
 NODES = shares(DEGREE)
 """The points of a piece at which a signal is given."""
@@ -37,19 +41,19 @@ SAME_INSTANT = 5e-12
 _INWARDS = 2 * SAME_INSTANT
 
 # At a flat place a value is exact long before its place is.
-_ROUNDS_TO_EXTREMES = 7
+_ROUNDS_TO_EXTREMES = 4
 
 
-class Crossing(NamedTuple):
-    """An instant at which a signal changes its sign.
+class Crossings(NamedTuple):
+    """The instants at which a signal changes its sign, in s.
 
     Attributes:
-        time: In s.
-        is_upwards: Whether it was negative before.
+        upwards: Where it was negative before.
+        downwards: Where it is negative afterwards.
     """
 
-    time: float
-    is_upwards: bool
+    upwards: list[float]
+    downwards: list[float]
 
 
 class Pieces:
@@ -74,61 +78,50 @@ class Pieces:
         steps = steps[times[steps[:, -1]] - times[steps[:, 0]] > SAME_INSTANT]
         if len(steps) == 0:
             steps = np.full((1, len(NODES)), len(times) - 1)
-        self._times = times
-        self._steps = steps
-        self._weights = lagrange(NODES, steps.shape[1] - 1)
-        self.begin = times[steps[:, 0]]
-        self.end = times[steps[:, -1]]
-        self._step = np.arange(len(steps))
-        self._parts = self._cut(np.unique(np.fromiter(cuts, float)))
-        self.length = self.end - self.begin
-        if len(self.length) == 1 and self.length[0] == 0:
-            self.length = np.ones(1)
-
-    def _cut(self, instants: Array) -> Indices:
-        """Cuts whole steps at instants; returns which pieces are parts of a step."""
+        begin = times[steps[:, 0]]
+        end = times[steps[:, -1]]
         # The step in which each instant is. At the end of a step it cuts nothing.
-        inside = np.searchsorted(self.end, instants)
-        inside = np.minimum(inside, len(self.end) - 1)
-        is_after_begin = instants > self.begin[inside] + SAME_INSTANT
-        is_before_end = instants < self.end[inside] - SAME_INSTANT
-        is_cut = is_after_begin & is_before_end
+        instants = np.array(sorted(cuts))
+        inside = np.minimum(np.searchsorted(end, instants), len(end) - 1)
+        is_cut = instants > begin[inside] + SAME_INSTANT
+        is_cut &= instants < end[inside] - SAME_INSTANT
         is_cut[1:] &= np.diff(instants) > SAME_INSTANT
         instants = instants[is_cut]
-        inside = inside[is_cut]
-        # A step that is cut k times has k + 1 pieces.
-        self._step = np.insert(self._step, inside, inside)
-        self.begin = self.begin[self._step]
-        self.end = self.end[self._step]
-        before = inside + np.arange(len(inside))
-        self.end[before] = instants
-        self.begin[before + 1] = instants
-        return np.union1d(before, before + 1)
+        self.begin = np.sort(np.append(begin, instants))
+        self.end = np.sort(np.append(end, instants))
+        self.length = self.end - self.begin
+        step = np.searchsorted(begin, self.begin, side="right") - 1
+        self._times = times
+        self._steps = steps
+        self._rows = steps[step]
+        self._instants = self.begin[:, None] + NODES * self.length[:, None]
+        # A piece that is a part of a step is evaluated at points of its own.
+        self._parts = np.flatnonzero(self.length < (end - begin)[step])
+        owner = step[self._parts, None]
+        share = (self._instants[self._parts] - begin[owner]) / (end - begin)[owner]
+        self._weights_of_parts = lagrange(share, steps.shape[1] - 1)
+        if self.length[0] == 0:
+            self.length = np.ones(1)
 
-    def signal(self, samples: Array) -> Array:
-        """Returns a signal in pieces (p, 5, n).
+    def signal(self, samples: Array, delay: float = 0.0) -> Array:
+        """Returns a signal, or what it was a delay ago, in pieces (p, 5, n).
 
         Args:
             samples: Of the rows of the recording (N, n).
+            delay: In s. Before the first row a signal is 0.
         """
-        signal: Array = samples[self._steps[self._step]]
-        if signal.shape[1] != len(NODES):
-            signal = self._weights @ signal
-        owners = self._steps[self._step[self._parts]]
-        begin = self._times[owners[:, :1]]
-        end = self._times[owners[:, -1:]]
-        share = (self._instants()[self._parts] - begin) / (end - begin)
-        signal[self._parts] = lagrange(share, owners.shape[1] - 1) @ samples[owners]
+        if delay > 0:
+            return self._delayed(samples, delay)
+        values: Array = samples[self._rows]
+        signal = values
+        if values.shape[1] != len(NODES):
+            signal = lagrange(NODES, values.shape[1] - 1) @ values
+        signal[self._parts] = self._weights_of_parts @ values[self._parts]
         return signal
 
-    def delayed(self, samples: Array, delay: float) -> Array:
-        """Returns what a signal was a delay ago in pieces (p, 5, n); 0 at first.
-
-        Args:
-            samples: Of the rows of the recording (N, n).
-            delay: In s.
-        """
-        sent = self._instants() - delay
+    def _delayed(self, samples: Array, delay: float) -> Array:
+        """Returns what a signal was a delay ago in pieces (p, 5, n)."""
+        sent = self._instants - delay
         # A jump at an end of the piece has happened, or has not.
         inwards = np.minimum(_INWARDS, (self.end - self.begin) / 8)
         sent[:, 0] += inwards
@@ -137,46 +130,45 @@ class Pieces:
         signal[sent.ravel() < self._times[0]] = 0.0
         return signal.reshape(*sent.shape, -1)
 
-    def since(self, time: float | None) -> slice:
-        """Returns the pieces after an instant; all without one."""
-        return self.between(time, None)
-
-    def between(self, begin: float | None, end: float | None) -> slice:
+    def between(self, begin: float | None = None, end: float | None = None) -> slice:
         """Returns the pieces between two instants; None: those of the run's ends."""
-        middles = (self.begin + self.end) / 2
-        first = 0 if begin is None else int(np.searchsorted(middles, begin))
-        last = len(middles)
-        if end is not None:
-            last = int(np.searchsorted(middles, end))
+        limits = [-math.inf if begin is None else begin]
+        limits.append(math.inf if end is None else end)
+        first, last = np.searchsorted((self.begin + self.end) / 2, limits).tolist()
         return slice(first, last)
 
-    def crossings(self, y: Array) -> list[Crossing]:
+    def crossings(self, y: Array) -> Crossings:
         """Returns where a signal (p, 5) changes its sign; 0 counts as positive."""
         is_in = y >= 0
-        piece, node = np.nonzero(is_in[:, 1:] != is_in[:, :-1])
-        if len(piece) == 0:
-            return []
-        powers = _powers(y[piece])
-        was_in = is_in[piece, node]
-        share = bisect(
-            lambda x: (polyval(x, powers, tensor=False) >= 0) == was_in,
-            NODES[node],
-            NODES[node + 1],
+        with np.errstate(invalid="ignore"):  # A surface may be at infinity.
+            powers = _powers(y)
+        piece, node, share = _changes(
+            lambda piece, x: polyval(x, powers[:, piece], tensor=False) >= 0, is_in
         )
-        times = self.begin[piece] + share * (self.end - self.begin)[piece]
-        return [
-            Crossing(time, not was)
-            for time, was in zip(times.tolist(), was_in.tolist(), strict=True)
-        ]
-
-    def _instants(self) -> Array:
-        """Returns the instants of the points of each piece in s (p, 5)."""
-        return self.begin[:, None] + NODES * (self.end - self.begin)[:, None]
+        times = self.begin[piece] + share * self.length[piece]
+        was_in = is_in[piece, node]
+        return Crossings(times[~was_in].tolist(), times[was_in].tolist())
 
 
-def first_upwards(crossings: Iterable[Crossing]) -> float | None:
-    """Returns when a signal first becomes positive, s; None if it does not."""
-    return next((x.time for x in crossings if x.is_upwards), None)
+def _changes(
+    holds: Callable[[Indices, Array], Truths], is_in: Truths, rounds: int = ROUNDS
+) -> tuple[Indices, Indices, Array]:
+    """Returns where a condition changes between two neighbouring points of a piece.
+
+    Args:
+        holds: Returns whether it holds in pieces (k) at shares of them (m, k).
+        is_in: Whether it holds at the points of all pieces (p, 5).
+        rounds: How often an interval is divided; see bisect().
+
+    Returns:
+        The piece, the point before the change, and the share of the piece (k each).
+    """
+    piece, node = np.nonzero(is_in[:, 1:] != is_in[:, :-1])
+    was_in = is_in[piece, node]
+    share = bisect(
+        lambda x: holds(piece, x) == was_in, NODES[node], NODES[node + 1], rounds
+    )
+    return piece, node, share
 
 
 def first_after(time: float | None, times: Iterable[float]) -> float | None:
@@ -187,26 +179,20 @@ def first_after(time: float | None, times: Iterable[float]) -> float | None:
 
 
 def value_before(y: Array, span: slice) -> Array:
-    """Returns a signal (p, 5, ...) just before a span of pieces; its first value."""
+    """Returns a signal (p, m, ...) just before a span of pieces; its first value."""
     if span.start == 0:
         return y[0, 0]
     return y[span.start - 1, -1]
 
 
-def maximum(y: Array, span: slice) -> Array:
-    """Returns the largest value of each component of a signal (p, 5, ...).
+def values_in(y: Array, span: slice) -> Array:
+    """Returns the values of a signal in a span of pieces (s, m, ...).
 
-    Args:
-        span: The pieces in question. Without a piece it is the value before them.
+    Without a piece it is the value before them.
     """
     if span.start >= span.stop:
         return value_before(y, span)
-    return extremes(y[span]).max(axis=(0, 1))
-
-
-def minimum(y: Array, span: slice) -> Array:
-    """Returns the smallest value of each component; see maximum()."""
-    return -maximum(-y, span)
+    return y[span]
 
 
 def extremes(y: Array) -> Array:
@@ -216,30 +202,29 @@ def extremes(y: Array) -> Array:
     them the extreme or, if there is none, the one before again.
     """
     columns = y.reshape(*y.shape[:2], -1)
-    powers = _powers(columns)
-    slope = polyder(powers)
-    is_up = polyval(NODES, slope) >= 0
     values = np.repeat(columns, 2, axis=1)[:, :-1]
-    # Between two points of a piece the slope changes its sign.
-    piece, column, node = np.nonzero(is_up[..., 1:] != is_up[..., :-1])
-    was_up = is_up[piece, column, node]
-    own_slope = slope[:, piece, column]
-    share = bisect(
-        lambda x: (polyval(x, own_slope, tensor=False) >= 0) == was_up,
-        NODES[node],
-        NODES[node + 1],
+    # One polynomial for each component of each piece.
+    powers = _powers(columns).reshape(DEGREE + 1, -1)
+    slope = polyder(powers)
+    index, node, share = _changes(
+        lambda index, x: polyval(x, slope[:, index], tensor=False) >= 0,
+        polyval(NODES, slope) >= 0,
         _ROUNDS_TO_EXTREMES,
     )
-    extreme = polyval(share, powers[:, piece, column], tensor=False)
+    piece, column = np.divmod(index, columns.shape[2])
+    extreme = polyval(share, powers[:, index], tensor=False)
     values[piece, 2 * node + 1, column] = extreme
     return values.reshape(len(y), -1, *y.shape[2:])
 
 
-def variation(y: Array) -> Array:
-    """Returns the total variation of each component of a signal, jumps included."""
-    values = extremes(y)
-    values = values.reshape(-1, *values.shape[2:])
-    return np.abs(np.diff(values, axis=0)).sum(axis=0)
+def variation(values: Array) -> Array:
+    """Returns the total variation of each component, jumps included.
+
+    Args:
+        values: The extremes() of a signal.
+    """
+    in_order = values.reshape(-1, *values.shape[2:])
+    return np.abs(np.diff(in_order, axis=0)).sum(axis=0)
 
 
 def rms(y: Array, length: Array) -> Array:
@@ -274,13 +259,11 @@ class Band(NamedTuple):
     """A vector that has come to rest where it stays this near to a centre.
 
     Attributes:
-        y: The vector in pieces (p, 5, n).
-        centre: (n).
+        offset: The vector less its centre in pieces (p, 5, n).
         radius: The distance at which it is not at rest any more.
     """
 
-    y: Array
-    centre: Array
+    offset: Array
     radius: float
 
 
@@ -300,34 +283,28 @@ def settling_time(pieces: Pieces, span: slice, bands: Sequence[Band]) -> float |
     if span.start >= span.stop:
         return None
     begin = pieces.begin[span]
-    length = pieces.end[span] - begin
-    powers = [_powers(band.y[span] - band.centre) for band in bands]
+    powers = [_powers(band.offset[span]) for band in bands]
 
-    def is_outside(piece: Indices, share: Array) -> Array:
-        is_out = np.zeros(share.shape, dtype=bool)
-        for band, own in zip(bands, powers, strict=True):
-            offset = polyval(share[..., None], own[:, piece], tensor=False)
-            is_out |= np.linalg.norm(offset, axis=-1) >= band.radius
-        return is_out
+    def is_outside(piece: Indices, share: Array) -> Truths:
+        x = share[..., np.newaxis]
+        is_out = [
+            np.linalg.norm(polyval(x, own[:, piece], tensor=False), axis=-1) >= radius
+            for own, (_, radius) in zip(powers, bands, strict=True)
+        ]
+        return np.logical_or.reduce(is_out)
 
-    # The state at the points in the order of time, and where it is not the one before.
-    piece, node = np.indices((len(begin), DEGREE + 1)).reshape(2, -1)
-    is_moving = is_outside(piece, NODES[node])
-    if is_moving[-1]:
+    is_moving = is_outside(np.arange(len(begin))[:, np.newaxis], NODES)
+    if is_moving[-1, -1]:
         return None
-    was_moving = np.concatenate([[False], is_moving[:-1]])
-    changes = np.flatnonzero(is_moving != was_moving)
-    piece = piece[changes]
-    node = node[changes]
-    was_moving = was_moving[changes]
-    share = bisect(
-        lambda x: is_outside(piece, x) == was_moving,
-        NODES[np.maximum(node - 1, 0)],
-        NODES[node],
+    piece, _, share = _changes(is_outside, is_moving)
+    # Between two pieces, and at the begin, it changes at once.
+    was_moving = np.append(False, is_moving[:-1, -1])
+    changes = np.append(
+        begin[was_moving != is_moving[:, 0]],
+        begin[piece] + share * pieces.length[span][piece],
     )
-    times = begin[piece] + share * length[piece]
     # Each rest lasts from a change to the next one, the first one from the begin.
-    limits = [begin[0], *times.tolist(), pieces.end[-1]]
+    limits = [begin[0], *np.sort(changes), pieces.end[-1]]
     rests = np.diff(limits)[::2]
     if rests[-1] <= rests[:-1].max(initial=0.0):
         return None

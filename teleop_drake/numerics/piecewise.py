@@ -20,11 +20,16 @@ _TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
 # Where a polynomial is compared with the function.
 _TESTS = (_NODES[1:] + _NODES[:-1]) / 2
 _AT_TESTS = np.vander(_TESTS, NUM_COEFFICIENTS, increasing=True)
-
+# The nodes, and the tests between them.
+_POINTS = np.sort(np.concatenate([_NODES, _TESTS])).tolist()
 
 # The polynomials may differ from the function by this share of it, or of 1 where it is
 # less.
 _TOLERANCE = 1e-13
+
+# Pieces are not cut into pieces shorter than this share of the whole, whatever the
+# tolerance, so that there cannot be too many.
+_SHORTEST = 1e-5
 
 
 class Pieces(NamedTuple):
@@ -45,7 +50,6 @@ def fit_pieces(
     end: float,
     *,
     nonsmooth_times: Iterable[float] = (),
-    shortest: float | None = None,
 ) -> Pieces:
     """Returns polynomials that are a function, to within a tolerance.
 
@@ -53,11 +57,8 @@ def fit_pieces(
         function: Continuous, and smooth between its nonsmooth points.
         end: Where it ends, > start.
         nonsmooth_times: Where a derivative jumps; no piece reaches across one.
-        shortest: Pieces are not cut into pieces shorter than this, whatever the
-            tolerance; None: 1e-5 of the whole, so that there cannot be too many.
     """
-    if shortest is None:
-        shortest = 1e-5 * (end - start)
+    shortest = _SHORTEST * (end - start)
     inner = sorted({float(x) for x in nonsmooth_times if start < x < end})
     ends = [float(start), *inner, float(end)]
     # The next interval is the last one of the list.
@@ -68,15 +69,13 @@ def fit_pieces(
         a, b = intervals.pop()
         middle = (a + b) / 2
         half = (b - a) / 2
-        values = np.array([function(middle + half * x) for x in _NODES.tolist()])
-        coefficients = _TO_COEFFICIENTS @ values
-        expected = np.array([function(middle + half * x) for x in _TESTS.tolist()])
-        error = np.abs(_AT_TESTS @ coefficients - expected).max()
+        values = np.array([function(middle + half * x) for x in _POINTS])
+        coefficients = _TO_COEFFICIENTS @ values[::2]
+        error = np.abs(_AT_TESTS @ coefficients - values[1::2]).max()
         is_good = error <= _TOLERANCE * max(1.0, np.abs(values).max())
         if is_good or b - a <= 2 * shortest:
             knots.append((a, b))
             rows.append(coefficients)
         else:
-            intervals.append((middle, b))
-            intervals.append((a, middle))
+            intervals += [(middle, b), (a, middle)]
     return Pieces(np.array(knots), np.array(rows))

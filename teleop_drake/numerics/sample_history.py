@@ -15,9 +15,10 @@ J. Comput. Phys. 229 (2010).
 """
 
 import math
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from itertools import pairwise
 from operator import sub, truediv
 from typing import Any
 
@@ -49,9 +50,9 @@ class SampleHistory:
     Attributes:
         times: When the samples were taken or will arrive, s; two equal ones mark a
             jump.
-        values: The samples (one row each).
-        jumps: When those jumps of the signal that are known will be delivered, s.
+        values: The samples (k each).
         now: Up to where in `times` the signal has been delivered, s.
+        bends: Where steps have to end besides the jumps among the samples, s.
         polynomials: By the interval, what eval() has worked out so far. All but that
             at `now` are functions of the samples. That one stays what it was when the
             signal came to the interval: otherwise each new sample would move the
@@ -59,42 +60,13 @@ class SampleHistory:
     """
 
     times: tuple[float, ...] = ()
-    values: Array = field(default_factory=lambda: np.empty((0, 1)))
-    jumps: tuple[float, ...] = ()
+    values: tuple[Array, ...] = ()
     now: float = -math.inf
+    bends: tuple[float, ...] = ()
     polynomials: dict[int, "EnoPolynomial"] = field(default_factory=dict)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "SampleHistory":
         return self
-
-    def record(
-        self,
-        key: float,
-        value: Array,
-        *,
-        jump: Array | None,
-        now: float,
-        spacing: float,
-    ) -> "SampleHistory":
-        """Returns the history at the end of a step, itself if nothing is new.
-
-        Args:
-            key: Time of the new sample in s.
-            value: The sample (k).
-            jump: What the events of the last step made of the last sample (k), None
-                if they left it alone.
-            now: Up to where the signal has been delivered, s.
-            spacing: Samples closer together than this, in s, are redundant.
-        """
-        if now <= self.now:
-            return self
-        if self.times and key <= self.times[-1]:
-            # Two steps so close that their keys are rounded to one.
-            return replace(self, now=now)
-        history = self
-        if jump is not None:
-            history = history.append(self.times[-1], jump, now=now, spacing=spacing)
-        return history.append(key, value, now=now, spacing=spacing)
 
     def append(
         self, time: float, value: Array, *, now: float, spacing: float
@@ -122,15 +94,24 @@ class SampleHistory:
         i = self._interval(now)
         if 0 <= i < keep - 1 and self.times[i] < self.times[i + 1]:
             polynomials[i - first] = self.polynomial(i)
-        values = np.empty((keep - first + 1, len(value)))
-        values[:-1] = self.values[first:keep]
-        values[-1] = value
-        jumps = self.jumps
-        if keep == 0 or self.times[-1] == time:
-            jumps = (*jumps, time)
-        ahead = tuple(jump for jump in jumps if jump > now)
-        times = (*self.times[first:keep], time)
-        return SampleHistory(times, values, ahead, now, polynomials)
+        return SampleHistory(
+            times=(*self.times[first:keep], time),
+            values=(*self.values[first:keep], np.array(value)),
+            now=now,
+            bends=tuple(bend for bend in self.bends if bend >= now),
+            polynomials=polynomials,
+        )
+
+    def jumps_after(self, time: float) -> list[float]:
+        """Returns when the signal starts, jumps or bends after a time, s.
+
+        Other ones may happen between the last sample and the next one.
+        """
+        ahead = self.times[bisect_right(self.times, time) :]
+        jumps = [t for t, after in pairwise(ahead) if t == after]
+        bends = [bend for bend in self.bends if bend > time]
+        starts = [t for t in self.times[:1] if t > time]
+        return [*starts, *jumps, *bends]
 
     def eval(self, time: float) -> Array:
         """Returns the signal (k) at a time between (or just behind) the samples.
@@ -165,17 +146,17 @@ class EnoPolynomial:
 
     Args:
         times: (N,) ascending; two equal ones mark a jump.
-        values: (N, k) samples.
+        values: The samples (k each).
         i: The first of the two samples, older than the second.
     """
 
-    def __init__(self, times: Sequence[float], values: Array, i: int):
+    def __init__(self, times: Sequence[float], values: Sequence[Array], i: int):
         window = stencil_window(times, i)
         t = [times[j] for j in window]
         left = window.index(i)
         # Of so few numbers, Python's own are faster than arrays.
-        columns = values[window].T.tolist()
-        self._series = [_newton_series(t, column, left) for column in columns]
+        columns = zip(*(values[j].tolist() for j in window), strict=True)
+        self._series = [_newton_series(t, list(column), left) for column in columns]
 
     def eval(self, t: float) -> Array:
         """Returns the signal (k) at a time."""

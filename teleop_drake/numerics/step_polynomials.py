@@ -7,6 +7,7 @@ reaches across such an instant. In a step a signal is the polynomial of degree d
 its values (S, d + 1, k), `values[steps]`.
 """
 
+import math
 from functools import cache
 
 import numpy as np
@@ -55,19 +56,6 @@ def straight_steps(times: Array) -> Indices:
     return np.stack([first, first + 1], axis=1)
 
 
-@cache
-def _others(degree: int) -> tuple[Indices, Array]:
-    """Returns the other points of each point, and the products of their distances.
-
-    Their indices (d + 1, d), and the products (d + 1).
-    """
-    nodes = shares(degree)
-    points = np.arange(degree + 1)
-    others = np.array([np.delete(points, a) for a in points])
-    distances = nodes[:, np.newaxis] - nodes[others]
-    return others, distances.prod(axis=-1)
-
-
 def lagrange(at: Array, degree: int) -> Array:
     """Returns the weights (..., d + 1) of a step's values in the value at a share.
 
@@ -76,10 +64,12 @@ def lagrange(at: Array, degree: int) -> Array:
     Args:
         at: (...,) shares of a step, 0 at its begin and 1 at its end.
     """
-    others, products = _others(degree)
-    gaps = at[..., np.newaxis] - shares(degree)
-    weights: Array = gaps[..., others].prod(axis=-1) / products
-    return weights
+    nodes = shares(degree)
+    weights = []
+    for k, node in enumerate(nodes):
+        others = np.delete(nodes, k)
+        weights.append(math.prod((at - x) / (node - x) for x in others))
+    return np.stack(weights, axis=-1)
 
 
 def interpolate(times: Array, values: Array, steps: Indices, query: Array) -> Array:
@@ -144,10 +134,10 @@ def finite_part(series: Series) -> Series:
     """
     times, signals, steps = series
     columns = [times[:, np.newaxis], *signals.values()]
-    is_finite = np.isfinite(np.hstack(columns)).all(axis=1)
+    is_finite = np.isfinite(np.hstack(columns))
     if is_finite.all():
         return series
-    count = int(np.argmin(is_finite))
+    count = int(np.argmin(is_finite.all(axis=1)))
     steps = steps[steps[:, -1] < count]
     count = int(steps[-1, -1]) + 1 if len(steps) else min(count, 1)
     return times[:count], {name: x[:count] for name, x in signals.items()}, steps

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Diagram
 
 from teleop_drake.arrays import Array
 from teleop_drake.laws.task_space import MAX_ROTATION
-from teleop_drake.numerics.pieces import Pieces, first_upwards
+from teleop_drake.numerics.pieces import Pieces
 from teleop_drake.numerics.step_polynomials import part
 from teleop_drake.simulation.run import Ending, Outcome
 from teleop_drake.tasks.base import SpeedLimit
@@ -93,9 +93,9 @@ def EndAtBound(diagram: Diagram, limit: SpeedLimit, run: Outcome) -> None:
     ends: dict[Bound, float] = {}
     for bound in [speed, *others] if run.is_too_fast else others:
         excess = bound.Excess(signals[bound.signal])[:, np.newaxis]
-        time = first_upwards(pieces.crossings(pieces.signal(excess)[..., 0]))
-        if time is not None:
-            ends[bound] = time
+        upwards = pieces.crossings(pieces.signal(excess)[..., 0]).upwards
+        if upwards:
+            ends[bound] = upwards[0]
     if not ends:
         return
     first = min(ends, key=ends.__getitem__)

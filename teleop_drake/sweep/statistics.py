@@ -8,8 +8,9 @@ Intervals are for 95 % confidence: of a median by the bootstrap (percentiles of
 `scipy.stats.bootstrap`), of a share by Wilson's method (`scipy.stats.binomtest`).
 """
 
+import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -85,29 +86,20 @@ def Statistics(result: SweepResult) -> list[Record]:
     Raises:
         SweepError: If the sweep has no seeds.
     """
-    points = list(_Points(result))
-    shares = _Shares(result)
-    metrics = _Medians(result)
+    points = _Points(result)
+    units = MetricUnits(result.scenario)
+    medians = _Medians(result)
+    is_diverged = _BySeed(result, result.Status() == "diverged")
+    # An event has happened in the runs with a number.
+    shares = {"diverged": np.where(is_diverged, 1.0, math.nan)}
+    if "collision.settling_time" in medians:
+        shares["collision.settles"] = medians["collision.settling_time"]
     rows = []
-    for point, index in points:
-        for metric, share in shares.items():
-            total = len(share[index])
-            count = int(share[index].sum())
-            rows.append(
-                {
-                    **point,
-                    "runs": total,
-                    "metric": metric,
-                    "statistic": "share",
-                    "unit": "",
-                    "count": count,
-                    **_Estimate(count / total, ShareInterval(count, total)),
-                    "p5": None,
-                    "p95": None,
-                }
-            )
-        for metric, (unit, values) in metrics.items():
-            rows.append(_MedianRow(point, metric, "median", unit, values[index]))
+    for i, point in enumerate(points):
+        for metric, values in shares.items():
+            rows.append(_Row(point, metric, "share", "", values[i]))
+        for metric, values in medians.items():
+            rows.append(_Row(point, metric, "median", units[metric], values[i]))
     return rows
 
 
@@ -125,22 +117,22 @@ def Differences(result: SweepResult) -> list[Record]:
     Raises:
         SweepError: If the sweep has no seeds.
     """
-    points = list(_Points(result))
+    points = _Points(result)
     key = next((k for k in CONTROLLERS if len(result.axes.get(k, [])) > 1), None)
     if key is None:
         return []
-    axis = list(result.axes).index(key)
     baseline = result.axes[key][0]
-    metrics = _Medians(result)
+    units = MetricUnits(result.scenario)
+    medians = _Medians(result)
     rows = []
-    for point, index in points:
+    for i, point in enumerate(points):
         if point[key] == baseline:
             continue
-        of_baseline = (*index[:axis], 0, *index[axis + 1 :])
-        for metric, (unit, values) in metrics.items():
-            own = {**point, "baseline": baseline}
-            x = values[index] - values[of_baseline]
-            rows.append(_MedianRow(own, metric, "median difference", unit, x))
+        k = points.index(point | {key: baseline})
+        own = {**point, "baseline": baseline}
+        for metric, values in medians.items():
+            x = values[i] - values[k]
+            rows.append(_Row(own, metric, "median difference", units[metric], x))
     return rows
 
 
@@ -161,56 +153,51 @@ def Bands(values: Array, estimate: Callable[[Array], Any]) -> Array:
     return np.apply_along_axis(OfFinite, -1, values)
 
 
-def _Points(result: SweepResult) -> Iterator[tuple[Record, tuple[Any, ...]]]:
-    """Yields each point of the grid without its seed, and the indices of its runs."""
+def _Points(result: SweepResult) -> list[Record]:
+    """Returns the points of the grid without the seed."""
     if SEED not in result.axes:
         raise SweepError("result: must be of a grid with the key seed")
-    seed = list(result.axes).index(SEED)
     others = {key: values for key, values in result.axes.items() if key != SEED}
-    for numbers in np.ndindex(*map(len, others.values())):
-        point = {key: others[key][i] for key, i in zip(others, numbers, strict=True)}
-        yield point, (*numbers[:seed], slice(None), *numbers[seed:])
+    combinations = itertools.product(*others.values())
+    return [dict(zip(others, values, strict=True)) for values in combinations]
 
 
-def _Medians(result: SweepResult) -> dict[str, tuple[str, Array]]:
-    """Returns the unit and the values of each metric; NaN if a run ended early."""
+def _BySeed(result: SweepResult, values: Array) -> Array:
+    """Returns values in the shape of the grid as (points, seeds)."""
+    axis = list(result.axes).index(SEED)
+    return np.moveaxis(values, axis, -1).reshape(-1, values.shape[axis])
+
+
+def _Medians(result: SweepResult) -> dict[str, Array]:
+    """Returns the values of each metric (points, seeds); NaN if a run ended early."""
     is_complete = result.Status() == "completed"
     return {
-        metric: (unit, np.where(is_complete, result.Values(metric), math.nan))
-        for metric, unit in MetricUnits(result.scenario).items()
+        metric: _BySeed(result, np.where(is_complete, result.Values(metric), math.nan))
+        for metric in MetricUnits(result.scenario)
         if not metric.startswith("diverged")
     }
 
 
-def _Shares(result: SweepResult) -> dict[str, Array]:
-    """Returns for each event whether it happens in each run."""
-    status = result.Status()
-    shares = {"diverged": status == "diverged"}
-    if "collision.settling_time" in MetricUnits(result.scenario):
-        settles = np.isfinite(result.Values("collision.settling_time"))
-        shares["collision.settles"] = settles & (status == "completed")
-    return shares
-
-
-def _MedianRow(
+def _Row(
     point: Record, metric: str, statistic: str, unit: str, values: Array
 ) -> Record:
-    """Returns a row with the median of the finite values, and its interval."""
+    """Returns a row with a statistic of the finite values, and its interval."""
     x = values[np.isfinite(values)]
-    row = {
+    names = ("value", "low", "high", "p5", "p95")
+    numbers: list[float] = []
+    if statistic == "share":
+        numbers = [len(x) / len(values), *ShareInterval(len(x), len(values))]
+    elif x.size:
+        quantiles = np.quantile(x, (0.05, 0.95)).tolist()
+        numbers = [float(np.median(x)), *MedianInterval(x), *quantiles]
+    known = zip(names, numbers, strict=False)
+    return {
         **point,
         "runs": len(values),
         "metric": metric,
         "statistic": statistic,
         "unit": unit,
         "count": len(x),
+        **dict.fromkeys(names),
+        **{name: number for name, number in known if not math.isnan(number)},
     }
-    if not x.size:
-        return row | dict.fromkeys(("value", "low", "high", "p5", "p95"))
-    row |= _Estimate(float(np.median(x)), MedianInterval(x))
-    return row | dict(zip(("p5", "p95"), np.quantile(x, (0.05, 0.95)), strict=True))
-
-
-def _Estimate(value: float, interval: Interval) -> Record:
-    low, high = (None if math.isnan(x) else x for x in interval)
-    return {"value": value, "low": low, "high": high}

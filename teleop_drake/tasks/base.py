@@ -37,6 +37,16 @@ class SpeedLimit:
         return f"the tool's speed, {speed:.4g} m/s, exceeds {self.name}"
 
 
+def Divergence(recording: Recording) -> Record:
+    """Returns `diverged`, whether a run has, and `diverged_at` in s or None.
+
+    A run diverges if the tool's speed exceeds its limit or the solver fails.
+    """
+    has_diverged = recording.termination == "diverged"
+    end = float(recording.time[-1]) if has_diverged else None
+    return {"diverged": has_diverged, "diverged_at": end}
+
+
 class Task(ABC, Generic[_S]):
     """The purpose of a scenario of class S. A task has no state.
 

@@ -12,7 +12,7 @@ from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import CONTROLLERS, Scenario
 from teleop_drake.signals import AxisUnit
 from teleop_drake.stations import MakeArchitecture
-from teleop_drake.tasks.base import SpeedLimit, Task
+from teleop_drake.tasks.base import Divergence, SpeedLimit, Task
 from teleop_drake.tasks.insertion_metrics import (
     AXIS_METRICS,
     COLLISION_METRICS,
@@ -25,11 +25,8 @@ from teleop_drake.tasks.insertion_metrics import (
 from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
 from teleop_drake.teleoperator import MakeTeleoperator
 
-# Names of the events of crossing a surface, by whether it is inwards.
-_CROSSINGS = {
-    PUNCTURE: {True: "puncture", False: "heal"},
-    CONTACT: {True: "contact", False: "release"},
-}
+# Names of the events of crossing a surface, inwards and outwards.
+_CROSSINGS = {PUNCTURE: ("puncture", "heal"), CONTACT: ("contact", "release")}
 
 
 class Insertion(Task[Scenario]):
@@ -78,13 +75,12 @@ class Insertion(Task[Scenario]):
         events = _OperatorEvents(recording)
         found = FindCrossings(recording)
         for surface, crossings in zip(recording.surfaces, found, strict=True):
-            names = _CROSSINGS.get(surface.name)
             # If several surfaces have one name, the first one counts.
-            if names is None or surface is not recording.FindSurface(surface.name):
+            if surface is not recording.FindSurface(surface.name):
                 continue
-            for crossing in crossings:
-                name = names[crossing.is_upwards]
-                events.append(Event(name=name, time=crossing.time))
+            names = _CROSSINGS.get(surface.name, ())
+            for name, times in zip(names, crossings, strict=False):
+                events += [Event(name=name, time=time) for time in times]
         return sorted(events, key=lambda event: event.time)
 
     def Metrics(self, recording: Recording) -> Record:
@@ -112,14 +108,12 @@ class Insertion(Task[Scenario]):
         if run.contact.time is not None:
             collision = {name: f(run) for name, (f, _) in COLLISION_METRICS.items()}
         per_axis = {name: f(run) for name, (f, _) in AXIS_METRICS.items()}
-        has_diverged = recording.termination == "diverged"
         return {
             "start_velocity_overshoot": StartVelocityOvershoot(run),
             "puncture": puncture,
             "collision": collision,
             **{name: None if x is None else x.tolist() for name, x in per_axis.items()},
-            "diverged": has_diverged,
-            "diverged_at": float(recording.time[-1]) if has_diverged else None,
+            **Divergence(recording),
         }
 
     def Particulars(self, recording: Recording) -> Record:
@@ -165,7 +159,8 @@ def _OperatorEvents(recording: Recording) -> list[Event]:
     """Returns the events at which the operator starts to hold a force, or stops."""
     if "surgeon_mode" not in recording:
         return []
-    mode = recording["surgeon_mode"][:, 0]
+    # Where a step was cut, the mode was interpolated.
+    mode = np.round(recording["surgeon_mode"][:, 0])
     events = []
     for row in 1 + np.flatnonzero(np.diff(mode)):
         name = "surgeon_force" if mode[row] == 1.0 else "surgeon_stop"

@@ -8,7 +8,6 @@ function and call it in the Metrics() of your own task; a page does not show it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -18,17 +17,15 @@ from teleop_drake.blocks.environments import CONTACT, PUNCTURE, FindSurface, Sur
 from teleop_drake.numerics.pieces import (
     SAME_INSTANT,
     Band,
-    Crossing,
+    Crossings,
     Pieces,
     extremes,
     first_after,
-    first_upwards,
     integral,
-    maximum,
-    minimum,
     rms,
     settling_time,
     value_before,
+    values_in,
     variation,
 )
 from teleop_drake.recording import Recording
@@ -48,16 +45,14 @@ class Passage(NamedTuple):
     Attributes:
         time: When the tool first crosses the surface inwards, s; None: never.
         since: The pieces from then on; all if that is never.
-        entries: When the tool crosses the surface inwards, s.
-        exits: When it crosses the surface outwards, s.
+        crossings: When the tool crosses the surface; upwards means into it.
         velocity: Velocity of the tool along the surface's normal, m/s (p, 5).
         force: The force on the environment along the normal, N (p, 5).
     """
 
     time: float | None
     since: slice
-    entries: list[float]
-    exits: list[float]
+    crossings: Crossings
     velocity: Array
     force: Array
 
@@ -83,11 +78,16 @@ class InsertionRun:
         position: Position of the tool, m.
         velocity: Velocity of the tool, m/s.
         force: What the environment is pushed with, N.
-        control_force: F_c, N.
         haptic_force: The operator's force as the slave receives it, N.
         command: The velocity command as the slave receives it, m/s.
         puncture: The passage of the surface `puncture`.
         contact: The passage of the hard surface `contact`.
+        overshoot: The excess of the tool's velocity over its command, m/s, with its
+            extremes (p, 9). It is taken along the normal and positive in the direction
+            of the command.
+        contact_velocity: contact.velocity with its extremes (p, 9).
+        contact_force: contact.force with its extremes (p, 9).
+        control_force: F_c with its extremes, N (p, 9, n).
     """
 
     def __init__(self, recording: Recording):
@@ -96,44 +96,42 @@ class InsertionRun:
         self.speed = float(np.linalg.norm(self.v_d))
         self.normal = FirstNormal(recording.surfaces, self.v_d)
         self._crossings = FindCrossings(recording)
-        cuts = self._Echoes()
-        # Cut at jumps first: the reversals are roots of the command in these pieces.
-        self.pieces = Pieces(recording.time, recording.steps, cuts)
-        n = len(self.v_d)
-        heading = self._Along(self._Received()[..., n:]) + AT_REST * self.speed
-        reversals = self.pieces.crossings(heading)
-        for crossings in (reversals, *self._crossings):
-            cuts += [crossing.time for crossing in crossings]
+        received, delay = self._Received()
+        cuts = [time + delay for time in self._Turns(received)]
+        for crossings in self._crossings:
+            cuts += [*crossings.upwards, *crossings.downwards]
         self.pieces = Pieces(recording.time, recording.steps, cuts)
         signal = self.pieces.signal
         self.position = signal(recording["tool_position"])
         self.velocity = signal(recording["tool_velocity"])
         self.force = signal(recording["environment_force"])
-        self.control_force = signal(recording["control_force"])
-        received = self._Received()
-        self.haptic_force = received[..., :n]
-        self.command = received[..., n:]
+        packet = signal(received, delay)
+        n = len(self.v_d)
+        self.haptic_force = packet[..., :n]
+        self.command = packet[..., n:]
         self.puncture = self._Passage(PUNCTURE)
         self.contact = self._Passage(CONTACT)
+        # All at once, which takes a third of the time.
+        values = extremes(
+            np.dstack(
+                [
+                    self._Overshoot(),
+                    self.contact.velocity,
+                    self.contact.force,
+                    signal(recording["control_force"]),
+                ]
+            )
+        )
+        self.overshoot = values[..., 0]
+        self.contact_velocity = values[..., 1]
+        self.contact_force = values[..., 2]
+        self.control_force = values[..., 3:]
 
-    @property
-    def felt_velocity(self) -> Array | None:
-        """The velocity that the operator feels, m/s; None if it was not recorded."""
-        n = len(self.v_d)
-        if "felt_velocity" in self.recording:
-            return self.pieces.signal(self.recording["felt_velocity"])
-        if "return_packet_received" not in self.recording:
-            return None
-        packet = self.recording["return_packet_received"]
-        return self.pieces.signal(packet[:, n : 2 * n])
-
-    @cached_property
-    def overshoot(self) -> Array:
-        """The excess of the tool's velocity over its command, m/s (p, 5).
-
-        It is taken along the normal and positive in the direction of the command.
-        """
-        along = self._Along(self.command)
+    def _Overshoot(self) -> Array:
+        """Returns the excess of the tool's velocity over its command, m/s (p, 5)."""
+        along = self.command @ self.normal
+        if self.recording.has_constant_command:
+            along = np.full_like(along, self.v_d @ self.normal)
         mean = along.mean(axis=1, keepdims=True)
         excess = self.velocity @ self.normal - along
         return np.where(mean < -AT_REST * self.speed, -excess, excess)
@@ -142,47 +140,39 @@ class InsertionRun:
         """Returns the passage of a surface; nothing crosses one that does not exist."""
         surface = self.recording.FindSurface(name)
         normal = self.normal
-        crossings: list[Crossing] = []
+        crossings = Crossings([], [])
         if surface is not None:
             normal = surface.normal_W
             crossings = self._crossings[self.recording.surfaces.index(surface)]
-        time = first_upwards(crossings)
+        time = next(iter(crossings.upwards), None)
         return Passage(
             time=time,
-            since=self.pieces.since(time),
-            entries=[x.time for x in crossings if x.is_upwards],
-            exits=[x.time for x in crossings if not x.is_upwards],
+            since=self.pieces.between(time),
+            crossings=crossings,
             velocity=self.velocity @ normal,
             force=self.force @ normal,
         )
 
-    def _Echoes(self) -> list[float]:
-        """Returns when jumps of the command, including its start, arrive at the slave.
+    def _Received(self) -> tuple[Array, float]:
+        """Returns [F_h; v_d] of which the slave receives what it was a delay in s ago.
 
-        A command that arrives in a packet is recorded at the slave with its jumps.
+        A packet is recorded at the slave, without a delay.
         """
-        if "velocity_command" not in self.recording:
-            return []
+        if "velocity_command" in self.recording:
+            delay = self.recording.teleoperation.forward_channel.delay
+            return self.recording.commands, delay
+        return self.recording["forward_packet_received"], 0.0
+
+    def _Turns(self, commands: Array) -> list[float]:
+        """Returns when the commands [F_h; v_d] start, jump or reverse, s."""
         time = self.recording.time
-        commands = self.recording.commands
         is_same_instant = np.diff(time) <= SAME_INSTANT
         has_changed = (np.diff(commands, axis=0) != 0).any(axis=1)
         jumps = 1 + np.flatnonzero(is_same_instant & has_changed)
-        delay = self.recording.teleoperation.forward_channel.delay
-        return [float(time[row]) + delay for row in [0, *jumps]]
-
-    def _Received(self) -> Array:
-        """Returns the received operator packet in the present pieces."""
-        if "velocity_command" not in self.recording:
-            return self.pieces.signal(self.recording["forward_packet_received"])
-        delay = self.recording.teleoperation.forward_channel.delay
-        return self.pieces.delayed(self.recording.commands, delay)
-
-    def _Along(self, command: Array) -> Array:
-        """Returns the reference of the overshoots along the normal, m/s."""
-        if self.recording.has_constant_command:
-            return np.full(command.shape[:2], self.v_d @ self.normal)
-        return command @ self.normal
+        heading = commands[:, len(self.v_d) :] @ self.normal + AT_REST * self.speed
+        pieces = Pieces(time, self.recording.steps)
+        reversals = pieces.crossings(pieces.signal(heading[:, np.newaxis])[..., 0])
+        return [*time[[0, *jumps]], *reversals.upwards, *reversals.downwards]
 
 
 # The metrics of an insertion. x is the direction of a normal: of InsertionRun.normal in
@@ -197,7 +187,8 @@ def StartVelocityOvershoot(run: InsertionRun) -> float:
     else 1.
     """
     end = run.contact.time if run.puncture.time is None else run.puncture.time
-    return max(0.0, float(maximum(run.overshoot, run.pieces.between(None, end))))
+    before = values_in(run.overshoot, run.pieces.between(None, end))
+    return max(0.0, float(before.max()))
 
 
 def PunctureTime(run: InsertionRun) -> float | None:
@@ -221,9 +212,9 @@ def PunctureVelocityOvershoot(run: InsertionRun) -> float:
     The maximum is taken until the first contact after the puncture, or to the end. It
     may be negative. s is defined in StartVelocityOvershoot().
     """
-    contact = first_after(run.puncture.time, run.contact.entries)
+    contact = first_after(run.puncture.time, run.contact.crossings.upwards)
     behind = run.pieces.between(run.puncture.time, contact)
-    return float(maximum(run.overshoot, behind))
+    return float(values_in(run.overshoot, behind).max())
 
 
 def CollisionTime(run: InsertionRun) -> float | None:
@@ -238,14 +229,14 @@ def CollisionVelocity(run: InsertionRun) -> float:
 
 def InitialImpactForce(run: InsertionRun) -> float:
     """Returns the max of F_e_x from first contact to the first release, N."""
-    release = first_after(run.contact.time, run.contact.exits)
+    release = first_after(run.contact.time, run.contact.crossings.downwards)
     first_contact = run.pieces.between(run.contact.time, release)
-    return float(maximum(run.contact.force, first_contact))
+    return float(values_in(run.contact_force, first_contact).max())
 
 
 def PeakForce(run: InsertionRun) -> float:
     """Returns the max of F_e_x from the first contact on, N."""
-    return float(maximum(run.contact.force, run.contact.since))
+    return float(values_in(run.contact_force, run.contact.since).max())
 
 
 def ReboundVelocity(run: InsertionRun) -> float:
@@ -253,7 +244,7 @@ def ReboundVelocity(run: InsertionRun) -> float:
 
     A negative value is a motion away from the surface.
     """
-    return float(minimum(run.contact.velocity, run.contact.since))
+    return float(values_in(run.contact_velocity, run.contact.since).min())
 
 
 def SettlingTime(run: InsertionRun) -> float | None:
@@ -264,7 +255,7 @@ def SettlingTime(run: InsertionRun) -> float | None:
     exceeded it: a recording that ends while v_x passes through 0 has not settled.
     """
     v_x = run.contact.velocity[..., np.newaxis]
-    return _Settling(run, [Band(v_x, np.zeros(1), SETTLING_RATIO * run.speed)])
+    return _Settling(run, [Band(v_x, SETTLING_RATIO * run.speed)])
 
 
 def RestTime(run: InsertionRun) -> float | None:
@@ -277,13 +268,13 @@ def RestTime(run: InsertionRun) -> float | None:
     """
     bands = []
     for first in range(0, len(run.v_d), 3):
-        velocity = run.velocity[..., first : first + 3]
-        force = run.force[..., first : first + 3]
-        at_rest = np.zeros(velocity.shape[-1])
-        bands.append(Band(velocity, at_rest, SETTLING_RATIO * run.speed))
+        axes = slice(first, first + 3)
+        bands.append(Band(run.velocity[..., axes], SETTLING_RATIO * run.speed))
+        force = run.force[..., axes]
         if force.any():
             end = force[-1, -1]
-            bands.append(Band(force, end, SETTLING_RATIO * float(np.linalg.norm(end))))
+            radius = SETTLING_RATIO * float(np.linalg.norm(end))
+            bands.append(Band(force - end, radius))
     return _Settling(run, bands)
 
 
@@ -320,17 +311,17 @@ def CoordinationRmsError(run: InsertionRun) -> Array | None:
     ago, unless the architecture feeds back another velocity. With six axes the metric
     has the first three. None if the recording has no felt velocity.
     """
-    velocity = run.felt_velocity
+    velocity = run.recording.felt_velocity
     if velocity is None:
         return None
     tool = run.position[..., :3]
-    felt = integral(velocity[..., :3], run.pieces.length, tool[0, 0])
-    return rms(felt - tool, run.pieces.length)
+    felt = run.pieces.signal(velocity[:, :3])
+    return rms(integral(felt, run.pieces.length, tool[0, 0]) - tool, run.pieces.length)
 
 
 def ControlForcePeak(run: InsertionRun) -> Array:
     """Returns the max of |F_c| per axis, N."""
-    return np.abs(extremes(run.control_force)).max(axis=(0, 1))
+    return np.abs(run.control_force).max(axis=(0, 1))
 
 
 def ControlForceVariation(run: InsertionRun) -> Array:
@@ -388,7 +379,7 @@ def FirstNormal(surfaces: tuple[Surface, ...], v_d: Array) -> Array:
     return v_d / np.linalg.norm(v_d)
 
 
-def FindCrossings(recording: Recording) -> list[list[Crossing]]:
+def FindCrossings(recording: Recording) -> list[Crossings]:
     """Returns the tool's crossings of each surface; upwards means into the surface."""
     pieces = Pieces(recording.time, recording.steps)
     position = pieces.signal(recording["tool_position"])

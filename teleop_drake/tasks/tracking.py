@@ -18,7 +18,7 @@ from teleop_drake.numerics.pieces import Pieces, extremes, rms
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import TrackingScenario, TrajectoryConfig
 from teleop_drake.signals import MarkLoop, NamedSignals
-from teleop_drake.tasks.base import SpeedLimit, Task
+from teleop_drake.tasks.base import Divergence, SpeedLimit, Task
 from teleop_drake.tasks.panels import AxisName, SignalRow
 from teleop_drake.validation import GainMatrix
 from teleop_drake.wiring import Wire
@@ -107,11 +107,7 @@ class Tracking(Task[TrackingScenario]):
 
     def Particulars(self, recording: Recording) -> Record:
         """Returns diverged, and diverged_at in s or None."""
-        has_diverged = recording.termination == "diverged"
-        return {
-            "diverged": has_diverged,
-            "diverged_at": float(recording.time[-1]) if has_diverged else None,
-        }
+        return Divergence(recording)
 
     def Panels(self, recordings: Sequence[Recording]) -> list[SignalRow]:
         """Returns the position, the tracking error and the disturbance along each axis.

@@ -77,7 +77,7 @@ def test_the_delays_are_those_of_the_network():
     network, sides = Made(fates=fates, duration=0.4)
     network.Run(sides, phase=0.0)
     for side in sides:
-        forward, back = (side.Delays()[way] for way in ("forward", "return"))
+        forward, back = (side.measured.Delays()[way] for way in ("forward", "return"))
         assert np.isfinite(forward[:300]).all()
         # Half of 50.6 ms each, for what nobody can know.
         assert forward[:300] == pytest.approx(0.026, abs=0.0011)
@@ -98,7 +98,7 @@ def test_a_clock_that_drifts_makes_packets_early(tmp_path, unrendered):
     network.Skip(sides, 0, 0.02)
     network.Run(sides)
     assert sides[1].Report()["early_packets"]["forward"] > 10
-    assert np.nanmin(sides[1].Delays()["forward"]) < 0
+    assert np.nanmin(sides[1].measured.Delays()["forward"]) < 0
     CheckPrediction(sides[1:])
     SaveRun(sides[1], tmp_path)
     trace = np.genfromtxt(tmp_path / "robot_forward.csv", delimiter=",")[1:, 1]
@@ -209,7 +209,7 @@ def test_one_that_was_started_anew_is_another_one():
     network.Run(sides)
     assert [side.reason for side in sides] == ["nothing was heard for 0.7 s"] * 2
     assert len(sides[1].Report()["outages_s"]) == 1
-    assert not sides[0].Delays()["forward"].size
+    assert not sides[0].measured.Delays()["forward"].size
 
 
 def test_only_the_robot_waits_for_as_long_as_it_takes():
@@ -225,7 +225,7 @@ def test_both_have_the_same_period():
     network.Run(sides, until=0.2)
     line = "not heard: the other side's version, scenario or options differ"
     assert network.lines[1] == [line]
-    assert not sides[1].Delays()["forward"].size
+    assert not sides[1].measured.Delays()["forward"].size
 
 
 def test_a_driver_of_ones_own():

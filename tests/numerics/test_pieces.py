@@ -9,16 +9,14 @@ from teleop_drake.numerics.bisection import bisect
 from teleop_drake.numerics.pieces import (
     NODES,
     Band,
-    Crossing,
+    Crossings,
     Pieces,
     extremes,
-    first_upwards,
     integral,
-    maximum,
-    minimum,
     rms,
     settling_time,
     value_before,
+    values_in,
     variation,
 )
 from teleop_drake.numerics.step_polynomials import DEGREE
@@ -28,7 +26,6 @@ Y = np.random.default_rng(0).normal(size=(NUM, DEGREE + 1))
 TIMES = np.concatenate([(k + NODES) / NUM for k in range(NUM)])
 STEPS = np.arange(Y.size).reshape(Y.shape)
 POLYNOMIALS = [np.polynomial.Polynomial.fit(NODES, y, DEGREE, (0, 1)) for y in Y]
-EVERYWHERE = slice(0, NUM)
 
 
 def dense():
@@ -55,12 +52,13 @@ def test_a_place_is_found_to_the_last_digit():
 
 def test_extremes_are_those_of_the_polynomials():
     values = dense()
-    np.testing.assert_allclose(maximum(Y, EVERYWHERE), values.max(), rtol=1e-6)
-    np.testing.assert_allclose(minimum(Y, EVERYWHERE), values.min(), rtol=1e-6)
+    np.testing.assert_allclose(extremes(Y).max(), values.max(), rtol=1e-6)
+    np.testing.assert_allclose(extremes(Y).min(), values.min(), rtol=1e-6)
     # All components of a vector at once, and in order where it rises and falls.
     both = np.stack([Y, -Y], axis=-1)
     expected = values.max(), -values.min()
-    np.testing.assert_allclose(maximum(both, EVERYWHERE), expected, rtol=1e-6)
+    found = extremes(both).max(axis=(0, 1))
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
     (found,) = extremes(16 * (NODES - 0.4)[np.newaxis] ** 2)
     expected = [2.56, 2.56, 0.36, 0.0, 0.16, 0.16, 1.96, 1.96, 5.76]
     np.testing.assert_allclose(found, expected, atol=1e-11)
@@ -69,11 +67,11 @@ def test_extremes_are_those_of_the_polynomials():
 def test_variation_counts_what_jumps():
     steps = np.abs(np.diff(dense(), axis=1)).sum()
     jumps = np.abs(Y[1:, 0] - Y[:-1, -1]).sum()
-    np.testing.assert_allclose(variation(Y), steps + jumps, rtol=1e-2)
+    np.testing.assert_allclose(variation(extremes(Y)), steps + jumps, rtol=1e-2)
     t, places = rows(200, 4 * math.pi)
     y = np.sin(t)[places]
-    np.testing.assert_allclose(variation(y), 8.0, rtol=1e-8)
-    assert variation(np.full((3, 5), 0.1)) == 0.0
+    np.testing.assert_allclose(variation(extremes(y)), 8.0, rtol=1e-8)
+    assert variation(extremes(np.full((3, 5), 0.1))) == 0.0
 
 
 def test_rms_and_integral_are_exact():
@@ -100,7 +98,7 @@ def test_cuts_change_no_signal_and_instants_that_are_one_cut_once():
     points = pieces.begin[:, None] + NODES * pieces.length[:, None]
     found = pieces.signal(smooth(times))
     np.testing.assert_allclose(found, smooth(points), atol=2e-6)
-    delayed = pieces.delayed(smooth(times), 0.25)
+    delayed = pieces.signal(smooth(times), 0.25)
     expected = smooth(points - 0.25) * (points >= 0.25)[..., None]
     is_inside = np.abs(points - 0.25) > 1e-9
     np.testing.assert_allclose(delayed[is_inside], expected[is_inside], atol=3e-6)
@@ -123,10 +121,9 @@ def test_crossings_are_roots(degree):
     steps = np.arange(20)[:, None] * degree + np.arange(degree + 1)
     pieces = Pieces(t, steps)
     found = pieces.crossings(pieces.signal((t - 3.3)[:, None])[..., 0])
-    assert found == [Crossing(pytest.approx(3.3, rel=1e-14), True)]
+    assert found == Crossings([pytest.approx(3.3, rel=1e-14)], [])
     found = pieces.crossings(pieces.signal((7.1 - t)[:, None])[..., 0])
-    assert found == [Crossing(pytest.approx(7.1, rel=1e-14), False)]
-    assert first_upwards(found) is None
+    assert found == Crossings([], [pytest.approx(7.1, rel=1e-14)])
 
 
 def test_a_run_of_one_row_is_one_piece():
@@ -135,7 +132,7 @@ def test_a_run_of_one_row_is_one_piece():
     assert pieces.length.tolist() == [1.0]
     assert rms(y, pieces.length) == pytest.approx([2.0, 3.0])
     assert value_before(y, slice(0, 1)).tolist() == [2.0, -3.0]
-    assert maximum(y, slice(1, 1)).tolist() == [2.0, -3.0]
+    assert values_in(y, slice(1, 1)).tolist() == [2.0, -3.0]
 
 
 @pytest.mark.parametrize(
@@ -146,10 +143,10 @@ def test_a_vector_settles_in_its_band(radius, expected):
     spiral = np.exp(-t)[:, None] * np.stack([np.cos(9 * t), np.sin(9 * t)], axis=1)
     pieces = Pieces(t, steps)
     centre = np.array([1.0, -2.0])
-    band = Band(pieces.signal(centre + spiral), centre, radius)
-    found = settling_time(pieces, pieces.since(None), [band])
+    band = Band(pieces.signal(centre + spiral) - centre, radius)
+    found = settling_time(pieces, pieces.between(), [band])
     assert found == pytest.approx(expected, rel=1e-7, abs=1e-12)
     # It is nowhere before it comes back for longer than it was there.
-    never = Band(band.y, centre, 1e-9)
-    assert settling_time(pieces, pieces.since(None), [band, never]) is None
+    never = Band(band.offset, 1e-9)
+    assert settling_time(pieces, pieces.between(), [band, never]) is None
     assert settling_time(pieces, slice(400, 400), [band]) is None

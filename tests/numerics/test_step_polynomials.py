@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from teleop_drake.numerics.pieces import Pieces, first_upwards
+from teleop_drake.numerics.pieces import Pieces
 from teleop_drake.numerics.step_polynomials import (
     DEGREE,
     finite_part,
@@ -68,7 +68,7 @@ def test_the_first_crossing_upwards_is_a_root():
     roots = [x.real for x in POWERS.roots() if x.imag == 0 and 0 < x.real < 2.1]
     for sign in (1, -1):
         first = min(x for x in roots if sign * POWERS.deriv()(x) > 0)
-        found = first_upwards(pieces.crossings(sign * y))
+        found = pieces.crossings(sign * y).upwards[0]
         np.testing.assert_allclose(found, first, rtol=1e-12)
 
 

@@ -45,6 +45,18 @@ def test_a_task_makes_the_systems_that_it_needs(name):
         assert diagram.HasSubsystemNamed(system)
 
 
+def test_no_switch_is_found_in_a_step_that_was_cut():
+    """The modes in it are interpolated, with rounding errors."""
+    wave = {"kind": "variable", "drift": 0.01}
+    wave["sinusoid"] = {"amplitude": 0.02, "frequency": 3.0, "phase": 0.4}
+    changes = {"controller.kind": "direct_force"}
+    changes |= dict.fromkeys(("forward_channel", "return_channel"), wave)
+    recording = simulate(LoadScenario("one_dof", changes))
+    assert recording.termination == "diverged"
+    assert len(recording.EventTimes("surgeon_force")) == 1
+    assert recording.EventTimes("surgeon_stop") == []
+
+
 def test_a_task_of_ones_own():
     scenario = LoadScenario("one_dof", [SHORT])
     task = Reach()

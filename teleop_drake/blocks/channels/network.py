@@ -23,7 +23,6 @@ from teleop_drake.blocks.channels.sampled import CheckSamplePeriod
 from teleop_drake.blocks.channels.variable import VaryingDelayConfig
 from teleop_drake.validation import (
     REQUIRED,
-    CheckNumber,
     Config,
     Refuse,
     ScenarioError,
@@ -128,7 +127,6 @@ class NetworkChannelConfig(VaryingDelayConfig):
             duration: How long packets are sent, s.
             path: The channel's field in a scenario, for messages.
         """
-        CheckNumber(f"{path}.sample_period", self.sample_period, "s", above=0)
         profile, trace = self.Read(duration, path)
         with Within(path):
             return PacketNetwork(
@@ -164,9 +162,9 @@ class NetworkChannelConfig(VaryingDelayConfig):
     def Arrivals(self, sent: ArrayLike, duration: float, stream: str = "") -> Array:
         """Returns when the packets sent nearest to given times arrive."""
         network = self.Network(duration, stream=stream)
-        last = math.floor(duration / self.sample_period)
+        arrivals = network.Arrivals(math.floor(duration / self.sample_period) + 1)
         numbers = np.round(np.asarray(sent, dtype=float) / self.sample_period)
-        return np.array([network.Arrival(int(k)) for k in np.minimum(numbers, last)])
+        return arrivals[np.minimum(numbers.astype(int), len(arrivals) - 1)]
 
     def AsConstantDelay(self, path: str, duration: float) -> ConstantDelay:
         """Returns the mean age of information behind the receiver.

@@ -27,14 +27,16 @@ and what is allowed.
 import itertools
 import math
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
 
 from teleop_drake.blocks.channels.variable import DelayProfile
-from teleop_drake.numerics.instants import TIE, same_within
+from teleop_drake.numerics.instants import SAME, TIE
 from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,
@@ -118,32 +120,26 @@ class Loss(PacketConfig):
     """Which packets never arrive.
 
     independent: each with `probability`.
-    burst:       the Gilbert-Elliott model. A Markov chain is in a good or a bad state
-                 at each packet; a packet is lost with good_loss or bad_loss. The
-                 chain leaves the bad state with 1 / burst_length, starts in its
-                 stationary distribution, and has a share of bad packets such that
-                 `probability` are lost in the long run.
+    burst:       Gilbert's model. A Markov chain is in a good or a bad state at each
+                 packet, and the packets in the bad state are lost. The chain leaves
+                 that state with 1 / burst_length, starts in its stationary
+                 distribution, and has a share `probability` of bad packets.
 
-    Source: E. N. Gilbert, Bell Syst. Tech. J. 39 (1960); E. O. Elliott, ibid. 42
-    (1963).
+    Source: E. N. Gilbert, Bell Syst. Tech. J. 39 (1960).
     """
 
     used: ClassVar = {
         "none": (),
         "independent": ("probability",),
-        "burst": ("probability", "burst_length", "good_loss", "bad_loss"),
+        "burst": ("probability", "burst_length"),
     }
 
     # One of those of `used`.
     kind: str = "none"
     # Share of packets lost in the long run, 0 to 1; below 1 for burst.
     probability: float = Number(0.0, "1", minimum=0, maximum=1)
-    # Mean length of the bad state, packets, >= 1; burst only.
+    # Mean length of a burst of losses, packets, >= 1; burst only.
     burst_length: float = Number(1.0, "packets", minimum=1)
-    # Share lost in the good state, 0 to `probability`; burst only.
-    good_loss: float = Number(0.0, "1", minimum=0, maximum=1)
-    # Share lost in the bad state, more than good_loss, `probability` to 1; burst only.
-    bad_loss: float = Number(1.0, "1", minimum=0, maximum=1)
 
 
 @dataclass(kw_only=True)
@@ -212,9 +208,8 @@ class PacketNetwork:
             Refuse("seed", seed, "a whole number >= 0")
         self._CheckJitter()
         self._CheckLoss()
-        # What a block holds does not depend on who asks.
-        self._blocks: list[Array] = []
-        self._fates = self._Fates()
+        # Those of the first packets; NaN beyond the duration of the profile.
+        self._arrivals = np.empty(0)
         self._lock = threading.Lock()
 
     def _CheckJitter(self) -> None:
@@ -255,23 +250,13 @@ class PacketNetwork:
         """Checks the loss, and that the chain of bursts exists."""
         loss = self._loss
         loss.Check()
-        if loss.kind != "burst":
-            return
-        if not loss.good_loss < loss.bad_loss:
-            Refuse("loss.bad_loss", loss.bad_loss, f"> good_loss, {loss.good_loss:g}")
         # The chain enters the bad state with share / (1 - share) / burst_length.
-        most = loss.good_loss + (loss.bad_loss - loss.good_loss) * (
-            loss.burst_length / (1 + loss.burst_length)
-        )
-        # A chain that is always in the bad state cannot leave it and come back.
-        bad_share = loss.probability - loss.good_loss
-        is_always_bad = bad_share >= loss.bad_loss - loss.good_loss
-        if is_always_bad or not loss.good_loss <= loss.probability <= most:
+        most = loss.burst_length / (1 + loss.burst_length)
+        if loss.kind == "burst" and loss.probability > most:
             Refuse(
                 "loss.probability",
                 loss.probability,
-                f">= {loss.good_loss:g} and <= {most:g}, and less than bad_loss, with "
-                "this burst_length, good_loss and bad_loss",
+                f">= 0 and <= {most:g} with this burst_length",
             )
 
     def Arrival(self, k: int) -> float:
@@ -280,11 +265,10 @@ class PacketNetwork:
         Raises:
             ValueError: If it is sent beyond the duration of the profile.
         """
-        block, place = divmod(k, _BLOCK)
         with self._lock:  # Runs in several threads share a channel.
-            while block >= len(self._blocks):
-                self._blocks.append(next(self._fates))
-        arrival = float(self._blocks[block][place])
+            if k >= len(self._arrivals):
+                self._arrivals = self._Arrivals(2 * (k // _BLOCK + 1))
+        arrival = float(self._arrivals[k])
         if math.isnan(arrival):
             self.profile(k * self.sample_period)
         return arrival
@@ -322,112 +306,100 @@ class PacketNetwork:
         """Returns how many packets are sent before a time in s."""
         return math.ceil(end / self.sample_period - TIE)
 
-    def _Random(self, impairment: str, block: int) -> "np.random.Generator":
+    def _Draw(
+        self, impairment: str, num_blocks: int, draw: Callable[..., Array], *of: float
+    ) -> Array:
+        """Returns random numbers of an impairment, one for each packet of some blocks.
+
+        Args:
+            draw: The method of a Generator that draws them.
+            of: The parameters of their distribution.
+        """
         name = f"{self._stream}/{impairment}".encode()
         sequence = np.random.SeedSequence(self._seed, spawn_key=tuple(name))
         key = sequence.generate_state(2, np.uint64)
-        # Of the 256 bits of the counter, the upper half tells the blocks apart.
-        return np.random.Generator(np.random.Philox(key=key, counter=block << 128))
+        numbers = []
+        for block in range(num_blocks):
+            # Of the 256 bits of the counter, the upper half tells the blocks apart.
+            bits = np.random.Philox(key=key, counter=block << 128)
+            numbers.append(draw(np.random.Generator(bits), *of, _BLOCK))
+        return np.concatenate(numbers)
 
-    def _Fates(self) -> Iterator[Array]:
-        """Yields when the packets of a block arrive (s), block after block.
+    def _Arrivals(self, num_blocks: int) -> Array:
+        """Returns when the packets of the first blocks arrive (s).
 
         A packet that is lost arrives at infinity; beyond the duration it is NaN.
         """
-        latest = 0.0
-        jitters = self._Jitters()
-        losses = self._Losses()
-        for block in itertools.count():
-            sent = np.arange(block * _BLOCK, (block + 1) * _BLOCK) * self.sample_period
-            # As the profile has it.
-            sent = sent[sent <= self.profile.duration * (1 + 1e-9)]
-            delays = self.profile(sent) + next(jitters)[: len(sent)]
-            arrivals = sent + np.maximum(delays, 0.0)
-            arrived = ~next(losses)[: len(sent)]
-            if self._is_lost is not None:
-                arrived &= ~self._is_lost(sent)
-            if self._jitter.keeps_order and arrived.any():
-                in_order = np.maximum.accumulate(arrivals[arrived])
-                arrivals[arrived] = np.maximum(in_order, latest)
-                latest = arrivals[arrived][-1]
-            fates = np.full(_BLOCK, math.nan)
-            fates[: len(sent)] = np.where(arrived, self._Snap(arrivals), math.inf)
-            yield fates
+        sent = np.arange(num_blocks * _BLOCK) * self.sample_period
+        # As the profile has it.
+        sent = sent[sent <= self.profile.duration * (1 + 1e-9)]
+        delays = self.profile(sent) + self._Jitters(num_blocks)[: len(sent)]
+        times = sent + np.maximum(delays, 0.0)
+        has_arrived = ~self._Losses(num_blocks)[: len(sent)]
+        if self._is_lost is not None:
+            has_arrived &= ~self._is_lost(sent)
+        if self._jitter.keeps_order:
+            times[has_arrived] = np.maximum.accumulate(times[has_arrived])
+        arrivals = np.full(num_blocks * _BLOCK, math.nan)
+        arrivals[: len(sent)] = np.where(has_arrived, self._Snap(times), math.inf)
+        return arrivals
 
     def _Snap(self, times: Array) -> Array:
         # 0.1 + 3 * 0.1 is not 4 * 0.1.
         ticks = np.round(times / self.sample_period) * self.sample_period
-        within = same_within(float(times.max(initial=0.0)))
-        return np.where(np.abs(times - ticks) <= within, ticks, times)
+        return np.where(np.isclose(times, ticks, rtol=2e-15, atol=SAME), ticks, times)
 
-    def _Jitters(self) -> Iterator[Array]:
-        """Yields the jitter of a block's packets in s, block after block."""
+    def _Jitters(self, num_blocks: int) -> Array:
+        """Returns the jitter of the packets of the first blocks in s."""
         jitter = self._jitter
         std = jitter.std
         excess = self.profile.delay - jitter.minimum
         if jitter.kind == "none" or std == 0:
-            yield from itertools.repeat(np.zeros(_BLOCK))
+            return np.zeros(num_blocks * _BLOCK)
         if jitter.kind == "gamma" and not jitter.correlation_time:
-            for block in itertools.count():
-                random = self._Random("jitter", block)
-                scale = std**2 / excess
-                yield random.gamma((excess / std) ** 2, scale, _BLOCK) - excess
+            of = (excess / std) ** 2, std**2 / excess
+            return self._Draw("jitter", num_blocks, Generator.gamma, *of) - excess
 
         from scipy.special import gammaincinv, ndtr, ndtri  # It takes a tenth of a s.
 
-        for shares in self._Shares():
-            u = np.clip(shares, 2.0**-53, 1 - 2.0**-53)
-            if jitter.kind == "gamma":
-                yield gammaincinv((excess / std) ** 2, u) * std**2 / excess - excess
-            elif jitter.kind == "uniform":
-                yield math.sqrt(3) * std * (2 * u - 1)
-            else:
-                # The inverse of the cumulative distribution above the minimum.
-                yield np.maximum(-std * ndtri(u * ndtr(excess / std)), -excess)
+        u = np.clip(self._Shares(num_blocks), 2.0**-53, 1 - 2.0**-53)
+        jitters: Array
+        if jitter.kind == "gamma":
+            jitters = gammaincinv((excess / std) ** 2, u) * std**2 / excess - excess
+        elif jitter.kind == "uniform":
+            jitters = math.sqrt(3) * std * (2 * u - 1)
+        else:
+            # The inverse of the cumulative distribution above the minimum.
+            jitters = np.maximum(-std * ndtri(u * ndtr(excess / std)), -excess)
+        return jitters
 
-    def _Shares(self) -> Iterator[Array]:
-        """Yields where packets are in the distribution of the jitter, 0 to 1."""
+    def _Shares(self, num_blocks: int) -> Array:
+        """Returns where packets are in the distribution of the jitter, 0 to 1."""
+        time = self._jitter.correlation_time
+        if not time:
+            return self._Draw("jitter", num_blocks, Generator.random)
+        a = math.exp(-self.sample_period / time)
+        noise = self._Draw("jitter", num_blocks, Generator.standard_normal)
+
+        def Next(g: float, n: float) -> float:
+            return a * g + math.sqrt(1 - a * a) * n
+
         from scipy.special import ndtr
 
-        time = self._jitter.correlation_time
-        a = math.exp(-self.sample_period / time) if time else 0.0
+        shares: Array = ndtr(list(itertools.accumulate(noise.tolist(), Next)))
+        return shares
 
-        def Next(g: float, noise: float) -> float:
-            return a * g + math.sqrt(1 - a * a) * noise
-
-        last: list[float] = []
-        for block in itertools.count():
-            random = self._Random("jitter", block)
-            if not time:
-                yield random.random(_BLOCK)
-                continue
-            noise = random.standard_normal(_BLOCK).tolist()
-            deviates = list(itertools.accumulate(last + noise, Next))[-_BLOCK:]
-            last = deviates[-1:]
-            yield ndtr(deviates)
-
-    def _Losses(self) -> Iterator[Array]:
-        """Yields which packets of a block are lost, block after block."""
+    def _Losses(self, num_blocks: int) -> NDArray[np.bool_]:
+        """Returns which packets of the first blocks are lost."""
         loss = self._loss
-        bursts = self._Bursts()
-        for block in itertools.count():
-            is_burst = loss.kind == "burst"
-            probability = next(bursts) if is_burst else loss.probability
-            yield self._Random("loss", block).random(_BLOCK) < probability
-
-    def _Bursts(self) -> Iterator[Array]:
-        """Yields with what probability packets are lost that are lost in bursts."""
-        loss = self._loss
-        share = (loss.probability - loss.good_loss) / (loss.bad_loss - loss.good_loss)
+        if loss.kind != "burst":
+            return self._Draw("loss", num_blocks, Generator.random) < loss.probability
         leave = 1 / loss.burst_length
-        enter = leave * share / (1 - share)
-        is_bad: bool | None = None
-        for block in itertools.count():
-            states = []
-            for step in self._Random("burst", block).random(_BLOCK).tolist():
-                if is_bad is None:
-                    is_bad = step < share
-                else:
-                    is_bad = step >= leave if is_bad else step < enter
-                states.append(is_bad)
-            yield np.where(states, loss.bad_loss, loss.good_loss)
+        enter = leave * loss.probability / (1 - loss.probability)
+
+        def Next(is_bad: bool, step: float) -> bool:
+            return step >= leave if is_bad else step < enter
+
+        first, *others = self._Draw("burst", num_blocks, Generator.random).tolist()
+        is_bad = first < loss.probability
+        return np.array(list(itertools.accumulate(others, Next, initial=is_bad)))

@@ -8,6 +8,8 @@ import numpy as np
 from teleop_drake.blocks.channels.packet_network import PacketNetwork, Receiver
 from teleop_drake.numerics.instants import TIE
 
+_PERCENTS = {"minimum": 0, "median": 50, "p95": 95, "p99": 99, "maximum": 100}
+
 
 @dataclass(kw_only=True)
 class PacketStatistics:
@@ -69,10 +71,8 @@ def ComputePacketStatistics(
     is_late = (delays > due) & (receiver.policy == "playout")
     measured: dict[str, Any] = {}
     if delays.size:
-        names = ("minimum", "median", "p95", "p99", "maximum")
-        percentiles = np.percentile(delays, [0, 50, 95, 99, 100]).tolist()
-        for name, value in zip(names, percentiles, strict=True):
-            measured[f"delay_{name}"] = value
+        for name, percent in _PERCENTS.items():
+            measured[f"delay_{name}"] = float(np.percentile(delays, percent))
         measured["delay_mean"] = float(delays.mean())
     shown, stamps = network.ShownUntil(receiver, end_time)
     if shown.size:

@@ -64,30 +64,22 @@ class Trace:
 
         Args:
             duration: How long it has to be, s.
-            end: If it is shorter: `hold` goes on with its last entry, `repeat` begins
-                again, a mean step after the last entry, and `refuse` leaves it.
+            end: If it is shorter: `repeat` begins again, a mean step after the last
+                entry; else it stays as long as it is.
         """
         times = self.times - self.times[0]
-        if duration <= times[-1] or end == "refuse":
+        if duration <= times[-1] or end != "repeat":
             return replace(self, times=times)
-        entries = np.arange(len(times))
-        if end == "hold":
-            entries = np.append(entries, entries[-1])
-            times = np.append(times, duration)
-        else:
-            period = times[-1] + times[-1] / (len(times) - 1)
-            count = int(duration / period) + 1
-            if count * len(times) > _MAX_ENTRIES:
-                Refuse(
-                    "trace_end", end, f"such that there are {_MAX_ENTRIES:g} entries"
-                )
-            # Also the way back from the last entry to the first one.
-            entries = np.append(np.tile(entries, count), 0)
-            begins = period * np.arange(count)
-            times = np.append(np.add.outer(begins, times), count * period)
+        period = times[-1] + times[-1] / (len(times) - 1)
+        count = int(duration / period) + 1
+        if count * len(times) > _MAX_ENTRIES:
+            Refuse("trace_end", end, f"such that there are {_MAX_ENTRIES:g} entries")
+        # Also the way back from the last entry to the first one.
+        entries = np.append(np.tile(np.arange(len(times)), count), 0)
+        begins = period * np.arange(count)
         return replace(
             self,
-            times=times,
+            times=np.append(np.add.outer(begins, times), count * period),
             delays=self.delays[entries],
             is_lost=self.is_lost[entries],
         )

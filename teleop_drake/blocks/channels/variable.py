@@ -66,8 +66,9 @@ class DelayProfile:
         delay: Constant part in s, >= 0.
         drift: Change per time, s/s.
         sinusoid: Periodic part.
-        trace: (times, delays) in s, measured, as long as the duration, at least two of
-            each; the times ascend and the delays are not negative. None: no such part.
+        trace: (times, delays) in s, measured, at least two of each; the times ascend
+            and the delays are not negative. The last delay is held to the end. None: no
+            such part.
         duration: Until when T is needed, in s, > 0; None: the whole trace, or forever
             without one.
 
@@ -91,15 +92,14 @@ class DelayProfile:
         self.delay = float(delay)
         self._drift = float(drift)
         # The trace counts from its first entry.
-        parts = ([0.0, 1.0], [0.0, 0.0]) if trace is None else trace
+        parts = ([0.0, math.inf], [0.0, 0.0]) if trace is None else trace
         self._times, self._delays = (np.array(part, dtype=float) for part in parts)
         self._times -= self._times[0]
-        if duration is None:
-            duration = math.inf if trace is None else self._times[-1]
-        self.duration = float(duration)
+        self.duration = float(self._times[-1] if duration is None else duration)
         if not self.duration > 0:
             Refuse("duration", duration, "a number > 0 (s)")
-        self.nonsmooth_times: list[float] = self._times[1:-1].tolist()
+        bends = self._times[1:]
+        self.nonsmooth_times: list[float] = bends[bends < self.duration].tolist()
         # Bounds: the sums of those of the parts.
         self.minimum = self.delay - sinusoid.amplitude + float(self._delays.min())
         if self._drift < 0:
@@ -108,7 +108,7 @@ class DelayProfile:
         self._slopes = {
             "drift": self._drift,
             "sinusoid.amplitude": sinusoid.amplitude * sinusoid.frequency,
-            "trace": float(slopes.max()),
+            "trace": float(slopes.max(initial=0.0)),  # The last one is held.
         }
         self.max_slope = sum(self._slopes.values())
         if self.minimum < 0:
@@ -199,7 +199,7 @@ class VaryingDelayConfig(ChannelConfig):
         with Within(path):
             if trace is not None:
                 trace = trace.Until(duration, self.trace_end)
-                if trace.times[-1] < duration:
+                if trace.times[-1] < duration and self.trace_end != "hold":
                     Refuse(
                         "trace",
                         self.trace,

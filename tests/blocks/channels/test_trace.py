@@ -113,7 +113,7 @@ def test_what_ping_prints_is_read(tmp_path):
 )
 def test_past_its_end_it_holds_or_repeats(end, late, tmp_path):
     trace = Read(tmp_path, f"{HEADER}5,0.1\n6,0.2\n7,0.3\n").Until(20.0, end)
-    assert trace.times[0] == 0 and trace.times[-1] >= 20
+    assert trace.times[0] == 0 and (trace.times[-1] >= 20) == (end == "repeat")
     shown = np.interp([0, 1, 2, 12, 13, 14], trace.times, trace.delays)
     assert shown.tolist() == pytest.approx([0.1, 0.2, 0.3, *late])
 
