@@ -56,6 +56,14 @@ from typing import NamedTuple
 import numpy as np
 
 from teleop_drake.arrays import Array
+from teleop_drake.numerics.rigid_body import (
+    Motion,
+    RigidBodyTree,
+    calc_dynamics,
+    calc_jacobian,
+    calc_motion,
+    calc_point_acceleration,
+)
 
 MAX_ROTATION = 3.0
 """Longest rotation vector in rad; at pi it jumps."""
@@ -70,22 +78,59 @@ _TINY = 1e-300
 _SMALL = 1e-16
 
 
-def tool_kinematics(
-    num_axes: int, R_WP: Array, X_WT: Array, J_WT: Array, x: Array
-) -> Array:
+class Tool(NamedTuple):
+    """The tool of an arm, and the axes along which the task moves it.
+
+    Attributes:
+        tree: The links of the arm.
+        link: Index of the link with the tool.
+        pose: [R, p] of the tool in the link's frame (3, 4), m.
+        num_axes: Number n of task axes.
+    """
+
+    tree: RigidBodyTree
+    link: int
+    pose: Array
+    num_axes: int
+
+
+def place_tool(tool: Tool, motion: Motion) -> tuple[Array, Array, Array]:
+    """Returns R_WT (3, 3), p_WT in m (3) and the Jacobian of [v_WT; w_WT] (6, nv)."""
+    R = motion.R[tool.link + 1] @ tool.pose[:, :3]
+    p, J = calc_jacobian(tool.tree, motion, tool.link, tool.pose[:, 3])
+    return R, p, np.concatenate((J[3:], J[:3]))
+
+
+def tool_kinematics(tool: Tool, R_WP: Array, x: Array) -> Array:
     """Returns [r; v; J row by row], r = p_WT and v = v_WT for n < 6 (2n + n nv).
 
     Args:
         R_WP: Rotation at which theta is 0 (3, 3); without effect for n < 6.
-        X_WT: Pose [R, p] of the tool (3, 4), m.
-        J_WT: Jacobian of [w_WT; v_WT] (6, nv).
     """
-    J = np.concatenate((J_WT[3:], J_WT[:3]))[:num_axes]
-    v = (J * x[x.size - J.shape[1] :]).sum(axis=1)
-    r = X_WT[:num_axes, 3]
-    if num_axes == 6:
-        r = np.append(r, rotation_vector(X_WT[:, :3] @ R_WP.T))
-    return np.concatenate((r, v, J.ravel()))
+    n = tool.num_axes
+    q, qdot = np.split(x, 2)
+    R, p, J = place_tool(tool, calc_motion(tool.tree, q, qdot))
+    r = p[:n]
+    if n == 6:
+        r = np.append(p, rotation_vector(R @ R_WP.T))
+    J = J[:n]
+    return np.concatenate((r, (J * qdot).sum(axis=1), J.ravel()))
+
+
+def tool_acceleration(tool: Tool, x: Array, qddot: Array) -> Array:
+    """Returns dv/dt in m/s^2 and rad/s^2 (n), with qddot in rad/s^2 or m/s^2."""
+    q, qdot = np.split(x, 2)
+    motion = calc_motion(tool.tree, q, qdot)
+    point = tool.pose[:, 3]
+    a = calc_point_acceleration(tool.tree, motion, tool.link, point, qdot, qddot)
+    return a[: tool.num_axes]
+
+
+def gravity_torque(tree: RigidBodyTree, x: Array) -> Array:
+    """Returns the torque that carries the weight of an arm, N m or N (nv)."""
+    q, qdot = np.split(x, 2)
+    rest = 0 * qdot
+    return calc_dynamics(tree, calc_motion(tree, q, rest), rest)[1]
 
 
 def rotation_vector(R: Array) -> Array:
@@ -171,6 +216,25 @@ class PostureGains(NamedTuple):
     damping_ratio: float
     near: float
     damping: float
+
+
+def hold_torque(
+    tool: Tool, gains: PostureGains, held: tuple[Array, ...], x: Array
+) -> Array:
+    """Returns the torque that holds what the task leaves free, in N m or N (nv).
+
+    Args:
+        held: q_0 of posture_torque(); or q_0 and R_0 of orientation_torque().
+    """
+    q, qdot = np.split(x, 2)
+    motion = calc_motion(tool.tree, q, qdot)
+    M, _ = calc_dynamics(tool.tree, motion, qdot)
+    R, _, J = place_tool(tool, motion)
+    J_v = J[: tool.num_axes]
+    if len(held) == 1:
+        return posture_torque(gains, M, J_v, held[0], q, qdot)
+    q_0, R_0 = held
+    return orientation_torque(gains, M, J_v, J[3:], R_0, R, q_0, q, qdot)
 
 
 def posture_torque(

@@ -13,7 +13,6 @@ Lists over links begin with the world, so that link i is element i + 1 and the w
 link -1, is element 0.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -160,8 +159,9 @@ def calc_dynamics(tree: RigidBodyTree, motion: Motion, v: Array) -> tuple[Array,
         v: Velocities of the joints in rad/s or m/s (n).
     """
     n = len(tree.parents)
-    M = np.zeros((n, n))
-    bias = np.zeros(n)
+    # Zeros of the type of v.
+    M = 0 * np.outer(v, v)
+    bias = 0 * v
     # What each link needs to move on, were no joint to accelerate, in free fall.
     fall = np.append(np.zeros(3), -tree.gravity)
     A = _calc_accelerations(tree, motion, v, np.zeros(n), fall)[1:]
@@ -212,45 +212,36 @@ def calc_jacobian(
         point: The point in the link's frame, m (3).
     """
     p = motion.p[link + 1] + motion.R[link + 1] @ point
-    J = np.zeros((6, len(tree.parents)))
+    columns = [np.zeros(6)] * len(tree.parents)
     while link >= 0:
         w = motion.S[link + 1][:3]
         u = motion.S[link + 1][3:]
-        J[:, link] = np.append(w, u + np.cross(w, p))
+        columns[link] = np.append(w, u + np.cross(w, p))
         link = tree.parents[link]
-    return p, J
+    return p, np.array(columns).reshape(-1, 6).T
 
 
-def calc_point_accelerations(
-    tree: RigidBodyTree,
-    motion: Motion,
-    links: Sequence[int] | Indices,
-    points: Sequence[Array] | Array,
-    v: Array,
-    v_dot: Array,
+def calc_point_acceleration(
+    tree: RigidBodyTree, motion: Motion, link: int, point: Array, v: Array, v_dot: Array
 ) -> Array:
-    """Returns [acceleration; angular acceleration] at points of links (k, 6).
+    """Returns [acceleration; angular acceleration] at a point of a link (6).
 
     In the world's axes, m/s^2 and rad/s^2.
 
     Args:
         motion: As calc_motion() returns it.
-        links: Index of each point's link, -1 for the world (k).
-        points: The points in the links' frames, m (k, 3).
+        link: Index of the link, -1 for the world.
+        point: The point in the link's frame, m (3).
         v: Velocities of the joints in rad/s or m/s (n).
         v_dot: Their accelerations in rad/s^2 or m/s^2 (n).
     """
-    A = _calc_accelerations(tree, motion, v, v_dot, np.zeros(6))
-    result = np.zeros((len(links), 6))
-    for row in range(len(links)):
-        link = links[row] + 1
-        p = motion.p[link] + motion.R[link] @ points[row]
-        w = motion.V[link][:3]
-        u = motion.V[link][3:]
-        alpha = A[link][:3]
-        # What happens at O. The point there belongs to another part of the link all the
-        # time.
-        a_O = A[link][3:]
-        a = a_O + np.cross(alpha, p) + np.cross(w, u + np.cross(w, p))
-        result[row] = np.append(a, alpha)
-    return result
+    A = _calc_accelerations(tree, motion, v, v_dot, np.zeros(6))[link + 1]
+    p = motion.p[link + 1] + motion.R[link + 1] @ point
+    w = motion.V[link + 1][:3]
+    u = motion.V[link + 1][3:]
+    alpha = A[:3]
+    # What happens at O. The point there belongs to another part of the link all the
+    # time.
+    a_O = A[3:]
+    a = a_O + np.cross(alpha, p) + np.cross(w, u + np.cross(w, p))
+    return np.append(a, alpha)

@@ -108,7 +108,7 @@ def MakeRobotDiagram(
     connections = {
         "joint_state": "plant.state",
         "tool_interface.plant_state": "plant.state",
-        "tool_interface.body_spatial_accelerations": "plant.body_spatial_accelerations",
+        "tool_interface.generalized_acceleration": "plant.generalized_acceleration",
         "tool_motion": "tool_interface.tool_kinematics",
         "joint_torques": "tool_interface.joint_torques",
     }

@@ -10,8 +10,11 @@ from pydrake.multibody import tree as multibody
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
-from teleop_drake.engine.flatten import UnsupportedSystem
+from teleop_drake.laws.task_space import Tool
 from teleop_drake.numerics.rigid_body import RigidBodyTree
+from teleop_drake.validation import ScenarioError
+
+_JOINTS = (multibody.WeldJoint, multibody.RevoluteJoint, multibody.PrismaticJoint)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,15 +41,19 @@ class PlantTree:
 def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
     """Reads a plant whose joints are welds, revolute and prismatic.
 
+    It has neither forces other than gravity, nor constraints, nor contact.
+
     Args:
         context: Its context, which has the parameters.
 
     Raises:
-        UnsupportedSystem: If something in the plant moves or acts in another way.
+        ScenarioError: If a joint is another one, or gravity does not act on all.
     """
-    for reason in _Obstacles(plant, context):
-        raise UnsupportedSystem(plant, reason)
+    for reason in NoTree(plant):
+        raise ScenarioError(f"plant {plant.get_name()}: {reason}")
     n = plant.num_velocities()
+    with_gravity, _ = _Instances(plant)
+    gravity = np.array(plant.gravity_field().gravity_vector())
     tree = RigidBodyTree(
         parents=np.zeros(n, np.int64),
         is_prismatic=np.zeros(n, np.int64),
@@ -57,14 +64,14 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
         inertias=np.zeros((n, 3, 3)),
         rotor_inertias=np.zeros(n),
         damping=np.zeros(n),
-        gravity=np.array(plant.gravity_field().gravity_vector()),
+        gravity=gravity if with_gravity else np.zeros(3),
     )
     poses = {int(plant.world_body().index()): (-1, RigidTransform())}
     pending = [plant.get_joint(index) for index in plant.GetJointIndices()]
     while pending:  # From the world outward.
         joint = next(joint for joint in pending if _IsReached(joint, poses))
         pending.remove(joint)
-        _AddLink(tree, poses, plant, joint, context)
+        _AddLink(tree, poses, joint, context)
     for index, (link, X_LB) in poses.items():
         if link >= 0:
             body = plant.get_body(multibody.BodyIndex(index))
@@ -85,6 +92,17 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
     )
 
 
+def ReadTool(plant: MultibodyPlant, body_name: str, num_axes: int) -> Tool:
+    """Returns the tool at a body's origin, which n axes of the world move.
+
+    Raises:
+        ScenarioError: If ReadPlantTree() cannot read the plant.
+    """
+    read = ReadPlantTree(plant, plant.CreateDefaultContext())
+    link, X_LT = read.poses[int(plant.GetBodyByName(body_name).index())]
+    return Tool(read.tree, link, X_LT.GetAsMatrix34(), num_axes)
+
+
 def _IsReached(joint: multibody.Joint, poses: dict[int, Any]) -> bool:
     bodies = (joint.parent_body(), joint.child_body())
     return any(int(body.index()) in poses for body in bodies)
@@ -93,7 +111,6 @@ def _IsReached(joint: multibody.Joint, poses: dict[int, Any]) -> bool:
 def _AddLink(
     tree: RigidBodyTree,
     poses: dict[int, tuple[int, RigidTransform]],
-    plant: MultibodyPlant,
     joint: Any,
     context: Context,
 ) -> None:
@@ -115,61 +132,38 @@ def _AddLink(
         X_FM = joint.X_FM().inverse() if is_reversed else joint.X_FM()
         poses[outer] = link, X_LF @ X_FM @ X_MB
         return
-    axis = _Axis(plant, joint)
+    # Drake counts velocities from the world outward.
     i = joint.velocity_start()
-    if joint.position_start() != i or link >= i:
-        raise UnsupportedSystem(
-            plant, f"the velocity of joint {joint.name()} is out of order"
-        )
+    is_prismatic = isinstance(joint, multibody.PrismaticJoint)
+    axis = joint.translation_axis() if is_prismatic else joint.revolute_axis()
     tree.parents[i] = link
-    tree.is_prismatic[i] = isinstance(joint, multibody.PrismaticJoint)
+    tree.is_prismatic[i] = is_prismatic
     tree.frames[i] = X_LF.GetAsMatrix34()
     tree.axes[i] = -axis if is_reversed else axis
     tree.damping[i] = joint.GetDamping(context)
     poses[outer] = i, X_MB
 
 
-def _Axis(plant: MultibodyPlant, joint: multibody.Joint) -> np.ndarray:
-    if isinstance(joint, multibody.RevoluteJoint):
-        return joint.revolute_axis()
-    if isinstance(joint, multibody.PrismaticJoint):
-        return joint.translation_axis()
-    raise UnsupportedSystem(
-        plant,
-        f"joint {joint.name()} is {joint.type_name()}; supported are weld, revolute "
-        "and prismatic",
+def NoTree(plant: MultibodyPlant) -> Iterator[str]:
+    """Yields what a plant has besides a tree of revolute and prismatic joints."""
+    for index in plant.GetJointIndices():
+        joint = plant.get_joint(index)
+        if not isinstance(joint, _JOINTS):
+            yield (
+                f"joint {joint.name()} is {joint.type_name()}; supported are weld, "
+                "revolute and prismatic"
+            )
+    with_gravity, without = _Instances(plant)
+    if with_gravity and without:
+        yield f"model instance {plant.GetModelInstanceName(without[0])} has no gravity"
+
+
+def _Instances(plant: MultibodyPlant) -> tuple[list[Any], list[Any]]:
+    """Returns the model instances with bodies: those with gravity, those without."""
+    bodies = map(multibody.BodyIndex, range(1, plant.num_bodies()))
+    instances = dict.fromkeys(plant.get_body(i).model_instance() for i in bodies)
+    is_enabled = plant.gravity_field().is_enabled
+    return (
+        [instance for instance in instances if is_enabled(instance)],
+        [instance for instance in instances if not is_enabled(instance)],
     )
-
-
-def _Obstacles(plant: MultibodyPlant, context: Context) -> Iterator[str]:
-    """Yields why a plant moves in another way than its tree does."""
-    is_discrete = plant.time_step() > 0
-    for i in range(plant.num_force_elements()):
-        element = plant.get_force_element(multibody.ForceElementIndex(i))
-        if not isinstance(element, multibody.UniformGravityFieldElement):
-            yield f"force element {i} is a {type(element).__name__}, not gravity"
-    instances = range(plant.num_model_instances())
-    for instance in map(multibody.ModelInstanceIndex, instances):
-        if not plant.gravity_field().is_enabled(instance):
-            name = plant.GetModelInstanceName(instance)
-            yield f"model instance {name} has no gravity"
-    if plant.num_constraints() > 0:
-        yield "it has constraints"
-    if plant.num_collision_geometries() > 0:
-        # Of a SceneGraph, pairs of bodies may not be among those that can collide.
-        port = plant.get_geometry_query_input_port()
-        is_known = port.HasValue(context)
-        if not is_known or port.Eval(context).inspector().GetCollisionCandidates():
-            yield "its bodies can collide"
-    for joint_index in plant.GetJointIndices():
-        joint = plant.get_joint(joint_index)
-        limits = joint.position_lower_limits(), joint.position_upper_limits()
-        # A continuous plant ignores the limits of its joints.
-        if is_discrete and np.isfinite(limits).any():
-            yield f"it is discrete, and joint {joint.name()} has limits"
-        if joint.is_locked(context):
-            yield f"joint {joint.name()} is locked"
-    for actuator_index in plant.GetJointActuatorIndices():
-        actuator = plant.get_joint_actuator(actuator_index)
-        if actuator.has_controller():
-            yield f"actuator {actuator.name()} has a controller"
