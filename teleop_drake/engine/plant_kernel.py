@@ -10,7 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
 from teleop_drake.arrays import Array, Indices
-from teleop_drake.blocks.systems.plant_tree import NoTree, PlantTree, ReadPlantTree
+from teleop_drake.blocks.systems.plant_tree import NoTree, ReadPlantTree
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.numerics import rigid_body
@@ -92,7 +92,7 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
     """
     for reason in (*NoTree(plant), *_Obstacles(plant, context)):
         raise UnsupportedSystem(plant, reason)
-    read = ReadPlantTree(plant, context)
+    tree = ReadPlantTree(plant, context).tree
     instances = [
         multibody.ModelInstanceIndex(i) for i in range(plant.num_model_instances())
     ]
@@ -102,17 +102,18 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
         if port.size() > 0 and port.HasValue(context):
             commands[port.get_name()] = _Places(plant.GetJointActuatorIndices(i))
     actuators = [place for places in commands.values() for place in places]
+    motors = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
     parameters = {
-        "tree": read.tree,
-        "actuated": read.actuated,
-        "effort_limits": read.effort_limits,
+        "tree": tree,
+        "actuated": np.array(_Places(x.joint().velocity_start() for x in motors)),
+        "effort_limits": np.array([motor.effort_limit() for motor in motors], float),
         "actuators": np.array(actuators, np.int64),
     }
     efforts: Term = (
         net_efforts, "effort_limits", "actuators", "actuation", "commands of instances"
     )  # fmt: skip
     make = _Discrete if plant.time_step() > 0 else _Continuous
-    kernel = make(plant, read, efforts, instances)
+    kernel = make(plant, tree, efforts, instances)
     return replace(
         kernel,
         parameters={**parameters, **kernel.parameters},
@@ -154,7 +155,7 @@ def _Obstacles(plant: MultibodyPlant, context: Context) -> Iterator[str]:
 
 def _Continuous(
     plant: MultibodyPlant,
-    read: PlantTree,
+    tree: RigidBodyTree,
     efforts: Term,
     instances: list[multibody.ModelInstanceIndex],
 ) -> Kernel:
@@ -188,13 +189,13 @@ def _Continuous(
 
 def _Discrete(
     plant: MultibodyPlant,
-    read: PlantTree,
+    tree: RigidBodyTree,
     efforts: Term,
     instances: list[multibody.ModelInstanceIndex],
 ) -> Kernel:
     """Returns what a discrete plant has besides the inputs of its actuators."""
     h = plant.time_step()
-    rotors = read.tree.rotor_inertias + h * read.tree.damping
+    rotors = tree.rotor_inertias + h * tree.damping
     step = Transition(
         mode=(
             plant_step, "tree", "actuated", "time_step", "mode", "efforts",
@@ -207,9 +208,8 @@ def _Discrete(
     for i in instances:
         name = plant.GetModelInstanceName(i)
         outputs[f"{name}_state"] = _Elements("mode", _StatesOf(plant, i))
-    tree = read.tree._replace(rotor_inertias=rotors)
     return Kernel(
-        parameters={"tree": tree, "time_step": h},
+        parameters={"tree": tree._replace(rotor_inertias=rotors), "time_step": h},
         outputs=outputs,
         transitions={"steps": step},
         sizes={"efforts": plant.num_actuators()},

@@ -150,7 +150,7 @@ def _ArrayIn(context: Any, parameter: NamedParameter) -> Array:
 
 def _Leaves(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """Returns every parameter, or every field of one that has fields, by its name."""
-    leaves = {}
+    leaves: dict[str, Any] = {}
     for name, value in parameters.items():
         leaves |= value._asdict() if hasattr(value, "_asdict") else {name: value}
     return leaves

@@ -166,7 +166,7 @@ class PlantRobotConfig(RobotConfig):
 
     @abstractmethod
     def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
-        """Returns a continuous, finalized plant named `plant` with a body `tool`.
+        """Returns a continuous, finalized plant named `plant` with a frame `tool`.
 
         Its actuators are one for each joint, in any order.
 

@@ -10,7 +10,7 @@ from pydrake.solvers import Solve
 from pydrake.systems.framework import Context
 
 from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.systems.tool_interface import SpatialJacobian
+from teleop_drake.blocks.systems.plant_tree import SpatialJacobian
 from teleop_drake.validation import Refuse
 
 TOOL = "tool"

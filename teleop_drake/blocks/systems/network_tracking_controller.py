@@ -58,7 +58,7 @@ class NetworkTrackingController(FixedBlock):
         network: The basis functions, with n inputs in m.
         plant: A finalized plant of revolute and prismatic joints, with the robot's
             masses and gravity.
-        tool_name: The body whose origin is the tool T.
+        tool_name: The frame whose origin is the tool T.
 
     Raises:
         ValueError: If the network does not have one input per axis.

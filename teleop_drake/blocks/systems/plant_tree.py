@@ -1,8 +1,7 @@
 """The bodies and joints of a MultibodyPlant as flat arrays."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -17,8 +16,7 @@ from teleop_drake.validation import ScenarioError
 _JOINTS = (multibody.WeldJoint, multibody.RevoluteJoint, multibody.PrismaticJoint)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PlantTree:
+class PlantTree(NamedTuple):
     """A plant as a tree of links: bodies welded to each other are one link.
 
     Link i moves with the plant's q_i and v_i.
@@ -27,15 +25,10 @@ class PlantTree:
         tree: The links.
         poses: Which link a body belongs to (-1: the world), and its pose X_LB in that
             link's frame, by the body's index.
-        actuated: The velocity that each actuator acts on, in the order of the plant's
-            actuation.
-        effort_limits: Limit of each actuator, N m or N.
     """
 
     tree: RigidBodyTree
     poses: dict[int, tuple[int, RigidTransform]]
-    actuated: np.ndarray
-    effort_limits: np.ndarray
 
 
 def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
@@ -52,10 +45,14 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
     for reason in NoTree(plant):
         raise ScenarioError(f"plant {plant.get_name()}: {reason}")
     n = plant.num_velocities()
+    # At q = 0 the two frames of a joint coincide.
+    at_zero = plant.CreateDefaultContext()
+    at_zero.SetTimeStateAndParametersFrom(context)
+    plant.SetPositions(at_zero, np.zeros(n))
     with_gravity, _ = _Instances(plant)
     gravity = np.array(plant.gravity_field().gravity_vector())
     tree = RigidBodyTree(
-        parents=np.zeros(n, np.int64),
+        parents=np.full(n, -1),
         is_prismatic=np.zeros(n, np.int64),
         frames=np.zeros((n, 3, 4)),
         axes=np.zeros((n, 3)),
@@ -66,82 +63,60 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
         damping=np.zeros(n),
         gravity=gravity if with_gravity else np.zeros(3),
     )
-    poses = {int(plant.world_body().index()): (-1, RigidTransform())}
-    pending = [plant.get_joint(index) for index in plant.GetJointIndices()]
-    while pending:  # From the world outward.
-        joint = next(joint for joint in pending if _IsReached(joint, poses))
-        pending.remove(joint)
-        _AddLink(tree, poses, joint, context)
-    for index, (link, X_LB) in poses.items():
-        if link >= 0:
-            body = plant.get_body(multibody.BodyIndex(index))
-            M_B = body.CalcSpatialInertiaInBodyFrame(context)
-            M = M_B.ReExpress(X_LB.rotation()).Shift(-X_LB.translation())
-            tree.masses[link] += M.get_mass()
-            tree.moments[link] += M.CalcComMoment()
-            tree.inertias[link] += M.CalcRotationalInertia().CopyToFullMatrix3()
-    motors = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
-    actuated = [motor.joint().velocity_start() for motor in motors]
-    for i, motor in zip(actuated, motors, strict=True):
-        tree.rotor_inertias[i] += motor.calc_reflected_inertia(context)
-    return PlantTree(
-        tree=tree,
-        poses=poses,
-        actuated=np.array(actuated, np.int64),
-        effort_limits=np.array([motor.effort_limit() for motor in motors], float),
-    )
+    # Of the links, the world last, which is link -1.
+    X_WL = [RigidTransform()] * (n + 1)
+    for joint in map(plant.get_joint, plant.GetJointIndices()):
+        if joint.num_velocities() > 0:
+            i = joint.velocity_start()
+            X_WL[i] = joint.frame_on_parent().CalcPoseInWorld(at_zero)
+            tree.damping[i] = joint.GetDamping(at_zero)
+    poses = {}
+    for body in _Bodies(plant):
+        J = SpatialJacobian(plant, at_zero, body.body_frame())
+        # The joints that move the body. Drake counts them from the world outward.
+        path = [-1, *np.flatnonzero(J.any(axis=0))]
+        link = int(path[-1])
+        X_LB = X_WL[link].inverse() @ plant.EvalBodyPoseInWorld(at_zero, body)
+        poses[int(body.index())] = link, X_LB
+        if link < 0:
+            continue
+        parent = path[-2]
+        w = J[:3, link]
+        tree.parents[link] = parent
+        tree.is_prismatic[link] = not w.any()
+        axis_W = w if w.any() else J[3:, link]
+        tree.axes[link] = X_WL[link].rotation().inverse() @ axis_W
+        tree.frames[link] = (X_WL[parent].inverse() @ X_WL[link]).GetAsMatrix34()
+        M_B = body.CalcSpatialInertiaInBodyFrame(at_zero)
+        M = M_B.ReExpress(X_LB.rotation()).Shift(-X_LB.translation())
+        tree.masses[link] += M.get_mass()
+        tree.moments[link] += M.CalcComMoment()
+        tree.inertias[link] += M.CalcRotationalInertia().CopyToFullMatrix3()
+    for motor in map(plant.get_joint_actuator, plant.GetJointActuatorIndices()):
+        i = motor.joint().velocity_start()
+        tree.rotor_inertias[i] += motor.calc_reflected_inertia(at_zero)
+    return PlantTree(tree, poses)
 
 
-def ReadTool(plant: MultibodyPlant, body_name: str, num_axes: int) -> Tool:
-    """Returns the tool at a body's origin, which n axes of the world move.
+def ReadTool(plant: MultibodyPlant, frame_name: str, num_axes: int) -> Tool:
+    """Returns the tool at a frame's origin, which n axes of the world move.
 
     Raises:
         ScenarioError: If ReadPlantTree() cannot read the plant.
     """
     read = ReadPlantTree(plant, plant.CreateDefaultContext())
-    link, X_LT = read.poses[int(plant.GetBodyByName(body_name).index())]
+    frame = plant.GetFrameByName(frame_name)
+    link, X_LB = read.poses[int(frame.body().index())]
+    X_LT = X_LB @ frame.GetFixedPoseInBodyFrame()
     return Tool(read.tree, link, X_LT.GetAsMatrix34(), num_axes)
 
 
-def _IsReached(joint: multibody.Joint, poses: dict[int, Any]) -> bool:
-    bodies = (joint.parent_body(), joint.child_body())
-    return any(int(body.index()) in poses for body in bodies)
-
-
-def _AddLink(
-    tree: RigidBodyTree,
-    poses: dict[int, tuple[int, RigidTransform]],
-    joint: Any,
-    context: Context,
-) -> None:
-    """Adds the link that hangs on a joint, or a body that is welded to a link.
-
-    Args:
-        poses: Those of the bodies that were reached, as in PlantTree.
-    """
-    inboard = joint.frame_on_parent()
-    outboard = joint.frame_on_child()
-    is_reversed = int(inboard.body().index()) not in poses
-    if is_reversed:
-        inboard, outboard = outboard, inboard
-    link, X_LB = poses[int(inboard.body().index())]
-    X_LF = X_LB @ inboard.CalcPoseInBodyFrame(context)
-    X_MB = outboard.CalcPoseInBodyFrame(context).inverse()
-    outer = int(outboard.body().index())
-    if isinstance(joint, multibody.WeldJoint):
-        X_FM = joint.X_FM().inverse() if is_reversed else joint.X_FM()
-        poses[outer] = link, X_LF @ X_FM @ X_MB
-        return
-    # Drake counts velocities from the world outward.
-    i = joint.velocity_start()
-    is_prismatic = isinstance(joint, multibody.PrismaticJoint)
-    axis = joint.translation_axis() if is_prismatic else joint.revolute_axis()
-    tree.parents[i] = link
-    tree.is_prismatic[i] = is_prismatic
-    tree.frames[i] = X_LF.GetAsMatrix34()
-    tree.axes[i] = -axis if is_reversed else axis
-    tree.damping[i] = joint.GetDamping(context)
-    poses[outer] = i, X_MB
+def SpatialJacobian(plant: Any, context: Any, frame: Any) -> Any:
+    """Returns Jv_V_WF of a frame of a plant: [w_WF; v_WF] by v (6, nv)."""
+    world = plant.world_frame()
+    return plant.CalcJacobianSpatialVelocity(
+        context, multibody.JacobianWrtVariable.kV, frame, np.zeros(3), world, world
+    )
 
 
 def NoTree(plant: MultibodyPlant) -> Iterator[str]:
@@ -158,10 +133,15 @@ def NoTree(plant: MultibodyPlant) -> Iterator[str]:
         yield f"model instance {plant.GetModelInstanceName(without[0])} has no gravity"
 
 
+def _Bodies(plant: MultibodyPlant) -> list[multibody.RigidBody]:
+    """Returns the bodies, the world first."""
+    indices = map(multibody.BodyIndex, range(plant.num_bodies()))
+    return [plant.get_body(index) for index in indices]
+
+
 def _Instances(plant: MultibodyPlant) -> tuple[list[Any], list[Any]]:
     """Returns the model instances with bodies: those with gravity, those without."""
-    bodies = map(multibody.BodyIndex, range(1, plant.num_bodies()))
-    instances = dict.fromkeys(plant.get_body(i).model_instance() for i in bodies)
+    instances = dict.fromkeys(body.model_instance() for body in _Bodies(plant)[1:])
     is_enabled = plant.gravity_field().is_enabled
     return (
         [instance for instance in instances if is_enabled(instance)],

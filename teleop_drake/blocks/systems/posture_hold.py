@@ -32,7 +32,7 @@ class PostureHold(FixedBlock):
     Args:
         plant: A finalized plant of revolute and prismatic joints.
         num_axes: n, number of task axes.
-        tool_name: The body whose origin is the tool.
+        tool_name: The frame whose origin is the tool.
         joint_positions: q_0; with keeps_orientation, R_0 is the tool's rotation there.
         gains: How.
         keeps_orientation: Whether the tool's orientation is held; else the posture.

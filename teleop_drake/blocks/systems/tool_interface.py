@@ -1,10 +1,7 @@
 """The tool of a robot arm seen from outside: motion in task space, forces on it."""
 
-from typing import Any
-
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import JacobianWrtVariable
 
 from teleop_drake.arrays import ArrayLike
 from teleop_drake.blocks.systems.plant_tree import ReadTool
@@ -17,19 +14,11 @@ from teleop_drake.laws.task_space import (
 from teleop_drake.validation import Refuse
 
 
-def SpatialJacobian(plant: Any, context: Any, frame: Any) -> Any:
-    """Returns Jv_V_WF of a frame of a plant: [w_WF; v_WF] by v (6, nv)."""
-    world = plant.world_frame()
-    return plant.CalcJacobianSpatialVelocity(
-        context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
-    )
-
-
 class ToolInterface(FixedBlock):
     """Joins a MultibodyPlant to task space at its tool (2.6 to 2.13).
 
     The task axes are the first n axes of the world, and the tool T is the origin of
-    one of the plant's bodies. With Drake's translational Jacobian J = Jv_v_WT, kept to
+    one of the plant's frames. With Drake's translational Jacobian J = Jv_v_WT, kept to
     its first n rows,
 
         v_WT = J qdot,    tau = J^T F_c  (2.11),    tau_e = -J^T F_e  (2.6).
@@ -68,7 +57,7 @@ class ToolInterface(FixedBlock):
         plant: A finalized plant of revolute and prismatic joints; its actuators must be
             one for each joint, in the order of the generalized velocities.
         num_task_axes: n, 1 to 3 or 6.
-        tool_name: The body whose origin is T.
+        tool_name: The frame whose origin is T, such as that of a body.
         is_wired_to_motors: Whether tau goes to the plant's actuation as it is. If
             something in between puts it into the order of the actuators, that may
             be any.
