@@ -17,10 +17,10 @@ from pydrake.systems.framework import (
     Context,
     LeafSystem,
     LeafSystem_,
+    SystemScalarConverter,
     WitnessFunction,
 )
 
-from teleop_drake.kernel.convertible import Convertible
 from teleop_drake.kernel.delay_line import DelayLine
 from teleop_drake.kernel.events import EndStep, Events, Ticks, Weakly
 from teleop_drake.kernel.kernel import Delay, Kernel, Term
@@ -144,8 +144,20 @@ def _Noting(name: str) -> Callable[..., Any]:
     return Declare
 
 
+def _Convert(block: "KernelBlock") -> DualBlock:
+    dual = DualBlock(block)
+    dual.set_name(block.get_name())
+    return dual
+
+
+# pydrake's TemplateSystem serves the same purpose. It inspects the call stack for each
+# class that it makes, which takes up to half a second when a program starts.
+_CONVERTER = SystemScalarConverter()
+_CONVERTER._AddConstructor[AutoDiffXd, float](_Convert)
+
+
 @_NotingEvents
-class KernelBlock(_Rated, Convertible):
+class KernelBlock(_Rated, LeafSystem):
     """A block defined by its kernel: Drake's callbacks evaluate the terms of Kernel().
 
     A subclass declares its input ports and its state, sets the attributes that its
@@ -180,7 +192,6 @@ class KernelBlock(_Rated, Convertible):
             name of the parameter.
     """
 
-    dual = DualBlock
     has_guards = False
     ticks: Sequence[Ticks] = ()
     discrete_ticks: Sequence[Ticks] = ()
@@ -192,6 +203,17 @@ class KernelBlock(_Rated, Convertible):
     is_compiled = False
     numeric_parameters: ClassVar[Mapping[str, str]] = {}
     element_names: Mapping[str, Sequence[str]] = MappingProxyType({})
+
+    def __init__(self) -> None:
+        LeafSystem.__init__(self, converter=_CONVERTER)
+
+    def ToAutoDiffXd(self) -> DualBlock:
+        """Returns the block of AutoDiffXd as an instance of its Python class."""
+        dual = _Convert(self)
+        dual._HandlePostConstructionScalarConversion[float](self)
+        return dual
+
+    ToAutoDiffXdMaybe = ToAutoDiffXd
 
     @abstractmethod
     def Kernel(self) -> Kernel:
