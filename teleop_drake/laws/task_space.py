@@ -287,16 +287,12 @@ def _solve_damped(A: Array, b: Array, near: float, damping: float) -> Array:
     """Returns A^-1 b for a symmetric A, damped where it is nearly singular."""
     scale = np.sqrt(np.diag(A) + 1e-30)
     C = A / np.outer(scale, scale) + _FLOOR * np.eye(len(b))
-    L = _factor(C)
     determinant = 1.0
-    for pivot in np.diag(L):
+    for pivot in np.diag(_factor(C)):
         determinant *= pivot * pivot
     share = max(0.0, 1 - determinant / near)
-    L = _factor(C + damping * share * share * np.eye(len(b)))
-    x = _forward(L, (b / scale).reshape(-1, 1))
-    # L^T from its last row on is lower triangular once more.
-    x = _forward(L.T[::-1, ::-1], x[::-1])[::-1]
-    return x[:, 0] / scale
+    C = C + damping * share * share * np.eye(len(b))
+    return np.asarray(np.linalg.solve(C, b / scale) / scale)
 
 
 def _factor(A: Array) -> Array:
