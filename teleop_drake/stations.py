@@ -24,7 +24,7 @@ from teleop_drake.blocks.architectures import (
 )
 from teleop_drake.blocks.architectures.base import LAW_INPUTS, MakeLawArchitecture
 from teleop_drake.blocks.architectures.base import MakeSlaveStation as MakeSlaveStation
-from teleop_drake.blocks.architectures.own_law import AsControlLaw, Law
+from teleop_drake.blocks.architectures.own_law import FunctionLaw, Law
 from teleop_drake.blocks.environments import CONTACT, FindSurface, Surface
 from teleop_drake.blocks.systems.actuator import Actuator
 from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
@@ -160,7 +160,11 @@ def MakeArchitecture(
     """
     facts = facts or scenario.Facts()
     if control_law is not None:
-        law = AsControlLaw(control_law, facts.start)
+        law = control_law
+        if not isinstance(law, (System, type)):
+            if not callable(law):
+                Refuse("control_law", law, "a system or a function")
+            law = FunctionLaw(law, facts.start)
         n = facts.num_axes
         inputs = dict.fromkeys(LAW_INPUTS, n)
         CheckPorts(
