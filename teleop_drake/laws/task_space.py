@@ -59,10 +59,10 @@ from teleop_drake.arrays import Array
 from teleop_drake.numerics.rigid_body import (
     Motion,
     RigidBodyTree,
+    calc_bias_acceleration,
     calc_dynamics,
     calc_jacobian,
     calc_motion,
-    calc_point_acceleration,
 )
 
 MAX_ROTATION = 3.0
@@ -101,6 +101,12 @@ def place_tool(tool: Tool, motion: Motion) -> tuple[Array, Array, Array]:
     return R, p, np.concatenate((J[3:], J[:3]))
 
 
+def tool_bias(tool: Tool, motion: Motion) -> Array:
+    """Returns dv/dt as long as no joint accelerates, dJ/dt qdot, in m/s^2 (n)."""
+    a = calc_bias_acceleration(motion, tool.link, tool.pose[:, 3])
+    return np.append(a[3:], a[:3])[: tool.num_axes]
+
+
 def tool_kinematics(tool: Tool, R_WP: Array, x: Array) -> Array:
     """Returns [r; v; J row by row], r = p_WT and v = v_WT for n < 6 (2n + n nv).
 
@@ -119,11 +125,9 @@ def tool_kinematics(tool: Tool, R_WP: Array, x: Array) -> Array:
 
 def tool_acceleration(tool: Tool, x: Array, qddot: Array) -> Array:
     """Returns dv/dt in m/s^2 and rad/s^2 (n), with qddot in rad/s^2 or m/s^2."""
-    q, qdot = np.split(x, 2)
-    motion = calc_motion(tool.tree, q, qdot)
-    point = tool.pose[:, 3]
-    a = calc_point_acceleration(tool.tree, motion, tool.link, point, qdot, qddot)
-    return a[: tool.num_axes]
+    motion = calc_motion(tool.tree, *np.split(x, 2))
+    _, _, J = place_tool(tool, motion)
+    return tool_bias(tool, motion) + (J[: tool.num_axes] * qddot).sum(axis=1)
 
 
 def gravity_torque(tree: RigidBodyTree, x: Array) -> Array:

@@ -31,7 +31,7 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.laws.gains import LawGains, min_eigenvalue
-from teleop_drake.laws.task_space import Tool, place_tool, tool_acceleration
+from teleop_drake.laws.task_space import Tool, place_tool, tool_bias
 from teleop_drake.numerics.rigid_body import calc_dynamics, calc_motion
 from teleop_drake.validation import CheckNumber, Refuse
 
@@ -87,12 +87,10 @@ def task_dynamics(tool: Tool, q: Array, qdot: Array) -> Array:
     M, bias = calc_dynamics(tool.tree, motion, qdot)
     _, _, J = place_tool(tool, motion)
     J = J[: tool.num_axes]
-    # Without q'' it is J' q'.
-    J_dot_qdot = tool_acceleration(tool, np.append(q, qdot), np.zeros(q.size))
     # One inverse serves M^-1 J^T and M^-1 bias.
     M_inv = np.linalg.inv(M)
     M_r = np.linalg.inv(J @ (M_inv @ J.T))
-    h_r = M_r @ (J @ (M_inv @ bias) - J_dot_qdot)
+    h_r = M_r @ (J @ (M_inv @ bias) - tool_bias(tool, motion))
     return np.concatenate((M_r.ravel(), h_r))
 
 

@@ -61,12 +61,14 @@ class Motion(NamedTuple):
         p: Position of its origin in m (3).
         S: Motion of the link for a unit rate of its joint (6).
         V: Its velocity (6).
+        A: Its acceleration dV/dt as long as no joint accelerates (6).
     """
 
     R: list[Array]
     p: list[Array]
     S: list[Array]
     V: list[Array]
+    A: list[Array]
 
 
 def _skew(a: Array) -> Array:
@@ -91,7 +93,7 @@ def _cross_force(V: Array, F: Array) -> Array:
 
 
 def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
-    """Returns poses and velocities of all links.
+    """Returns poses, velocities and accelerations of all links.
 
     Args:
         q: Positions of the joints in rad or m (n).
@@ -102,6 +104,7 @@ def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
     p = [np.zeros(3)]
     S = [np.zeros(6)]
     V = [np.zeros(6)]
+    A = [np.zeros(6)]
     for i in range(len(tree.parents)):
         parent = tree.parents[i] + 1
         frame = tree.frames[i]
@@ -120,20 +123,8 @@ def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
         p.append(p_i)
         S.append(S_i)
         V.append(V[parent] + S_i * v[i])
-    return Motion(R, p, S, V)
-
-
-def _calc_accelerations(
-    tree: RigidBodyTree, motion: Motion, v: Array, v_dot: Array, world: Array
-) -> list[Array]:
-    """Returns the spatial accelerations dV/dt of all links, where the world has one."""
-    A = [world]
-    for i in range(len(tree.parents)):
-        parent = tree.parents[i] + 1
-        S = motion.S[i + 1]
-        carried = _cross(motion.V[parent], S * v[i])
-        A.append(A[parent] + S * v_dot[i] + carried)
-    return A
+        A.append(A[parent] + _cross(V[parent], S_i * v[i]))
+    return Motion(R, p, S, V, A)
 
 
 def _calc_inertia(tree: RigidBodyTree, motion: Motion, i: int) -> Array:
@@ -164,11 +155,10 @@ def calc_dynamics(tree: RigidBodyTree, motion: Motion, v: Array) -> tuple[Array,
     bias = 0 * v
     # What each link needs to move on, were no joint to accelerate, in free fall.
     fall = np.append(np.zeros(3), -tree.gravity)
-    A = _calc_accelerations(tree, motion, v, np.zeros(n), fall)[1:]
     I = [_calc_inertia(tree, motion, i) for i in range(n)]
     F = [
-        I_i @ A_i + _cross_force(V_i, I_i @ V_i)
-        for I_i, A_i, V_i in zip(I, A, motion.V[1:], strict=True)
+        I_i @ (A_i + fall) + _cross_force(V_i, I_i @ V_i)
+        for I_i, A_i, V_i in zip(I, motion.A[1:], motion.V[1:], strict=True)
     ]
     for i in reversed(range(n)):
         S = motion.S[i + 1]
@@ -221,27 +211,22 @@ def calc_jacobian(
     return p, np.array(columns).reshape(-1, 6).T
 
 
-def calc_point_acceleration(
-    tree: RigidBodyTree, motion: Motion, link: int, point: Array, v: Array, v_dot: Array
-) -> Array:
-    """Returns [acceleration; angular acceleration] at a point of a link (6).
+def calc_bias_acceleration(motion: Motion, link: int, point: Array) -> Array:
+    """Returns dJ/dt v at a point: [angular acceleration; acceleration] (6).
 
-    In the world's axes, m/s^2 and rad/s^2.
+    That is what happens there as long as no joint accelerates, in rad/s^2 and m/s^2.
 
     Args:
         motion: As calc_motion() returns it.
         link: Index of the link, -1 for the world.
         point: The point in the link's frame, m (3).
-        v: Velocities of the joints in rad/s or m/s (n).
-        v_dot: Their accelerations in rad/s^2 or m/s^2 (n).
     """
-    A = _calc_accelerations(tree, motion, v, v_dot, np.zeros(6))[link + 1]
     p = motion.p[link + 1] + motion.R[link + 1] @ point
     w = motion.V[link + 1][:3]
     u = motion.V[link + 1][3:]
-    alpha = A[:3]
+    alpha = motion.A[link + 1][:3]
     # What happens at O. The point there belongs to another part of the link all the
     # time.
-    a_O = A[3:]
+    a_O = motion.A[link + 1][3:]
     a = a_O + np.cross(alpha, p) + np.cross(w, u + np.cross(w, p))
-    return np.append(a, alpha)
+    return np.append(alpha, a)
