@@ -77,19 +77,13 @@ def _skew(a: Array) -> Array:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def _cross(V: Array, W: Array) -> Array:
-    """Returns the rate of a motion W that is carried along by a motion V."""
-    w = V[:3]
-    turning = np.cross(w, W[:3])
-    moving = np.cross(w, W[3:]) + np.cross(V[3:], W[:3])
-    return np.append(turning, moving)
+def _cross(V: Array) -> Array:
+    """Returns the matrix that takes a motion to its rate, carried along by a motion V.
 
-
-def _cross_force(V: Array, F: Array) -> Array:
-    """Returns the rate of a momentum F that is carried along by a motion V."""
-    w = V[:3]
-    moment = np.cross(w, F[:3]) + np.cross(V[3:], F[3:])
-    return np.append(moment, np.cross(w, F[3:]))
+    Minus its transpose takes a momentum to its rate.
+    """
+    turning = _skew(V[:3])
+    return np.block([[turning, np.zeros((3, 3))], [_skew(V[3:]), turning]])
 
 
 def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
@@ -123,7 +117,7 @@ def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
         p.append(p_i)
         S.append(S_i)
         V.append(V[parent] + S_i * v[i])
-        A.append(A[parent] + _cross(V[parent], S_i * v[i]))
+        A.append(A[parent] + _cross(V[parent]) @ S_i * v[i])
     return Motion(R, p, S, V, A)
 
 
@@ -157,7 +151,7 @@ def calc_dynamics(tree: RigidBodyTree, motion: Motion, v: Array) -> tuple[Array,
     fall = np.append(np.zeros(3), -tree.gravity)
     I = [_calc_inertia(tree, motion, i) for i in range(n)]
     F = [
-        I_i @ (A_i + fall) + _cross_force(V_i, I_i @ V_i)
+        I_i @ (A_i + fall) - _cross(V_i).T @ (I_i @ V_i)
         for I_i, A_i, V_i in zip(I, motion.A[1:], motion.V[1:], strict=True)
     ]
     for i in reversed(range(n)):
