@@ -9,7 +9,7 @@ from pydrake.multibody import tree as multibody
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
-from teleop_drake.arrays import Array, Indices
+from teleop_drake.arrays import Array
 from teleop_drake.blocks.systems.plant_tree import NoTree, ReadPlantTree
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Term, Transition
@@ -18,25 +18,23 @@ from teleop_drake.numerics.rigid_body import RigidBodyTree
 
 
 def net_efforts(
-    effort_limits: Array, actuators: Indices, actuation: Array, of_instances: Array
+    effort_limits: Array, selection: Array, actuation: Array, of_instances: Array
 ) -> Array:
-    """Returns the efforts of the actuators, N m or N.
+    """Returns the efforts of the actuators, N m or N (m).
 
     Args:
-        effort_limits: The largest effort of each actuator, N m or N.
-        actuators: The actuator that each element of `of_instances` belongs to.
-        actuation: The command to all actuators, N m or N.
-        of_instances: The commands to those of model instances, N m or N.
+        effort_limits: The largest effort of each actuator, N m or N (m).
+        selection: 1 where a command of a model instance is that of an actuator (m, k).
+        actuation: The command to all actuators, N m or N (m).
+        of_instances: The commands to those of model instances, N m or N (k).
     """
-    total = actuation.copy()
-    for k in range(len(actuators)):
-        total[actuators[k]] += of_instances[k]
+    total = actuation + selection @ of_instances
     return np.clip(total, -effort_limits, effort_limits)
 
 
 def plant_rate(
     tree: RigidBodyTree,
-    actuated: Indices,
+    B: Array,
     state: Array,
     efforts: Array,
     generalized_force: Array,
@@ -44,20 +42,18 @@ def plant_rate(
     """Returns [v; v_dot] of a plant.
 
     Args:
-        actuated: The velocity that each actuator acts on.
-        efforts: Of the actuators, N m or N.
+        B: The plant's actuation matrix (n, m).
+        efforts: Of the actuators, N m or N (m).
         generalized_force: What else acts on the joints, N m or N (n).
     """
     q, v = np.split(state, 2)
-    forces = generalized_force.copy()
-    for k in range(len(actuated)):
-        forces[actuated[k]] += efforts[k]
+    forces = generalized_force + B @ efforts
     return np.append(v, rigid_body.calc_joint_accelerations(tree, q, v, forces))
 
 
 def plant_step(
     tree: RigidBodyTree,
-    actuated: Indices,
+    B: Array,
     time_step: float,
     state: Array,
     efforts: Array,
@@ -73,7 +69,7 @@ def plant_step(
         time_step: The period h, s.
     """
     q, v = np.split(state, 2)
-    rate = plant_rate(tree, actuated, state, efforts, generalized_force)
+    rate = plant_rate(tree, B, state, efforts, generalized_force)
     v_next = v + time_step * rate[len(v) :]
     return np.append(q + time_step * v_next, v_next)
 
@@ -105,12 +101,12 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
     motors = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
     parameters = {
         "tree": tree,
-        "actuated": np.array(_Places(x.joint().velocity_start() for x in motors)),
+        "B": plant.MakeActuationMatrix(),
         "effort_limits": np.array([motor.effort_limit() for motor in motors], float),
-        "actuators": np.array(actuators, np.int64),
+        "selection": np.eye(len(motors))[:, actuators],
     }
     efforts: Term = (
-        net_efforts, "effort_limits", "actuators", "actuation", "commands of instances"
+        net_efforts, "effort_limits", "selection", "actuation", "commands of instances"
     )  # fmt: skip
     make = _Discrete if plant.time_step() > 0 else _Continuous
     kernel = make(plant, tree, efforts, instances)
@@ -181,7 +177,7 @@ def _Continuous(
         parameters={"no_contact": np.zeros(n)},
         outputs=outputs,
         rate=(
-            plant_rate, "tree", "actuated", "state", "net_actuation",
+            plant_rate, "tree", "B", "state", "net_actuation",
             "applied_generalized_force",
         ),
     )  # fmt: skip
@@ -198,7 +194,7 @@ def _Discrete(
     rotors = tree.rotor_inertias + h * tree.damping
     step = Transition(
         mode=(
-            plant_step, "tree", "actuated", "time_step", "mode", "efforts",
+            plant_step, "tree", "B", "time_step", "mode", "efforts",
             "applied_generalized_force",
         ),
         period=h,
