@@ -228,45 +228,27 @@ def hold_torque(
     """Returns the torque that holds what the task leaves free, in N m or N (nv).
 
     Args:
-        held: q_0 of posture_torque(); or q_0 and R_0 of orientation_torque().
+        held: q_0, to hold the posture; or q_0 and R_0, to hold the orientation.
     """
     q, qdot = np.split(x, 2)
     motion = calc_motion(tool.tree, q, qdot)
     M, _ = calc_dynamics(tool.tree, motion, qdot)
     R, _, J = place_tool(tool, motion)
     J_v = J[: tool.num_axes]
+    y = np.zeros(tool.num_axes)
     if len(held) == 1:
-        return posture_torque(gains, M, J_v, held[0], q, qdot)
+        return held_torque(gains, M, J_v, y, held[0], q, qdot)
     q_0, R_0 = held
-    return orientation_torque(gains, M, J_v, J[3:], R_0, R, q_0, q, qdot)
+    turn = orientation_goal(gains, R_0, R, J[3:] @ qdot)
+    rows = np.concatenate((J_v, J[3:]))
+    return held_torque(gains, M, rows, np.append(y, turn), q_0, q, qdot)
 
 
-def posture_torque(
-    gains: PostureGains, M: Array, J_v: Array, q_0: Array, q: Array, v: Array
-) -> Array:
-    """Returns the torque that holds a posture beside the task, in N m or N (nv)."""
-    return _torque(gains, M, J_v, np.zeros(len(J_v)), q_0, q, v)
-
-
-def orientation_torque(
-    gains: PostureGains,
-    M: Array,
-    J_v: Array,
-    J_w: Array,
-    R_0: Array,
-    R: Array,
-    q_0: Array,
-    q: Array,
-    v: Array,
-) -> Array:
-    """Returns the torque that holds the tool's orientation, in N m or N (nv)."""
+def orientation_goal(gains: PostureGains, R_0: Array, R: Array, omega: Array) -> Array:
+    """Returns the angular acceleration that turns the tool back, in rad/s^2 (3)."""
     w = gains.frequency
-    zeta = gains.damping_ratio
-    omega = J_w @ v
-    y = -w * w * orientation_error(R_0, R) - 2 * zeta * w * omega
-    J = np.concatenate((J_v, J_w))
-    y = np.concatenate((np.zeros(len(J_v)), y))
-    return _torque(gains, M, J, y, q_0, q, v)
+    error = orientation_error(R_0, R)
+    return -w * w * error - 2 * gains.damping_ratio * w * omega
 
 
 def orientation_error(R_0: Array, R: Array) -> Array:
@@ -274,16 +256,15 @@ def orientation_error(R_0: Array, R: Array) -> Array:
     return np.cross(R_0.T, R.T).sum(axis=0) / 2
 
 
-def _torque(
+def held_torque(
     gains: PostureGains, M: Array, J: Array, y: Array, q_0: Array, q: Array, v: Array
 ) -> Array:
-    """Returns M a + J^T Lambda (y - J a)."""
+    """Returns M a + J^T Lambda (y - J a), in N m or N (nv)."""
     w = gains.frequency
     zeta = gains.damping_ratio
     a = w * w * (q_0 - q) - 2 * zeta * w * v
-    # A = X^T X with X = L^-1 J^T, M = L L^T.
-    X = _forward(_factor(M), J.T)
-    force = _solve_damped(X.T @ X, y - J @ a, gains.near, gains.damping)
+    A = J @ np.linalg.solve(M, J.T)
+    force = _solve_damped(A, y - J @ a, gains.near, gains.damping)
     return M @ a + J.T @ force
 
 
@@ -292,26 +273,18 @@ def _solve_damped(A: Array, b: Array, near: float, damping: float) -> Array:
     scale = np.sqrt(np.diag(A) + 1e-30)
     C = A / np.outer(scale, scale) + _FLOOR * np.eye(len(b))
     determinant = 1.0
-    for pivot in np.diag(_factor(C)):
-        determinant *= pivot * pivot
+    for pivot in _pivots(C):
+        determinant *= pivot
     share = max(0.0, 1 - determinant / near)
     C = C + damping * share * share * np.eye(len(b))
     return np.asarray(np.linalg.solve(C, b / scale) / scale)
 
 
-def _factor(A: Array) -> Array:
-    """Returns L of A = L L^T."""
-    L = np.zeros_like(A)
-    for j in range(len(A)):
-        column = A[j:, j] - L[j:, :j] @ L[j, :j]
+def _pivots(A: Array) -> list[Array]:
+    """Returns the squares of the diagonal of L in A = L L^T."""
+    pivots = []
+    while len(A) > 0:
         # What rounding takes below zero is next to nothing.
-        L[j:, j] = column / np.sqrt(max(column[0], 1e-18))
-    return L
-
-
-def _forward(L: Array, B: Array) -> Array:
-    """Returns L^-1 B."""
-    X = np.zeros_like(B)
-    for i in range(len(B)):
-        X[i] = (B[i] - L[i, :i] @ X[:i]) / L[i, i]
-    return X
+        pivots.append(max(A[0, 0], 1e-18))
+        A = A[1:, 1:] - np.outer(A[1:, 0], A[0, 1:]) / pivots[-1]
+    return pivots

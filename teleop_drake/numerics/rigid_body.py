@@ -145,7 +145,7 @@ def calc_dynamics(tree: RigidBodyTree, motion: Motion, v: Array) -> tuple[Array,
     """
     n = len(tree.parents)
     # Zeros of the type of v.
-    M = 0 * np.outer(v, v)
+    M = 0 * v[:, np.newaxis] * v
     bias = 0 * v
     # What each link needs to move on, were no joint to accelerate, in free fall.
     fall = np.append(np.zeros(3), -tree.gravity)
