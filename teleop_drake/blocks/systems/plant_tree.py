@@ -49,8 +49,9 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
     at_zero = plant.CreateDefaultContext()
     at_zero.SetTimeStateAndParametersFrom(context)
     plant.SetPositions(at_zero, np.zeros(n))
-    with_gravity, _ = _Instances(plant)
     gravity = np.array(plant.gravity_field().gravity_vector())
+    if _Weightless(plant):
+        gravity = np.zeros(3)
     tree = RigidBodyTree(
         parents=np.full(n, -1),
         is_prismatic=np.zeros(n, np.int64),
@@ -61,7 +62,7 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
         inertias=np.zeros((n, 3, 3)),
         rotor_inertias=np.zeros(n),
         damping=np.zeros(n),
-        gravity=gravity if with_gravity else np.zeros(3),
+        gravity=gravity,
     )
     # Of the links, the world last, which is link -1.
     X_WL = [RigidTransform()] * (n + 1)
@@ -128,9 +129,9 @@ def NoTree(plant: MultibodyPlant) -> Iterator[str]:
                 f"joint {joint.name()} is {joint.type_name()}; supported are weld, "
                 "revolute and prismatic"
             )
-    with_gravity, without = _Instances(plant)
-    if with_gravity and without:
-        yield f"model instance {plant.GetModelInstanceName(without[0])} has no gravity"
+    weightless = _Weightless(plant)
+    if 0 < len(weightless) < plant.num_bodies() - 1:
+        yield f"model instance {weightless[0]} has no gravity"
 
 
 def _Bodies(plant: MultibodyPlant) -> list[multibody.RigidBody]:
@@ -139,11 +140,11 @@ def _Bodies(plant: MultibodyPlant) -> list[multibody.RigidBody]:
     return [plant.get_body(index) for index in indices]
 
 
-def _Instances(plant: MultibodyPlant) -> tuple[list[Any], list[Any]]:
-    """Returns the model instances with bodies: those with gravity, those without."""
-    instances = dict.fromkeys(body.model_instance() for body in _Bodies(plant)[1:])
-    is_enabled = plant.gravity_field().is_enabled
-    return (
-        [instance for instance in instances if is_enabled(instance)],
-        [instance for instance in instances if not is_enabled(instance)],
-    )
+def _Weightless(plant: MultibodyPlant) -> list[str]:
+    """Returns the names of the model instances of all bodies without gravity."""
+    instances = [body.model_instance() for body in _Bodies(plant)[1:]]
+    return [
+        plant.GetModelInstanceName(instance)
+        for instance in instances
+        if not plant.gravity_field().is_enabled(instance)
+    ]
