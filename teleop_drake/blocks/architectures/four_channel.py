@@ -24,6 +24,15 @@ from teleop_drake.validation import (
     Number,
 )
 
+_STATION_UNITS = {
+    "local_stiffness": "N/m",
+    "local_damping": "N s/m",
+    "damping": "N s/m",
+    "motion": "",
+    "force": "",
+    "local_force": "",
+}
+
 
 class FourChannelMaster(MasterSide):
     """A handle with mass that sends and gets motion and force.
@@ -73,15 +82,7 @@ class FourChannelMaster(MasterSide):
         start: x_m at time 0 in m (n).
     """
 
-    numeric_parameters: ClassVar = {
-        "mass": "kg",
-        "local_stiffness": "N/m",
-        "local_damping": "N s/m",
-        "damping": "N s/m",
-        "motion": "",
-        "force": "",
-        "local_force": "",
-    }
+    numeric_parameters: ClassVar = {"mass": "kg", **_STATION_UNITS}
 
     def __init__(self, config: "FourChannelConfig", *, start: ArrayLike):
         station = config.MakeStation("master", start)
@@ -150,14 +151,7 @@ class FourChannelSlave(SlaveSide):
         start: p_WT at time 0 in m (n).
     """
 
-    numeric_parameters: ClassVar = {
-        "local_stiffness": "N/m",
-        "local_damping": "N s/m",
-        "damping": "N s/m",
-        "motion": "",
-        "force": "",
-        "local_force": "",
-    }
+    numeric_parameters: ClassVar = _STATION_UNITS
 
     def __init__(self, config: "FourChannelConfig", *, start: ArrayLike):
         station = config.MakeStation("slave", start)

@@ -31,8 +31,7 @@ class WallConfig(EnvironmentConfig):
     def Check(self) -> None:
         """Checks every field."""
         super().Check()
-        if self.direction is not None:
-            UnitNormal(self.direction, np.size(self.direction), "direction")
+        UnitNormal(self.direction, np.size(self.direction), "direction")
 
     def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
         """Returns the surface that the block tells."""
