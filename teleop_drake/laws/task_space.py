@@ -280,7 +280,7 @@ def _solve_damped(A: Array, b: Array, near: float, damping: float) -> Array:
     return np.asarray(np.linalg.solve(C, b / scale) / scale)
 
 
-def _pivots(A: Array) -> list[Array]:
+def _pivots(A: Array) -> list[float]:
     """Returns the squares of the diagonal of L in A = L L^T."""
     pivots = []
     while len(A) > 0:
