@@ -24,7 +24,7 @@ from teleop_drake.engine.flatten import (
     Source,
     UnsupportedSystem,
 )
-from teleop_drake.kernel import Delay, Kernel, Name, Term, Transition
+from teleop_drake.kernel import Delay, Kernel, KernelBlock, Name, Term, Transition
 from teleop_drake.kernel.kernel import Law, Part
 from teleop_drake.kernel.terms import TermReader
 
@@ -264,6 +264,8 @@ class Program:
     def _CheckInputs(self, i: int) -> None:
         """Raises UnsupportedSystem if a block is connected to what it does not take."""
         block = self._blocks[i]
+        if isinstance(block.system, KernelBlock):
+            return  # Its callbacks take nothing else either.
         kernel = self.kernels[i]
         taken = {*kernel.unused, *(delay.signal for delay in kernel.delays)}
         for name in block.inputs:

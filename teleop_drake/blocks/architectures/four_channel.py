@@ -101,7 +101,6 @@ class FourChannelMaster(MasterSide):
                     "felt_velocity": ("state", n, 2 * n),
                     "forward_packet": ["state", "haptic_force"],
                 },
-                unused=("velocity_command",),
             ),
             n,
             forward_packet=3 * n,

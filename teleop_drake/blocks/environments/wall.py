@@ -79,7 +79,6 @@ class Wall(FixedBlock):
                 parameters={**parameters, "plane": plane},
                 outputs={"environment_force": force},
                 rate=rate,
-                unused=("tool_velocity",),
             ),
             inputs={"tool_position": n, "tool_velocity": n},
             outputs={"environment_force": n},
