@@ -33,11 +33,6 @@ class WallConfig(EnvironmentConfig):
         super().Check()
         UnitNormal(self.direction, np.size(self.direction), "direction")
 
-    def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
-        """Returns the surface that the block tells."""
-        normal_W = UnitNormal(self.direction, np.size(start))
-        return (PlaneSurface(CONTACT, self.start, normal_W),)
-
 
 class Wall(FixedBlock):
     """Base of the blocks behind one plane.
@@ -68,10 +63,10 @@ class Wall(FixedBlock):
         rate: Term | None = None,
     ):
         config.Check()
-        self._surfaces = config.Surfaces(start)
-        (surface,) = self._surfaces
-        plane = np.array([surface.point_W, surface.normal_W])
         n = np.size(start)
+        normal_W = UnitNormal(config.direction, n)
+        self._surface = PlaneSurface(CONTACT, config.start, normal_W)
+        plane = np.array([self._surface.point_W, normal_W])
         FixedBlock.__init__(
             self,
             "",
@@ -87,7 +82,7 @@ class Wall(FixedBlock):
 
     def Surfaces(self) -> tuple[Surface, ...]:
         """Returns the surface of what is behind the plane, at rest."""
-        return self._surfaces
+        return (self._surface,)
 
 
 @Config
