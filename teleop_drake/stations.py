@@ -17,9 +17,7 @@ from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer, PassThrough
 
 from teleop_drake.blocks.architectures import (
-    CONTROLLERS,
     Architecture,
-    ControlLawConfig,
     Facts,
 )
 from teleop_drake.blocks.architectures.base import LAW_INPUTS, MakeLawArchitecture
@@ -125,19 +123,6 @@ def MakeMasterStation(
         connections=connections,
         outputs={"forward_packet": ports["forward_packet"], **outputs},
     )
-
-
-def MakeControlLaw(scenario: Scenario) -> System:
-    """Makes the control law that the scenario names, DirectForce for example.
-
-    Raises:
-        ScenarioError: If a parameter is not allowed, or the kind is no control law.
-    """
-    config = scenario.controller.Chosen()
-    if not isinstance(config, ControlLawConfig):
-        allowed = f"a control law with the thesis's packets, such as {CONTROLLERS[1]}"
-        Refuse("controller.kind", config.kind, allowed)
-    return config.MakeControlLaw(scenario.Facts(), scenario.controller.path)
 
 
 def MakeArchitecture(
