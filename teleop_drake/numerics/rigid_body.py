@@ -77,13 +77,20 @@ def _skew(a: Array) -> Array:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def _cross(V: Array) -> Array:
-    """Returns the matrix that takes a motion to its rate, carried along by a motion V.
+def _cross(V: Array, W: Array) -> Array:
+    """Returns the rate of a motion W that is carried along by a motion V.
 
-    Minus its transpose takes a momentum to its rate.
+    With the halves of W and of the result exchanged it is that of a momentum.
     """
-    turning = _skew(V[:3])
-    return np.block([[turning, np.zeros((3, 3))], [_skew(V[3:]), turning]])
+    w = V[:3]
+    turning = np.cross(w, W[:3])
+    moving = np.cross(w, W[3:]) + np.cross(V[3:], W[:3])
+    return np.append(turning, moving)
+
+
+def _exchanged(F: Array) -> Array:
+    """Returns a vector whose halves have changed places."""
+    return np.append(F[3:], F[:3])
 
 
 def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
@@ -117,7 +124,7 @@ def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
         p.append(p_i)
         S.append(S_i)
         V.append(V[parent] + S_i * v[i])
-        A.append(A[parent] + _cross(V[parent]) @ S_i * v[i])
+        A.append(A[parent] + _cross(V[parent], S_i * v[i]))
     return Motion(R, p, S, V, A)
 
 
@@ -151,7 +158,7 @@ def calc_dynamics(tree: RigidBodyTree, motion: Motion, v: Array) -> tuple[Array,
     fall = np.append(np.zeros(3), -tree.gravity)
     I = [_calc_inertia(tree, motion, i) for i in range(n)]
     F = [
-        I_i @ (A_i + fall) - _cross(V_i).T @ (I_i @ V_i)
+        I_i @ (A_i + fall) + _exchanged(_cross(V_i, _exchanged(I_i @ V_i)))
         for I_i, A_i, V_i in zip(I, motion.A[1:], motion.V[1:], strict=True)
     ]
     for i in reversed(range(n)):
