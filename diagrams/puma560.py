@@ -91,8 +91,8 @@ def MakePuma() -> Diagram:
         (state, weight.GetInputPort("plant_state")),
         (state, joints.get_input_port()),
         (
-            plant.get_body_spatial_accelerations_output_port(),
-            tool.GetInputPort("body_spatial_accelerations"),
+            plant.get_generalized_acceleration_output_port(),
+            tool.GetInputPort("generalized_acceleration"),
         ),
         (tool.GetOutputPort("tool_kinematics"), motion.get_input_port()),
         (tool.GetOutputPort("joint_torques"), torques.get_input_port()),

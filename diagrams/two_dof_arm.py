@@ -15,7 +15,7 @@ from teleop_drake.blocks.robots import MakeRobot
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.scenario import LoadScenario, Scenario
 from teleop_drake.simulation import MakeSimulator
-from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation
+from teleop_drake.stations import MakeArchitecture, MakeMasterStation
 
 
 def MakeTwoDofArm(scenario: Scenario) -> Diagram:
@@ -29,7 +29,7 @@ def MakeTwoDofArm(scenario: Scenario) -> Diagram:
         scenario.forward_channel.MakeChannel(size=4, initial_value=[0.0] * 4),
     )
     controller = builder.AddNamedSystem(
-        "controller", MakeSlaveStation(MakeControlLaw(scenario))
+        "controller", MakeArchitecture(scenario).slave_side
     )
     robot = builder.AddNamedSystem(
         "robot",

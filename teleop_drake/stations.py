@@ -17,14 +17,12 @@ from pydrake.systems.framework import Diagram, System
 from pydrake.systems.primitives import Demultiplexer, Multiplexer, PassThrough
 
 from teleop_drake.blocks.architectures import (
-    CONTROLLERS,
     Architecture,
-    ControlLawConfig,
     Facts,
 )
 from teleop_drake.blocks.architectures.base import LAW_INPUTS, MakeLawArchitecture
 from teleop_drake.blocks.architectures.base import MakeSlaveStation as MakeSlaveStation
-from teleop_drake.blocks.architectures.own_law import AsControlLaw, Law
+from teleop_drake.blocks.architectures.own_law import FunctionLaw, Law
 from teleop_drake.blocks.environments import CONTACT, FindSurface, Surface
 from teleop_drake.blocks.systems.actuator import Actuator
 from teleop_drake.blocks.systems.sampled_sensor import SampledSensor
@@ -127,19 +125,6 @@ def MakeMasterStation(
     )
 
 
-def MakeControlLaw(scenario: Scenario) -> System:
-    """Makes the control law that the scenario names, DirectForce for example.
-
-    Raises:
-        ScenarioError: If a parameter is not allowed, or the kind is no control law.
-    """
-    config = scenario.controller.Chosen()
-    if not isinstance(config, ControlLawConfig):
-        allowed = f"a control law with the thesis's packets, such as {CONTROLLERS[1]}"
-        Refuse("controller.kind", config.kind, allowed)
-    return config.MakeControlLaw(scenario.Facts(), scenario.controller.path)
-
-
 def MakeArchitecture(
     scenario: Scenario,
     *,
@@ -160,7 +145,11 @@ def MakeArchitecture(
     """
     facts = facts or scenario.Facts()
     if control_law is not None:
-        law = AsControlLaw(control_law, facts.start)
+        law = control_law
+        if not isinstance(law, (System, type)):
+            if not callable(law):
+                Refuse("control_law", law, "a system or a function")
+            law = FunctionLaw(law, facts.start)
         n = facts.num_axes
         inputs = dict.fromkeys(LAW_INPUTS, n)
         CheckPorts(

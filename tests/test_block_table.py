@@ -149,11 +149,8 @@ def Blocks() -> Rows:
     for robot, diagram, run in Scenes():
         inside = {path: system for system, path in PathsIn(diagram)}
         in_page = InPage(run)
-        for path, part in inside.items():
-            system = part
+        for path, system in inside.items():
             module, name = type(system).__module__, type(system).__name__
-            if name == "ToolInterface":  # By itself nothing tells it accelerations.
-                system = inside[path.rpartition("/")[0]]
             if path == "robot" and name == "Diagram":
                 module, name = "teleop_drake.blocks.robots", robot
             if name not in seen:

@@ -12,7 +12,8 @@ from runs import TASKS, Run
 from scipy.optimize import brentq
 
 import teleop_drake
-from teleop_drake.laws.layered_force import layer_columns, layer_table, layered_force
+from teleop_drake.blocks.environments.layered_force_field import LayerColumns
+from teleop_drake.laws.layered_force import layer_table, layered_force
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.thesis.claims.measures import BasisFunctions
@@ -60,7 +61,7 @@ def test_absolute_x_is_right_in_tissue_and_wrong_on_bone():
     scenario = LoadScenario("one_dof")
     tissue, _, bone = scenario.environment.layers
     assert bone.stiffness * bone.start == pytest.approx(2.25)
-    _, tissue, bone = layer_table(*layer_columns([tissue, bone]).values())
+    _, tissue, bone = layer_table(*LayerColumns([tissue, bone]).values())
     along = np.array([[1.0], [0.0]])
     touched = layered_force(bone, along, bone[:1], np.zeros(1))
     assert touched.item() == 0.0

@@ -13,7 +13,7 @@ from teleop_drake.blocks.robots import MakeRobot
 from teleop_drake.figures.block_diagram import DiagramDot
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
-from teleop_drake.stations import MakeControlLaw, MakeMasterStation, MakeSlaveStation
+from teleop_drake.stations import MakeArchitecture, MakeMasterStation
 from teleop_drake.teleoperator import MakeTeleoperator
 
 FIGURE_2_1 = {
@@ -80,7 +80,7 @@ def test_stations_speak_in_packets():
     master = MakeMasterStation(scenario)
     assert master.GetInputPort("return_packet").size() == 4
     assert master.GetOutputPort("forward_packet").size() == 4
-    slave = MakeSlaveStation(MakeControlLaw(scenario))
+    slave = MakeArchitecture(scenario).slave_side
     assert slave.GetInputPort("forward_packet").size() == 4
     assert slave.GetOutputPort("return_packet").size() == 4
     assert slave.GetOutputPort("psi").size() == 4

@@ -18,7 +18,7 @@ from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.engine.block_events import CheckEvents
 from teleop_drake.engine.flatten import Flatten, UnsupportedSystem
-from teleop_drake.engine.plant_kernel import KERNELS_OF_PLANTS, PlantKernel
+from teleop_drake.engine.plant_kernel import PlantKernel
 from teleop_drake.engine.primitives import IsSink, PrimitiveKernel
 from teleop_drake.engine.program import Program
 from teleop_drake.jit.native import Evaluate, Kept, Library
@@ -44,14 +44,11 @@ def KernelOf(system: System, context: Context) -> Kernel:
     Raises:
         UnsupportedSystem: If it offers no kernel, or one of only a part of it.
     """
-    kind = type(system)
     kernel: Kernel | None
     if hasattr(system, "Kernel"):
         kernel = _OwnKernel(system, context)
-    elif kind is MultibodyPlant:
+    elif type(system) is MultibodyPlant:
         kernel = PlantKernel(system, context)
-    elif kind in KERNELS_OF_PLANTS:
-        kernel = KERNELS_OF_PLANTS[kind](system)
     else:
         kernel = PrimitiveKernel(system, context)
     if kernel is None:

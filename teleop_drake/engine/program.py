@@ -29,7 +29,7 @@ from teleop_drake.engine.flatten import (
 from teleop_drake.jit.packing import Parameters
 from teleop_drake.jit.scalar_code import RATE, Arrays, ScalarProgram, TraceProgram
 from teleop_drake.jit.symbols import Untraceable
-from teleop_drake.kernel import Delay, Kernel, Name, Term, Transition
+from teleop_drake.kernel import Delay, Kernel, KernelBlock, Name, Term, Transition
 from teleop_drake.kernel.kernel import Law
 from teleop_drake.kernel.terms import TermReader, ValueIn
 
@@ -226,6 +226,8 @@ class Program:
 
     def _CheckInputs(self, i: int, block: Block) -> None:
         """Raises UnsupportedSystem if a block is connected to what it does not take."""
+        if isinstance(block.system, KernelBlock):
+            return  # Its callbacks take nothing else either.
         for name in block.inputs:
             if name not in self.kernels[i].unused and (i, name) not in self._taken:
                 raise UnsupportedSystem(

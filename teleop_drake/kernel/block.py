@@ -18,9 +18,9 @@ from pydrake.systems.framework import (
     Context,
     LeafSystem,
     LeafSystem_,
+    SystemScalarConverter,
 )
 
-from teleop_drake.kernel.convertible import Convertible
 from teleop_drake.kernel.delay_line import DelayLine
 from teleop_drake.kernel.events import EndStep, EventBlock, Weakly
 from teleop_drake.kernel.kernel import Delay, Kernel
@@ -121,7 +121,19 @@ def _DeclareTerms(
         block._kernel_rate = Reader("rate").Read(kernel.rate)
 
 
-class KernelBlock(_Rated, EventBlock, Convertible):
+def _Convert(block: "KernelBlock") -> DualBlock:
+    dual = DualBlock(block)
+    dual.set_name(block.get_name())
+    return dual
+
+
+# pydrake's TemplateSystem serves the same purpose. It inspects the call stack for each
+# class that it makes, which takes up to half a second when a program starts.
+_CONVERTER = SystemScalarConverter()
+_CONVERTER._AddConstructor[AutoDiffXd, float](_Convert)
+
+
+class KernelBlock(_Rated, EventBlock):
     """A block defined by its kernel: Drake's callbacks evaluate the terms of Kernel().
 
     A subclass declares its input ports and its state, sets the attributes that its
@@ -153,7 +165,6 @@ class KernelBlock(_Rated, EventBlock, Convertible):
             name of the parameter.
     """
 
-    dual = DualBlock
     other_events: tuple[str, ...] = ()
     _is_declaring = False
     delays: tuple[DelayLine | PacketLine, ...] = ()
@@ -162,6 +173,17 @@ class KernelBlock(_Rated, EventBlock, Convertible):
     is_compiled = False
     numeric_parameters: ClassVar[Mapping[str, str]] = {}
     element_names: Mapping[str, Sequence[str]] = MappingProxyType({})
+
+    def __init__(self) -> None:
+        LeafSystem.__init__(self, converter=_CONVERTER)
+
+    def ToAutoDiffXd(self) -> DualBlock:
+        """Returns the block of AutoDiffXd as an instance of its Python class."""
+        dual = _Convert(self)
+        dual._HandlePostConstructionScalarConversion[float](self)
+        return dual
+
+    ToAutoDiffXdMaybe = ToAutoDiffXd
 
     @abstractmethod
     def Kernel(self) -> Kernel:

@@ -137,7 +137,8 @@ class Kernel:
             of the parameters that it takes. They are computed once, not in each
             evaluation; `replace(kernel, parameters=...)` computes them anew.
         sizes: Width of the ports that are not vectors in Drake, and of other results.
-        unused: Input ports that no term depends on, for example the inputs of a log.
+        unused: Input ports that no term depends on, for example the inputs of a log. A
+            KernelBlock need not name them.
         transitions: Changes of the mode, keyed by freely chosen names.
         initial_mode: The mode at the start, a term without the mode. None: the mode of
             the block's default Context. If a Context of Drake has no accuracy, no event

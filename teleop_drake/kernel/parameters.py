@@ -95,10 +95,10 @@ class BlockParameters:
         leaves = _Leaves(kernel.parameters)
         self.named: list[NamedParameter] = []
         for name, unit in units.items():
-            default = BasicVector_[scalar](leaves[name].ravel())
+            leaf = np.asarray(leaves[name])
+            default = BasicVector_[scalar](leaf.ravel())
             number = int(block.DeclareNumericParameter(default))
-            shape = leaves[name].shape
-            self.named.append(NamedParameter(name, number, unit, shape))
+            self.named.append(NamedParameter(name, number, unit, leaf.shape))
         self.ticket = block.all_parameters_ticket()
         # The entry itself would keep the block alive, and Python would not see it.
         self._block = weakref.ref(block)
@@ -152,15 +152,11 @@ def _ArrayIn(context: Any, parameter: NamedParameter) -> Array:
     return vector.reshape(parameter.shape)
 
 
-def _Leaves(parameters: Mapping[str, Any]) -> dict[str, Array]:
-    """Returns the array of every parameter and of every field of one, by its name."""
-    leaves = {}
+def _Leaves(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns every parameter, or every field of one that has fields, by its name."""
+    leaves: dict[str, Any] = {}
     for name, value in parameters.items():
-        fields = {name: value}
-        if hasattr(value, "_asdict"):
-            fields = value._asdict()
-        for key, part in fields.items():
-            leaves[key] = np.asarray(part)
+        leaves |= value._asdict() if hasattr(value, "_asdict") else {name: value}
     return leaves
 
 

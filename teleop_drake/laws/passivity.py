@@ -29,11 +29,15 @@ from teleop_drake.arrays import Array
 
 
 def injected_resistance(
-    power: Array, flow: Array, budget: Array, horizon: float, maximum: float
+    effort: Array, flow: Array, budget: Array, horizon: float, maximum: float
 ) -> Array:
     """Returns the resistance that a passivity controller injects, on each axis (n).
 
         r = (P - max(W, 0) / horizon) / flow^2, between 0 and its maximum
+
+    with P = effort flow, what would leave without it. At the slave the effort is F_hd
+    and the flow v, and r a damping in N s/m; at the master they are v and -F_h, and r
+    is a mobility in m/(N s).
 
     A port that would give the power P gives P - r flow^2 = W / horizon instead where
     that is less, so that dW/dt >= -W / horizon and W does not become negative. This is
@@ -42,33 +46,18 @@ def injected_resistance(
     the maximum W may become negative; whatever comes in then pays that back first.
 
     Args:
-        power: P, what would leave without the passivity controller, W (n).
-        flow: What r multiplies: the velocity for a damping, the force for a mobility
-            (n).
+        effort: What r takes from, a force or a velocity (n).
+        flow: What r multiplies, a velocity or a force (n).
         budget: W, energy that may still leave, J (n).
         horizon: In s, > 0.
         maximum: Largest r, in the unit of power / flow^2.
     """
-    excess = power - np.maximum(budget, 0.0) / horizon
+    excess = effort * flow - np.maximum(budget, 0.0) / horizon
     # Where there is an excess there is a flow, unless its square underflows.
     square = flow * flow
     is_active = (excess > 0) & (square > 0)
     r = np.where(is_active, excess / np.where(is_active, square, 1.0), 0.0)
     return np.minimum(r, maximum)
-
-
-def master_mobility(
-    F_h: Array, v: Array, budget: Array, horizon: float, maximum: float
-) -> Array:
-    """Returns beta of the master in m/(N s) (n)."""
-    return injected_resistance(-F_h * v, F_h, budget, horizon, maximum)
-
-
-def slave_damping(
-    F_hd: Array, v: Array, budget: Array, horizon: float, maximum: float
-) -> Array:
-    """Returns alpha of the slave in N s/m (n)."""
-    return injected_resistance(F_hd * v, v, budget, horizon, maximum)
 
 
 def energy_budget(initial: float, received: Array, spent: Array, scale: float) -> Array:
@@ -82,11 +71,6 @@ def scaled_energy_rates(power: Array, scale: float) -> Array:
     return np.maximum(np.concatenate((share, -share)), 0.0)
 
 
-def injected_velocity(v: Array, mobility: Array, F_h: Array) -> Array:
-    """Returns the velocity that the operator feels, m/s (n)."""
-    return v + mobility * F_h
-
-
-def damped_force(F_hd: Array, damping: Array, v: Array) -> Array:
-    """Returns the control force in N (n)."""
-    return F_hd - damping * v
+def passive_effort(effort: Array, resistance: Array, flow: Array) -> Array:
+    """Returns what is left of an effort behind a resistance (n)."""
+    return effort - resistance * flow

@@ -56,6 +56,14 @@ from typing import NamedTuple
 import numpy as np
 
 from teleop_drake.arrays import Array
+from teleop_drake.numerics.rigid_body import (
+    Motion,
+    RigidBodyTree,
+    calc_bias_acceleration,
+    calc_dynamics,
+    calc_jacobian,
+    calc_motion,
+)
 
 MAX_ROTATION = 3.0
 """Longest rotation vector in rad; at pi it jumps."""
@@ -70,22 +78,63 @@ _TINY = 1e-300
 _SMALL = 1e-16
 
 
-def tool_kinematics(
-    num_axes: int, R_WP: Array, X_WT: Array, J_WT: Array, x: Array
-) -> Array:
+class Tool(NamedTuple):
+    """The tool of an arm, and the axes along which the task moves it.
+
+    Attributes:
+        tree: The links of the arm.
+        link: Index of the link with the tool.
+        pose: [R, p] of the tool in the link's frame (3, 4), m.
+        num_axes: Number n of task axes.
+    """
+
+    tree: RigidBodyTree
+    link: int
+    pose: Array
+    num_axes: int
+
+
+def place_tool(tool: Tool, motion: Motion) -> tuple[Array, Array, Array]:
+    """Returns R_WT (3, 3), p_WT in m (3) and the Jacobian of [v_WT; w_WT] (6, nv)."""
+    R = motion.R[tool.link + 1] @ tool.pose[:, :3]
+    p, J = calc_jacobian(tool.tree, motion, tool.link, tool.pose[:, 3])
+    return R, p, np.concatenate((J[3:], J[:3]))
+
+
+def tool_bias(tool: Tool, motion: Motion) -> Array:
+    """Returns dv/dt as long as no joint accelerates, dJ/dt qdot, in m/s^2 (n)."""
+    a = calc_bias_acceleration(motion, tool.link, tool.pose[:, 3])
+    return np.append(a[3:], a[:3])[: tool.num_axes]
+
+
+def tool_kinematics(tool: Tool, R_WP: Array, x: Array) -> Array:
     """Returns [r; v; J row by row], r = p_WT and v = v_WT for n < 6 (2n + n nv).
 
     Args:
         R_WP: Rotation at which theta is 0 (3, 3); without effect for n < 6.
-        X_WT: Pose [R, p] of the tool (3, 4), m.
-        J_WT: Jacobian of [w_WT; v_WT] (6, nv).
     """
-    J = np.concatenate((J_WT[3:], J_WT[:3]))[:num_axes]
-    v = (J * x[x.size - J.shape[1] :]).sum(axis=1)
-    r = X_WT[:num_axes, 3]
-    if num_axes == 6:
-        r = np.append(r, rotation_vector(X_WT[:, :3] @ R_WP.T))
-    return np.concatenate((r, v, J.ravel()))
+    n = tool.num_axes
+    q, qdot = np.split(x, 2)
+    R, p, J = place_tool(tool, calc_motion(tool.tree, q, qdot))
+    r = p[:n]
+    if n == 6:
+        r = np.append(p, rotation_vector(R @ R_WP.T))
+    J = J[:n]
+    return np.concatenate((r, (J * qdot).sum(axis=1), J.ravel()))
+
+
+def tool_acceleration(tool: Tool, x: Array, qddot: Array) -> Array:
+    """Returns dv/dt in m/s^2 and rad/s^2 (n), with qddot in rad/s^2 or m/s^2."""
+    motion = calc_motion(tool.tree, *np.split(x, 2))
+    _, _, J = place_tool(tool, motion)
+    return tool_bias(tool, motion) + (J[: tool.num_axes] * qddot).sum(axis=1)
+
+
+def gravity_torque(tree: RigidBodyTree, x: Array) -> Array:
+    """Returns the torque that carries the weight of an arm, N m or N (nv)."""
+    q, qdot = np.split(x, 2)
+    rest = 0 * qdot
+    return calc_dynamics(tree, calc_motion(tree, q, rest), rest)[1]
 
 
 def rotation_vector(R: Array) -> Array:
@@ -173,32 +222,33 @@ class PostureGains(NamedTuple):
     damping: float
 
 
-def posture_torque(
-    gains: PostureGains, M: Array, J_v: Array, q_0: Array, q: Array, v: Array
+def hold_torque(
+    tool: Tool, gains: PostureGains, held: tuple[Array, ...], x: Array
 ) -> Array:
-    """Returns the torque that holds a posture beside the task, in N m or N (nv)."""
-    return _torque(gains, M, J_v, np.zeros(len(J_v)), q_0, q, v)
+    """Returns the torque that holds what the task leaves free, in N m or N (nv).
+
+    Args:
+        held: q_0, to hold the posture; or q_0 and R_0, to hold the orientation.
+    """
+    q, qdot = np.split(x, 2)
+    motion = calc_motion(tool.tree, q, qdot)
+    M, _ = calc_dynamics(tool.tree, motion, qdot)
+    R, _, J = place_tool(tool, motion)
+    J_v = J[: tool.num_axes]
+    y = np.zeros(tool.num_axes)
+    if len(held) == 1:
+        return held_torque(gains, M, J_v, y, held[0], q, qdot)
+    q_0, R_0 = held
+    turn = orientation_goal(gains, R_0, R, J[3:] @ qdot)
+    rows = np.concatenate((J_v, J[3:]))
+    return held_torque(gains, M, rows, np.append(y, turn), q_0, q, qdot)
 
 
-def orientation_torque(
-    gains: PostureGains,
-    M: Array,
-    J_v: Array,
-    J_w: Array,
-    R_0: Array,
-    R: Array,
-    q_0: Array,
-    q: Array,
-    v: Array,
-) -> Array:
-    """Returns the torque that holds the tool's orientation, in N m or N (nv)."""
+def orientation_goal(gains: PostureGains, R_0: Array, R: Array, omega: Array) -> Array:
+    """Returns the angular acceleration that turns the tool back, in rad/s^2 (3)."""
     w = gains.frequency
-    zeta = gains.damping_ratio
-    omega = J_w @ v
-    y = -w * w * orientation_error(R_0, R) - 2 * zeta * w * omega
-    J = np.concatenate((J_v, J_w))
-    y = np.concatenate((np.zeros(len(J_v)), y))
-    return _torque(gains, M, J, y, q_0, q, v)
+    error = orientation_error(R_0, R)
+    return -w * w * error - 2 * gains.damping_ratio * w * omega
 
 
 def orientation_error(R_0: Array, R: Array) -> Array:
@@ -206,16 +256,15 @@ def orientation_error(R_0: Array, R: Array) -> Array:
     return np.cross(R_0.T, R.T).sum(axis=0) / 2
 
 
-def _torque(
+def held_torque(
     gains: PostureGains, M: Array, J: Array, y: Array, q_0: Array, q: Array, v: Array
 ) -> Array:
-    """Returns M a + J^T Lambda (y - J a)."""
+    """Returns M a + J^T Lambda (y - J a), in N m or N (nv)."""
     w = gains.frequency
     zeta = gains.damping_ratio
     a = w * w * (q_0 - q) - 2 * zeta * w * v
-    # A = X^T X with X = L^-1 J^T, M = L L^T.
-    X = _forward(_factor(M), J.T)
-    force = _solve_damped(X.T @ X, y - J @ a, gains.near, gains.damping)
+    A = J @ np.linalg.solve(M, J.T)
+    force = _solve_damped(A, y - J @ a, gains.near, gains.damping)
     return M @ a + J.T @ force
 
 
@@ -223,31 +272,19 @@ def _solve_damped(A: Array, b: Array, near: float, damping: float) -> Array:
     """Returns A^-1 b for a symmetric A, damped where it is nearly singular."""
     scale = np.sqrt(np.diag(A) + 1e-30)
     C = A / np.outer(scale, scale) + _FLOOR * np.eye(len(b))
-    L = _factor(C)
     determinant = 1.0
-    for pivot in np.diag(L):
-        determinant *= pivot * pivot
+    for pivot in _pivots(C):
+        determinant *= pivot
     share = max(0.0, 1 - determinant / near)
-    L = _factor(C + damping * share * share * np.eye(len(b)))
-    x = _forward(L, (b / scale).reshape(-1, 1))
-    # L^T from its last row on is lower triangular once more.
-    x = _forward(L.T[::-1, ::-1], x[::-1])[::-1]
-    return x[:, 0] / scale
+    C = C + damping * share * share * np.eye(len(b))
+    return np.asarray(np.linalg.solve(C, b / scale) / scale)
 
 
-def _factor(A: Array) -> Array:
-    """Returns L of A = L L^T."""
-    L = np.zeros_like(A)
-    for j in range(len(A)):
-        column = A[j:, j] - L[j:, :j] @ L[j, :j]
+def _pivots(A: Array) -> list[float]:
+    """Returns the squares of the diagonal of L in A = L L^T."""
+    pivots = []
+    while len(A) > 0:
         # What rounding takes below zero is next to nothing.
-        L[j:, j] = column / np.sqrt(max(column[0], 1e-18))
-    return L
-
-
-def _forward(L: Array, B: Array) -> Array:
-    """Returns L^-1 B."""
-    X = np.zeros_like(B)
-    for i in range(len(B)):
-        X[i] = (B[i] - L[i, :i] @ X[:i]) / L[i, i]
-    return X
+        pivots.append(max(A[0, 0], 1e-18))
+        A = A[1:, 1:] - np.outer(A[1:, 0], A[0, 1:]) / pivots[-1]
+    return pivots

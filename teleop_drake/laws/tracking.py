@@ -31,6 +31,8 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.laws.gains import LawGains, min_eigenvalue
+from teleop_drake.laws.task_space import Tool, place_tool, tool_bias
+from teleop_drake.numerics.rigid_body import calc_dynamics, calc_motion
 from teleop_drake.validation import CheckNumber, Refuse
 
 
@@ -65,17 +67,15 @@ class TrackingGains(LawGains):
             CheckNumber(name, getattr(self, name), minimum=0)
 
 
-def task_dynamics(M: Array, bias: Array, J: Array, J_dot_qdot: Array) -> Array:
+def task_dynamics(tool: Tool, q: Array, qdot: Array) -> Array:
     """Returns the robot's dynamics as its tool feels them (2.8 to 2.10).
 
     From M q'' + bias = J^T F and v = J q' follows M_r dv/dt + h_r = F with
     M_r^-1 = J M^-1 J^T and h_r = M_r (J M^-1 bias - J' q').
 
     Args:
-        M: Mass matrix (nv, nv).
-        bias: Coriolis, centrifugal and gravity terms on the left-hand side (nv).
-        J: Jacobian of the tool's velocity (n, nv) of full rank.
-        J_dot_qdot: J' q' in m/s^2 (n).
+        q: Positions of the joints in rad or m (nv).
+        qdot: Their velocities in rad/s or m/s (nv).
 
     Returns:
         [M_r row by row in kg; h_r = C_r v + G_r in N] (n n + n).
@@ -83,10 +83,14 @@ def task_dynamics(M: Array, bias: Array, J: Array, J_dot_qdot: Array) -> Array:
     Raises:
         numpy.linalg.LinAlgError: If the pose is exactly singular.
     """
+    motion = calc_motion(tool.tree, q, qdot)
+    M, bias = calc_dynamics(tool.tree, motion, qdot)
+    _, _, J = place_tool(tool, motion)
+    J = J[: tool.num_axes]
     # One inverse serves M^-1 J^T and M^-1 bias.
     M_inv = np.linalg.inv(M)
     M_r = np.linalg.inv(J @ (M_inv @ J.T))
-    h_r = M_r @ (J @ (M_inv @ bias) - J_dot_qdot)
+    h_r = M_r @ (J @ (M_inv @ bias) - tool_bias(tool, motion))
     return np.concatenate((M_r.ravel(), h_r))
 
 

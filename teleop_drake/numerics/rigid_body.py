@@ -13,7 +13,6 @@ Lists over links begin with the world, so that link i is element i + 1 and the w
 link -1, is element 0.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -62,12 +61,14 @@ class Motion(NamedTuple):
         p: Position of its origin in m (3).
         S: Motion of the link for a unit rate of its joint (6).
         V: Its velocity (6).
+        A: Its acceleration dV/dt as long as no joint accelerates (6).
     """
 
     R: list[Array]
     p: list[Array]
     S: list[Array]
     V: list[Array]
+    A: list[Array]
 
 
 def _skew(a: Array) -> Array:
@@ -77,22 +78,23 @@ def _skew(a: Array) -> Array:
 
 
 def _cross(V: Array, W: Array) -> Array:
-    """Returns the rate of a motion W that is carried along by a motion V."""
+    """Returns the rate of a motion W that is carried along by a motion V.
+
+    With the halves of W and of the result exchanged it is that of a momentum.
+    """
     w = V[:3]
     turning = np.cross(w, W[:3])
     moving = np.cross(w, W[3:]) + np.cross(V[3:], W[:3])
     return np.append(turning, moving)
 
 
-def _cross_force(V: Array, F: Array) -> Array:
-    """Returns the rate of a momentum F that is carried along by a motion V."""
-    w = V[:3]
-    moment = np.cross(w, F[:3]) + np.cross(V[3:], F[3:])
-    return np.append(moment, np.cross(w, F[3:]))
+def _exchanged(F: Array) -> Array:
+    """Returns a vector whose halves have changed places."""
+    return np.append(F[3:], F[:3])
 
 
 def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
-    """Returns poses and velocities of all links.
+    """Returns poses, velocities and accelerations of all links.
 
     Args:
         q: Positions of the joints in rad or m (n).
@@ -103,6 +105,7 @@ def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
     p = [np.zeros(3)]
     S = [np.zeros(6)]
     V = [np.zeros(6)]
+    A = [np.zeros(6)]
     for i in range(len(tree.parents)):
         parent = tree.parents[i] + 1
         frame = tree.frames[i]
@@ -121,20 +124,8 @@ def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
         p.append(p_i)
         S.append(S_i)
         V.append(V[parent] + S_i * v[i])
-    return Motion(R, p, S, V)
-
-
-def _calc_accelerations(
-    tree: RigidBodyTree, motion: Motion, v: Array, v_dot: Array, world: Array
-) -> list[Array]:
-    """Returns the spatial accelerations dV/dt of all links, where the world has one."""
-    A = [world]
-    for i in range(len(tree.parents)):
-        parent = tree.parents[i] + 1
-        S = motion.S[i + 1]
-        carried = _cross(motion.V[parent], S * v[i])
-        A.append(A[parent] + S * v_dot[i] + carried)
-    return A
+        A.append(A[parent] + _cross(V[parent], S_i * v[i]))
+    return Motion(R, p, S, V, A)
 
 
 def _calc_inertia(tree: RigidBodyTree, motion: Motion, i: int) -> Array:
@@ -160,15 +151,15 @@ def calc_dynamics(tree: RigidBodyTree, motion: Motion, v: Array) -> tuple[Array,
         v: Velocities of the joints in rad/s or m/s (n).
     """
     n = len(tree.parents)
-    M = np.zeros((n, n))
-    bias = np.zeros(n)
+    # Zeros of the type of v.
+    M = 0 * v[:, np.newaxis] * v
+    bias = 0 * v
     # What each link needs to move on, were no joint to accelerate, in free fall.
     fall = np.append(np.zeros(3), -tree.gravity)
-    A = _calc_accelerations(tree, motion, v, np.zeros(n), fall)[1:]
     I = [_calc_inertia(tree, motion, i) for i in range(n)]
     F = [
-        I_i @ A_i + _cross_force(V_i, I_i @ V_i)
-        for I_i, A_i, V_i in zip(I, A, motion.V[1:], strict=True)
+        I_i @ (A_i + fall) + _exchanged(_cross(V_i, _exchanged(I_i @ V_i)))
+        for I_i, A_i, V_i in zip(I, motion.A[1:], motion.V[1:], strict=True)
     ]
     for i in reversed(range(n)):
         S = motion.S[i + 1]
@@ -212,45 +203,31 @@ def calc_jacobian(
         point: The point in the link's frame, m (3).
     """
     p = motion.p[link + 1] + motion.R[link + 1] @ point
-    J = np.zeros((6, len(tree.parents)))
+    columns = [np.zeros(6)] * len(tree.parents)
     while link >= 0:
         w = motion.S[link + 1][:3]
         u = motion.S[link + 1][3:]
-        J[:, link] = np.append(w, u + np.cross(w, p))
+        columns[link] = np.append(w, u + np.cross(w, p))
         link = tree.parents[link]
-    return p, J
+    return p, np.array(columns).reshape(-1, 6).T
 
 
-def calc_point_accelerations(
-    tree: RigidBodyTree,
-    motion: Motion,
-    links: Sequence[int] | Indices,
-    points: Sequence[Array] | Array,
-    v: Array,
-    v_dot: Array,
-) -> Array:
-    """Returns [acceleration; angular acceleration] at points of links (k, 6).
+def calc_bias_acceleration(motion: Motion, link: int, point: Array) -> Array:
+    """Returns dJ/dt v at a point: [angular acceleration; acceleration] (6).
 
-    In the world's axes, m/s^2 and rad/s^2.
+    That is what happens there as long as no joint accelerates, in rad/s^2 and m/s^2.
 
     Args:
         motion: As calc_motion() returns it.
-        links: Index of each point's link, -1 for the world (k).
-        points: The points in the links' frames, m (k, 3).
-        v: Velocities of the joints in rad/s or m/s (n).
-        v_dot: Their accelerations in rad/s^2 or m/s^2 (n).
+        link: Index of the link, -1 for the world.
+        point: The point in the link's frame, m (3).
     """
-    A = _calc_accelerations(tree, motion, v, v_dot, np.zeros(6))
-    result = np.zeros((len(links), 6))
-    for row in range(len(links)):
-        link = links[row] + 1
-        p = motion.p[link] + motion.R[link] @ points[row]
-        w = motion.V[link][:3]
-        u = motion.V[link][3:]
-        alpha = A[link][:3]
-        # What happens at O. The point there belongs to another part of the link all the
-        # time.
-        a_O = A[link][3:]
-        a = a_O + np.cross(alpha, p) + np.cross(w, u + np.cross(w, p))
-        result[row] = np.append(a, alpha)
-    return result
+    p = motion.p[link + 1] + motion.R[link + 1] @ point
+    w = motion.V[link + 1][:3]
+    u = motion.V[link + 1][3:]
+    alpha = motion.A[link + 1][:3]
+    # What happens at O. The point there belongs to another part of the link all the
+    # time.
+    a_O = motion.A[link + 1][3:]
+    a = a_O + np.cross(alpha, p) + np.cross(w, u + np.cross(w, p))
+    return np.append(alpha, a)

@@ -7,8 +7,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, System
 
 from teleop_drake.arrays import Array
+from teleop_drake.blocks.systems.plant_tree import ReadPlantTree
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine.plant_tree import ReadPlantTree
 from teleop_drake.signals import PathsIn
 
 # What points to the right and upwards where joints turn about several axes: from the

@@ -7,16 +7,22 @@ from pydrake.common.value import Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import (
+    BallRpyJoint,
+    PdControllerGains,
     PrismaticJoint,
     RevoluteJoint,
+    RevoluteSpring,
     SpatialInertia,
     UnitInertia,
+    default_model_instance,
 )
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource, ConstantVectorSource, Sine
 
 from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.flatten import UnsupportedSystem
+from teleop_drake.engine.plant_kernel import PlantKernel
 from teleop_drake.engine.run import CompiledRun
 from teleop_drake.simulation import simulate
 
@@ -129,3 +135,45 @@ def test_a_discrete_plant_steps_as_in_drake(has_sampled_outputs):
         run.Sample(time)
         expected = plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(context))
         np.testing.assert_allclose(run.memory.m, expected, rtol=0, atol=1e-11)
+
+
+def ball(plant):
+    frame = body(plant, "ball", default_model_instance()).body_frame()
+    plant.AddJoint(BallRpyJoint("shoulder", plant.world_frame(), frame))
+
+
+def spring(plant):
+    frame = body(plant, "link", default_model_instance()).body_frame()
+    joint = RevoluteJoint("hinge", plant.world_frame(), frame, [0, 0, 1])
+    plant.AddForceElement(RevoluteSpring(plant.AddJoint(joint), 0.0, 1.0))
+
+
+def limited(plant):
+    frame = body(plant, "link", default_model_instance()).body_frame()
+    plant.AddJoint(
+        RevoluteJoint("hinge", plant.world_frame(), frame, [0, 0, 1], -1.0, 1.0)
+    )
+
+
+def controlled(plant):
+    frame = body(plant, "link", default_model_instance()).body_frame()
+    joint = RevoluteJoint("hinge", plant.world_frame(), frame, [0, 0, 1])
+    motor = plant.AddJointActuator("motor", plant.AddJoint(joint))
+    motor.set_controller_gains(PdControllerGains(p=1.0, d=1.0))
+
+
+@pytest.mark.parametrize(
+    ("add", "step", "message"),
+    [
+        (ball, 0.0, "joint shoulder is ball_rpy"),
+        (spring, 0.0, "RevoluteSpring"),
+        (limited, 0.001, "joint hinge has limits"),
+        (controlled, 0.001, "actuator motor has a controller"),
+    ],
+)
+def test_what_moves_in_another_way_is_refused_by_name(add, step, message):
+    plant = MultibodyPlant(step)
+    add(plant)
+    plant.Finalize()
+    with pytest.raises(UnsupportedSystem, match=message):
+        PlantKernel(plant, plant.CreateDefaultContext())

@@ -10,6 +10,8 @@ from block_checks import Gains
 from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 
+from teleop_drake.blocks.robots import TwoLinkArmConfig
+from teleop_drake.blocks.systems.plant_tree import ReadPlantTree
 from teleop_drake.jit import compiled
 from teleop_drake.jit.compiled import CompiledLaw
 from teleop_drake.kernel import Kernel, KernelBlock
@@ -24,7 +26,12 @@ from teleop_drake.laws.robust_backstepping import (
     robust_errors,
     robust_rate,
 )
-from teleop_drake.laws.task_space import joint_torques, tool_kinematics
+from teleop_drake.laws.task_space import (
+    Tool,
+    joint_torques,
+    tool_acceleration,
+    tool_kinematics,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -67,12 +74,14 @@ def test_backstepping(n, is_at_limit):
 
 def test_task_space():
     rng = np.random.default_rng(0)
+    plant = TwoLinkArmConfig().LoadPlant()
     for n in (1, 2, 3, 6):
-        # Drake's Jacobians have their columns one after another.
-        J = np.asfortranarray(rng.normal(size=(6, 4)))
         R = Rotation.from_rotvec(rng.normal(size=3)).as_matrix()
         X = np.hstack([R, rng.normal(size=(3, 1))])
-        AssertSame(tool_kinematics, (n,), [(np.eye(3), X, J, rng.normal(size=9))])
+        tool = Tool(ReadPlantTree(plant, plant.CreateDefaultContext()).tree, 1, X, n)
+        x, qddot = rng.normal(size=4), rng.normal(size=2)
+        AssertSame(tool_kinematics, (tool, np.eye(3)), [(x,)])
+        AssertSame(tool_acceleration, (tool,), [(x, qddot)])
         forces = rng.normal(size=(2, n))
         AssertSame(joint_torques, (), [(*forces, rng.normal(size=n * (2 + 4)))])
 

@@ -15,7 +15,7 @@ from teleop_drake.laws.passivity import (
 )
 def test_no_more_leaves_than_there_is(force, velocity, budget, horizon):
     F, v = np.array([force]), np.array([velocity])
-    r = injected_resistance(F * v, v, np.array([budget]), horizon, 1e300)
+    r = injected_resistance(F, v, np.array([budget]), horizon, 1e300)
     power = float((F * v - r * v * v)[0])
     assert r[0] >= 0
     if r[0] == 0:
@@ -24,5 +24,5 @@ def test_no_more_leaves_than_there_is(force, velocity, budget, horizon):
         assert power == pytest.approx(max(budget, 0) / horizon, abs=1e-12)
         # Damping never turns the force round.
         assert abs((F - r * v)[0]) <= abs(force) + 1e-12
-    limited = injected_resistance(F * v, v, np.array([budget]), horizon, 0.5)
+    limited = injected_resistance(F, v, np.array([budget]), horizon, 0.5)
     assert limited[0] == min(r[0], 0.5)

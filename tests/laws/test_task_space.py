@@ -6,9 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from teleop_drake.laws.task_space import (
     PostureGains,
+    held_torque,
     orientation_error,
-    orientation_torque,
-    posture_torque,
+    orientation_goal,
 )
 
 GAINS = PostureGains(frequency=7.0, damping_ratio=0.6, near=1e-3, damping=1e-2)
@@ -26,7 +26,7 @@ def test_the_posture_is_held_without_moving_the_tool(num_axes, num_joints):
     """The torque is that of the textbook's null-space projector."""
     M, (q_0, q, v), _ = random_case(0, 3, num_joints)
     J = random_case(1, num_axes, num_joints)[1]
-    tau = posture_torque(GAINS, M, J, q_0, q, v)
+    tau = held_torque(GAINS, M, J, np.zeros(num_axes), q_0, q, v)
     np.testing.assert_allclose(J @ np.linalg.solve(M, tau), 0, atol=1e-9)
     J_bar = np.linalg.solve(M, J.T) @ np.linalg.inv(J @ np.linalg.solve(M, J.T))
     tau_0 = M @ (49.0 * (q_0 - q) - 2 * 0.6 * 7.0 * v)
@@ -42,7 +42,8 @@ def test_the_orientation_is_held_without_moving_the_tool(num_axes, num_joints):
     turn = np.array([0.02, -0.01, 0.03])
     R = Rotation.from_rotvec(turn).as_matrix() @ R_0
     gains = GAINS._replace(near=1e-9)
-    tau = orientation_torque(gains, M, J_v, J_w, R_0, R, q_0, q, v)
+    y = np.append(np.zeros(num_axes), orientation_goal(gains, R_0, R, J_w @ v))
+    tau = held_torque(gains, M, np.vstack([J_v, J_w]), y, q_0, q, v)
     v_dot = np.linalg.solve(M, tau)
     np.testing.assert_allclose(J_v @ v_dot, 0, atol=1e-9)
     expected = -49.0 * turn - 2 * 0.6 * 7.0 * (J_w @ v)
@@ -63,7 +64,7 @@ def test_no_pose_is_too_singular(distance):
     M, J, _ = random_case(5, 3, 6)
     J[1] = J[0] + distance * J[1]
     J[2] *= distance
-    tau = posture_torque(GAINS, M, J, np.ones(6), np.zeros(6), np.zeros(6))
+    tau = held_torque(GAINS, M, J, np.zeros(3), np.ones(6), np.zeros(6), np.zeros(6))
     bound = np.abs(M @ np.full(6, 49.0)).max()
     assert np.abs(tau).max() < 20 * bound
 
@@ -75,6 +76,6 @@ def test_the_damping_begins_where_it_should():
         # det A of these rows is the squared sine of the angle between them.
         angle = np.arcsin(np.sqrt(share * GAINS.near))
         J[1] = [np.cos(angle), np.sin(angle)]
-        tau = posture_torque(GAINS, M, J, *y)
+        tau = held_torque(GAINS, M, J, np.zeros(2), *y)
         leak = np.abs(J @ tau).max()
         assert (leak > 1e-4) == is_damped

@@ -192,9 +192,8 @@ class AdaptiveBackstepping(LawBlock):
         n = self._n
         limit = (1 + _AT_LIMIT) * self._psi_min
         psi = signals["psi"].reshape(-1, n, n)
-        # A bound of Psi's smallest singular value, of which most are found without.
-        size = np.sqrt((psi**2).sum(axis=(1, 2)) / max(n - 1, 1))
-        is_at_limit = ~(np.abs(np.linalg.det(psi)) > limit * size ** (n - 1))
+        # 1/sigma_min <= |Psi^-1|, of which most are found without a decomposition.
+        is_at_limit = ~(np.linalg.norm(np.linalg.inv(psi), axis=(1, 2)) * limit < 1)
         smallest = np.linalg.norm(psi[is_at_limit], -2, axis=(1, 2))
         is_at_limit[is_at_limit] = smallest <= limit
         if not is_at_limit.any():

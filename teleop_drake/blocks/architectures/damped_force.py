@@ -75,12 +75,9 @@ class DampedForce(LawBlock):
     def __init__(self, num_axes: int, damping: ArrayLike, *, against: str = "ground"):
         B = CheckGain("damping", damping, num_axes, may_be_zero=True)
         CheckChoice("against", against, AGAINST)
-        ignored = ["tool_position", "environment_force"]
         braked_velocity: Term = "tool_velocity"
         if against == "command":
             braked_velocity = (velocity_error, "tool_velocity", "velocity_command")
-        else:
-            ignored.append("velocity_command")
         LawBlock.__init__(
             self,
             "damped_force",
@@ -94,7 +91,6 @@ class DampedForce(LawBlock):
                     "damping_force": (damper_force, "braked_velocity", "damping"),
                 },
                 sizes={"braked_velocity": num_axes},
-                unused=tuple(ignored),
             ),
             num_axes,
         )  # fmt: skip

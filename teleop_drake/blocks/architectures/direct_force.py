@@ -1,7 +1,6 @@
 """The thesis's baseline: the haptic force acts on the tool as it arrives."""
 
 from teleop_drake.blocks.architectures.base import (
-    LAW_INPUTS,
     ControlLawConfig,
     Facts,
     LawBlock,
@@ -39,7 +38,7 @@ class DirectForce(LawBlock):
         LawBlock.__init__(
             self,
             "direct_force",
-            Kernel(outputs={"control_force": "haptic_force"}, unused=LAW_INPUTS[1:]),
+            Kernel(outputs={"control_force": "haptic_force"}),
             num_axes,
         )
 

@@ -24,6 +24,15 @@ from teleop_drake.validation import (
     Number,
 )
 
+_STATION_UNITS = {
+    "local_stiffness": "N/m",
+    "local_damping": "N s/m",
+    "damping": "N s/m",
+    "motion": "",
+    "force": "",
+    "local_force": "",
+}
+
 
 class FourChannelMaster(MasterSide):
     """A handle with mass that sends and gets motion and force.
@@ -73,15 +82,7 @@ class FourChannelMaster(MasterSide):
         start: x_m at time 0 in m (n).
     """
 
-    numeric_parameters: ClassVar = {
-        "mass": "kg",
-        "local_stiffness": "N/m",
-        "local_damping": "N s/m",
-        "damping": "N s/m",
-        "motion": "",
-        "force": "",
-        "local_force": "",
-    }
+    numeric_parameters: ClassVar = {"mass": "kg", **_STATION_UNITS}
 
     def __init__(self, config: "FourChannelConfig", *, start: ArrayLike):
         station = config.MakeStation("master", start)
@@ -100,7 +101,6 @@ class FourChannelMaster(MasterSide):
                     "felt_velocity": ("state", n, 2 * n),
                     "forward_packet": ["state", "haptic_force"],
                 },
-                unused=("velocity_command",),
             ),
             n,
             forward_packet=3 * n,
@@ -150,14 +150,7 @@ class FourChannelSlave(SlaveSide):
         start: p_WT at time 0 in m (n).
     """
 
-    numeric_parameters: ClassVar = {
-        "local_stiffness": "N/m",
-        "local_damping": "N s/m",
-        "damping": "N s/m",
-        "motion": "",
-        "force": "",
-        "local_force": "",
-    }
+    numeric_parameters: ClassVar = _STATION_UNITS
 
     def __init__(self, config: "FourChannelConfig", *, start: ArrayLike):
         station = config.MakeStation("slave", start)

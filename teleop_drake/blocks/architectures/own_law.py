@@ -96,15 +96,15 @@ class _OwnLawConfig(ControlLawConfig):
     def Check(self, path: str, num_axes: int) -> None:
         """Refuses a parameter that has neither a value nor a default."""
         super().Check(path, num_axes)
-        for name, value in self._Values().items():
+        for name, value in vars(self).items():
             if value is REQUIRED:
                 Refuse(f"{path}.{name}", value, "given: the law has no default for it")
 
     def MakeControlLaw(self, facts: Facts, path: str) -> System:
         """Makes the law, or refuses what its constructor does."""
         if not isinstance(self.law, type):
-            return FunctionLaw(self.law, facts.start, self._Values())
-        arguments = self._Values()
+            return FunctionLaw(self.law, facts.start, vars(self))
+        arguments = dict(vars(self))
         if "num_axes" in inspect.signature(self.law).parameters:
             arguments["num_axes"] = facts.num_axes
         try:
@@ -114,12 +114,6 @@ class _OwnLawConfig(ControlLawConfig):
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             raise ScenarioError(f"{path}: {self.kind} raised {reason}") from error
         return law
-
-    def _Values(self) -> Record:
-        """Returns the values of the law's own fields by their names."""
-        return {
-            item.name: getattr(self, item.name) for item in dataclasses.fields(self)
-        }
 
 
 @functools.cache
@@ -146,25 +140,6 @@ def LawConfig(law: Any) -> type[Any] | None:
         kw_only=True,
         eq=False,
     )
-
-
-def AsControlLaw(law: System | Law, start: ArrayLike) -> System:
-    """Returns a control law as a system: a function becomes a FunctionLaw.
-
-    Args:
-        start: p_WT at time 0 in m (n).
-
-    Raises:
-        ScenarioError: If it is neither a system nor a function.
-    """
-    if isinstance(law, System):
-        return law
-    if isinstance(law, type):
-        name = law.__name__
-        Refuse("control_law", law, f"an instance: control_law={name}(...), not {name}")
-    if not callable(law):
-        Refuse("control_law", law, "a system or a function")
-    return FunctionLaw(law, start)
 
 
 def _FieldsOf(law: Any) -> list[tuple[str, Any, Any]]:

@@ -98,7 +98,6 @@ class ProportionalMaster(MasterSide):
                         coupling_force, ("state", 0, n), "return_packet", "stiffness"
                     ),
                 },
-                unused=("velocity_command",),
             ),
             n,
             forward_packet=n,
@@ -162,7 +161,6 @@ class ProportionalSlave(SlaveSide):
                     ),
                     "return_packet": "tool_position",
                 },
-                unused=("environment_force",),
             ),
             n,
             forward_packet=n,

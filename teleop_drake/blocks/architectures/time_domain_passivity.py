@@ -14,12 +14,10 @@ from teleop_drake.blocks.architectures.base import (
 from teleop_drake.kernel import Kernel, Name, times
 from teleop_drake.kernel.linear_part import IDLE_PASSIVITY, LinearPart
 from teleop_drake.laws.passivity import (
-    damped_force,
     energy_budget,
-    injected_velocity,
-    master_mobility,
+    injected_resistance,
+    passive_effort,
     scaled_energy_rates,
-    slave_damping,
 )
 from teleop_drake.laws.proportional import braked_force
 from teleop_drake.validation import (
@@ -103,12 +101,15 @@ class PassivityMaster(_Idle, MasterSide):
             self,
             "passivity_master",
             Kernel(
-                parameters={**_Positive(config, *names), "no_energy": 0.0},
+                parameters={
+                    **_Positive(config, *names), "no_energy": 0.0, "minus": -1.0
+                },
                 rate=(scaled_energy_rates, "master_power", "initial_energy"),
                 outputs={
                     "felt_position": ("return_packet", 0, n),
+                    "reaction": (times, "haptic_force", "minus"),
                     "felt_velocity": (
-                        injected_velocity, v, "injected_mobility", "haptic_force"
+                        passive_effort, v, "injected_mobility", "reaction"
                     ),
                     "stored": (times, ("state", 0, n), "initial_energy"),
                     "forward_packet": ["haptic_force", "stored"],
@@ -118,12 +119,11 @@ class PassivityMaster(_Idle, MasterSide):
                     ),
                     "master_power": (times, "haptic_force", "felt_velocity"),
                     "injected_mobility": (
-                        master_mobility, "haptic_force", v, "master_budget",
+                        injected_resistance, v, "reaction", "master_budget",
                         "horizon", "maximum_mobility",
                     ),
                 },
-                sizes={"stored": n},
-                unused=("velocity_command",),
+                sizes={"stored": n, "reaction": n},
             ),
             n,
             forward_packet=2 * n,
@@ -220,7 +220,7 @@ class PassivitySlave(_Idle, SlaveSide):
                 rate=(scaled_energy_rates, "incoming_power", "initial_energy"),
                 outputs={
                     "passive_force": (
-                        damped_force, F, "injected_damping", "tool_velocity"
+                        passive_effort, F, "injected_damping", "tool_velocity"
                     ),
                     "control_force": (
                         braked_force, "passive_force", "tool_velocity", "local_damping"
@@ -234,12 +234,11 @@ class PassivitySlave(_Idle, SlaveSide):
                     "slave_power": (times, "passive_force", "tool_velocity"),
                     "incoming_power": (times, "slave_power", "minus"),
                     "injected_damping": (
-                        slave_damping, F, "tool_velocity", "slave_budget", "horizon",
-                        "maximum_damping",
+                        injected_resistance, F, "tool_velocity", "slave_budget",
+                        "horizon", "maximum_damping",
                     ),
                 },
                 sizes={"passive_force": n, "stored": n, "incoming_power": n},
-                unused=("environment_force",),
             ),
             n,
             forward_packet=2 * n,

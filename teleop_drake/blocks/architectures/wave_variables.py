@@ -122,7 +122,6 @@ class WaveMaster(MasterSide):
                 sizes=dict.fromkeys(
                     ("received", "velocity", "own_velocity", "reflected"), n
                 ),
-                unused=("velocity_command",),
             ),
             n,
             forward_packet=2 * n,
@@ -190,7 +189,6 @@ class WaveSlave(SlaveSide):
                     "slave_power": (times, "control_force", "tool_velocity"),
                 },
                 sizes=dict.fromkeys(("received", "reflected"), n),
-                unused=("environment_force",),
             ),
             n,
             forward_packet=2 * n,

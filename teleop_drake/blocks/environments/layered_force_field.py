@@ -1,5 +1,6 @@
 """Layers of material along an axis."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import field
@@ -22,11 +23,8 @@ from teleop_drake.kernel import FixedBlock, Kernel, Term, Transition
 from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.layered_force import (
     LAYER_COLUMNS,
-    contact_position,
-    layer_columns,
     layer_table,
     layered_force,
-    puncture_position,
 )
 from teleop_drake.validation import (
     REQUIRED,
@@ -75,8 +73,7 @@ class LayersEnvironmentConfig(EnvironmentConfig):
     def Check(self) -> None:
         """Checks every layer and the direction."""
         CheckLayers("layers", self.layers)
-        if self.direction is not None:
-            UnitNormal(self.direction, np.size(self.direction), "direction")
+        UnitNormal(self.direction, np.size(self.direction), "direction")
 
     def MakeEnvironment(self, start: ArrayLike) -> "LayeredForceField":
         """Makes the block; see EnvironmentConfig.MakeEnvironment.
@@ -180,7 +177,7 @@ class LayeredForceField(FixedBlock):
         CheckLayers("layers", layers)
         self._surfaces = LayerSurfaces(layers, num_axes, starts_inside, direction)
         point = np.zeros(num_axes) if axis_point is None else axis_point
-        columns = layer_columns(layers)
+        columns = LayerColumns(layers)
         starts = columns["start"]
         names = ("empty", *(str(layer.name) for layer in layers))
         self.element_names = dict.fromkeys(self.numeric_parameters, names)
@@ -273,8 +270,8 @@ def LayerSurfaces(
     starts_inside |= bool(layers) and layers[0].start == -math.inf
     behind = [] if starts_inside else [LayerConfig(name=EMPTY, start=-math.inf)]
     names = {
-        puncture_position(layers): PUNCTURE,
-        contact_position([*behind, *layers]): CONTACT,
+        PuncturePosition(layers): PUNCTURE,
+        ContactPosition([*behind, *layers]): CONTACT,
     }
     normal_W = UnitNormal(direction, num_axes)
     surfaces = []
@@ -291,6 +288,47 @@ def LayerSurfaces(
         name = names.get(layer.start, own)
         surfaces.append(PlaneSurface(name, layer.start, normal_W, material))
     return tuple(surfaces)
+
+
+def LayerColumns(layers: Sequence[LayerConfig]) -> dict[str, Array]:
+    """Returns the numbers of layers by their names, see LAYER_COLUMNS.
+
+    The first entry is that of the empty space before the layers.
+
+    Args:
+        layers: By ascending start.
+    """
+    return {
+        name: np.array(
+            [-math.inf if name == "start" else 0.0]
+            + [getattr(layer, name) for layer in layers]
+        )
+        for name in LAYER_COLUMNS
+    }
+
+
+def ContactPosition(layers: Sequence[LayerConfig]) -> float | None:
+    """Returns where the tool meets a hard surface (m), None if nowhere.
+
+    That is the start of the stiffest layer, if the layer before it is softer.
+    """
+    if not layers:
+        return None
+    i = max(range(len(layers)), key=lambda k: layers[k].stiffness)
+    if i == 0 or layers[i - 1].stiffness >= layers[i].stiffness:
+        return None
+    return layers[i].start
+
+
+def PuncturePosition(layers: Sequence[LayerConfig]) -> float | None:
+    """Returns where the tool leaves the first layer that yields (m), or None.
+
+    That is the end of the first layer which is followed by a softer one.
+    """
+    for before, after in itertools.pairwise(layers):
+        if after.stiffness < before.stiffness:
+            return after.start
+    return None
 
 
 def CheckLayers(path: str, layers: Sequence[LayerConfig]) -> None:

@@ -70,16 +70,6 @@ class NeedlePathConfig(EnvironmentConfig):
             drag=float(self.drag),
         )
 
-    def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
-        """Returns the surface of the tissue, `entry`."""
-        if np.size(start) != 6:
-            Refuse(
-                "environment.kind",
-                self.kind,
-                f"another one for {np.size(start)} task axes",
-            )
-        return (PlaneSurface("entry", self.start, UnitNormal(self.direction, 6)),)
-
 
 class NeedleInTissue(FixedBlock):
     """Wrench of a needle on tissue, as a sensor at its tip reads it; see laws.needle.
@@ -114,7 +104,11 @@ class NeedleInTissue(FixedBlock):
 
     def __init__(self, config: NeedlePathConfig, start: ArrayLike):
         config.Check()
-        self._surfaces = config.Surfaces(start)
+        n = np.size(start)
+        if n != 6:
+            Refuse("environment.kind", config.kind, f"another one for {n} task axes")
+        normal_W = UnitNormal(config.direction, n)
+        self._surface = PlaneSurface("entry", config.start, normal_W)
         starts = np.array([-math.inf, config.start])
         law = (needle_wrench, "path", "mode", "tool_position", "tool_velocity")
         here: Term = (layer_at, "layers", "axis", "tool_position")
@@ -126,7 +120,7 @@ class NeedleInTissue(FixedBlock):
                 parameters={
                     "path": config.Path(start),
                     "layers": starts[:, np.newaxis],
-                    "axis": UnitNormal(config.direction, 6)[np.newaxis],
+                    "axis": normal_W[np.newaxis],
                     "before": np.nextafter(starts, -math.inf),
                     "ends": np.array([config.start, math.inf]),
                 },
@@ -141,7 +135,7 @@ class NeedleInTissue(FixedBlock):
 
     def Surfaces(self) -> tuple[Surface, ...]:
         """Returns the surface of the tissue."""
-        return self._surfaces
+        return (self._surface,)
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns that the tip stays in the tissue, or in front of it."""

@@ -31,13 +31,7 @@ class WallConfig(EnvironmentConfig):
     def Check(self) -> None:
         """Checks every field."""
         super().Check()
-        if self.direction is not None:
-            UnitNormal(self.direction, np.size(self.direction), "direction")
-
-    def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
-        """Returns the surface that the block tells."""
-        normal_W = UnitNormal(self.direction, np.size(start))
-        return (PlaneSurface(CONTACT, self.start, normal_W),)
+        UnitNormal(self.direction, np.size(self.direction), "direction")
 
 
 class Wall(FixedBlock):
@@ -69,10 +63,10 @@ class Wall(FixedBlock):
         rate: Term | None = None,
     ):
         config.Check()
-        self._surfaces = config.Surfaces(start)
-        (surface,) = self._surfaces
-        plane = np.array([surface.point_W, surface.normal_W])
         n = np.size(start)
+        normal_W = UnitNormal(config.direction, n)
+        self._surface = PlaneSurface(CONTACT, config.start, normal_W)
+        plane = np.array([self._surface.point_W, normal_W])
         FixedBlock.__init__(
             self,
             "",
@@ -80,7 +74,6 @@ class Wall(FixedBlock):
                 parameters={**parameters, "plane": plane},
                 outputs={"environment_force": force},
                 rate=rate,
-                unused=("tool_velocity",),
             ),
             inputs={"tool_position": n, "tool_velocity": n},
             outputs={"environment_force": n},
@@ -89,7 +82,7 @@ class Wall(FixedBlock):
 
     def Surfaces(self) -> tuple[Surface, ...]:
         """Returns the surface of what is behind the plane, at rest."""
-        return self._surfaces
+        return (self._surface,)
 
 
 @Config

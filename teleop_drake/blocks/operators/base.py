@@ -225,7 +225,6 @@ class ModalOperator(FixedBlock):
                 outputs=outputs,
                 sizes={"intended_velocity": n},
                 transitions={**switches, **transitions},
-                unused=("felt_position",),
             ),
             inputs={"haptic_force": n, "felt_position": n, **inputs},
             outputs={"velocity_command": n, "force_command": n, "mode": 1},

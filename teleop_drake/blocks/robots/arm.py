@@ -7,15 +7,15 @@ import re
 from pathlib import Path
 
 import numpy as np
+from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex, SpatialInertia
+from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex
 
 from teleop_drake.arrays import ArrayLike
 from teleop_drake.blocks.robots.base import NewPlant
 from teleop_drake.blocks.robots.driven_arm import AddPayload, DrivenArmConfig
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL
-from teleop_drake.blocks.robots.robot_diagram import TOOL_BODY
 from teleop_drake.files import ReadText
 from teleop_drake.validation import (
     REQUIRED,
@@ -87,22 +87,20 @@ class ArmConfig(DrivenArmConfig):
                 Refuse("file", self.file, f"without constraints ({constraint})")
 
     def _MarkTool(self, plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
-        """Sees to it that a body, massless where it is new, has the tool's origin."""
+        """Sees to it that a frame at the tool's origin is named TOOL."""
         name = self.tool_frame
         if not plant.HasFrameNamed(name, instance):
             bodies = map(plant.get_body, plant.GetBodyIndices(instance))
             known = ", ".join(body.name() for body in bodies)
             Refuse("tool_frame", name, f"a frame of the model, such as {known}")
-        frame = plant.GetFrameByName(name, instance)
-        if name == TOOL and plant.HasBodyNamed(TOOL, instance):
+        if name == TOOL:
             return
-        if name != TOOL and plant.HasFrameNamed(TOOL, instance):
+        if plant.HasFrameNamed(TOOL, instance):
             Refuse(
                 "tool_frame", name, f"{TOOL}, because the model has a frame so named"
             )
-        mark = TOOL_BODY if name == TOOL else TOOL
-        body = plant.AddRigidBody(mark, instance, SpatialInertia.Zero())
-        plant.WeldFrames(frame, body.body_frame())
+        frame = plant.GetFrameByName(name, instance)
+        plant.AddFrame(FixedOffsetFrame(TOOL, frame, RigidTransform(), instance))
 
 
 def _WeldBase(plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:

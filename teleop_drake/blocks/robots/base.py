@@ -9,9 +9,7 @@ from typing import ClassVar
 from xml.etree import ElementTree
 
 import numpy as np
-from pydrake.common.eigen_geometry import AngleAxis
 from pydrake.geometry import SceneGraph
-from pydrake.math import RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, System
@@ -23,7 +21,7 @@ from teleop_drake.blocks.robots.inverse_kinematics import (
 )
 from teleop_drake.blocks.robots.robot_diagram import JointDrive, MakeRobotDiagram
 from teleop_drake.kinds import KindConfig
-from teleop_drake.laws.task_space import MAX_ROTATION
+from teleop_drake.laws.task_space import MAX_ROTATION, rotated
 from teleop_drake.validation import REQUIRED, CheckVector, Config, Refuse, Within
 
 # What the plants made just now tell their shapes to; None: to nobody.
@@ -166,7 +164,7 @@ class PlantRobotConfig(RobotConfig):
 
     @abstractmethod
     def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
-        """Returns a continuous, finalized plant named `plant` with a body `tool`.
+        """Returns a continuous, finalized plant named `plant` with a frame `tool`.
 
         Its actuators are one for each joint, in any order.
 
@@ -230,9 +228,7 @@ class PlantRobotConfig(RobotConfig):
 
 def RotationOf(r: Array) -> Array:
     """Returns the rotation (3, 3) of a position with six entries."""
-    angle = float(np.linalg.norm(r[3:]))
-    axis = r[3:] / angle if angle else np.eye(3)[0]
-    return RotationMatrix(AngleAxis(angle, axis)).matrix()
+    return np.stack([rotated(r[3:], e) for e in np.eye(3)]).T
 
 
 def CheckRotation(r: Array) -> None:

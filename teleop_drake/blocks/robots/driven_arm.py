@@ -10,7 +10,7 @@ from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.robots.base import PlantRobotConfig
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolRotation
-from teleop_drake.blocks.robots.robot_diagram import JointDrive, ToolBodyName
+from teleop_drake.blocks.robots.robot_diagram import JointDrive
 from teleop_drake.blocks.systems.gravity_compensation import GravityCompensation
 from teleop_drake.blocks.systems.posture_hold import PostureHold
 from teleop_drake.laws.task_space import PostureGains
@@ -136,7 +136,7 @@ class DrivenArmConfig(PlantRobotConfig):
             drive.hold = PostureHold(
                 plant=plant,
                 num_axes=self.num_axes,
-                tool_name=ToolBodyName(plant),
+                tool_name=TOOL,
                 joint_positions=q,
                 gains=PostureGains(
                     self.hold_frequency, self.hold_damping_ratio, _NEAR, _DAMPING

@@ -99,10 +99,7 @@ def _ToolInertiaAndDamping(
 
 def _JointDamping(plant: MultibodyPlant, context: Context) -> Array:
     """Returns the viscous damping of the joints (nv, nv)."""
-    damping = np.zeros(plant.num_velocities())
-    for index in plant.GetJointIndices():
-        joint = plant.get_joint(index)
-        begin = joint.velocity_start()
-        end = begin + joint.num_velocities()
-        damping[begin:end] = joint.GetDampingVector(context)
-    return np.diag(damping)
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    joints.sort(key=lambda joint: joint.velocity_start())
+    vectors = [joint.GetDampingVector(context) for joint in joints]
+    return np.diag(np.concatenate(vectors))

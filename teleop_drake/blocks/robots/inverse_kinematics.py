@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 import numpy as np
-from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.solvers import Solve
 from pydrake.systems.framework import Context
 
 from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.systems.tool_interface import SpatialJacobian
+from teleop_drake.blocks.systems.plant_tree import SpatialJacobian
+from teleop_drake.laws.task_space import rotation_vector
 from teleop_drake.validation import Refuse
 
 TOOL = "tool"
@@ -110,8 +110,8 @@ class _Target:
         error: Array = self._p - pose.translation()[:n]
         if self._R is None:
             return error, Jv
-        turn = RotationMatrix(self._R @ pose.rotation().matrix().T).ToAngleAxis()
-        return np.append(error, turn.angle() * turn.axis()), np.vstack([Jv, J[:3]])
+        turn = rotation_vector(self._R @ pose.rotation().matrix().T)
+        return np.append(error, turn), np.vstack([Jv, J[:3]])
 
     def Solve(self, guess: Array) -> Array | None:
         """Returns the q with the tool at the target that is nearest to the posture.

@@ -12,9 +12,6 @@ from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolRotation
 from teleop_drake.blocks.systems.tool_interface import ToolInterface
 from teleop_drake.wiring import Connections, Wire
 
-TOOL_BODY = "tool_body"
-"""Name of the body that marks the tool where TOOL is the name of a mere frame."""
-
 
 @dataclass(kw_only=True)
 class JointDrive:
@@ -32,11 +29,6 @@ class JointDrive:
     hold: System | None = None
     gravity_compensation: System | None = None
     friction: System | None = None
-
-
-def ToolBodyName(plant: MultibodyPlant) -> str:
-    """Returns the name of the body whose origin is the tool."""
-    return TOOL if plant.HasBodyNamed(TOOL) else TOOL_BODY
 
 
 def MakeRobotDiagram(
@@ -76,7 +68,7 @@ def MakeRobotDiagram(
     |                   |      |              | control_force and `drive` alone     |
 
     Args:
-        plant: A finalized, continuous plant with a body `tool`; its actuators must be
+        plant: A finalized, continuous plant with a frame `tool`; its actuators must be
             one for each joint, in any order.
         num_axes: n, 1 to 3, or 6, of which the last three turn the tool; fewer than nv
             leave the rest of the joints to themselves, or to `drive`.
@@ -93,7 +85,7 @@ def MakeRobotDiagram(
     tool = ToolInterface(
         plant=plant,
         num_task_axes=num_axes,
-        tool_name=ToolBodyName(plant),
+        tool_name=TOOL,
         is_wired_to_motors=is_ordered,
         R_WP=ToolRotation(plant, joint_positions if posture is None else posture),
     )
@@ -108,7 +100,7 @@ def MakeRobotDiagram(
     connections = {
         "joint_state": "plant.state",
         "tool_interface.plant_state": "plant.state",
-        "tool_interface.body_spatial_accelerations": "plant.body_spatial_accelerations",
+        "tool_interface.generalized_acceleration": "plant.generalized_acceleration",
         "tool_motion": "tool_interface.tool_kinematics",
         "joint_torques": "tool_interface.joint_torques",
     }

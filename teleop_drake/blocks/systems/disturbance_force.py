@@ -58,8 +58,6 @@ class DisturbanceForce(FixedBlock):
             Kernel(
                 parameters={"gain": K},
                 outputs={"environment_force": _LAWS[kind]},
-                # That of the linear law.
-                unused=("tool_velocity",),
             ),
             inputs={"tool_position": n, "tool_velocity": n},
             outputs={"environment_force": n},

@@ -1,17 +1,11 @@
 """Tracking of a trajectory with an adaptive network, the controller of chapter 3."""
 
-from typing import Any
-
 import numpy as np
-from pydrake.common.value import Value
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable
-from pydrake.systems.framework import ValueProducer
 
-from teleop_drake.kernel.convertible import Convertible, DualOf, PlantPorts
-from teleop_drake.kernel.events import Weakly
-from teleop_drake.kernel.terms import Duals
-from teleop_drake.laws.gaussian_network import GaussianNetwork
+from teleop_drake.blocks.systems.plant_tree import ReadTool
+from teleop_drake.kernel import FixedBlock, Kernel
+from teleop_drake.laws.gaussian_network import GaussianNetwork, basis_functions
 from teleop_drake.laws.tracking import (
     TrackingGains,
     disturbance_estimate,
@@ -23,121 +17,9 @@ from teleop_drake.laws.tracking import (
 from teleop_drake.validation import Refuse
 
 _DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
-_FELT = ("tool_position", "tool_velocity")
 
 
-class _Tracking(PlantPorts):
-    """Ports and callbacks for any scalar type."""
-
-    def Declare(
-        self: Any, T: Any, gains: TrackingGains, network: GaussianNetwork, frame: Any
-    ) -> None:
-        """Declares the ports, each output with what it depends on."""
-        self.gains = gains
-        self.network = network
-        self._tool_frame = frame
-        n = gains.num_axes
-        N = network.num_functions
-        sizes = dict.fromkeys(_DESIRED + _FELT, n)
-        sizes["joint_position"] = self.plant.num_positions()
-        sizes["joint_velocity"] = self.plant.num_velocities()
-        self._ports = {
-            name: self.DeclareVectorInputPort(name, size)
-            for name, size in sizes.items()
-        }
-        self.DeclareContinuousState(n * N)
-        tickets = {name: port.ticket() for name, port in self._ports.items()}
-        state = self.xc_ticket()
-        position = tickets["tool_position"]
-        errors = {tickets[name] for name in _DESIRED[:2] + _FELT}
-        # Both the force and the weights need the dynamics. The index is kept, not the
-        # entry, which would keep this block alive.
-        self._dynamics = self.DeclareCacheEntry(
-            "task_dynamics",
-            ValueProducer(allocate=Value[object], calc=Weakly(self._CalcDynamics)),
-            {tickets["joint_position"], tickets["joint_velocity"]},
-        ).cache_index()
-        declare = self.DeclareVectorOutputPort
-        declare("control_force", n, self._CalcForce, {state, *tickets.values()})
-        declare("disturbance_estimate", n, self._CalcEstimate, {state, position})
-        declare("weights_1", n * N, self._CalcWeights, {state})
-        declare("auxiliary_error", n, self._CalcError, errors)
-
-    def _In(self: Any, context: Any, *names: str) -> list[Any]:
-        """Returns the values at some inputs."""
-        return [self._ports[name].Eval(context) for name in names]
-
-    def _Weights(self: Any, context: Any) -> Any:
-        """Returns W, row by row."""
-        return context.get_continuous_state_vector().CopyToVector()
-
-    def _Basis(self: Any, context: Any) -> Any:
-        """Returns Phi."""
-        return self.network.evaluate(*self._In(context, "tool_position"))
-
-    def _Error(self: Any, context: Any) -> Any:
-        """Returns s."""
-        return tracking_error(self.gains, *self._In(context, *_FELT, *_DESIRED[:2]))
-
-    def _Law(self: Any, context: Any) -> tuple[Any, ...]:
-        """Returns what the force and the rate of the weights follow from."""
-        return (
-            self.gains,
-            self.get_cache_entry(self._dynamics).Eval(context),
-            self._Weights(context),
-            self._Basis(context),
-            self._Error(context),
-        )
-
-    def DoCalcTimeDerivatives(self: Any, context: Any, derivatives: Any) -> None:
-        """Evaluates the law; called by Drake several times in every step."""
-        derivatives.SetFromVector(weights_rate(*self._Law(context)))
-
-    def _CalcDynamics(self: Any, context: Any, output: Any) -> None:
-        """Calculates the dynamics of the robot in task space (3.6)."""
-        plant = self.plant
-        plant_context = self._plant_context
-        q, qdot = self._In(context, "joint_position", "joint_velocity")
-        plant.SetPositions(plant_context, q)
-        plant.SetVelocities(plant_context, qdot)
-        world = plant.world_frame()
-        n = self.gains.num_axes
-        tool = plant.get_frame(self._tool_frame)
-        kV = JacobianWrtVariable.kV
-        of_tool = (plant_context, kV, tool, np.zeros(3), world, world)
-        Jv_v_WT = plant.CalcJacobianTranslationalVelocity(*of_tool)
-        Jv_dot_v = plant.CalcBiasTranslationalAcceleration(*of_tool)
-
-        def Known(matrix: Any) -> Any:
-            return matrix if matrix.dtype == float else matrix.view(Duals)
-
-        output.set_value(
-            task_dynamics(
-                M=Known(plant.CalcMassMatrix(plant_context)),
-                bias=plant.CalcBiasTerm(plant_context)
-                - plant.CalcGravityGeneralizedForces(plant_context),
-                J=Known(Jv_v_WT[:n]),
-                J_dot_qdot=Jv_dot_v.ravel()[:n],
-            )
-        )
-
-    def _CalcForce(self: Any, context: Any, output: Any) -> None:
-        motion = self._In(context, "tool_velocity", *_DESIRED[1:])
-        output.SetFromVector(tracking_force(*self._Law(context), *motion))
-
-    def _CalcEstimate(self: Any, context: Any, output: Any) -> None:
-        output.SetFromVector(
-            disturbance_estimate(self._Weights(context), self._Basis(context))
-        )
-
-    def _CalcWeights(self: Any, context: Any, output: Any) -> None:
-        output.SetFromVector(self._Weights(context))
-
-    def _CalcError(self: Any, context: Any, output: Any) -> None:
-        output.SetFromVector(self._Error(context))
-
-
-class NetworkTrackingController(_Tracking, Convertible):
+class NetworkTrackingController(FixedBlock):
     """Tracks a trajectory; what the model does not explain, a network learns.
 
         s     = (v - r_d') + Lambda (r - r_d)                                   (3.11)
@@ -171,20 +53,18 @@ class NetworkTrackingController(_Tracking, Convertible):
 
     It neither limits the force nor avoids singular poses, where M_r is infinite.
 
-    Attributes:
-        gains, network, plant: As given.
-
     Args:
         gains: The constants of the law.
         network: The basis functions, with n inputs in m.
-        plant: A finalized plant with the robot's masses and gravity.
-        tool_name: The body whose origin is the tool T.
+        plant: A finalized plant of revolute and prismatic joints, with the robot's
+            masses and gravity.
+        tool_name: The frame whose origin is the tool T.
 
     Raises:
         ValueError: If the network does not have one input per axis.
     """
 
-    dual = DualOf(_Tracking)
+    is_compiled = True
 
     def __init__(
         self,
@@ -194,17 +74,51 @@ class NetworkTrackingController(_Tracking, Convertible):
         plant: MultibodyPlant,
         tool_name: str = "tool",
     ):
-        Convertible.__init__(self)
         n = gains.num_axes
         if network.num_inputs != n:
             Refuse(
                 "network.num_inputs", network.num_inputs, f"{n}, one for each task axis"
             )
-        self.set_name("network_tracking_controller")
-        frame = plant.GetFrameByName(tool_name).index()
-        self.Use(float, plant, gains=gains, network=network, frame=frame)
-
-    @property
-    def tool_frame(self) -> Frame:
-        """The tool's frame, whose origin is T."""
-        return self.plant.get_frame(self._tool_frame)
+        motion = ("tool_position", "tool_velocity", *_DESIRED[:2])
+        law = ("gains", "dynamics", "state", "basis", "auxiliary_error")
+        num_weights = n * network.num_functions
+        FixedBlock.__init__(
+            self,
+            "network_tracking_controller",
+            Kernel(
+                parameters={
+                    "gains": gains.as_numbers(),
+                    "centres": network.centres,
+                    "widths": network.widths,
+                    "tool": ReadTool(plant, tool_name, n),
+                },
+                rate=(weights_rate, *law),
+                outputs={
+                    "basis": (basis_functions, "tool_position", "centres", "widths"),
+                    "dynamics": (
+                        task_dynamics, "tool", "joint_position", "joint_velocity"
+                    ),
+                    "auxiliary_error": (tracking_error, "gains", *motion),
+                    "control_force": (
+                        tracking_force, *law, "tool_velocity", *_DESIRED[1:]
+                    ),
+                    "disturbance_estimate": (disturbance_estimate, "state", "basis"),
+                    "weights_1": "state",
+                },
+                sizes={"basis": network.num_functions, "dynamics": n * n + n},
+            ),
+            inputs={
+                **dict.fromkeys(_DESIRED, n),
+                "tool_position": n,
+                "tool_velocity": n,
+                "joint_position": plant.num_positions(),
+                "joint_velocity": plant.num_velocities(),
+            },
+            outputs={
+                "control_force": n,
+                "disturbance_estimate": n,
+                "weights_1": num_weights,
+                "auxiliary_error": n,
+            },
+            state=np.zeros(num_weights),
+        )  # fmt: skip

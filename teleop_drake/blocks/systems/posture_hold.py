@@ -1,69 +1,17 @@
 """The controller of the joints that the task leaves free."""
 
-from typing import Any
-
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.systems.tool_interface import SpatialJacobian
-from teleop_drake.kernel.convertible import Convertible, DualOf, PlantPorts
-from teleop_drake.laws.task_space import (
-    PostureGains,
-    orientation_torque,
-    posture_torque,
-)
+from teleop_drake.arrays import ArrayLike
+from teleop_drake.blocks.systems.plant_tree import ReadTool
+from teleop_drake.kernel import FixedBlock, Kernel
+from teleop_drake.laws.task_space import PostureGains, hold_torque, place_tool
+from teleop_drake.numerics.rigid_body import calc_motion
 from teleop_drake.validation import CheckVector, Refuse
 
-Held = tuple[Array, Array | None]
 
-
-def BodyRotation(plant: Any, context: Any, body: Any) -> Any:
-    """Returns R_WB of a body of a plant (3, 3)."""
-    return np.array(plant.EvalBodyPoseInWorld(context, body).rotation().matrix())
-
-
-class _Hold(PlantPorts):
-    """Ports and callback for any scalar type."""
-
-    def Declare(
-        self: Any, T: Any, num_axes: int, tool: Any, gains: PostureGains, held: Held
-    ) -> None:
-        """Declares the ports."""
-        self.num_axes = num_axes
-        self.tool_index = int(tool)
-        self.gains = gains
-        self.held = held
-        self._tool = tool
-        self._state = self.DeclareVectorInputPort(
-            "plant_state", self.plant.num_multibody_states()
-        )
-        self.DeclareVectorOutputPort(
-            "hold_torque", self.plant.num_velocities(), self._CalcTorque
-        )
-
-    def _CalcTorque(self: Any, context: Any, output: Any) -> None:
-        """Calculates the torque that holds the posture or the orientation."""
-        plant = self.plant
-        plant_context = self._plant_context
-        x = self._state.Eval(context)
-        plant.SetPositionsAndVelocities(plant_context, x)
-        q, v = np.split(x, 2)
-        tool = plant.get_body(self._tool)
-        q_0, R_0 = self.held
-        J = SpatialJacobian(plant, plant_context, tool.body_frame())
-        J_w = J[:3]
-        J_v = np.concatenate((J[3:], J[:3]))[: self.num_axes]
-        M = plant.CalcMassMatrix(plant_context)
-        if R_0 is None:
-            tau = posture_torque(self.gains, M, J_v, q_0, q, v)
-        else:
-            R = BodyRotation(plant, plant_context, tool)
-            tau = orientation_torque(self.gains, M, J_v, J_w, R_0, R, q_0, q, v)
-        output.SetFromVector(tau)
-
-
-class PostureHold(_Hold, Convertible):
+class PostureHold(FixedBlock):
     """Torque that holds a posture, or the tool's orientation, beside the task.
 
         tau = M a + J^T Lambda (y - J a),  Lambda = (J M^-1 J^T)^-1 damped
@@ -81,15 +29,10 @@ class PostureHold(_Hold, Convertible):
     It compensates neither weight nor friction nor the Coriolis forces, which move what
     it holds a little.
 
-    Attributes:
-        plant, num_axes, gains: As given.
-        held: q_0, and R_0 if the orientation is held, else None.
-        tool_index: Index of the body whose origin is the tool.
-
     Args:
-        plant: A finalized plant whose qdot is its velocity.
+        plant: A finalized plant of revolute and prismatic joints.
         num_axes: n, number of task axes.
-        tool_name: The body whose origin is the tool.
+        tool_name: The frame whose origin is the tool.
         joint_positions: q_0; with keeps_orientation, R_0 is the tool's rotation there.
         gains: How.
         keeps_orientation: Whether the tool's orientation is held; else the posture.
@@ -98,7 +41,7 @@ class PostureHold(_Hold, Convertible):
         ScenarioError: If the joints are fewer than what is to be held.
     """
 
-    dual = DualOf(_Hold)
+    is_compiled = True
 
     def __init__(
         self,
@@ -110,24 +53,26 @@ class PostureHold(_Hold, Convertible):
         gains: PostureGains,
         keeps_orientation: bool,
     ):
-        Convertible.__init__(self)
         nv = plant.num_velocities()
         rows = num_axes + 3 * keeps_orientation
         CheckVector("joint_positions", joint_positions, nv, "rad or m")
         if rows > nv:
             Refuse("num_axes", num_axes, f"{nv - 3 * keeps_orientation} or less")
-        tool = plant.GetBodyByName(tool_name)
+        tool = ReadTool(plant, tool_name, num_axes)
         q_0 = np.array(joint_positions, dtype=float)
-        R_0 = None
-        if keeps_orientation:
-            context = plant.CreateDefaultContext()
-            plant.SetPositions(context, q_0)
-            R_0 = BodyRotation(plant, context, tool)
-        self.Use(
-            float,
-            plant,
-            num_axes=num_axes,
-            tool=tool.index(),
-            gains=gains,
-            held=(q_0, R_0),
+        R_0, _, _ = place_tool(tool, calc_motion(tool.tree, q_0, 0 * q_0))
+        parameters = {
+            "tool": tool,
+            "gains": gains,
+            "held": (q_0, R_0) if keeps_orientation else (q_0,),
+        }
+        FixedBlock.__init__(
+            self,
+            "",
+            Kernel(
+                parameters=parameters,
+                outputs={"hold_torque": (hold_torque, *parameters, "plant_state")},
+            ),
+            inputs={"plant_state": plant.num_multibody_states()},
+            outputs={"hold_torque": nv},
         )

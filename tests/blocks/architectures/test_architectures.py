@@ -17,7 +17,6 @@ from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import (
     MakeArchitecture,
-    MakeControlLaw,
     MakeMasterStation,
     MakeSlaveStation,
     ResolveController,
@@ -234,5 +233,6 @@ def test_the_thesis_has_no_master_side():
     scenario = LoadScenario("two_dof_combined")
     architecture = MakeArchitecture(scenario)
     assert architecture.master_side is None
-    expected = MakeSlaveStation(MakeControlLaw(scenario))
+    config = scenario.controller.Chosen()
+    expected = MakeSlaveStation(config.MakeControlLaw(scenario.Facts(), "controller"))
     assert architecture.slave_side.num_output_ports() == expected.num_output_ports()

@@ -6,7 +6,7 @@ from kernel_checks import CheckKernel
 
 from teleop_drake.blocks.architectures.robust_backstepping import RobustBackstepping
 from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.stations import MakeControlLaw
+from teleop_drake.stations import MakeArchitecture
 
 
 def Load(name="two_dof_combined", **changes):
@@ -29,7 +29,10 @@ def test_bounds_derive_from_speed_and_gains():
 
 
 def test_its_kernel_is_the_law():
-    law = MakeControlLaw(Load("one_dof", robust={"acceleration_bound": 0.4}))
+    scenario = Load("one_dof", robust={"acceleration_bound": 0.4})
+    law = MakeArchitecture(scenario).slave_side.GetSubsystemByName(
+        "robust_backstepping"
+    )
     assert isinstance(law, RobustBackstepping)
     assert CheckKernel(law, num_states=3) == []
 

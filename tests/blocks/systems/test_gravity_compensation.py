@@ -2,6 +2,7 @@
 
 import numpy as np
 from block_checks import Block
+from slopes import Slopes
 
 from teleop_drake.blocks.robots import Puma560Config
 from teleop_drake.blocks.systems.gravity_compensation import GravityCompensation
@@ -20,3 +21,7 @@ def test_it_is_the_slope_of_the_potential_energy():
     slope = [(Energy(q + dq) - Energy(q - dq)) / 2e-5 for dq in 1e-5 * np.eye(6)]
     np.testing.assert_allclose(torque, slope, atol=1e-6)
     assert np.abs(torque).max() > 10
+
+
+def test_it_has_its_slopes():
+    assert Slopes(GravityCompensation(Puma560Config().LoadPlant())) == "yes"

@@ -4,6 +4,7 @@ import appendix_a as arm
 import numpy as np
 import pytest
 from block_checks import Block, Feedthrough, RandomInputs
+from slopes import Slopes
 
 from teleop_drake.blocks.robots import TwoLinkArmConfig
 from teleop_drake.blocks.systems.network_tracking_controller import (
@@ -69,6 +70,10 @@ def test_feedthrough_and_start(block):
     }
     weights = Block(block, {})["weights_1"]
     assert weights.tolist() == [0.0] * 2 * NETWORK.num_functions
+
+
+def test_it_has_its_slopes(block):
+    assert Slopes(block) == "yes"
 
 
 def test_size_of_the_network():

@@ -5,9 +5,7 @@ import pytest
 from block_checks import Feedthrough
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydrake.common.value import Value
 from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialAcceleration
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
@@ -16,6 +14,7 @@ from pydrake.multibody.tree import (
     SpatialInertia,
 )
 from pydrake.systems.primitives import FirstOrderTaylorApproximation
+from slopes import Slopes
 
 from teleop_drake.blocks.systems.tool_interface import ToolInterface
 from teleop_drake.scenario import LoadScenario
@@ -57,7 +56,7 @@ def dut():
 def test_ports(dut):
     inputs = map(dut.get_input_port, range(dut.num_input_ports()))
     assert [(port.get_name(), port.size()) for port in inputs] == [
-        *(("plant_state", 6), ("body_spatial_accelerations", 0)),
+        *(("plant_state", 6), ("generalized_acceleration", 3)),
         *(("control_force", 2), ("environment_force", 2)),
     ]
     outputs = map(dut.get_output_port, range(dut.num_output_ports()))
@@ -68,7 +67,7 @@ def test_ports(dut):
 def test_direct_feedthrough(dut):
     assert Feedthrough(dut) == {
         "tool_kinematics": {"plant_state"},
-        "tool_acceleration": {"body_spatial_accelerations"},
+        "tool_acceleration": {"plant_state", "generalized_acceleration"},
         "joint_torques": {"plant_state", "control_force", "environment_force"},
     }
 
@@ -111,18 +110,22 @@ def test_contexts_do_not_disturb_one_another(dut):
 
 
 def test_tool_acceleration_is_the_tool_bodys(dut):
-    tool = int(make_plant().GetBodyByName("hand").index())
-    accelerations = [
-        SpatialAcceleration(np.full(3, 9.0), [i, 10 + i, 20 + i])
-        for i in range(tool + 1)
-    ]
-    context = dut.CreateDefaultContext()
-    dut.GetInputPort("body_spatial_accelerations").FixValue(
-        context, Value[list[SpatialAcceleration]](accelerations)
-    )
-    np.testing.assert_array_equal(
-        dut.GetOutputPort("tool_acceleration").Eval(context), [tool, 10 + tool]
-    )
+    plant = make_plant()
+    context, seen = plant.CreateDefaultContext(), dut.CreateDefaultContext()
+    x = [0.3, 0.7, -0.4, 1.1, -0.2, 0.5]
+    plant.SetPositionsAndVelocities(context, x)
+    plant.get_actuation_input_port().FixValue(context, [1.0, -2.0, 0.5])
+    v_dot = plant.get_generalized_acceleration_output_port().Eval(context)
+    accelerations = plant.get_body_spatial_accelerations_output_port().Eval(context)
+    expected = accelerations[int(plant.GetBodyByName("hand").index())].translational()
+    dut.GetInputPort("plant_state").FixValue(seen, x)
+    dut.GetInputPort("generalized_acceleration").FixValue(seen, v_dot)
+    found = dut.GetOutputPort("tool_acceleration").Eval(seen)
+    np.testing.assert_allclose(found, expected[:2], rtol=1e-12)
+
+
+def test_it_has_its_slopes(dut):
+    assert Slopes(dut) == "yes"
 
 
 @pytest.mark.parametrize("actuated", [(0, 1), (1, 0, 2)])

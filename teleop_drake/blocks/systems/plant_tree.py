@@ -1,0 +1,150 @@
+"""The bodies and joints of a MultibodyPlant as flat arrays."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody import tree as multibody
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context
+
+from teleop_drake.laws.task_space import Tool
+from teleop_drake.numerics.rigid_body import RigidBodyTree
+from teleop_drake.validation import ScenarioError
+
+_JOINTS = (multibody.WeldJoint, multibody.RevoluteJoint, multibody.PrismaticJoint)
+
+
+class PlantTree(NamedTuple):
+    """A plant as a tree of links: bodies welded to each other are one link.
+
+    Link i moves with the plant's q_i and v_i.
+
+    Attributes:
+        tree: The links.
+        poses: Which link a body belongs to (-1: the world), and its pose X_LB in that
+            link's frame, by the body's index.
+    """
+
+    tree: RigidBodyTree
+    poses: dict[int, tuple[int, RigidTransform]]
+
+
+def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
+    """Reads a plant whose joints are welds, revolute and prismatic.
+
+    It has neither forces other than gravity, nor constraints, nor contact.
+
+    Args:
+        context: Its context, which has the parameters.
+
+    Raises:
+        ScenarioError: If a joint is another one, or gravity does not act on all.
+    """
+    for reason in NoTree(plant):
+        raise ScenarioError(f"plant {plant.get_name()}: {reason}")
+    n = plant.num_velocities()
+    # At q = 0 the two frames of a joint coincide.
+    at_zero = plant.CreateDefaultContext()
+    at_zero.SetTimeStateAndParametersFrom(context)
+    plant.SetPositions(at_zero, np.zeros(n))
+    gravity = np.array(plant.gravity_field().gravity_vector())
+    if _Weightless(plant):
+        gravity = np.zeros(3)
+    tree = RigidBodyTree(
+        parents=np.full(n, -1),
+        is_prismatic=np.zeros(n, np.int64),
+        frames=np.zeros((n, 3, 4)),
+        axes=np.zeros((n, 3)),
+        masses=np.zeros(n),
+        moments=np.zeros((n, 3)),
+        inertias=np.zeros((n, 3, 3)),
+        rotor_inertias=np.zeros(n),
+        damping=np.zeros(n),
+        gravity=gravity,
+    )
+    # Of the links, the world last, which is link -1.
+    X_WL = [RigidTransform()] * (n + 1)
+    for joint in map(plant.get_joint, plant.GetJointIndices()):
+        if joint.num_velocities() > 0:
+            i = joint.velocity_start()
+            X_WL[i] = joint.frame_on_parent().CalcPoseInWorld(at_zero)
+            tree.damping[i] = joint.GetDamping(at_zero)
+    poses = {}
+    for body in _Bodies(plant):
+        J = SpatialJacobian(plant, at_zero, body.body_frame())
+        # The joints that move the body. Drake counts them from the world outward.
+        path = [-1, *np.flatnonzero(J.any(axis=0))]
+        link = int(path[-1])
+        X_LB = X_WL[link].inverse() @ plant.EvalBodyPoseInWorld(at_zero, body)
+        poses[int(body.index())] = link, X_LB
+        if link < 0:
+            continue
+        parent = path[-2]
+        w = J[:3, link]
+        tree.parents[link] = parent
+        tree.is_prismatic[link] = not w.any()
+        axis_W = w if w.any() else J[3:, link]
+        tree.axes[link] = X_WL[link].rotation().inverse() @ axis_W
+        tree.frames[link] = (X_WL[parent].inverse() @ X_WL[link]).GetAsMatrix34()
+        M_B = body.CalcSpatialInertiaInBodyFrame(at_zero)
+        M = M_B.ReExpress(X_LB.rotation()).Shift(-X_LB.translation())
+        tree.masses[link] += M.get_mass()
+        tree.moments[link] += M.CalcComMoment()
+        tree.inertias[link] += M.CalcRotationalInertia().CopyToFullMatrix3()
+    for motor in map(plant.get_joint_actuator, plant.GetJointActuatorIndices()):
+        i = motor.joint().velocity_start()
+        tree.rotor_inertias[i] += motor.calc_reflected_inertia(at_zero)
+    return PlantTree(tree, poses)
+
+
+def ReadTool(plant: MultibodyPlant, frame_name: str, num_axes: int) -> Tool:
+    """Returns the tool at a frame's origin, which n axes of the world move.
+
+    Raises:
+        ScenarioError: If ReadPlantTree() cannot read the plant.
+    """
+    read = ReadPlantTree(plant, plant.CreateDefaultContext())
+    frame = plant.GetFrameByName(frame_name)
+    link, X_LB = read.poses[int(frame.body().index())]
+    X_LT = X_LB @ frame.GetFixedPoseInBodyFrame()
+    return Tool(read.tree, link, X_LT.GetAsMatrix34(), num_axes)
+
+
+def SpatialJacobian(plant: Any, context: Any, frame: Any) -> Any:
+    """Returns Jv_V_WF of a frame of a plant: [w_WF; v_WF] by v (6, nv)."""
+    world = plant.world_frame()
+    return plant.CalcJacobianSpatialVelocity(
+        context, multibody.JacobianWrtVariable.kV, frame, np.zeros(3), world, world
+    )
+
+
+def NoTree(plant: MultibodyPlant) -> Iterator[str]:
+    """Yields what a plant has besides a tree of revolute and prismatic joints."""
+    for index in plant.GetJointIndices():
+        joint = plant.get_joint(index)
+        if not isinstance(joint, _JOINTS):
+            yield (
+                f"joint {joint.name()} is {joint.type_name()}; supported are weld, "
+                "revolute and prismatic"
+            )
+    weightless = _Weightless(plant)
+    if 0 < len(weightless) < plant.num_bodies() - 1:
+        yield f"model instance {weightless[0]} has no gravity"
+
+
+def _Bodies(plant: MultibodyPlant) -> list[multibody.RigidBody]:
+    """Returns the bodies, the world first."""
+    indices = map(multibody.BodyIndex, range(plant.num_bodies()))
+    return [plant.get_body(index) for index in indices]
+
+
+def _Weightless(plant: MultibodyPlant) -> list[str]:
+    """Returns the names of the model instances of all bodies without gravity."""
+    instances = [body.model_instance() for body in _Bodies(plant)[1:]]
+    return [
+        plant.GetModelInstanceName(instance)
+        for instance in instances
+        if not plant.gravity_field().is_enabled(instance)
+    ]
