@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pydrake.systems.framework import System
 
     from teleop_drake.scenario import AnyScenario
+    from teleop_drake.scenario.overrides import Override
 
 
 # The channel of a trace. What is shorter than the run begins again.
@@ -26,12 +27,12 @@ _TRACE_CHANNEL = {
 
 # Options that stand for fields of the scenario. `--set` comes after them.
 OVERRIDES = {
-    "controller": ["controller.kind"],
-    "delay": ["forward_channel.delay", "return_channel.delay"],
-    "forward_delay": ["forward_channel.delay"],
-    "return_delay": ["return_channel.delay"],
-    "duration": ["duration"],
-    "accuracy": ["simulator.accuracy"],
+    "controller": "controller",
+    "delay": "delay",
+    "forward_delay": "forward_delay",
+    "return_delay": "return_delay",
+    "duration": "duration",
+    "accuracy": "simulator.accuracy",
 }
 
 
@@ -314,7 +315,9 @@ def MakerOf(args: argparse.Namespace) -> "Callable[[], System] | None":
     return cast("Callable[[], System]", maker)
 
 
-def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[str]:
+def ChannelOverrides(
+    args: argparse.Namespace, *, imports: bool = True
+) -> "list[Override]":
     """Returns the overrides that --channel stands for, none without it.
 
     Args:
@@ -328,7 +331,7 @@ def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[
         return []
     from teleop_drake.blocks.channels import CHANNEL_KINDS
     from teleop_drake.kinds import IsOwn
-    from teleop_drake.scenario.yaml_text import DumpOnOneLine, ParseFile, ReadText
+    from teleop_drake.scenario.yaml_text import ParseFile, ReadText
 
     path = Path(given)
     folder = Path()
@@ -347,8 +350,7 @@ def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[
     except ValueError as e:
         reason = e if path.exists() or not path.suffix else "no such file"
         Refuse("--channel", given, f"a YAML file, a trace or a kind ({reason})")
-    text = DumpOnOneLine(fields)
-    return [f"{direction}_channel={text}" for direction in ("forward", "return")]
+    return [("channel", fields)]
 
 
 def OverridesOf(
@@ -356,8 +358,8 @@ def OverridesOf(
     names: "Iterable[str]" = OVERRIDES,
     *,
     imports: bool = True,
-) -> list[str]:
-    """Returns the overrides of the command line as PATH=VALUE.
+) -> "list[Override]":
+    """Returns the overrides of the command line.
 
     Args:
         names: The options that are overrides, besides --channel and --set.
@@ -367,15 +369,15 @@ def OverridesOf(
     for option in names:
         value = getattr(args, option, None)
         if value is not None:
-            overrides += [f"{path}={value}" for path in OVERRIDES[option]]
+            overrides.append(f"{OVERRIDES[option]}={value}")
     return [*overrides, *FieldsOf(args)]
 
 
-def FieldsOf(args: argparse.Namespace) -> list[str]:
+def FieldsOf(args: argparse.Namespace) -> "list[Override]":
     """Returns the fields of --set and their values, also those of its files."""
     from teleop_drake.scenario.overrides import OverridesOfFile
 
-    fields: list[str] = []
+    fields: list[Override] = []
     for text in args.set:
         is_file = "=" not in text and Path(text).suffix in (".yaml", ".yml")
         fields += OverridesOfFile(Path(text)) if is_file else [text]

@@ -28,9 +28,9 @@ from teleop_drake.scenario import (
     Scenario,
 )
 from teleop_drake.scenario.config import DefaultSimulator
+from teleop_drake.scenario.overrides import Overrides
 from teleop_drake.signals import NameOf
 from teleop_drake.simulation.inputs import CheckInputs
-from teleop_drake.sweep import ALIASES
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.insertion_metrics import FirstNormal
 from teleop_drake.validation import CheckChoice, CheckNames, CheckNumber, Refuse
@@ -51,7 +51,7 @@ Shown: TypeAlias = str | os.PathLike[str] | AnyScenario | System | Callable[[], 
 
 def Explore(
     scenario_or_diagram: Shown,
-    overrides: Mapping[str, Any] | Sequence[str] = (),
+    overrides: Overrides = (),
     *,
     controllers: Sequence[str] | None = None,
     signals: Sequence[str] = (),
@@ -89,7 +89,7 @@ def WritePage(
     controllers: Sequence[str] | None = None,
     signals: Sequence[str] = (),
     vary: Ranges | None = None,
-    overrides: Mapping[str, Any] | Sequence[str] = (),
+    overrides: Overrides = (),
     duration: float = DURATION,
     context: Context | None = None,
     has_hand: bool = False,
@@ -124,7 +124,7 @@ def MakePage(
     controllers: Sequence[str] | None = None,
     signals: Sequence[str] = (),
     vary: Ranges | None = None,
-    overrides: Mapping[str, Any] | Sequence[str] = (),
+    overrides: Overrides = (),
     duration: float = DURATION,
     context: Context | None = None,
     has_hand: bool = False,
@@ -321,10 +321,7 @@ def _Maker(source: AnyScenario, overrides: Mapping[str, Any], has_hand: bool) ->
     """Returns what makes the run of a scenario with overrides at values of inputs."""
 
     def Make(values: Mapping[str, float]) -> Model:
-        more = dict(overrides)
-        for key, value in values.items():
-            more |= dict.fromkeys(ALIASES.get(key, (key,)), float(value))
-        scenario = LoadOverridden(source, more)[0]
+        scenario, _ = LoadOverridden(source, {**overrides, **values})
         if has_hand:
             scenario = dataclasses.replace(scenario, duration=_LONGEST_DRIVE)
         TaskOf(scenario).Check(scenario)

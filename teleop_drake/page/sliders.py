@@ -7,7 +7,7 @@ from typing import Any
 from teleop_drake.figures.style import AxisLabel
 from teleop_drake.page.inputs import CheckSums, FindChange, Input, Maker, NotSums
 from teleop_drake.scenario import AnyScenario, ScenarioError
-from teleop_drake.sweep import ALIASES
+from teleop_drake.scenario.overrides import ALIASES
 from teleop_drake.tasks import TaskOf
 from teleop_drake.validation import Refuse
 
@@ -142,7 +142,7 @@ def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges, runs: Runs) -> Inp
     """Returns an input with its range."""
     is_delay = key in ("delay", *_DELAYS)
     wanted = vary.get(key, vary.get("delay") if is_delay else None)
-    value = scenario.Value(ALIASES.get(key, (key,))[0])
+    value = scenario.Value(key)
     if isinstance(value, bool) or not isinstance(value, int | float):
         Refuse(key, value, "a number in the scenario, to be varied")
     low, high = RangeWith(key, wanted or runs.DelayRange(value), value)

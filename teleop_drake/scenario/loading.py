@@ -3,15 +3,20 @@
 import functools
 import math
 import os
-from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from teleop_drake.arrays import Record
 from teleop_drake.kinds import KIND_KEYS, IsOwn
-from teleop_drake.scenario.overrides import DELAYS, Given, ParseOverrides, SetPath
-from teleop_drake.scenario.scenario import (
+from teleop_drake.scenario.overrides import (
     CHANNELS,
+    DELAYS,
+    Given,
+    Overrides,
+    ParseOverrides,
+    SetPath,
+)
+from teleop_drake.scenario.scenario import (
     AnyScenario,
     Scenario,
     ScenarioFiles,
@@ -34,8 +39,7 @@ def ScenarioNames() -> list[str]:
 
 
 def LoadScenario(
-    name_or_path: str | os.PathLike[str],
-    overrides: Mapping[str, Any] | Iterable[str] = (),
+    name_or_path: str | os.PathLike[str], overrides: Overrides = ()
 ) -> AnyScenario:
     """Loads a scenario, applies overrides and validates the result.
 
@@ -45,7 +49,8 @@ def LoadScenario(
         overrides: Either a mapping such as {"delay": 0.05} or strings "PATH=VALUE"
             with a YAML value. A path is dotted; an element of a list is addressed by
             its number or its `name` ("environment.layers.bone.stiffness",
-            "surgeon.velocity.0"). `delay` is that of both channels. Later ones win.
+            "surgeon.velocity.0"), and ALIASES has short ones: `delay` is that of both
+            channels. Later ones win.
 
     Returns:
         A TrackingScenario if the file has a key `trajectory`, else a Scenario.
@@ -57,7 +62,7 @@ def LoadScenario(
 
 
 def LoadOverridden(
-    scenario: ScenarioLike, overrides: Mapping[str, Any] | Iterable[str]
+    scenario: ScenarioLike, overrides: Overrides
 ) -> tuple[AnyScenario, list[str]]:
     """Returns a scenario with overrides, and what the overrides replace.
 
@@ -90,7 +95,7 @@ def ReadTree(name_or_path: str | os.PathLike[str]) -> Record:
 
 
 def OverriddenTree(
-    complete: Record, overrides: Mapping[str, Any] | Iterable[str]
+    complete: Record, overrides: Overrides
 ) -> tuple[AnyScenario, list[str]]:
     """Returns what LoadOverridden() does, for a complete tree."""
     tree = ToTree(complete)
@@ -100,13 +105,13 @@ def OverriddenTree(
     return scenario, replaced
 
 
-def _SetPaths(tree: Record, overrides: Mapping[str, Any] | Iterable[str]) -> list[str]:
+def _SetPaths(tree: Record, overrides: Overrides) -> list[str]:
     """Replaces values in a tree, and returns the paths with the numbers of elements."""
     return [SetPath(tree, path, value) for path, value in ParseOverrides(overrides)]
 
 
 def ReadScenario(
-    name_or_path: str | os.PathLike[str], overrides: Iterable[str] = ()
+    name_or_path: str | os.PathLike[str], overrides: Overrides = ()
 ) -> tuple[Record, dict[str, str]]:
     """Returns what a scenario file and overrides say, without running any of it.
 

@@ -1,52 +1,74 @@
 """Overrides: dotted paths of fields in a tree, and their new values."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from teleop_drake.kinds import KIND_KEYS
 from teleop_drake.scenario.tree import ToTree
-from teleop_drake.scenario.yaml_text import (
-    Dumper,
-    DumpOnOneLine,
-    ParseFile,
-    ParseYaml,
-    ReadText,
-)
+from teleop_drake.scenario.yaml_text import Dumper, ParseFile, ParseYaml, ReadText
 from teleop_drake.validation import Choices, ScenarioError, Show
 
 # Most paths that a message suggests.
 _MOST_PATHS = 3
 
+CHANNELS = ("forward_channel", "return_channel")
+"""The fields of a Scenario that are channels."""
+
 DELAYS = ("forward_channel.delay", "return_channel.delay")
 """What the key `delay` stands for, in files and overrides."""
 
+ALIASES = {
+    "channel": CHANNELS,
+    "controller": ("controller.kind",),
+    "delay": DELAYS,
+    "forward_delay": DELAYS[:1],
+    "return_delay": DELAYS[1:],
+    "seed": ("forward_channel.seed", "return_channel.seed"),
+}
+"""Short names of fields, wherever a field is set or varied."""
 
-def ParseOverrides(
-    overrides: Mapping[str, Any] | Iterable[str],
-) -> list[tuple[str, Any]]:
+Override = str | tuple[str, Any]
+"""A text PATH=VALUE with a YAML value, or a dotted path with its value."""
+
+Overrides = Mapping[str, Any] | Sequence[Override]
+"""Overrides in any form that LoadScenario() takes."""
+
+
+def FieldsOf(key: str, value: Any = None) -> Sequence[str]:
+    """Returns the dotted paths of the fields that a key stands for.
+
+    Args:
+        key: A dotted path, or one of ALIASES.
+        value: Its value. `controller` with a mapping is all of the controller.
+    """
+    if key == "controller" and isinstance(value, Mapping):
+        return (key,)
+    return ALIASES.get(key, (key,))
+
+
+def ParseOverrides(overrides: Overrides) -> list[tuple[str, Any]]:
     """Returns the dotted paths of fields and their new values, trees.
 
     Args:
-        overrides: A mapping of dotted paths to values, or strings PATH=VALUE with a
-            YAML value. `delay` is that of both channels.
+        overrides: A mapping of dotted paths to values, or a list of overrides. A path
+            may be one of ALIASES.
     """
-    if isinstance(overrides, Mapping):
-        pairs = [(str(path), ToTree(value)) for path, value in overrides.items()]
-    else:
-        texts = [overrides] if isinstance(overrides, str) else overrides
-        pairs = [_ParseOverride(text) for text in texts]
-    return [
-        (path, value)
-        for key, value in pairs
-        for path in (DELAYS if key == "delay" else (key,))
-    ]
+    if isinstance(overrides, str):
+        overrides = [overrides]
+    items = overrides.items() if isinstance(overrides, Mapping) else overrides
+    pairs = []
+    for item in items:
+        key, value = _ParseOverride(item) if isinstance(item, str) else item
+        # Each field has a tree of its own, because later overrides may change a part.
+        pairs += [(path, ToTree(value)) for path in FieldsOf(str(key), value)]
+    return pairs
 
 
-def OverridesOfFile(path: Path) -> list[str]:
+def OverridesOfFile(path: Path) -> list[Override]:
     """Returns the overrides of a YAML file, a mapping of dotted paths to values."""
     items = ParseFile(path, ReadText(path)).items()
-    return [f"{key}={DumpOnOneLine(value)}" for key, value in items]
+    return [(str(key), value) for key, value in items]
 
 
 def _ParseOverride(item: str) -> tuple[str, Any]:

@@ -56,7 +56,7 @@ from teleop_drake.scenario.config import (
     TrackingControllerConfig,
     TrajectoryConfig,
 )
-from teleop_drake.scenario.overrides import GetPath
+from teleop_drake.scenario.overrides import CHANNELS, FieldsOf, GetPath
 from teleop_drake.scenario.tree import FromTree, ToTree
 from teleop_drake.scenario.yaml_text import DumpYaml
 from teleop_drake.validation import (
@@ -77,10 +77,6 @@ _MOST_GRAVITY = 1000.0
 
 # Farther away, a small motion is lost in the rounding of the position, m.
 _FARTHEST_START = 1e6
-
-
-CHANNELS = ("forward_channel", "return_channel")
-"""The fields of a Scenario that are channels."""
 
 
 @Config
@@ -121,12 +117,13 @@ class _ScenarioBase(FixedFields):
         """Returns the value of a field as plain data.
 
         Args:
-            dotted: The path of the field, such as `environment.layers.bone.stiffness`.
+            dotted: The path of the field, such as `environment.layers.bone.stiffness`,
+                or a key of ALIASES, which stands for the first of its fields.
 
         Raises:
             ScenarioError: If there is no such field.
         """
-        return GetPath(ToTree(self), dotted)
+        return GetPath(ToTree(self), FieldsOf(dotted)[0])
 
     def Validate(self) -> None:
         """Checks every field.

@@ -169,6 +169,7 @@ def StudyOf(args: argparse.Namespace) -> "Study":
 def PlanOf(args: argparse.Namespace) -> "SweepPlan":
     """Returns the plan of a scenario's sweep. Seeds vary fastest, then the delays."""
     from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
+    from teleop_drake.scenario.overrides import ParseOverrides
     from teleop_drake.sweep import PlanSweep
     from teleop_drake.tasks import TaskOf
 
@@ -177,10 +178,10 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
         for key in ("delay", "forward_delay", "return_delay")
         if getattr(args, key) is not None
     ]
-    fields = [*args.vary, *options.FieldsOf(args)]
-    given = {item.partition("=")[0].strip() for item in fields}
+    given = [options.SplitVary(item, "VALUES")[0] for item in args.vary]
+    given += [path for path, _ in ParseOverrides(options.FieldsOf(args))]
     controllers = options.ControllersOf(args)
-    if not controllers and not given & {"controller", "controller.kind"}:
+    if not controllers and not {*given} & {"controller", "controller.kind"}:
         try:
             controllers = list(TaskOf(LoadScenario(args.scenario)).controllers)
         except ScenarioError:  # It may be good with its overrides.

@@ -1,13 +1,11 @@
 """Results that analyses of a scenario add to its runs: felt stiffness and margins."""
 
-from collections.abc import Collection, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Collection
+from typing import NamedTuple
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.analysis.transparency import FeltStiffnessLoss
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
-from teleop_drake.sweep.plan import SweepPlan
-from teleop_drake.tasks import TaskOf
 
 STIFFNESS_LOSS = "felt_stiffness_loss"
 """The name of the metric that FeltStiffnessLoss() computes."""
@@ -23,13 +21,6 @@ class Analysis(NamedTuple):
 
     stiffness_loss: float
     reason: str
-
-
-def LoadChecked(sweep: SweepPlan, point: Mapping[str, Any]) -> AnyScenario:
-    """Returns the scenario of a run, after the checks of its task."""
-    scenario = sweep.Load(point)
-    TaskOf(scenario).Check(scenario)
-    return scenario
 
 
 def Analyze(

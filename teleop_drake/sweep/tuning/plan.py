@@ -12,8 +12,7 @@ from teleop_drake.scenario import AsTeleoperation, Scenario
 from teleop_drake.stations import ResolveController
 from teleop_drake.sweep.plan import SweepPlan
 from teleop_drake.sweep.study import Study
-from teleop_drake.sweep.tuning.analyses import STIFFNESS_LOSS, Analyze, LoadChecked
-from teleop_drake.sweep.values import PointOverrides
+from teleop_drake.sweep.tuning.analyses import STIFFNESS_LOSS, Analyze
 from teleop_drake.tasks.metrics import MetricUnits
 from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
 
@@ -129,7 +128,7 @@ def PlanTuning(
             if path in sweep.axes:
                 Refuse(f"gains.{path}", bounds, "a field that no run varies")
             for bound in bounds:
-                LoadChecked(sweep, {**sweep.points[0], path: bound})
+                sweep.Load({**sweep.points[0], path: bound})
         # This call refuses a scenario without a linear model, if one is needed.
         Analyze(sweep.scenario, plan.weights, margin)
     return plan
@@ -145,11 +144,11 @@ def _WithController(study: Study, controller: str) -> dict[str, SweepPlan]:
             Refuse("controllers", varied, f"left out, or {controller!r}")
         fixed = replace(
             plan,
-            overrides=[*plan.overrides, *PointOverrides({"controller": controller})],
+            overrides=[*plan.overrides, ("controller.kind", controller)],
             axes=axes,
             points=[{key: point[key] for key in axes} for point in plan.points],
         )
-        first = LoadChecked(fixed, fixed.points[0])
+        first = fixed.Load(fixed.points[0])
         sweeps[name or plan.scenario.name] = replace(fixed, scenario=first)
     return sweeps
 

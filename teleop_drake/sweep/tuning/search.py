@@ -11,6 +11,7 @@ from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
 from teleop_drake.arrays import Array
+from teleop_drake.scenario.overrides import Overrides
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
 from teleop_drake.sweep.run import HERE, Execution, RunSweeps
 from teleop_drake.sweep.study import IsStudy, LoadStudy, Study
@@ -23,7 +24,7 @@ from teleop_drake.sweep.tuning.trials import (
     TrialsOf,
     WithGains,
 )
-from teleop_drake.sweep.values import File, GivenGrid, GivenOverrides, Notice, Progress
+from teleop_drake.sweep.values import File, GivenGrid, Notice, Progress
 from teleop_drake.validation import Refuse
 
 # The weight of one score relative to the others, in a goal of a Pareto front.
@@ -41,7 +42,7 @@ def Tune(
     minimize: Iterable[str],
     grid: GivenGrid | None = None,
     held_out: GivenGrid | Study | None = None,
-    overrides: GivenOverrides = (),
+    overrides: Overrides = (),
     margin: float | None = None,
     evaluations: int = 64,
     seed: int = 0,

@@ -13,7 +13,6 @@ from teleop_drake.sweep.tuning.analyses import (
     STIFFNESS_LOSS,
     Analysis,
     Analyze,
-    LoadChecked,
 )
 from teleop_drake.sweep.tuning.plan import Gains, TuningPlan
 from teleop_drake.tasks.metrics import MetricUnits
@@ -114,7 +113,7 @@ def _AddAnalyses(plan: TuningPlan, sweep: SweepPlan, name: str, trial: Trial) ->
         given = {key: value for key, value in point.items() if key != "seed"}
         key = str(given)
         if key not in known:
-            scenario = LoadChecked(sweep, {**trial.gains, **given})
+            scenario = sweep.Load({**trial.gains, **given})
             known[key] = Analyze(scenario, plan.weights, plan.margin)
         losses.append(known[key].stiffness_loss)
         trial.reason = trial.reason or known[key].reason
