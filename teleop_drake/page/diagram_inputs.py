@@ -1,17 +1,11 @@
 """The inputs of a Diagram's page: numbers of its Context, as sliders and as fields."""
 
-from collections.abc import Sequence
-
-from pydrake.systems.framework import Context, System
+from collections.abc import Mapping, Sequence
 
 from teleop_drake.page.inputs import Input, NotSums
 from teleop_drake.page.sliders import Ranges, RangeWith, Runs
-from teleop_drake.parameters import (
-    DelayNames,
-    InitialStates,
-    ScalarsIn,
-)
-from teleop_drake.validation import Choices, Refuse
+from teleop_drake.parameters import Scalar
+from teleop_drake.validation import CheckChoice
 
 # Parameters that have sliders if no ranges are given.
 _NUM_SLIDERS = 4
@@ -25,57 +19,37 @@ _FIELD = (0.25, 4.0)
 _FIELDS_AT_ZERO = ((-1.0, 1.0), (0.0, 1.0))
 
 
-class DiagramNumbers:
-    """The numbers of a diagram's Context.
+Numbers = Mapping[str, Scalar]
+"""The numbers of a diagram's Context; see ScalarsIn()."""
 
-    Args:
-        diagram: The diagram.
-        context: Where runs begin.
 
-    Attributes:
-        scalars: Values and units of all elements of parameters.
-        delays: Names of the parameters that are delays.
-        values: Values of parameters and initial states, and `delay` if all are equal.
-    """
-
-    def __init__(self, diagram: System, context: Context):
-        self.scalars = ScalarsIn(diagram, context)
-        self.delays = DelayNames(diagram, context)
-        self.values = {name: value for name, (value, _) in self.scalars.items()}
-        self.values |= InitialStates(diagram, context)
-        delays = {self.values[name] for name in self.delays}
-        if len(delays) == 1:
-            (self.values["delay"],) = delays
-
-    def Input(
-        self,
-        key: str,
-        ends: Sequence[float],
-        *,
-        is_wanted: bool = False,
-        is_field: bool = False,
-    ) -> Input:
-        """Returns an input for a number; the box of a field has its block's path."""
-        low, high = RangeWith(key, ends, self.values[key])
-        unit = "s" if key == "delay" else ""
-        if key in self.scalars:
-            _, unit = self.scalars[key]
-        name = key.rpartition("/")[2] if is_field else key
-        return Input(
-            key=key,
-            low=low,
-            high=high,
-            value=self.values[key],
-            is_wanted=is_wanted,
-            label=f"{name} [{unit}]" if unit else name,
-            owners=[_PathOf(x) for x in (self.delays if key == "delay" else [key])],
-            is_delay=key in (*self.delays, "delay"),
-            is_field=is_field,
-        )
+def _MakeInput(
+    numbers: Numbers,
+    key: str,
+    ends: Sequence[float],
+    *,
+    is_wanted: bool = False,
+    is_field: bool = False,
+) -> Input:
+    """Returns an input for a number; the box of a field has its block's path."""
+    number = numbers[key]
+    low, high = RangeWith(key, ends, number.value)
+    name = key.rpartition("/")[2] if is_field else key
+    return Input(
+        key=key,
+        low=low,
+        high=high,
+        value=number.value,
+        is_wanted=is_wanted,
+        label=f"{name} [{number.unit}]" if number.unit else name,
+        owners=number.paths,
+        is_delay=number.is_delay,
+        is_field=is_field,
+    )
 
 
 def MakeDiagramInputs(
-    numbers: DiagramNumbers, runs: Runs, vary: Ranges | None, notes: list[str]
+    numbers: Numbers, runs: Runs, vary: Ranges | None, notes: list[str]
 ) -> list[Input]:
     """Returns the inputs of a diagram's page.
 
@@ -90,37 +64,48 @@ def MakeDiagramInputs(
     """
     wanted = _DefaultRanges(numbers, runs) if vary is None else vary
     for key in wanted:
-        if key not in numbers.values:
-            Refuse("vary", key, Choices(key, list(numbers.values)))
+        CheckChoice("vary", key, numbers)
     is_wanted = vary is not None
     varied = [
-        numbers.Input(key, ends, is_wanted=is_wanted) for key, ends in wanted.items()
+        _MakeInput(numbers, key, ends, is_wanted=is_wanted)
+        for key, ends in wanted.items()
     ]
     inputs = runs.FindInputs([varied])
     return inputs + _Fields(numbers, inputs, runs, notes)
 
 
-def _DefaultRanges(numbers: DiagramNumbers, runs: Runs) -> Ranges:
+def _DefaultRanges(numbers: Numbers, runs: Runs) -> Ranges:
     """Returns ranges of the delays, and of the first parameters that have a size."""
-    values = numbers.values
+    parameters = _Parameters(numbers)
     ranges: dict[str, Sequence[float]] = {
-        name: runs.DelayRange(values[name]) for name in numbers.delays
+        name: runs.DelayRange(x.value) for name, x in parameters.items() if x.is_delay
     }
-    others = [x for x in numbers.scalars if x not in ranges and values[x] != 0]
+    others = [name for name, x in parameters.items() if not x.is_delay and x.value != 0]
     for name in others[:_NUM_SLIDERS]:
-        value = values[name]
+        value = numbers[name].value
         ranges[name] = sorted((0.5 * value, 2 * value))
     return ranges
 
 
+def _Parameters(numbers: Numbers) -> dict[str, Scalar]:
+    """Returns the parameters, each by its own name."""
+    return {
+        name: number
+        for name, number in numbers.items()
+        if name != "delay" and not number.is_state
+    }
+
+
 def _Fields(
-    numbers: DiagramNumbers, inputs: Sequence[Input], runs: Runs, notes: list[str]
+    numbers: Numbers, inputs: Sequence[Input], runs: Runs, notes: list[str]
 ) -> list[Input]:
     """Returns the parameters that can be changed in the boxes of their blocks."""
     known = {one.key for one in inputs}
-    if "delay" in known:
-        known |= {*numbers.delays}
-    rest = [name for name in numbers.scalars if name not in known]
+    rest = [
+        name
+        for name, number in _Parameters(numbers).items()
+        if name not in known and not (number.is_delay and "delay" in known)
+    ]
     if len(rest) > _MOST_FIELDS:
         more = len(rest) - _MOST_FIELDS
         notes.append(f"{more} more parameters have no field: name them in `vary`")
@@ -141,24 +126,16 @@ def _Fields(
     return fields
 
 
-def _Field(numbers: DiagramNumbers, name: str, runs: Runs) -> Input | None:
+def _Field(numbers: Numbers, name: str, runs: Runs) -> Input | None:
     """Returns the field of a parameter; None if no range has a linear effect."""
-    value = numbers.values[name]
+    value = numbers[name].value
     ranges: Sequence[Sequence[float]] = _FIELDS_AT_ZERO
-    if name in numbers.delays:
+    if numbers[name].is_delay:
         ranges = [runs.DelayRange(value)]
     elif value != 0:
         ranges = [sorted(share * value for share in _FIELD)]
     for ends in ranges:
-        one = numbers.Input(name, ends, is_field=True)
+        one = _MakeInput(numbers, name, ends, is_field=True)
         if runs.HasChanges(one) and one.is_continuous:
             return one
     return None
-
-
-def _PathOf(key: str) -> str:
-    """Returns the path of a number's block, as `robot/plant` of `robot/plant.mass`."""
-    folder, slash, name = key.rpartition("/")
-    if name.endswith("(0)") and "." not in name:
-        return folder
-    return f"{folder}{slash}{name.partition('.')[0]}"

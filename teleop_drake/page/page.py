@@ -13,14 +13,14 @@ from pydrake.systems.framework import Context, System
 
 from teleop_drake.blocks.environments import Surface
 from teleop_drake.page.colors import PageColor
-from teleop_drake.page.diagram_inputs import DiagramNumbers, MakeDiagramInputs
+from teleop_drake.page.diagram_inputs import MakeDiagramInputs
 from teleop_drake.page.document import Page
 from teleop_drake.page.inputs import Input, Maker
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf
 from teleop_drake.page.plants import ViewOf
 from teleop_drake.page.sliders import DataOfInputs, MakeInputs, Ranges, Runs
-from teleop_drake.parameters import SetNumbers
+from teleop_drake.parameters import ScalarsIn, SetNumbers
 from teleop_drake.scenario import (
     AnyScenario,
     AsTeleoperation,
@@ -193,7 +193,7 @@ def _OfDiagram(
     if context is None:
         context = system.CreateDefaultContext()
     CheckInputs(system, context)
-    numbers = DiagramNumbers(system, context)
+    numbers = ScalarsIn(system, context)
     title = NameOf(system)
     make = _DiagramMaker(system, context, duration)
     runs = Runs({(title,): make}, notes)
