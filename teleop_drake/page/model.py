@@ -10,27 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import (
-    Context,
-    Diagram,
-    InputPortIndex,
-    PortDataType,
-    System,
-)
+from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels import ChannelConfig
 from teleop_drake.blocks.environments.surface import Surface
 from teleop_drake.blocks.operators.hand import HandOperator
 from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import AlgebraicLoop, OutputOf, Source
+from teleop_drake.engine.flatten import AlgebraicLoop, InputsOf, OutputOf, Source
 from teleop_drake.engine.run import CompiledRun
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.plants import PlantsIn
 from teleop_drake.page.wasm import ConstantsOf, MakeModule
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
-from teleop_drake.signals import PathsIn, SignalsOf, UnitOf
+from teleop_drake.signals import PathsIn, SignalsOf, UnitOf, VectorOutputs
 from teleop_drake.simulation.compiled_run import StartOf
 from teleop_drake.simulation.ending import BoundsOf
 from teleop_drake.simulation.simulate import HasConstantCommand, ModelFactsOf
@@ -162,18 +156,16 @@ class Model:
         """
         program = self.run.evaluator.program
         blocks = self.run.evaluator.blocks
-        indices = {x.system.GetSystemPathname(): i for i, x in enumerate(blocks)}
+        numbers = {block.system: i for i, block in enumerate(blocks)}
         result = {}
         for system, path in PathsIn(self.diagram):
             places = {}
-            for i in range(system.num_output_ports()):
-                port = system.get_output_port(i)
-                if port.get_data_type() == PortDataType.kVectorValued:
-                    source = OutputOf(blocks, system, i)
-                    places[port] = program.signals.get(source)
+            for port in VectorOutputs(system):
+                source = OutputOf(blocks, system, int(port.get_index()))
+                places[port] = program.signals.get(source)
             for k in range(system.num_input_ports()):
-                leaf, name = _LeafInput(system, k)
-                i = indices[leaf.GetSystemPathname()]
+                leaf, name = InputsOf(system, k)[0]
+                i = numbers[leaf]
                 source = blocks[i].inputs.get(name, Source(i, name))
                 place = program.signals.get(source, program.fed.get(source))
                 places[system.get_input_port(k)] = place
@@ -196,20 +188,11 @@ class Model:
 
     def Signals(self) -> dict[str, str]:
         """Returns the port of each signal that a recording has, by its name."""
-        paths = {
-            system.GetSystemPathname(): path for system, path in PathsIn(self.diagram)
-        }
+        paths = dict(PathsIn(self.diagram))
         return {
-            name: f"{paths[port.get_system().GetSystemPathname()]}:{port.get_name()}"
+            name: f"{paths[port.get_system()]}:{port.get_name()}"
             for name, port in SignalsOf(self.diagram).items()
         }
-
-
-def _LeafInput(system: System, index: int) -> tuple[System, str]:
-    """Returns a block in a system and its port that an input of the system leads to."""
-    while isinstance(system, Diagram):
-        system, index = system.GetInputPortLocators(InputPortIndex(index))[0]
-    return system, system.get_input_port(int(index)).get_name()
 
 
 def _IsWiring(name: str, array: NDArray[Any]) -> bool:
