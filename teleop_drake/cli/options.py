@@ -250,15 +250,17 @@ def GridOf(
     """
     from teleop_drake.sweep.values import MakeGrid
 
-    varied = [SplitVary(item, "VALUES") for item in args.vary]
+    varied = [SplitVary(item) for item in args.vary]
     return MakeGrid(controllers or None, [*varied, *more], args.seeds)
 
 
-def SplitVary(item: str, values: str) -> tuple[str, str]:
-    """Returns the path and the values that an item of --vary has, as text."""
+def SplitVary(
+    item: str, allowed: str = "PATH=VALUES", *, option: str = "--vary"
+) -> tuple[str, str]:
+    """Returns the path and the values that an item of an option has, as text."""
     path, equals, text = item.partition("=")
     if not equals or not path.strip():
-        Refuse("--vary", item, f"PATH={values}")
+        Refuse(option, item, allowed)
     return path.strip(), text
 
 

@@ -48,6 +48,7 @@ class SweepPlan:
     """A checked sweep of one scenario; see PlanSweep.
 
     Attributes:
+        file: The name of the scenario or its file.
         tree: The complete tree of the scenario. The files that it names, such as a
             measured trace or a robot's model, have to exist where runs are simulated.
         overrides: Overrides of all runs: dotted paths of fields and their values.
@@ -58,6 +59,7 @@ class SweepPlan:
         engine: The engine, as in simulate().
     """
 
+    file: File
     tree: Record
     overrides: list[tuple[str, Any]]
     axes: Grid
@@ -136,6 +138,7 @@ def PlanSweep(
             f"grid.seed = {axes['seed']}: must be left out, no channel is random"
         )
     return SweepPlan(
+        file=scenario,
         tree=ReadTree(scenario),
         overrides=fixed,
         axes=axes,

@@ -178,7 +178,7 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
         for key in ("delay", "forward_delay", "return_delay")
         if getattr(args, key) is not None
     ]
-    given = [options.SplitVary(item, "VALUES")[0] for item in args.vary]
+    given = [options.SplitVary(item)[0] for item in args.vary]
     given += [path for path, _ in ParseOverrides(options.FieldsOf(args))]
     controllers = options.ControllersOf(args)
     if not controllers and not {*given} & {"controller", "controller.kind"}:

@@ -10,9 +10,10 @@ import numpy as np
 from teleop_drake.arrays import Array, Interval
 from teleop_drake.scenario import AsTeleoperation, Scenario
 from teleop_drake.stations import ResolveController
-from teleop_drake.sweep.plan import SweepPlan
+from teleop_drake.sweep.plan import PlanSweep, SweepPlan
 from teleop_drake.sweep.study import Study
 from teleop_drake.sweep.tuning.analyses import STIFFNESS_LOSS, Analyze
+from teleop_drake.sweep.values import GivenGrid
 from teleop_drake.tasks.metrics import MetricUnits
 from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
 
@@ -79,7 +80,7 @@ def PlanTuning(
     controller: str,
     gains: Iterable[str],
     minimize: Iterable[str],
-    held_out: Study | None = None,
+    held_out: Study | GivenGrid | None = None,
     margin: float | None = None,
     evaluations: int = 64,
     seed: int = 0,
@@ -94,7 +95,8 @@ def PlanTuning(
             `controller.wave_variables.impedance`. The default range is a tenth to ten
             times the value in the first training scenario.
         minimize: The metrics to minimise, as METRIC or METRIC:WEIGHT.
-        held_out: Runs that the search does not use; None: there are none.
+        held_out: Runs that the search does not use, as a study, or as values in the
+            place of those of the training runs; None: there are none.
         margin: Least delay margin of the round trip, in s; None: it is not checked.
         evaluations: Number of sets of gains to try, besides the scenario's own.
         seed: The seed of the search. Equal seeds give equal gains.
@@ -103,7 +105,7 @@ def PlanTuning(
         ScenarioError: If something is not allowed.
     """
     trained = _WithController(training, controller)
-    tested = {} if held_out is None else _WithController(held_out, controller)
+    tested = _WithController(_HeldOut(training, held_out), controller)
     sweeps = [*trained.values(), *tested.values()]
     scenario = AsTeleoperation(sweeps[0].scenario)
     ranges = dict(_Range(scenario, text) for text in gains)
@@ -132,6 +134,19 @@ def PlanTuning(
         # This call refuses a scenario without a linear model, if one is needed.
         Analyze(sweep.scenario, plan.weights, margin)
     return plan
+
+
+def _HeldOut(training: Study, held_out: Study | GivenGrid | None) -> Study:
+    """Returns the study of the held-out runs, which may have no runs."""
+    if isinstance(held_out, Study):
+        return held_out
+    if not held_out:
+        return Study(plans={})
+    if "" not in training.plans:
+        Refuse("held_out", list(held_out), "one study, as the training runs are")
+    plan = training.plans[""]
+    grid = {**plan.axes, **held_out}
+    return Study(plans={"": PlanSweep(plan.file, grid, overrides=plan.overrides)})
 
 
 def _WithController(study: Study, controller: str) -> dict[str, SweepPlan]:

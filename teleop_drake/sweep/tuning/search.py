@@ -82,17 +82,14 @@ def Tune(
     Raises:
         ScenarioError: If an argument is not allowed, or no gains are accepted.
     """
-    all_values = {"controller": [controller], **(grid or {})}
     if IsStudy(str(scenario)):
-        if grid or overrides or isinstance(held_out, Mapping):
+        if grid or overrides:
             Refuse("scenario", scenario, "a scenario, as a grid or overrides are given")
         training = LoadStudy(scenario)
     else:
+        all_values = {"controller": [controller], **(grid or {})}
         plan = PlanSweep(scenario, all_values, overrides=overrides)
         training = Study(plans={"": plan})
-    if isinstance(held_out, Mapping):
-        plan = PlanSweep(scenario, {**all_values, **held_out}, overrides=overrides)
-        held_out = Study(plans={"": plan})
     search = PlanTuning(
         training,
         controller=controller,
