@@ -62,26 +62,29 @@ def LoadScenario(
 
 
 def LoadOverridden(
-    scenario: ScenarioLike, overrides: Overrides
+    scenario: ScenarioLike | Record, overrides: Overrides
 ) -> tuple[AnyScenario, list[str]]:
     """Returns a scenario with overrides, and what the overrides replace.
 
     Args:
-        scenario: A valid one, or what LoadScenario() loads one from.
+        scenario: A valid one, what LoadScenario() loads one from, or a tree of
+            ReadTree().
 
     Returns:
         The scenario, and dotted paths with the numbers of elements, never their names:
         the same for all names of a field, and two for `delay`.
     """
-    if isinstance(scenario, str | os.PathLike):
-        path = _FindScenario(scenario)
-        return OverriddenTree(_CompleteTree(path, ReadText(path)), overrides)
-    tree = ToTree(scenario)
-    replaced = _SetPaths(tree, overrides)
-    changed = FromTree(tree, type(scenario))
-    # Most sweeps change the channels alone.
+    given = scenario
+    if isinstance(given, str | os.PathLike):
+        path = _FindScenario(given)
+        given = _CompleteTree(path, ReadText(path))
+    tree = ToTree(given)
+    replaced = [SetPath(tree, path, value) for path, value in ParseOverrides(overrides)]
+    changed = FromTree(tree, _SchemaOf(tree))
+    # Most sweeps change the channels of a valid scenario alone.
     only_channels = all(path.startswith(CHANNELS) for path in replaced)
-    if isinstance(changed, Scenario) and only_channels:
+    if isinstance(given, Scenario) and only_channels:
+        assert isinstance(changed, Scenario)
         changed._CheckChannels()
     else:
         changed._Check()
@@ -92,22 +95,6 @@ def ReadTree(name_or_path: str | os.PathLike[str]) -> Record:
     """Returns the complete tree of a scenario; the files that it names are absolute."""
     path = _FindScenario(name_or_path).absolute()
     return _CompleteTree(path, ReadText(path))
-
-
-def OverriddenTree(
-    complete: Record, overrides: Overrides
-) -> tuple[AnyScenario, list[str]]:
-    """Returns what LoadOverridden() does, for a complete tree."""
-    tree = ToTree(complete)
-    replaced = _SetPaths(tree, overrides)
-    scenario = FromTree(tree, _SchemaOf(tree))
-    scenario._Check()
-    return scenario, replaced
-
-
-def _SetPaths(tree: Record, overrides: Overrides) -> list[str]:
-    """Replaces values in a tree, and returns the paths with the numbers of elements."""
-    return [SetPath(tree, path, value) for path, value in ParseOverrides(overrides)]
 
 
 def ReadScenario(
@@ -212,25 +199,28 @@ def _CompleteTree(path: Path, text: str) -> Record:
     """
     tree = _ParseScenario(path, text)
     tree.setdefault("name", path.stem)
+    scenario = FromTree(tree, _SchemaOf(tree))
     # The paths of files are relative to the folder of the scenario's file.
-    for dotted, file in ScenarioFiles(FromTree(tree, _SchemaOf(tree))).items():
+    for dotted, file in ScenarioFiles(scenario).items():
         section, key = dotted.split(".")
-        tree[section][key] = str(path.parent / file)
-    complete: Record = ToTree(FromTree(tree, _SchemaOf(tree)))
+        setattr(getattr(scenario, section), key, str(path.parent / file))
+    complete: Record = ToTree(scenario)
     return complete
 
 
 def ScenarioFromYaml(text: str) -> AnyScenario:
     """Returns the scenario that `ScenarioToYaml` wrote.
 
-    Files that it names are not read, so a recording can be loaded without them.
+    If it names files, only the types of its values are checked. So a recording can be
+    loaded without them.
 
     Raises:
         ScenarioError: if the text is not YAML or anything in it is not allowed.
     """
     tree = ParseYaml(text, "scenario")
     scenario = FromTree(tree, _SchemaOf(tree))
-    scenario._Check({dotted.partition(".")[0] for dotted in ScenarioFiles(scenario)})
+    if not ScenarioFiles(scenario):
+        scenario._Check()
     return scenario
 
 

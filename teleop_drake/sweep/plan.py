@@ -19,7 +19,7 @@ from teleop_drake.scenario import (
     ScenarioError,
     ScenarioLike,
 )
-from teleop_drake.scenario.loading import OverriddenTree, ReadTree
+from teleop_drake.scenario.loading import ReadTree
 from teleop_drake.scenario.overrides import (
     CHANNELS,
     Overrides,
@@ -76,7 +76,7 @@ class SweepPlan:
             ValueError: If a value that derives from it is not allowed.
         """
         overrides = [*self.overrides, *point.items()]
-        scenario, _ = OverriddenTree(self.tree, overrides)
+        scenario, _ = LoadOverridden(self.tree, overrides)
         TaskOf(scenario).Check(scenario)
         return scenario
 
