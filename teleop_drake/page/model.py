@@ -4,7 +4,7 @@ import functools
 import inspect
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -72,10 +72,11 @@ class Model:
             constant, once).
         surfaces: Of the environment.
         has_zero_delays: Whether constant delays may be 0 in the program.
-        reasons: Why a run ends at each of the bounds.
-        metrics: What computes metrics in the page, see Task.page_metrics.
-        labels: Of the metrics, by their names.
-        has_constant_command: As in Recording.
+        facts: What the page's script takes of the run that no number changes: `reasons`
+            (why a run ends at each of the bounds), `metrics` (what computes them in the
+            page, see Task.page_metrics), `labels` (of the metrics, by their names),
+            `has_constant_command` (as in Recording), and the names of `surfaces` and
+            `materials`.
         plants: What is drawn of the MultibodyPlants; see PlantsIn().
     """
 
@@ -84,10 +85,7 @@ class Model:
     numbers: dict[str, Array]
     surfaces: tuple[Surface, ...]
     has_zero_delays: bool
-    reasons: list[str] = field(default_factory=lambda: ["the run is not finite"])
-    metrics: str = ""
-    labels: dict[str, str] = field(default_factory=dict)
-    has_constant_command: bool = True
+    facts: dict[str, Any]
     plants: list[dict[str, Any]]
 
     @property
@@ -99,9 +97,7 @@ class Model:
             program.text,
             program.sizes,
             *(tuple(x.tolist()) for name, x in fields.items() if _IsWiring(name, x)),
-            tuple(surface.name for surface in self.surfaces),
-            (self.metrics, tuple(self.labels), self.has_constant_command),
-            tuple(self.reasons),
+            self.facts,
         )
 
     def Module(self) -> bytes:
@@ -112,15 +108,11 @@ class Model:
     def Data(self) -> dict[str, Any]:
         """Returns what the page's script takes of a run."""
         module = self.Module()
-        materials = [surface.material for surface in self.surfaces]
         return {
+            **self.facts,
             "module": module,
             "start": ConstantsOf(module),
             "headers": self.Headers(),
-            "metrics": self.metrics,
-            "labels": self.labels,
-            "has_constant_command": self.has_constant_command,
-            "reasons": self.reasons,
             "plants": self.plants,
             "width": self.run.evaluator.program.sizes[0],
             "numbers": self.numbers,
@@ -128,8 +120,6 @@ class Model:
             "signals": self.Signals(),
             "feed": self.Feed(),
             "levels": Levels(self.diagram),
-            "surfaces": [surface.name for surface in self.surfaces],
-            "materials": ["" if x is None else x.name for x in materials],
         }
 
     def Headers(self) -> dict[str, list[Any]]:
@@ -267,10 +257,13 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
     return replace(
         model,
         numbers=model.numbers | _Flat(numbers),
-        reasons=[bound.name for bound in bounds],
-        metrics=metrics,
-        labels=_Labels(scenario) if metrics else {},
-        has_constant_command=HasConstantCommand(diagram),
+        facts={
+            **model.facts,
+            "reasons": [bound.name for bound in bounds],
+            "metrics": metrics,
+            "labels": _Labels(scenario) if metrics else {},
+            "has_constant_command": HasConstantCommand(diagram),
+        },
     )
 
 
@@ -366,5 +359,13 @@ def MakeModel(
         has_zero_delays=has_zero_delays,
         numbers=_Flat(numbers),
         surfaces=surfaces,
+        facts={
+            "reasons": ["the run is not finite"],
+            "metrics": "",
+            "labels": {},
+            "has_constant_command": True,
+            "surfaces": [surface.name for surface in surfaces],
+            "materials": [getattr(x.material, "name", "") for x in surfaces],
+        },
         plants=PlantsIn(diagram, context),
     )

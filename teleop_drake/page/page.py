@@ -227,7 +227,7 @@ def _OfScenario(
         makers[which] = _Maker(scenario, chosen, has_hand)
     runs = Runs(makers, notes)
     first = next(iter(runs.models.values()))
-    if not first.metrics:
+    if not first.facts["metrics"]:
         notes.append("the metrics of this task are its own: `run` prints them")
     inputs = MakeInputs(scenario, ranges, runs)
     return {
