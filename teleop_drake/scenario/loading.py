@@ -11,9 +11,9 @@ from teleop_drake.kinds import KIND_KEYS, IsOwn
 from teleop_drake.scenario.overrides import (
     CHANNELS,
     DELAYS,
-    Given,
     Overrides,
     ParseOverrides,
+    SetFields,
     SetPath,
 )
 from teleop_drake.scenario.scenario import (
@@ -79,7 +79,7 @@ def LoadOverridden(
         path = _FindScenario(given)
         given = _CompleteTree(path, ReadText(path))
     tree = ToTree(given)
-    replaced = [SetPath(tree, path, value) for path, value in ParseOverrides(overrides)]
+    replaced = SetFields(tree, overrides)
     changed = FromTree(tree, _SchemaOf(tree))
     # Most sweeps change the channels of a valid scenario alone.
     only_channels = all(path.startswith(CHANNELS) for path in replaced)
@@ -115,7 +115,7 @@ def ReadScenario(
         ScenarioError: If the file or an override cannot be read.
     """
     path = _FindScenario(name_or_path)
-    tree = Given(_ParseScenario(path, ReadText(path)))
+    tree = _ParseScenario(path, ReadText(path))
     for dotted, value in ParseOverrides(overrides):
         SetPath(tree, dotted, value)
     own = {
