@@ -333,14 +333,14 @@ def ChannelOverrides(
         return []
     from teleop_drake.blocks.channels import CHANNEL_KINDS
     from teleop_drake.kinds import IsOwn
-    from teleop_drake.scenario.yaml_text import ParseFile, ReadText
+    from teleop_drake.scenario.yaml_text import ParseFile
 
     path = Path(given)
     folder = Path()
     fields: dict[str, Any] = {"kind": given}
     try:
         if path.suffix in (".yaml", ".yml"):
-            fields = ParseFile(path, ReadText(path))
+            fields = ParseFile(path)
             folder = path.parent
         elif path.is_file():
             fields = _TRACE_CHANNEL | {"trace": given}

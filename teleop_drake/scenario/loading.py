@@ -1,6 +1,5 @@
 """Scenarios from names, files and overrides."""
 
-import functools
 import math
 import os
 from pathlib import Path
@@ -24,7 +23,7 @@ from teleop_drake.scenario.scenario import (
     TrackingScenario,
 )
 from teleop_drake.scenario.tree import FromTree, ToTree
-from teleop_drake.scenario.yaml_text import ParseFile, ParseYaml, ReadText
+from teleop_drake.scenario.yaml_text import ParseFile, ParseYaml
 from teleop_drake.validation import Choices, Refuse, ScenarioError
 
 MAX_STEPS = 1_000_000
@@ -76,8 +75,7 @@ def LoadOverridden(
     """
     given = scenario
     if isinstance(given, str | os.PathLike):
-        path = _FindScenario(given)
-        given = _CompleteTree(path, ReadText(path))
+        given = _CompleteTree(_FindScenario(given))
     tree = ToTree(given)
     replaced = SetFields(tree, overrides)
     changed = FromTree(tree, _SchemaOf(tree))
@@ -93,8 +91,7 @@ def LoadOverridden(
 
 def ReadTree(name_or_path: str | os.PathLike[str]) -> Record:
     """Returns the complete tree of a scenario; the files that it names are absolute."""
-    path = _FindScenario(name_or_path).absolute()
-    return _CompleteTree(path, ReadText(path))
+    return _CompleteTree(_FindScenario(name_or_path).absolute())
 
 
 def ReadScenario(
@@ -114,8 +111,7 @@ def ReadScenario(
     Raises:
         ScenarioError: If the file or an override cannot be read.
     """
-    path = _FindScenario(name_or_path)
-    tree = _ParseScenario(path, ReadText(path))
+    tree = _ParseScenario(_FindScenario(name_or_path))
     for dotted, value in ParseOverrides(overrides):
         SetPath(tree, dotted, value)
     own = {
@@ -175,12 +171,12 @@ def CheckSteps(scenario: AnyScenario) -> None:
         )
 
 
-def _ParseScenario(path: Path, text: str) -> dict[Any, Any]:
+def _ParseScenario(path: Path) -> dict[Any, Any]:
     """Returns the tree of a scenario file; `delay` has become that of both channels.
 
-    A text that is no mapping in YAML, or gives a delay twice, raises a ScenarioError.
+    A file that is no mapping in YAML, or gives a delay twice, raises a ScenarioError.
     """
-    tree = ParseFile(path, text)
+    tree = ParseFile(path)
     if "delay" not in tree or _SchemaOf(tree) is not Scenario:
         return tree
     delay = tree.pop("delay")
@@ -191,13 +187,9 @@ def _ParseScenario(path: Path, text: str) -> dict[Any, Any]:
     return tree
 
 
-@functools.lru_cache(maxsize=16)
-def _CompleteTree(path: Path, text: str) -> Record:
-    """Returns the tree of a scenario file.
-
-    What the file leaves out has its default. A sweep comes here once for each run.
-    """
-    tree = _ParseScenario(path, text)
+def _CompleteTree(path: Path) -> Record:
+    """Returns the tree of a scenario file; what it leaves out has its default."""
+    tree = _ParseScenario(path)
     tree.setdefault("name", path.stem)
     scenario = FromTree(tree, _SchemaOf(tree))
     # The paths of files are relative to the folder of the scenario's file.

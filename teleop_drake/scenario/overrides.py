@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from teleop_drake.scenario.tree import ToTree
-from teleop_drake.scenario.yaml_text import ParseFile, ParseYaml, ReadText
+from teleop_drake.scenario.yaml_text import ParseFile, ParseYaml
 from teleop_drake.validation import Choices, ScenarioError, Show
 
 # Most paths that a message suggests.
@@ -66,7 +66,7 @@ def ParseOverrides(overrides: Overrides) -> list[tuple[str, Any]]:
 
 def OverridesOfFile(path: Path) -> list[Override]:
     """Returns the overrides of a YAML file, a mapping of dotted paths to values."""
-    items = ParseFile(path, ReadText(path)).items()
+    items = ParseFile(path).items()
     return [(str(key), value) for key, value in items]
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from teleop_drake.files import ReadText as ReadFile
+from teleop_drake.files import ReadText
 from teleop_drake.validation import ScenarioError, Show
 
 # Numbers that people write and YAML 1.1 takes for text: it asks for a dot, for a sign
@@ -116,19 +116,14 @@ def ParseYaml(text: str, origin: str) -> Any:
         raise ScenarioError(message) from None
 
 
-def _Origin(path: Path) -> str:
-    return f"scenario file {str(path)!r}"
+def ParseFile(path: Path) -> dict[Any, Any]:
+    """Returns the tree of a YAML file, which must be a mapping.
 
-
-def ReadText(path: Path) -> str:
-    """Returns the text of a scenario file, or refuses one that cannot be read."""
-    return ReadFile(path, _Origin(path))
-
-
-def ParseFile(path: Path, text: str) -> dict[Any, Any]:
-    """Returns the tree of a scenario file with this text, which must be a mapping."""
-    origin = _Origin(path)
-    tree = ParseYaml(text, origin)
+    Raises:
+        ScenarioError: If it cannot be read, or is none.
+    """
+    origin = f"scenario file {str(path)!r}"
+    tree = ParseYaml(ReadText(path, origin), origin)
     if not isinstance(tree, dict):
         raise ScenarioError(
             f"{origin}: must hold a mapping of scenario fields, not {Show(tree)}"
