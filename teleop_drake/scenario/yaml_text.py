@@ -3,7 +3,6 @@
 A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
 """
 
-import math
 import re
 from pathlib import Path
 from typing import Any
@@ -74,19 +73,6 @@ def DumpYaml(tree: Any, *, is_compact: bool = False) -> str:
     style = None if is_compact else False
     text = yaml.dump(tree, Dumper=Dumper, sort_keys=False, default_flow_style=style)
     return str(text)
-
-
-def DumpOnOneLine(value: Any) -> str:
-    """Returns a value as YAML on one line."""
-    # In brackets, a number needs no end of document.
-    text: str = yaml.dump(
-        [value],
-        Dumper=Dumper,
-        sort_keys=False,
-        default_flow_style=True,
-        width=math.inf,
-    )
-    return text.strip()[1:-1]
 
 
 def ParseYaml(text: str, origin: str) -> Any:

@@ -1,6 +1,7 @@
 """The command `teleop-drake compare`: a sweep that draws trajectories."""
 
 import argparse
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -117,7 +118,6 @@ def _Names(plan: "SweepPlan") -> dict[str, str]:
     What is the same of all is left to the headlines.
     """
     from teleop_drake.figures.style import LabelOfValue
-    from teleop_drake.scenario.yaml_text import DumpOnOneLine
 
     has_controllers = len(plan.axes.get("controller", ())) > 1 or len(plan.axes) == 1
     names = {}
@@ -129,8 +129,7 @@ def _Names(plan: "SweepPlan") -> dict[str, str]:
                 stems.append(value)
                 labels += [value] * has_controllers
             else:
-                is_float = isinstance(value, float)
-                shown = repr(value) if is_float else DumpOnOneLine(value)
+                shown = value if isinstance(value, str) else json.dumps(value)
                 stems.append(f"{key.split('.')[-1]}={shown}")
                 labels.append(LabelOfValue(key, value))
         names["_".join(map(FileStem, stems))] = ", ".join(labels)
