@@ -195,17 +195,22 @@ def _OfDiagram(
     if not isinstance(system, System):
         Refuse("scenario_or_diagram", source, "a function that returns a System")
     CheckNumber("duration", duration, "s", above=0)
-    if context is None:
-        context = system.CreateDefaultContext()
-    CheckInputs(system, context)
+    start = context or system.CreateDefaultContext()
+    CheckInputs(system, start)
+
+    def Make(values: Mapping[str, float]) -> Model:
+        """Returns the run at values of inputs."""
+        changed = start.Clone()
+        SetNumbers(system, changed, values)
+        return MakeModel(system, DefaultSimulator(), duration, changed)
+
     title = NameOf(system)
-    make = _DiagramMaker(system, context, duration)
-    runs = Runs({(title,): make}, notes)
+    runs = Runs({(title,): Make}, notes)
     model = runs.models[(title,)]
     left_out = ", ".join(model.run.evaluator.left_out)
     if left_out:
         notes.append(f"{left_out}: left out, as nothing depends on them")
-    inputs = MakeDiagramInputs(ScalarsIn(system, context), vary, runs)
+    inputs = MakeDiagramInputs(ScalarsIn(system, start), vary, runs)
     return {
         **_Data(title.replace("_", " "), inputs, {}, runs),
         "view": ViewOf(model.plants),
@@ -330,17 +335,6 @@ def _Maker(source: AnyScenario, overrides: Mapping[str, Any], has_hand: bool) ->
             scenario = dataclasses.replace(scenario, duration=_LONGEST_DRIVE)
         TaskOf(scenario).Check(scenario)
         return ModelOf(scenario, has_hand=has_hand)
-
-    return Make
-
-
-def _DiagramMaker(system: System, context: Context, duration: float) -> Maker:
-    """Returns what makes the run of a diagram at values of inputs."""
-
-    def Make(values: Mapping[str, float]) -> Model:
-        changed = context.Clone()
-        SetNumbers(system, changed, values)
-        return MakeModel(system, DefaultSimulator(), duration, changed)
 
     return Make
 

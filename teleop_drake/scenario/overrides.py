@@ -66,8 +66,7 @@ def ParseOverrides(overrides: Overrides) -> list[tuple[str, Any]]:
 
 def OverridesOfFile(path: Path) -> list[Override]:
     """Returns the overrides of a YAML file, a mapping of dotted paths to values."""
-    items = ParseFile(path).items()
-    return [(str(key), value) for key, value in items]
+    return list(ParseFile(path).items())
 
 
 def _ParseOverride(item: str) -> tuple[str, Any]:

@@ -84,7 +84,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 # Options whose place the keys of a study take.
 _OF_A_SCENARIO = (
     *("delay", "forward_delay", "return_delay", "channel", "duration", "accuracy"),
-    *("set", "controllers", "vary", "seeds", "metrics"),
+    *("set", "controllers", "vary", "seeds", "metrics", "engine"),
 )
 
 
@@ -159,10 +159,10 @@ def StudyOf(args: argparse.Namespace) -> "Study":
     metrics = args.metrics and [name.strip() for name in args.metrics.split(",")]
     if not IsStudy(args.scenario):
         return Study(plans={"": PlanOf(args)}, metrics=metrics)
-    given = [name for name in _OF_A_SCENARIO if getattr(args, name)]
-    for name in [*given, *(["engine"] if args.engine != "auto" else [])]:
-        option = "--" + name.replace("_", "-")
-        raise BadInput(f"{option}: must be left out with a study, which has it")
+    for name in _OF_A_SCENARIO:
+        if getattr(args, name) not in (None, [], "auto"):
+            option = "--" + name.replace("_", "-")
+            raise BadInput(f"{option}: must be left out with a study, which has it")
     return LoadStudy(args.scenario)
 
 
