@@ -37,9 +37,6 @@ _ALMOST_ZERO = 1e-6
 NUM_STOPS = 21
 """Stops of an input that is not continuous."""
 
-# Fields of whole numbers.
-_WHOLE = ("seed",)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
@@ -133,8 +130,8 @@ class Input:
 
     @property
     def is_whole(self) -> bool:
-        """Whether it has whole numbers only."""
-        return self.key.rpartition(".")[2] in _WHOLE
+        """Whether it has whole numbers only, as seeds are."""
+        return self.key.rpartition(".")[2] == "seed"
 
     @property
     def stops(self) -> list[float]:
