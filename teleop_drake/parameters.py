@@ -34,10 +34,28 @@ class ParameterValue(NamedTuple):
     unit: str
 
 
+class Scalar(NamedTuple):
+    """One number in a Context.
+
+    Attributes:
+        value: In the Context.
+        unit: Empty if the system does not tell it.
+        paths: Of the systems that have it.
+        is_delay: Whether it is a constant delay of a signal.
+        is_state: Whether it is a state at the begin of a run, not a parameter.
+    """
+
+    value: float
+    unit: str
+    paths: list[str]
+    is_delay: bool = False
+    is_state: bool = False
+
+
 class _Parameter(NamedTuple):
     """A number of one system: how to read it from a Context, and how to set it.
 
-    Its elements may have names. It may be a delay of a signal.
+    Its elements may have names. It may be a delay of a signal, or a state.
     """
 
     name: str
@@ -46,6 +64,8 @@ class _Parameter(NamedTuple):
     write: Callable[[Array], None]
     elements: tuple[str, ...] = ()
     is_delay: bool = False
+    is_state: bool = False
+    path: str = ""
 
     @property
     def value(self) -> Array:
@@ -78,7 +98,8 @@ def NamedParameters(
     context = context or diagram.CreateDefaultContext()
     return {
         name: ParameterValue(_AsNumber(parameter.value), parameter.unit)
-        for name, parameter in _ParametersIn(diagram, context).items()
+        for name, parameter in _NumbersIn(diagram, context).items()
+        if not parameter.is_state
     }
 
 
@@ -88,56 +109,47 @@ def SetNumbers(
     """Sets parameters, elements of them, or states in a Context.
 
     Args:
-        numbers: New values, by the names of NamedParameters() and InitialStates(),
-            perhaps with the place of an element behind it, or `delay`. A parameter of
-            several elements takes one number for all of them, or an array of its shape.
+        numbers: New values, by the names of NamedParameters() and ScalarsIn(), or
+            `delay`. A parameter of several elements takes one number for all of them,
+            or an array of its shape.
 
     Raises:
         ScenarioError: If there is no such number, or the value does not fit.
     """
-    known = _ParametersIn(diagram, context) | _StatesIn(diagram, context)
+    known = _NumbersIn(diagram, context)
+    delays = [name for name, parameter in known.items() if parameter.is_delay]
     for name, value in numbers.items():
         number = np.asarray(value, dtype=float)
         if not np.isfinite(number).all():
             Refuse(name, value, "finite")
-        delays = DelayNames(diagram, context) if name == "delay" else []
-        for each in delays or [name]:
+        for each in delays if name == "delay" and delays else [name]:
             _Set(known, each, number)
 
 
-def DelayNames(diagram: System, context: Context) -> list[str]:
-    """Returns the names of the parameters that are constant delays of blocks."""
-    return [
-        name
-        for name, parameter in _ParametersIn(diagram, context).items()
-        if parameter.is_delay
-    ]
+def ScalarsIn(diagram: System, context: Context) -> dict[str, Scalar]:
+    """Returns every element of every parameter, and every state, by name.
 
-
-def InitialStates(diagram: System, context: Context | None = None) -> dict[str, float]:
-    """Returns the states of a Context by name, as `system/path/theta(0)`.
-
-    They are the continuous states, or of a system without any the first group of
+    The states are the continuous ones, or of a system without any the first group of
     discrete ones. A state of Drake's has the name that Drake gives it; of the others
-    the first one is x0.
+    the first one is x0. `delay` is among the names if all delays of blocks are equal.
     """
-    context = context or diagram.CreateDefaultContext()
-    states = _StatesIn(diagram, context)
-    return {name: state.value.item() for name, state in states.items()}
-
-
-def ScalarsIn(diagram: System, context: Context) -> dict[str, tuple[float, str]]:
-    """Returns value and unit of every element of every parameter by name."""
     scalars = {}
-    for name, parameter in _ParametersIn(diagram, context).items():
+    for name, parameter in _NumbersIn(diagram, context).items():
         value = parameter.value
-        if value.size == 1:
-            scalars[name] = value.item(), parameter.unit
-            continue
         # An element's own name comes last.
-        names = {place: inside for inside, place in parameter.places.items()}
-        for place, inside in names.items():
-            scalars[f"{name}({inside})"] = value[place].item(), parameter.unit
+        places = {place: f"({inside})" for inside, place in parameter.places.items()}
+        for place, inside in places.items() if value.size > 1 else [((), "")]:
+            scalars[f"{name}{inside}"] = Scalar(
+                value[place].item(),
+                parameter.unit,
+                [parameter.path],
+                parameter.is_delay,
+                parameter.is_state,
+            )
+    delays = [number for number in scalars.values() if number.is_delay]
+    if len({delay.value for delay in delays}) == 1:
+        paths = [path for delay in delays for path in delay.paths]
+        scalars["delay"] = delays[0]._replace(unit="s", paths=paths)
     return scalars
 
 
@@ -170,34 +182,18 @@ def _AsNumber(array: Array) -> float | Array:
     return array.item() if array.ndim == 0 else array
 
 
-def _ParametersIn(diagram: System, context: Context) -> dict[str, _Parameter]:
-    """Returns the parameters of all systems in a diagram by their full names."""
-    return _Find(diagram, context, _ParametersOf, ".")
-
-
-def _StatesIn(diagram: System, context: Context) -> dict[str, _Parameter]:
-    """Returns the states of all systems in a diagram by their full names."""
-    return _Find(diagram, context, _StatesOf, "/")
-
-
-def _Find(
-    diagram: System,
-    context: Context,
-    numbers_of: Callable[[System, Context], Iterator[_Parameter]],
-    sign: str,
-) -> dict[str, _Parameter]:
-    """Returns numbers of the systems in a diagram by path, sign and name.
-
-    Args:
-        numbers_of: Yields those of a system that is no diagram.
-    """
+def _NumbersIn(diagram: System, context: Context) -> dict[str, _Parameter]:
+    """Returns the parameters and states of all systems in a diagram by full names."""
     contexts = ContextsIn(diagram, context)
     found = {}
     for system, path in PathsIn(diagram):
         if isinstance(system, Diagram):
             continue
-        for number in numbers_of(system, contexts[system]):
-            found[f"{path}{sign}{number.name}" if path else number.name] = number
+        own = contexts[system]
+        for number in (*_ParametersOf(system, own), *_StatesOf(system, own)):
+            sign = "/" if number.is_state else "."
+            name = f"{path}{sign}{number.name}" if path else number.name
+            found[name] = number._replace(path=path)
     return found
 
 
@@ -234,7 +230,8 @@ def _StatesOf(system: System, context: Context) -> Iterator[_Parameter]:
             return  # A mode.
         vector = partial(context.get_mutable_discrete_state, 0)
     for i, name in enumerate(_StateNames(system, vector())):
-        yield _InVector(f"{name}(0)", "", vector, slice(i, i + 1))
+        state = _InVector(f"{name}(0)", "", vector, slice(i, i + 1))
+        yield state._replace(is_state=True)
 
 
 def _StateNames(system: System, vector: Any) -> list[str]:

@@ -39,11 +39,15 @@ class Instance:
                 kind = wasmtime.MemoryType(wasmtime.Limits(1000, None))
                 self._memory = wasmtime.Memory(self._store, kind)
                 item = self._memory
+            elif isinstance(kind, wasmtime.TableType):
+                kind = wasmtime.TableType(kind.element, wasmtime.Limits(2, None))
+                item = table = wasmtime.Table(self._store, kind, None)
             else:
                 function = wasmtime.FuncType([double] * len(kind.params), [double])
                 item = wasmtime.Func(self._store, function, getattr(math, needed.name))
             linker.define(self._store, needed.module, needed.name, item)
-        self._run = linker.instantiate(self._store, module).exports(self._store)["run"]
+        linker.instantiate(self._store, module)
+        self._run = table.get(self._store, 1)
         self._places: dict[str, tuple[int, list[int], bool]] = {}
         self._headers = []
         for group, fields in model.Headers().items():

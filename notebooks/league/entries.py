@@ -8,7 +8,6 @@ import yaml
 
 from teleop_drake.arrays import Array
 from teleop_drake.scenario import AsTeleoperation, LoadScenario, Scenario
-from teleop_drake.sweep.values import PointOverrides
 
 ENTRIES = Path(__file__).with_name("entries.yaml")
 
@@ -32,9 +31,9 @@ class Entry(NamedTuple):
     passive: str
 
     @property
-    def overrides(self) -> list[str]:
+    def overrides(self) -> list[tuple[str, Any]]:
         """The settings as overrides of a scenario."""
-        return PointOverrides(self.settings)
+        return list(self.settings.items())
 
     def GainsAt(self, place: Array) -> Gains:
         """Returns the gains at a place, 0 to 1 along each logarithmic range."""
@@ -59,6 +58,6 @@ def ReadEntries(file: Path = ENTRIES) -> dict[str, Entry]:
 
 def OneAxis(entry: Entry, gains: Gains, delay: float) -> Scenario:
     """Returns one_dof with an entry, the delay in s each way."""
-    values = {**gains, "delay": delay}
-    scenario = LoadScenario("one_dof", [*entry.overrides, *PointOverrides(values)])
+    values = {**entry.settings, **gains, "delay": delay}
+    scenario = LoadScenario("one_dof", values)
     return AsTeleoperation(scenario)

@@ -1,6 +1,6 @@
 """Stable delays against the values of a key of the scenario."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ from teleop_drake.analysis.stability import (
 )
 from teleop_drake.arrays import Array
 from teleop_drake.scenario import AsTeleoperation, LoadScenario
-from teleop_drake.scenario.overrides import ParseOverrides
+from teleop_drake.scenario.overrides import Overrides, ParseOverrides
 from teleop_drake.validation import Refuse
 
 
@@ -75,7 +75,7 @@ def ChartStability(
     key: str,
     values: ArrayLike,
     *,
-    overrides: Mapping[str, Any] | Sequence[str] = (),
+    overrides: Overrides = (),
     max_delay: float = MAX_DELAY,
     progress: Callable[[int, int], None] | None = None,
 ) -> StabilityChart:

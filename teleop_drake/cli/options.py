@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pydrake.systems.framework import System
 
     from teleop_drake.scenario import AnyScenario
+    from teleop_drake.scenario.overrides import Override
 
 
 # The channel of a trace. What is shorter than the run begins again.
@@ -26,12 +27,12 @@ _TRACE_CHANNEL = {
 
 # Options that stand for fields of the scenario. `--set` comes after them.
 OVERRIDES = {
-    "controller": ["controller.kind"],
-    "delay": ["forward_channel.delay", "return_channel.delay"],
-    "forward_delay": ["forward_channel.delay"],
-    "return_delay": ["return_channel.delay"],
-    "duration": ["duration"],
-    "accuracy": ["simulator.accuracy"],
+    "controller": "controller",
+    "delay": "delay",
+    "forward_delay": "forward_delay",
+    "return_delay": "return_delay",
+    "duration": "duration",
+    "accuracy": "simulator.accuracy",
 }
 
 
@@ -249,15 +250,17 @@ def GridOf(
     """
     from teleop_drake.sweep.values import MakeGrid
 
-    varied = [SplitVary(item, "VALUES") for item in args.vary]
+    varied = [SplitVary(item) for item in args.vary]
     return MakeGrid(controllers or None, [*varied, *more], args.seeds)
 
 
-def SplitVary(item: str, values: str) -> tuple[str, str]:
-    """Returns the path and the values that an item of --vary has, as text."""
+def SplitVary(
+    item: str, allowed: str = "PATH=VALUES", *, option: str = "--vary"
+) -> tuple[str, str]:
+    """Returns the path and the values that an item of an option has, as text."""
     path, equals, text = item.partition("=")
     if not equals or not path.strip():
-        Refuse("--vary", item, f"PATH={values}")
+        Refuse(option, item, allowed)
     return path.strip(), text
 
 
@@ -314,7 +317,9 @@ def MakerOf(args: argparse.Namespace) -> "Callable[[], System] | None":
     return cast("Callable[[], System]", maker)
 
 
-def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[str]:
+def ChannelOverrides(
+    args: argparse.Namespace, *, imports: bool = True
+) -> "list[Override]":
     """Returns the overrides that --channel stands for, none without it.
 
     Args:
@@ -328,14 +333,14 @@ def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[
         return []
     from teleop_drake.blocks.channels import CHANNEL_KINDS
     from teleop_drake.kinds import IsOwn
-    from teleop_drake.scenario.yaml_text import DumpOnOneLine, ParseFile, ReadText
+    from teleop_drake.scenario.yaml_text import ParseFile
 
     path = Path(given)
     folder = Path()
     fields: dict[str, Any] = {"kind": given}
     try:
         if path.suffix in (".yaml", ".yml"):
-            fields = ParseFile(path, ReadText(path))
+            fields = ParseFile(path)
             folder = path.parent
         elif path.is_file():
             fields = _TRACE_CHANNEL | {"trace": given}
@@ -347,8 +352,7 @@ def ChannelOverrides(args: argparse.Namespace, *, imports: bool = True) -> list[
     except ValueError as e:
         reason = e if path.exists() or not path.suffix else "no such file"
         Refuse("--channel", given, f"a YAML file, a trace or a kind ({reason})")
-    text = DumpOnOneLine(fields)
-    return [f"{direction}_channel={text}" for direction in ("forward", "return")]
+    return [("channel", fields)]
 
 
 def OverridesOf(
@@ -356,8 +360,8 @@ def OverridesOf(
     names: "Iterable[str]" = OVERRIDES,
     *,
     imports: bool = True,
-) -> list[str]:
-    """Returns the overrides of the command line as PATH=VALUE.
+) -> "list[Override]":
+    """Returns the overrides of the command line.
 
     Args:
         names: The options that are overrides, besides --channel and --set.
@@ -367,15 +371,15 @@ def OverridesOf(
     for option in names:
         value = getattr(args, option, None)
         if value is not None:
-            overrides += [f"{path}={value}" for path in OVERRIDES[option]]
+            overrides.append(f"{OVERRIDES[option]}={value}")
     return [*overrides, *FieldsOf(args)]
 
 
-def FieldsOf(args: argparse.Namespace) -> list[str]:
+def FieldsOf(args: argparse.Namespace) -> "list[Override]":
     """Returns the fields of --set and their values, also those of its files."""
     from teleop_drake.scenario.overrides import OverridesOfFile
 
-    fields: list[str] = []
+    fields: list[Override] = []
     for text in args.set:
         is_file = "=" not in text and Path(text).suffix in (".yaml", ".yml")
         fields += OverridesOfFile(Path(text)) if is_file else [text]

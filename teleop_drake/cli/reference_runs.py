@@ -72,7 +72,7 @@ def _FolderOf(name: str) -> Path:
 def Describe(name: str) -> dict[str, str]:
     """Returns what a reference is of: a `title` of one line, and the `task`."""
     path = _FolderOf(name) / f"{name}.yaml"
-    return ParseFile(path, ReadText(path, str(path)))
+    return ParseFile(path)
 
 
 def Template(name: str) -> str:
@@ -152,7 +152,7 @@ def _LikelyFault(name: str, signal: str, errors: Array) -> str:
         return ""
     reference = _ReadReference(name).columns[signal]
     texts_path = _DELAYS / "faults.yaml"
-    texts = ParseFile(texts_path, ReadText(texts_path, str(texts_path)))
+    texts = ParseFile(texts_path)
     best = ""
     smallest = _UNEXPLAINED
     # The share of the errors that is left once the effect of a fault is taken away.

@@ -1,6 +1,7 @@
 """A page as a file: the parts of the web page, joined, and the data in it."""
 
 import base64
+import gzip
 import html
 import json
 import os
@@ -14,7 +15,6 @@ import numpy as np
 
 from teleop_drake.files import Replacing
 from teleop_drake.page.script import JoinModules, ReadPart
-from teleop_drake.page.wasm import Packed
 
 
 class Page:
@@ -59,7 +59,8 @@ def _Html(title: str, story: str, data: dict[str, Any]) -> str:
 
 def PackedData(data: Mapping[str, Any]) -> str:
     """Returns data as the text that a page's script unpacks."""
-    return base64.b64encode(Packed(_Bytes(data))).decode()
+    # Without a time, so that it is always the same for the same data.
+    return base64.b64encode(gzip.compress(_Bytes(data), mtime=0)).decode()
 
 
 def _Bytes(data: Mapping[str, Any]) -> bytes:

@@ -37,9 +37,6 @@ _ALMOST_ZERO = 1e-6
 NUM_STOPS = 21
 """Stops of an input that is not continuous."""
 
-# Fields of whole numbers.
-_WHOLE = ("seed",)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
@@ -103,7 +100,6 @@ class Input:
         label: Its name in the page, with its unit in brackets.
         owners: Paths of the blocks to which it belongs.
         is_delay: Whether it is one.
-        is_field: Whether it is shown only in the opened box of its block.
         changes: Of each controller.
     """
 
@@ -115,7 +111,6 @@ class Input:
     owners: list[str]
     is_wanted: bool = False
     is_delay: bool = False
-    is_field: bool = False
     changes: list[Change] = field(default_factory=list)
 
     @property
@@ -135,8 +130,8 @@ class Input:
 
     @property
     def is_whole(self) -> bool:
-        """Whether it has whole numbers only."""
-        return self.key.rpartition(".")[2] in _WHOLE
+        """Whether it has whole numbers only, as seeds are."""
+        return self.key.rpartition(".")[2] == "seed"
 
     @property
     def stops(self) -> list[float]:

@@ -39,14 +39,14 @@ def Levels(diagram: System) -> list[dict[str, Any]]:
     path of a box, of one with a level in it `data-level` too, and `data-port` that of a
     port or a wire.
     """
-    paths = {system.GetSystemPathname(): path for system, path in PathsIn(diagram)}
+    paths = dict(PathsIn(diagram))
     levels = []
     for level, path in PathsIn(diagram):
         parts = level.GetSystems() if isinstance(level, Diagram) else []
         if not parts and level is not diagram:
             continue
         systems = [level, *parts]
-        boxes = [_Box(x, paths[x.GetSystemPathname()]) for x in systems]
+        boxes = [_Box(x, paths[x]) for x in systems]
 
         def Name(
             found: re.Match[str], boxes: Any = boxes, systems: Any = systems

@@ -4,33 +4,27 @@ import functools
 import inspect
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import (
-    Context,
-    Diagram,
-    InputPortIndex,
-    PortDataType,
-    System,
-)
+from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels import ChannelConfig
 from teleop_drake.blocks.environments.surface import Surface
 from teleop_drake.blocks.operators.hand import HandOperator
 from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import AlgebraicLoop, OutputOf, Source
+from teleop_drake.engine.flatten import AlgebraicLoop, InputsOf, OutputOf, Source
 from teleop_drake.engine.run import CompiledRun
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.plants import PlantsIn
 from teleop_drake.page.wasm import ConstantsOf, MakeModule
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
-from teleop_drake.signals import NameOf, PathsIn, SignalsOf, UnitOf
+from teleop_drake.signals import NameOf, PathsIn, SignalsOf, UnitOf, VectorOutputs
 from teleop_drake.simulation.compiled_run import StartOf, SystemsUnderWay
 from teleop_drake.simulation.ending import BoundsOf
 from teleop_drake.simulation.simulate import HasConstantCommand, ModelFactsOf
@@ -79,10 +73,11 @@ class Model:
             constant, once).
         surfaces: Of the environment.
         has_zero_delays: Whether constant delays may be 0 in the program.
-        reasons: Why a run ends at each of the bounds.
-        metrics: What computes metrics in the page, see Task.page_metrics.
-        labels: Of the metrics, by their names.
-        has_constant_command: As in Recording.
+        facts: What the page's script takes of the run that no number changes: `reasons`
+            (why a run ends at each of the bounds), `metrics` (what computes them in the
+            page, see Task.page_metrics), `labels` (of the metrics, by their names),
+            `has_constant_command` (as in Recording), and the names of `surfaces` and
+            `materials`.
         plants: What is drawn of the MultibodyPlants; see PlantsIn().
     """
 
@@ -91,10 +86,7 @@ class Model:
     numbers: dict[str, Array]
     surfaces: tuple[Surface, ...]
     has_zero_delays: bool
-    reasons: list[str] = field(default_factory=lambda: ["the run is not finite"])
-    metrics: str = ""
-    labels: dict[str, str] = field(default_factory=dict)
-    has_constant_command: bool = True
+    facts: dict[str, Any]
     plants: list[dict[str, Any]]
 
     @property
@@ -105,9 +97,7 @@ class Model:
         return (
             program.structure,
             *(tuple(x.tolist()) for name, x in fields.items() if _IsWiring(name, x)),
-            tuple(surface.name for surface in self.surfaces),
-            (self.metrics, tuple(self.labels), self.has_constant_command),
-            tuple(self.reasons),
+            self.facts,
         )
 
     def Module(self) -> bytes:
@@ -118,15 +108,11 @@ class Model:
     def Data(self) -> dict[str, Any]:
         """Returns what the page's script takes of a run."""
         module = self.Module()
-        materials = [surface.material for surface in self.surfaces]
         return {
+            **self.facts,
             "module": module,
             "start": ConstantsOf(module),
             "headers": self.Headers(),
-            "metrics": self.metrics,
-            "labels": self.labels,
-            "has_constant_command": self.has_constant_command,
-            "reasons": self.reasons,
             "plants": self.plants,
             "width": self.run.evaluator.program.sizes[0],
             "numbers": self.numbers,
@@ -134,8 +120,6 @@ class Model:
             "signals": self.Signals(),
             "feed": self.Feed(),
             "levels": Levels(self.diagram),
-            "surfaces": [surface.name for surface in self.surfaces],
-            "materials": ["" if x is None else x.name for x in materials],
         }
 
     def Headers(self) -> dict[str, list[Any]]:
@@ -162,18 +146,16 @@ class Model:
         """
         program = self.run.evaluator.program
         blocks = self.run.evaluator.blocks
-        indices = {x.system.GetSystemPathname(): i for i, x in enumerate(blocks)}
+        numbers = {block.system: i for i, block in enumerate(blocks)}
         result = {}
         for system, path in PathsIn(self.diagram):
             places = {}
-            for i in range(system.num_output_ports()):
-                port = system.get_output_port(i)
-                if port.get_data_type() == PortDataType.kVectorValued:
-                    source = OutputOf(blocks, system, i)
-                    places[port] = program.signals.get(source)
+            for port in VectorOutputs(system):
+                source = OutputOf(blocks, system, int(port.get_index()))
+                places[port] = program.signals.get(source)
             for k in range(system.num_input_ports()):
-                leaf, name = _LeafInput(system, k)
-                i = indices[leaf.GetSystemPathname()]
+                leaf, name = InputsOf(system, k)[0]
+                i = numbers[leaf]
                 source = blocks[i].inputs.get(name, Source(i, name))
                 place = program.signals.get(source, program.fed.get(source))
                 places[system.get_input_port(k)] = place
@@ -196,20 +178,11 @@ class Model:
 
     def Signals(self) -> dict[str, str]:
         """Returns the port of each signal that a recording has, by its name."""
-        paths = {
-            system.GetSystemPathname(): path for system, path in PathsIn(self.diagram)
-        }
+        paths = dict(PathsIn(self.diagram))
         return {
-            name: f"{paths[port.get_system().GetSystemPathname()]}:{port.get_name()}"
+            name: f"{paths[port.get_system()]}:{port.get_name()}"
             for name, port in SignalsOf(self.diagram).items()
         }
-
-
-def _LeafInput(system: System, index: int) -> tuple[System, str]:
-    """Returns a block in a system and its port that an input of the system leads to."""
-    while isinstance(system, Diagram):
-        system, index = system.GetInputPortLocators(InputPortIndex(index))[0]
-    return system, system.get_input_port(int(index)).get_name()
 
 
 def _IsWiring(name: str, array: NDArray[Any]) -> bool:
@@ -284,10 +257,13 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
     return replace(
         model,
         numbers=model.numbers | _Flat(numbers),
-        reasons=[bound.name for bound in bounds],
-        metrics=metrics,
-        labels=_Labels(scenario) if metrics else {},
-        has_constant_command=HasConstantCommand(diagram),
+        facts={
+            **model.facts,
+            "reasons": [bound.name for bound in bounds],
+            "metrics": metrics,
+            "labels": _Labels(scenario) if metrics else {},
+            "has_constant_command": HasConstantCommand(diagram),
+        },
     )
 
 
@@ -386,5 +362,13 @@ def MakeModel(
         has_zero_delays=has_zero_delays,
         numbers=_Flat(numbers),
         surfaces=surfaces,
+        facts={
+            "reasons": ["the run is not finite"],
+            "metrics": "",
+            "labels": {},
+            "has_constant_command": True,
+            "surfaces": [surface.name for surface in surfaces],
+            "materials": [getattr(x.material, "name", "") for x in surfaces],
+        },
         plants=PlantsIn(diagram, context),
     )

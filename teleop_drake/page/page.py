@@ -13,14 +13,19 @@ from pydrake.systems.framework import Context, System
 
 from teleop_drake.blocks.environments import Surface
 from teleop_drake.page.colors import PageColor
-from teleop_drake.page.diagram_inputs import DiagramNumbers, MakeDiagramInputs
 from teleop_drake.page.document import Page
 from teleop_drake.page.inputs import Input, Maker
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf
 from teleop_drake.page.plants import ViewOf
-from teleop_drake.page.sliders import DataOfInputs, MakeInputs, Ranges, Runs
-from teleop_drake.parameters import SetNumbers
+from teleop_drake.page.sliders import (
+    DataOfInputs,
+    MakeDiagramInputs,
+    MakeInputs,
+    Ranges,
+    Runs,
+)
+from teleop_drake.parameters import ScalarsIn, SetNumbers
 from teleop_drake.scenario import (
     AnyScenario,
     AsTeleoperation,
@@ -28,9 +33,9 @@ from teleop_drake.scenario import (
     Scenario,
 )
 from teleop_drake.scenario.config import DefaultSimulator
+from teleop_drake.scenario.overrides import Overrides
 from teleop_drake.signals import NameOf
 from teleop_drake.simulation.inputs import CheckInputs
-from teleop_drake.sweep import ALIASES
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.insertion_metrics import FirstNormal
 from teleop_drake.validation import CheckChoice, CheckNames, CheckNumber, Refuse
@@ -51,7 +56,7 @@ Shown: TypeAlias = str | os.PathLike[str] | AnyScenario | System | Callable[[], 
 
 def Explore(
     scenario_or_diagram: Shown,
-    overrides: Mapping[str, Any] | Sequence[str] = (),
+    overrides: Overrides = (),
     *,
     controllers: Sequence[str] | None = None,
     signals: Sequence[str] = (),
@@ -89,7 +94,7 @@ def WritePage(
     controllers: Sequence[str] | None = None,
     signals: Sequence[str] = (),
     vary: Ranges | None = None,
-    overrides: Mapping[str, Any] | Sequence[str] = (),
+    overrides: Overrides = (),
     duration: float = DURATION,
     context: Context | None = None,
     has_hand: bool = False,
@@ -124,7 +129,7 @@ def MakePage(
     controllers: Sequence[str] | None = None,
     signals: Sequence[str] = (),
     vary: Ranges | None = None,
-    overrides: Mapping[str, Any] | Sequence[str] = (),
+    overrides: Overrides = (),
     duration: float = DURATION,
     context: Context | None = None,
     has_hand: bool = False,
@@ -146,7 +151,7 @@ def MakePage(
             among them. Of what is no number, as `surgeon.kind`, the values to choose
             from: each has a program of its own. Of a diagram, parameters and initial
             states by their names, or `delay`; see SetNumbers(). None: all delays, and
-            four parameters. The other parameters have fields in the boxes of blocks.
+            four parameters.
         overrides: For the scenario, as LoadScenario takes them.
         duration: Of a diagram's runs, s.
         context: Where a diagram's runs begin, with their parameters and fixed inputs;
@@ -190,18 +195,22 @@ def _OfDiagram(
     if not isinstance(system, System):
         Refuse("scenario_or_diagram", source, "a function that returns a System")
     CheckNumber("duration", duration, "s", above=0)
-    if context is None:
-        context = system.CreateDefaultContext()
-    CheckInputs(system, context)
-    numbers = DiagramNumbers(system, context)
+    start = context or system.CreateDefaultContext()
+    CheckInputs(system, start)
+
+    def Make(values: Mapping[str, float]) -> Model:
+        """Returns the run at values of inputs."""
+        changed = start.Clone()
+        SetNumbers(system, changed, values)
+        return MakeModel(system, DefaultSimulator(), duration, changed)
+
     title = NameOf(system)
-    make = _DiagramMaker(system, context, duration)
-    runs = Runs({(title,): make}, notes)
+    runs = Runs({(title,): Make}, notes)
     model = runs.models[(title,)]
     left_out = ", ".join(model.run.evaluator.left_out)
     if left_out:
         notes.append(f"{left_out}: left out, as nothing depends on them")
-    inputs = MakeDiagramInputs(numbers, runs, vary, notes)
+    inputs = MakeDiagramInputs(ScalarsIn(system, start), vary, runs)
     return {
         **_Data(title.replace("_", " "), inputs, {}, runs),
         "view": ViewOf(model.plants),
@@ -227,7 +236,7 @@ def _OfScenario(
         makers[which] = _Maker(scenario, chosen, has_hand)
     runs = Runs(makers, notes)
     first = next(iter(runs.models.values()))
-    if not first.metrics:
+    if not first.facts["metrics"]:
         notes.append("the metrics of this task are its own: `run` prints them")
     inputs = MakeInputs(scenario, ranges, runs)
     return {
@@ -321,25 +330,11 @@ def _Maker(source: AnyScenario, overrides: Mapping[str, Any], has_hand: bool) ->
     """Returns what makes the run of a scenario with overrides at values of inputs."""
 
     def Make(values: Mapping[str, float]) -> Model:
-        more = dict(overrides)
-        for key, value in values.items():
-            more |= dict.fromkeys(ALIASES.get(key, (key,)), float(value))
-        scenario = LoadOverridden(source, more)[0]
+        scenario, _ = LoadOverridden(source, {**overrides, **values})
         if has_hand:
             scenario = dataclasses.replace(scenario, duration=_LONGEST_DRIVE)
         TaskOf(scenario).Check(scenario)
         return ModelOf(scenario, has_hand=has_hand)
-
-    return Make
-
-
-def _DiagramMaker(system: System, context: Context, duration: float) -> Maker:
-    """Returns what makes the run of a diagram at values of inputs."""
-
-    def Make(values: Mapping[str, float]) -> Model:
-        changed = context.Clone()
-        SetNumbers(system, changed, values)
-        return MakeModel(system, DefaultSimulator(), duration, changed)
 
     return Make
 

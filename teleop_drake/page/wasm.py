@@ -1,12 +1,11 @@
 """WebAssembly of a program: the diagram, and the integrator that runs it.
 
 Both are the LLVM code of a native run, emitted for another machine. The object file of
-that machine is a module but for its exports, so that no linker is needed.
+that machine is a module that exports nothing, so that no linker is needed: it puts the
+function that a page calls into a table, which the page's script gives to it.
 """
 
 import functools
-import gzip
-from collections.abc import Iterator
 from types import FunctionType
 from typing import Any, cast
 
@@ -24,7 +23,8 @@ _TRIPLE = "wasm32-unknown-unknown"
 # Optimisation.
 _LEVEL = 2
 
-# Returns what advance() does, or -1 after an index outside of an array.
+# Returns what advance() does, or -1 after an index outside of an array. As the one
+# function whose address is taken, run() has place 1 in the table of functions.
 _RUN = """
 declare void @evaluate(double, ptr, ptr, ptr, ptr, ptr, i32)
 define i32 @run(ptr %problem, ptr %memory, double %end,
@@ -38,20 +38,19 @@ define i32 @run(ptr %problem, ptr %memory, double %end,
   %result = select i1 %is_whole, i32 %short, i32 -1
   ret i32 %result
 }
+@address = constant ptr @run
 """
 
-# Numbers of sections.
-_CUSTOM, _IMPORTS, _EXPORTS = 0, 2, 7
-
-# Imports that are no functions.
-_NO_FUNCTIONS = b"__linear_memory", b"__indirect_function_table"
+# The import that is the memory.
+_MEMORY = b"__linear_memory"
 
 
 def MakeModule(program: Program, *arguments: Any) -> bytes:
-    """Returns a module that exports `run(problem, memory, end, accuracy, max_step)`.
+    """Returns a module of `run(problem, memory, end, accuracy, max_step)`.
 
-    It does what advance() does, and imports its memory and C's mathematics
-    from `env`. Addresses below its memory's minimum are its own.
+    It does what advance() does, and stands at place 1 of a table of functions. The
+    module imports that table, its memory and C's mathematics from `env`. Addresses
+    below its memory's minimum are its own.
 
     Args:
         program: What is simulated.
@@ -70,7 +69,7 @@ def MakeModule(program: Program, *arguments: Any) -> bytes:
         data: bytes = _Machine().emit_object(module)
         return data
 
-    return _WithExport(Kept("page", run + model, Emit), b"run")
+    return Kept("page", run + model, Emit)
 
 
 @functools.cache
@@ -108,59 +107,11 @@ def _Optimised(code: str) -> bytes:
     return bitcode
 
 
-def _WithExport(data: bytes, name: bytes) -> bytes:
-    """Returns an object file as a module that exports the first of its functions."""
-    sections = [section for section in _Sections(data) if section[0] != _CUSTOM]
-    imports = dict(sections)[_IMPORTS]  # They have the first numbers.
-    num, _ = _ReadLeb(imports, 0)
-    index = _Leb(num - sum(x in imports for x in _NO_FUNCTIONS))
-    export = bytes([1, len(name)]) + name + b"\0" + index
-    # Sections stand by their numbers; 12 counts the data and stands before 10.
-    place = sum(kind < _EXPORTS for kind, _ in sections)
-    sections.insert(place, (_EXPORTS, export))
-    module = data[:8]
-    for kind, body in sections:
-        module += bytes([kind]) + _Leb(len(body)) + body
-    return module
-
-
-def _Sections(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Yields the number and the content of each section."""
-    place = 8
-    while place < len(data):
-        kind = data[place]
-        size, place = _ReadLeb(data, place + 1)
-        yield kind, data[place : place + size]
-        place += size
-
-
-def _Leb(number: int) -> bytes:
-    """Returns a whole number as WebAssembly writes it."""
-    result = []
-    while number > 127:
-        result.append(number & 127 | 128)
-        number >>= 7
-    return bytes([*result, number])
-
-
-def _ReadLeb(data: bytes, place: int) -> tuple[int, int]:
-    """Returns a whole number, and where what follows it begins."""
-    number = shift = 0
-    while data[place] > 127:
-        number |= (data[place] & 127) << shift
-        shift, place = shift + 7, place + 1
-    return number | data[place] << shift, place + 1
-
-
 def ConstantsOf(module: bytes) -> int:
     """Returns the size in memory of what is a module's own."""
-    name = _NO_FUNCTIONS[0]
-    # Behind the name stand the kind of the import and that of its limit.
-    place = module.index(name) + len(name) + 2
-    pages, _ = _ReadLeb(module, place)
-    return pages << 16
-
-
-def Packed(data: bytes) -> bytes:
-    """Returns data in fewer bytes, always the same for the same data."""
-    return gzip.compress(data, mtime=0)
+    # Behind the name stand the kind of the import, that of its limit, and the number
+    # of pages, which is one byte up to 127.
+    place = module.index(_MEMORY) + len(_MEMORY) + 2
+    num_pages = module[place]
+    assert num_pages < 128
+    return num_pages << 16

@@ -1,17 +1,21 @@
 """Scenarios from names, files and overrides."""
 
-import functools
 import math
 import os
-from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from teleop_drake.arrays import Record
 from teleop_drake.kinds import KIND_KEYS, IsOwn
-from teleop_drake.scenario.overrides import DELAYS, Given, ParseOverrides, SetPath
-from teleop_drake.scenario.scenario import (
+from teleop_drake.scenario.overrides import (
     CHANNELS,
+    DELAYS,
+    Overrides,
+    ParseOverrides,
+    SetFields,
+    SetPath,
+)
+from teleop_drake.scenario.scenario import (
     AnyScenario,
     Scenario,
     ScenarioFiles,
@@ -19,7 +23,7 @@ from teleop_drake.scenario.scenario import (
     TrackingScenario,
 )
 from teleop_drake.scenario.tree import FromTree, ToTree
-from teleop_drake.scenario.yaml_text import ParseFile, ParseYaml, ReadText
+from teleop_drake.scenario.yaml_text import ParseFile, ParseYaml
 from teleop_drake.validation import Choices, Refuse, ScenarioError
 
 MAX_STEPS = 1_000_000
@@ -34,8 +38,7 @@ def ScenarioNames() -> list[str]:
 
 
 def LoadScenario(
-    name_or_path: str | os.PathLike[str],
-    overrides: Mapping[str, Any] | Iterable[str] = (),
+    name_or_path: str | os.PathLike[str], overrides: Overrides = ()
 ) -> AnyScenario:
     """Loads a scenario, applies overrides and validates the result.
 
@@ -45,7 +48,8 @@ def LoadScenario(
         overrides: Either a mapping such as {"delay": 0.05} or strings "PATH=VALUE"
             with a YAML value. A path is dotted; an element of a list is addressed by
             its number or its `name` ("environment.layers.bone.stiffness",
-            "surgeon.velocity.0"). `delay` is that of both channels. Later ones win.
+            "surgeon.velocity.0"), and ALIASES has short ones: `delay` is that of both
+            channels. Later ones win.
 
     Returns:
         A TrackingScenario if the file has a key `trajectory`, else a Scenario.
@@ -57,26 +61,28 @@ def LoadScenario(
 
 
 def LoadOverridden(
-    scenario: ScenarioLike, overrides: Mapping[str, Any] | Iterable[str]
+    scenario: ScenarioLike | Record, overrides: Overrides
 ) -> tuple[AnyScenario, list[str]]:
     """Returns a scenario with overrides, and what the overrides replace.
 
     Args:
-        scenario: A valid one, or what LoadScenario() loads one from.
+        scenario: A valid one, what LoadScenario() loads one from, or a tree of
+            ReadTree().
 
     Returns:
         The scenario, and dotted paths with the numbers of elements, never their names:
         the same for all names of a field, and two for `delay`.
     """
-    if isinstance(scenario, str | os.PathLike):
-        path = _FindScenario(scenario)
-        return OverriddenTree(_CompleteTree(path, ReadText(path)), overrides)
-    tree = ToTree(scenario)
-    replaced = _SetPaths(tree, overrides)
-    changed = FromTree(tree, type(scenario))
-    # Most sweeps change the channels alone.
+    given = scenario
+    if isinstance(given, str | os.PathLike):
+        given = _CompleteTree(_FindScenario(given))
+    tree = ToTree(given)
+    replaced = SetFields(tree, overrides)
+    changed = FromTree(tree, _SchemaOf(tree))
+    # Most sweeps change the channels of a valid scenario alone.
     only_channels = all(path.startswith(CHANNELS) for path in replaced)
-    if isinstance(changed, Scenario) and only_channels:
+    if isinstance(given, Scenario) and only_channels:
+        assert isinstance(changed, Scenario)
         changed._CheckChannels()
     else:
         changed._Check()
@@ -85,28 +91,11 @@ def LoadOverridden(
 
 def ReadTree(name_or_path: str | os.PathLike[str]) -> Record:
     """Returns the complete tree of a scenario; the files that it names are absolute."""
-    path = _FindScenario(name_or_path).absolute()
-    return _CompleteTree(path, ReadText(path))
-
-
-def OverriddenTree(
-    complete: Record, overrides: Mapping[str, Any] | Iterable[str]
-) -> tuple[AnyScenario, list[str]]:
-    """Returns what LoadOverridden() does, for a complete tree."""
-    tree = ToTree(complete)
-    replaced = _SetPaths(tree, overrides)
-    scenario = FromTree(tree, _SchemaOf(tree))
-    scenario._Check()
-    return scenario, replaced
-
-
-def _SetPaths(tree: Record, overrides: Mapping[str, Any] | Iterable[str]) -> list[str]:
-    """Replaces values in a tree, and returns the paths with the numbers of elements."""
-    return [SetPath(tree, path, value) for path, value in ParseOverrides(overrides)]
+    return _CompleteTree(_FindScenario(name_or_path).absolute())
 
 
 def ReadScenario(
-    name_or_path: str | os.PathLike[str], overrides: Iterable[str] = ()
+    name_or_path: str | os.PathLike[str], overrides: Overrides = ()
 ) -> tuple[Record, dict[str, str]]:
     """Returns what a scenario file and overrides say, without running any of it.
 
@@ -122,8 +111,7 @@ def ReadScenario(
     Raises:
         ScenarioError: If the file or an override cannot be read.
     """
-    path = _FindScenario(name_or_path)
-    tree = Given(_ParseScenario(path, ReadText(path)))
+    tree = _ParseScenario(_FindScenario(name_or_path))
     for dotted, value in ParseOverrides(overrides):
         SetPath(tree, dotted, value)
     own = {
@@ -183,12 +171,12 @@ def CheckSteps(scenario: AnyScenario) -> None:
         )
 
 
-def _ParseScenario(path: Path, text: str) -> dict[Any, Any]:
+def _ParseScenario(path: Path) -> dict[Any, Any]:
     """Returns the tree of a scenario file; `delay` has become that of both channels.
 
-    A text that is no mapping in YAML, or gives a delay twice, raises a ScenarioError.
+    A file that is no mapping in YAML, or gives a delay twice, raises a ScenarioError.
     """
-    tree = ParseFile(path, text)
+    tree = ParseFile(path)
     if "delay" not in tree or _SchemaOf(tree) is not Scenario:
         return tree
     delay = tree.pop("delay")
@@ -199,33 +187,32 @@ def _ParseScenario(path: Path, text: str) -> dict[Any, Any]:
     return tree
 
 
-@functools.lru_cache(maxsize=16)
-def _CompleteTree(path: Path, text: str) -> Record:
-    """Returns the tree of a scenario file.
-
-    What the file leaves out has its default. A sweep comes here once for each run.
-    """
-    tree = _ParseScenario(path, text)
+def _CompleteTree(path: Path) -> Record:
+    """Returns the tree of a scenario file; what it leaves out has its default."""
+    tree = _ParseScenario(path)
     tree.setdefault("name", path.stem)
+    scenario = FromTree(tree, _SchemaOf(tree))
     # The paths of files are relative to the folder of the scenario's file.
-    for dotted, file in ScenarioFiles(FromTree(tree, _SchemaOf(tree))).items():
+    for dotted, file in ScenarioFiles(scenario).items():
         section, key = dotted.split(".")
-        tree[section][key] = str(path.parent / file)
-    complete: Record = ToTree(FromTree(tree, _SchemaOf(tree)))
+        setattr(getattr(scenario, section), key, str(path.parent / file))
+    complete: Record = ToTree(scenario)
     return complete
 
 
 def ScenarioFromYaml(text: str) -> AnyScenario:
     """Returns the scenario that `ScenarioToYaml` wrote.
 
-    Files that it names are not read, so a recording can be loaded without them.
+    If it names files, only the types of its values are checked. So a recording can be
+    loaded without them.
 
     Raises:
         ScenarioError: if the text is not YAML or anything in it is not allowed.
     """
     tree = ParseYaml(text, "scenario")
     scenario = FromTree(tree, _SchemaOf(tree))
-    scenario._Check({dotted.partition(".")[0] for dotted in ScenarioFiles(scenario)})
+    if not ScenarioFiles(scenario):
+        scenario._Check()
     return scenario
 
 

@@ -1,52 +1,72 @@
 """Overrides: dotted paths of fields in a tree, and their new values."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from teleop_drake.kinds import KIND_KEYS
 from teleop_drake.scenario.tree import ToTree
-from teleop_drake.scenario.yaml_text import (
-    Dumper,
-    DumpOnOneLine,
-    ParseFile,
-    ParseYaml,
-    ReadText,
-)
+from teleop_drake.scenario.yaml_text import ParseFile, ParseYaml
 from teleop_drake.validation import Choices, ScenarioError, Show
 
 # Most paths that a message suggests.
 _MOST_PATHS = 3
 
+CHANNELS = ("forward_channel", "return_channel")
+"""The fields of a Scenario that are channels."""
+
 DELAYS = ("forward_channel.delay", "return_channel.delay")
 """What the key `delay` stands for, in files and overrides."""
 
+ALIASES = {
+    "channel": CHANNELS,
+    "controller": ("controller.kind",),
+    "delay": DELAYS,
+    "forward_delay": DELAYS[:1],
+    "return_delay": DELAYS[1:],
+    "seed": ("forward_channel.seed", "return_channel.seed"),
+}
+"""Short names of fields, wherever a field is set or varied."""
 
-def ParseOverrides(
-    overrides: Mapping[str, Any] | Iterable[str],
-) -> list[tuple[str, Any]]:
+Override = str | tuple[str, Any]
+"""A text PATH=VALUE with a YAML value, or a dotted path with its value."""
+
+Overrides = Mapping[str, Any] | Sequence[Override]
+"""Overrides in any form that LoadScenario() takes."""
+
+
+def FieldsOf(key: str, value: Any = None) -> Sequence[str]:
+    """Returns the dotted paths of the fields that a key stands for.
+
+    Args:
+        key: A dotted path, or one of ALIASES.
+        value: Its value. `controller` with a mapping is all of the controller.
+    """
+    if key == "controller" and isinstance(value, Mapping):
+        return (key,)
+    return ALIASES.get(key, (key,))
+
+
+def ParseOverrides(overrides: Overrides) -> list[tuple[str, Any]]:
     """Returns the dotted paths of fields and their new values, trees.
 
     Args:
-        overrides: A mapping of dotted paths to values, or strings PATH=VALUE with a
-            YAML value. `delay` is that of both channels.
+        overrides: A mapping of dotted paths to values, or a list of overrides. A path
+            may be one of ALIASES.
     """
-    if isinstance(overrides, Mapping):
-        pairs = [(str(path), ToTree(value)) for path, value in overrides.items()]
-    else:
-        texts = [overrides] if isinstance(overrides, str) else overrides
-        pairs = [_ParseOverride(text) for text in texts]
-    return [
-        (path, value)
-        for key, value in pairs
-        for path in (DELAYS if key == "delay" else (key,))
-    ]
+    if isinstance(overrides, str):
+        overrides = [overrides]
+    items = overrides.items() if isinstance(overrides, Mapping) else overrides
+    pairs = []
+    for item in items:
+        key, value = _ParseOverride(item) if isinstance(item, str) else item
+        # Each field has a tree of its own, because later overrides may change a part.
+        pairs += [(path, ToTree(value)) for path in FieldsOf(str(key), value)]
+    return pairs
 
 
-def OverridesOfFile(path: Path) -> list[str]:
+def OverridesOfFile(path: Path) -> list[Override]:
     """Returns the overrides of a YAML file, a mapping of dotted paths to values."""
-    items = ParseFile(path, ReadText(path)).items()
-    return [f"{key}={DumpOnOneLine(value)}" for key, value in items]
+    return list(ParseFile(path).items())
 
 
 def _ParseOverride(item: str) -> tuple[str, Any]:
@@ -57,13 +77,6 @@ def _ParseOverride(item: str) -> tuple[str, Any]:
     return path, ParseYaml(text, f"override of {Show(path)}")
 
 
-class Given(dict[Any, Any]):
-    """A mapping that is not complete, for example the value of an override."""
-
-
-Dumper.add_representer(Given, Dumper.represent_dict)
-
-
 def GetPath(tree: Any, dotted: str) -> Any:
     """Returns one value in a tree of dicts and lists, or refuses the path."""
     for part in dotted.split("."):
@@ -71,43 +84,59 @@ def GetPath(tree: Any, dotted: str) -> Any:
     return tree
 
 
+def SetFields(tree: Any, overrides: Overrides) -> list[str]:
+    """Replaces values in the complete tree of a scenario.
+
+    Returns:
+        The paths as SetPath() returns them.
+    """
+    replaced = []
+    for path, value in ParseOverrides(overrides):
+        _CheckBegin(tree, path, value)
+        replaced.append(SetPath(tree, path, value))
+    return replaced
+
+
 def SetPath(tree: Any, dotted: str, value: Any) -> str:
-    """Replaces one value in a tree of dicts and lists, or refuses the path.
+    """Replaces one value in a tree of dicts and lists.
+
+    FromTree() refuses keys that a mapping must not have: its kind decides which these
+    are, and what is left out of a mapping has its default, and may be set as well.
 
     Returns:
         The path with the numbers of elements instead of their names: the same for all
         names of a value.
     """
-    shown = f"{dotted if dotted.isprintable() else Show(dotted)} = {Show(value)}"
-    _CheckBegin(tree, dotted, shown)
     keys: list[str | int] = []
-    is_open = False
     for part in dotted.split("."):
         if keys:
             tree = tree[keys[-1]]
-        # The kind decides which keys a mapping has, and FromTree() checks them. What
-        # an override leaves out of a mapping has its default, and may be set as well.
-        is_open |= isinstance(tree, Given) or (
-            isinstance(tree, dict) and any(key in tree for key in KIND_KEYS)
-        )
-        if is_open and isinstance(tree, dict):
+        if isinstance(tree, dict):
             keys.append(part)
             tree.setdefault(part, {})
         else:
-            keys.append(_FindKey(tree, part, shown))
-    tree[keys[-1]] = Given(value) if isinstance(value, dict) else value
+            keys.append(_FindKey(tree, part, _Shown(dotted, value)))
+    tree[keys[-1]] = value
     return ".".join(map(str, keys))
 
 
-def _CheckBegin(tree: Any, dotted: str, shown: str) -> None:
-    """Refuses a path that is the end of others, and names these in full."""
-    if not isinstance(tree, dict) or dotted.partition(".")[0] in tree:
+def _Shown(dotted: str, value: Any) -> str:
+    """Returns an override for messages."""
+    return f"{dotted if dotted.isprintable() else Show(dotted)} = {Show(value)}"
+
+
+def _CheckBegin(tree: Any, dotted: str, value: Any) -> None:
+    """Refuses a path whose first key is unknown; the end of others is named in full."""
+    first = dotted.partition(".")[0]
+    if first in tree:
         return
+    shown = _Shown(dotted, value)
     full = [path for path in _Paths(tree) if path.endswith(f".{dotted}")]
     if full:
         more = ", ..." if len(full) > _MOST_PATHS else ""
         paths = " or ".join(full[:_MOST_PATHS])
         raise ScenarioError(f"{shown}: must be the full path, {paths}{more}")
+    _FindKey(tree, first, shown)
 
 
 def _Paths(tree: Any, prefix: str = "") -> Iterator[str]:

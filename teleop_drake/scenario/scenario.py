@@ -11,7 +11,7 @@ not state is marked "assumed" or "fitted" in the scenario files.
 """
 
 import os
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import field
 from typing import Any
 
@@ -56,7 +56,7 @@ from teleop_drake.scenario.config import (
     TrackingControllerConfig,
     TrajectoryConfig,
 )
-from teleop_drake.scenario.overrides import GetPath
+from teleop_drake.scenario.overrides import CHANNELS, FieldsOf, GetPath
 from teleop_drake.scenario.tree import FromTree, ToTree
 from teleop_drake.scenario.yaml_text import DumpYaml
 from teleop_drake.validation import (
@@ -77,10 +77,6 @@ _MOST_GRAVITY = 1000.0
 
 # Farther away, a small motion is lost in the rounding of the position, m.
 _FARTHEST_START = 1e6
-
-
-CHANNELS = ("forward_channel", "return_channel")
-"""The fields of a Scenario that are channels."""
 
 
 @Config
@@ -121,12 +117,13 @@ class _ScenarioBase(FixedFields):
         """Returns the value of a field as plain data.
 
         Args:
-            dotted: The path of the field, such as `environment.layers.bone.stiffness`.
+            dotted: The path of the field, such as `environment.layers.bone.stiffness`,
+                or a key of ALIASES, which stands for the first of its fields.
 
         Raises:
             ScenarioError: If there is no such field.
         """
-        return GetPath(ToTree(self), dotted)
+        return GetPath(ToTree(self), FieldsOf(dotted)[0])
 
     def Validate(self) -> None:
         """Checks every field.
@@ -138,19 +135,14 @@ class _ScenarioBase(FixedFields):
         # scenario in Python may have put lists.
         FromTree(ToTree(self), type(self))._Check()
 
-    def _Check(self, unread: Container[str] = ()) -> None:
-        """Checks the values, which have the right types.
-
-        Args:
-            unread: Fields that are not checked, because they name a file.
-        """
+    def _Check(self) -> None:
+        """Checks the values, which have the right types."""
         if not self.name or not self.name.isprintable() or {"/", "\\"} & {*self.name}:
             Refuse("name", self.name, "one line of text without / and \\")
         self.CheckNumbers()
         if not IsGiven(self.robot):
             ROBOT_KINDS.Find(None, "robot.model")
-        if "robot" not in unread:
-            self.robot.Check("robot")
+        self.robot.Check("robot")
 
 
 @Config
@@ -235,15 +227,14 @@ class Scenario(_ScenarioBase):
         """Psi at time 0 in 1/kg (n, n); see BacksteppingParameters.InitialPsi."""
         return self.controller.InitialPsi(self.Facts())
 
-    def _Check(self, unread: Container[str] = ()) -> None:
+    def _Check(self) -> None:
         """Checks the values; see _ScenarioBase."""
-        super()._Check(unread)
+        super()._Check()
         n = self.num_axes
-        if "surgeon" not in unread:
-            self.surgeon.Check("surgeon", n)
+        self.surgeon.Check("surgeon", n)
         self.haptic_device.Check("haptic_device")
         # The channels, which need the duration.
-        self._CheckChannels(unread)
+        self._CheckChannels()
         # The tissue and the tool in front of it.
         with Within("environment"):
             self.environment.Check()
@@ -262,14 +253,13 @@ class Scenario(_ScenarioBase):
         controller.Check(n)
         is_given = not isinstance(controller.initial_psi, str)
         has_psi = controller.is_backstepping or is_given
-        if has_psi and "robot" not in unread:
+        if has_psi:
             controller.InitialPsi(self.Facts())
         CheckSimulatorConfig(self.simulator)
 
-    def _CheckChannels(self, unread: Container[str] = ()) -> None:
+    def _CheckChannels(self) -> None:
         for path in CHANNELS:
-            if path not in unread:
-                getattr(self, path).Check(path, self.duration)
+            getattr(self, path).Check(path, self.duration)
 
 
 @Config
@@ -292,9 +282,9 @@ class TrackingScenario(_ScenarioBase):
     # Drake's own; start_time is 0.
     simulator: SimulatorConfig = field(default_factory=DefaultSimulator)
 
-    def _Check(self, unread: Container[str] = ()) -> None:
+    def _Check(self) -> None:
         """Checks the values; see _ScenarioBase."""
-        super()._Check(unread)
+        super()._Check()
         # The controller's model has no friction, and a slider does.
         robot = self.robot
         n = self.num_axes

@@ -3,14 +3,13 @@
 A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
 """
 
-import math
 import re
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from teleop_drake.files import ReadText as ReadFile
+from teleop_drake.files import ReadText
 from teleop_drake.validation import ScenarioError, Show
 
 # Numbers that people write and YAML 1.1 takes for text: it asks for a dot, for a sign
@@ -76,19 +75,6 @@ def DumpYaml(tree: Any, *, is_compact: bool = False) -> str:
     return str(text)
 
 
-def DumpOnOneLine(value: Any) -> str:
-    """Returns a value as YAML on one line."""
-    # In brackets, a number needs no end of document.
-    text: str = yaml.dump(
-        [value],
-        Dumper=Dumper,
-        sort_keys=False,
-        default_flow_style=True,
-        width=math.inf,
-    )
-    return text.strip()[1:-1]
-
-
 def ParseYaml(text: str, origin: str) -> Any:
     """Returns the tree of a YAML text.
 
@@ -116,19 +102,14 @@ def ParseYaml(text: str, origin: str) -> Any:
         raise ScenarioError(message) from None
 
 
-def _Origin(path: Path) -> str:
-    return f"scenario file {str(path)!r}"
+def ParseFile(path: Path) -> dict[Any, Any]:
+    """Returns the tree of a YAML file, which must be a mapping.
 
-
-def ReadText(path: Path) -> str:
-    """Returns the text of a scenario file, or refuses one that cannot be read."""
-    return ReadFile(path, _Origin(path))
-
-
-def ParseFile(path: Path, text: str) -> dict[Any, Any]:
-    """Returns the tree of a scenario file with this text, which must be a mapping."""
-    origin = _Origin(path)
-    tree = ParseYaml(text, origin)
+    Raises:
+        ScenarioError: If it cannot be read, or is none.
+    """
+    origin = f"scenario file {str(path)!r}"
+    tree = ParseYaml(ReadText(path, origin), origin)
     if not isinstance(tree, dict):
         raise ScenarioError(
             f"{origin}: must hold a mapping of scenario fields, not {Show(tree)}"

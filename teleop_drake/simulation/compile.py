@@ -38,7 +38,7 @@ from teleop_drake.scenario import (
     ScenarioLike,
 )
 from teleop_drake.scenario.loading import LoadOverridden
-from teleop_drake.scenario.scenario import CHANNELS
+from teleop_drake.scenario.overrides import CHANNELS
 from teleop_drake.simulation.compiled_run import (
     CompiledDiagram,
     CompileDiagram,

@@ -45,7 +45,7 @@ class CompiledSystem:
 
         Args:
             duration: How long, s; None: as it was compiled.
-            numbers: New values by the names of NamedParameters() and InitialStates(),
+            numbers: New values by the names of NamedParameters() and ScalarsIn(),
                 or `delay`: of all delays.
 
         Raises:

@@ -1,5 +1,6 @@
 """Sweeps: runs of a scenario over a grid of values and controllers."""
 
+from teleop_drake.scenario.overrides import ALIASES
 from teleop_drake.sweep.folder import WriteTables
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
 from teleop_drake.sweep.result import (
@@ -14,7 +15,7 @@ from teleop_drake.sweep.statistics import (
     Statistics,
     VariesSeedsOnly,
 )
-from teleop_drake.sweep.values import ALIASES, ParseValues
+from teleop_drake.sweep.values import ParseValues
 from teleop_drake.tasks.metrics import FlattenMetrics, MetricUnits
 
 __all__ = [

@@ -10,8 +10,8 @@ import numpy as np
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.arrays import Array
 from teleop_drake.scenario import AsTeleoperation
+from teleop_drake.scenario.overrides import ALIASES
 from teleop_drake.sweep.plan import SweepPlan
-from teleop_drake.sweep.values import ALIASES
 from teleop_drake.validation import Refuse
 
 # Each value needs an analysis, which takes about a tenth of a second.

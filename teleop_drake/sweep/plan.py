@@ -4,35 +4,37 @@ import contextlib
 import hashlib
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
+
+import numpy as np
 
 from teleop_drake.arrays import Record
 from teleop_drake.scenario import (
-    DELAYS,
     AnyScenario,
     CheckSteps,
     LoadOverridden,
     ScenarioError,
     ScenarioLike,
 )
-from teleop_drake.scenario.loading import OverriddenTree, ReadTree
+from teleop_drake.scenario.loading import ReadTree
+from teleop_drake.scenario.overrides import (
+    CHANNELS,
+    Overrides,
+    ParseOverrides,
+)
 from teleop_drake.scenario.scenario import ScenarioFiles
 from teleop_drake.simulation.simulate import ENGINES
 from teleop_drake.sweep.result import SweepError
 from teleop_drake.sweep.values import (
-    ALIASES,
     MAX_RUNS,
     CheckAxis,
     File,
     GivenGrid,
-    GivenOverrides,
     Grid,
-    OverridesOf,
     Point,
-    PointOverrides,
 )
 from teleop_drake.tasks import TaskOf
 
@@ -46,9 +48,10 @@ class SweepPlan:
     """A checked sweep of one scenario; see PlanSweep.
 
     Attributes:
+        file: The name of the scenario or its file.
         tree: The complete tree of the scenario. The files that it names, such as a
             measured trace or a robot's model, have to exist where runs are simulated.
-        overrides: Overrides of all runs, as "PATH=VALUE".
+        overrides: Overrides of all runs: dotted paths of fields and their values.
         axes: Keys of the grid and their values.
         points: A dict from key to value for each run; the last key varies fastest.
         scenario: The scenario of the first valid point.
@@ -56,8 +59,9 @@ class SweepPlan:
         engine: The engine, as in simulate().
     """
 
+    file: File
     tree: Record
-    overrides: list[str]
+    overrides: list[tuple[str, Any]]
     axes: Grid
     points: list[dict[str, Any]]
     scenario: AnyScenario
@@ -65,20 +69,23 @@ class SweepPlan:
     engine: str
 
     def Load(self, point: Point) -> AnyScenario:
-        """Returns the scenario of the run at a point.
+        """Returns the scenario of the run at a point, after the checks of its task.
 
         Raises:
             ScenarioError: If it is not valid.
+            ValueError: If a value that derives from it is not allowed.
         """
-        overrides = [*self.overrides, *PointOverrides(point)]
-        return OverriddenTree(self.tree, overrides)[0]
+        overrides = [*self.overrides, *point.items()]
+        scenario, _ = LoadOverridden(self.tree, overrides)
+        TaskOf(scenario).Check(scenario)
+        return scenario
 
 
 def PlanSweep(
     scenario: File,
     grid: GivenGrid,
     *,
-    overrides: GivenOverrides = (),
+    overrides: Overrides = (),
     engine: str = "auto",
 ) -> SweepPlan:
     """Makes the plan of a sweep, and checks it before anything runs.
@@ -95,7 +102,7 @@ def PlanSweep(
     """
     if engine not in ENGINES:
         raise SweepError(f"engine = {engine!r}: must be one of {', '.join(ENGINES)}")
-    texts = OverridesOf(overrides)
+    fixed = ParseOverrides(overrides)
     axes = {key: CheckAxis(key, values) for key, values in grid.items()}
     num_runs = math.prod(map(len, axes.values()))
     if num_runs > MAX_RUNS:
@@ -105,36 +112,37 @@ def PlanSweep(
     # What the runs share is checked once if it is valid without values of the grid.
     shared: ScenarioLike = scenario
     shared_paths: list[str] = []
-    missing = texts
+    missing = fixed
     with contextlib.suppress(ScenarioError):
-        shared, shared_paths = LoadOverridden(scenario, texts)
+        shared, shared_paths = LoadOverridden(scenario, fixed)
         missing = []
 
     def Load(point: Point) -> AnyScenario:
         """Returns the scenario of a point; error messages have the name given."""
-        own = [*missing, *PointOverrides(point)]
+        own = [*missing, *point.items()]
         checked, replaced = LoadOverridden(shared, own)
-        _CheckPaths(texts, axes, [*shared_paths, *replaced])
+        _CheckPaths(fixed, point, [*shared_paths, *replaced])
         CheckSteps(checked)
         for file in sorted(set(ScenarioFiles(checked).values())):
             if file not in traces:
                 traces[file] = hashlib.sha256(Path(file).read_bytes()).hexdigest()
         return checked
 
-    # Each value of the grid has to be valid in combination with some others.
-    first = _CheckValues(Load, axes)
+    points = [
+        dict(zip(axes, values, strict=True))
+        for values in itertools.product(*axes.values())
+    ]
+    first = _CheckValues(Load, axes, points)
     if "seed" in axes and not _HasRandomNumbers(first, axes):
         raise SweepError(
             f"grid.seed = {axes['seed']}: must be left out, no channel is random"
         )
     return SweepPlan(
+        file=scenario,
         tree=ReadTree(scenario),
-        overrides=texts,
+        overrides=fixed,
         axes=axes,
-        points=[
-            dict(zip(axes, values, strict=True))
-            for values in itertools.product(*axes.values())
-        ],
+        points=points,
         scenario=first,
         traces=traces,
         engine=engine,
@@ -143,81 +151,67 @@ def PlanSweep(
 
 def _HasRandomNumbers(scenario: AnyScenario, axes: Iterable[str]) -> bool:
     """Returns whether any run may depend on a seed."""
-    for way in ALIASES["channel"]:
+    for way in CHANNELS:
         if not {"channel", way, f"{way}.kind"}.isdisjoint(axes):
             return True
     channels = TaskOf(scenario).Channels(scenario).values()
     return any(channel.draws_random_numbers for channel in channels)
 
 
-class _Setting(NamedTuple):
-    """A field that is set by the overrides or by a key of the grid."""
-
-    setter: str
-    path: str
-
-
-def _Settings(overrides: Sequence[str], axes: Iterable[str]) -> Iterator[_Setting]:
-    """Yields the fields that are set, in the order in which they are set."""
-    for text in overrides:
-        path = text.partition("=")[0].strip()
-        for field in DELAYS if path == "delay" else (path,):
-            yield _Setting("overrides", field)
-    for key in axes:
-        for field in ALIASES.get(key, (key,)):
-            yield _Setting(f"grid.{key}", field)
-
-
 def _CheckPaths(
-    overrides: Sequence[str], axes: Iterable[str], names: Sequence[str]
+    overrides: Sequence[tuple[str, Any]], point: Point, names: Sequence[str]
 ) -> None:
     """Refuses a setting that has no effect because a later value replaces it.
 
     Args:
         names: The unique name of each field, in the order of the settings.
     """
-    settings = list(_Settings(overrides, axes))
-    for i, later in enumerate(settings):
-        if later.setter == "overrides":
-            continue  # As on the command line, the later one wins.
-        for j, earlier in enumerate(settings[:i]):
+    setters = ["overrides"] * len(overrides)
+    paths = [path for path, _ in overrides]
+    for key, value in point.items():
+        for path, _ in ParseOverrides({key: value}):
+            setters.append(f"grid.{key}")
+            paths.append(path)
+    # Of overrides the later one wins, as on the command line.
+    for i in range(len(overrides), len(names)):
+        for j in range(i):
             if f"{names[j]}.".startswith(f"{names[i]}."):
                 raise SweepError(
-                    f"{later.setter}: must leave {earlier.path} alone, "
-                    f"{earlier.setter} sets it"
+                    f"{setters[i]}: must leave {paths[j]} alone, {setters[j]} sets it"
                 )
 
 
-def _CheckValues(load: Callable[[Point], AnyScenario], axes: Grid) -> AnyScenario:
-    """Refuses values that are valid in no combination; returns a valid scenario."""
+def _CheckValues(
+    load: Callable[[Point], AnyScenario], axes: Grid, points: Sequence[Point]
+) -> AnyScenario:
+    """Refuses values that are valid in no combination; returns a valid scenario.
+
+    Args:
+        load: Returns the scenario of a point.
+        points: All points of the grid; the last axis varies fastest.
+
+    Raises:
+        ScenarioError: The error of the first point with a value that is never valid.
+    """
+    runs = np.arange(len(points)).reshape([len(values) for values in axes.values()])
     first: AnyScenario | None = None
-    good: set[tuple[str, int]] = set()
-    for key, values in axes.items():
-        for i in range(len(values)):
-            if (key, i) in good:
-                continue
-            indices, scenario = _FindValid(load, axes, key, i)
-            good.update(indices.items())
+    for axis, num_values in enumerate(runs.shape):
+        for i in range(num_values):
+            own = runs.take(i, axis).ravel()
+            own = own[:: max(len(own) // _MAX_CHECKS, 1)]
+            scenario = _FirstValid(load, [points[run] for run in own.tolist()])
             first = first or scenario
     return first or load({})
 
 
-def _FindValid(
-    load: Callable[[Point], AnyScenario], axes: Grid, key: str, i: int
-) -> tuple[dict[str, int], AnyScenario]:
-    """Returns the indices of a valid point with value i of a key, and its scenario.
-
-    Raises:
-        ScenarioError: The error of the first point, if no point is valid.
-    """
-    choices = {k: range(len(values)) for k, values in axes.items()}
-    choices[key] = range(i, i + 1)
-    combinations = list(itertools.product(*choices.values()))
+def _FirstValid(
+    load: Callable[[Point], AnyScenario], points: Iterable[Point]
+) -> AnyScenario:
+    """Returns the scenario of the first valid point, or raises the first error."""
     errors: list[ScenarioError] = []
-    for combination in combinations[:: max(len(combinations) // _MAX_CHECKS, 1)]:
-        indices = dict(zip(axes, combination, strict=True))
+    for point in points:
         try:
-            return indices, load({k: axes[k][j] for k, j in indices.items()})
+            return load(point)
         except ScenarioError as error:
             errors.append(error)
     raise errors[0]

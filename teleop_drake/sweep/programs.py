@@ -6,7 +6,7 @@ from teleop_drake.simulation import simulate
 from teleop_drake.simulation.compile import Compile, CompiledScenario
 from teleop_drake.simulation.compiled_run import CannotCompile
 from teleop_drake.sweep.plan import SweepPlan
-from teleop_drake.sweep.values import ALIASES, Point
+from teleop_drake.sweep.values import Point
 
 Programs = dict[tuple[tuple[str, str], ...], CompiledScenario]
 """The programs to which runs of a sweep have been compiled, by the names they have."""
@@ -30,13 +30,8 @@ def SimulatePoint(plan: SweepPlan, point: Point, programs: Programs) -> Recordin
         (key, value) for key, value in point.items() if isinstance(value, str)
     )
     if names in programs:
-        changes = {
-            path: value
-            for key, value in point.items()
-            for path in ALIASES.get(key, (key,))
-        }
         try:
-            return programs[names].Run(**changes)
+            return programs[names].Run(**point)
         except ScenarioError:
             # The run needs another program, or Load() raises the error below.
             pass

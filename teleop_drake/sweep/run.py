@@ -19,6 +19,7 @@ from pathlib import Path
 
 from teleop_drake.arrays import Record
 from teleop_drake.scenario import ScenarioError
+from teleop_drake.scenario.overrides import Overrides
 from teleop_drake.simulation.compiled_run import WhyNotCompiled
 from teleop_drake.sweep.folder import SweepFolder, Versions
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
@@ -27,7 +28,6 @@ from teleop_drake.sweep.result import SweepError, SweepResult
 from teleop_drake.sweep.values import (
     File,
     GivenGrid,
-    GivenOverrides,
     Notice,
     Point,
     Progress,
@@ -83,7 +83,7 @@ def Sweep(
     scenario: File,
     grid: GivenGrid,
     *,
-    overrides: GivenOverrides = (),
+    overrides: Overrides = (),
     engine: str = "auto",
     executor: Executor | None = None,
     jobs: int | None = None,

@@ -28,7 +28,7 @@ from typing import Any
 
 from teleop_drake.arrays import Record
 from teleop_drake.scenario import ScenarioNames
-from teleop_drake.scenario.yaml_text import ParseFile, ReadText
+from teleop_drake.scenario.yaml_text import ParseFile
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
 from teleop_drake.sweep.values import File, IsListOfText, MakeGrid
 from teleop_drake.validation import CheckChoice, Refuse, Within
@@ -61,7 +61,7 @@ def IsStudy(name: str) -> bool:
     if name in StudyNames():
         return True
     path = Path(name)
-    return path.is_file() and "scenarios" in ParseFile(path, ReadText(path))
+    return path.is_file() and "scenarios" in ParseFile(path)
 
 
 def LoadStudy(file: File) -> Study:
@@ -75,7 +75,7 @@ def LoadStudy(file: File) -> Study:
         SweepError: If a grid cannot be used.
     """
     path = _STUDIES / f"{file}.yaml" if file in StudyNames() else Path(file)
-    tree = ParseFile(path, ReadText(path))
+    tree = ParseFile(path)
     for key in tree:
         CheckChoice("key", key, ("scenarios", *_OF_A_SWEEP, "engine", "metrics"))
     plans = {}
@@ -128,7 +128,7 @@ def _Joined(
         values = settings.get(key) or {}
         if key == "overrides" and isinstance(values, str):
             file = folder / values
-            values = ParseFile(file, ReadText(file))
+            values = ParseFile(file)
         if not isinstance(values, Mapping):
             Refuse(key, values, "a mapping of paths to values")
         joined |= {str(path): value for path, value in values.items()}

@@ -10,8 +10,8 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from teleop_drake.scenario import ARCHITECTURES, DELAYS, ScenarioError
-from teleop_drake.scenario.yaml_text import DumpOnOneLine, ParseYaml
+from teleop_drake.scenario import ARCHITECTURES, ScenarioError
+from teleop_drake.scenario.yaml_text import ParseYaml
 from teleop_drake.sweep.result import SweepError
 from teleop_drake.validation import Refuse
 
@@ -24,9 +24,6 @@ Point = Mapping[str, Any]
 GivenGrid = Mapping[str, Iterable[Any]]
 """A grid as users give it: lists of values, or texts for ParseValues()."""
 
-GivenOverrides = Mapping[str, Any] | Iterable[str]
-"""Overrides in any form that LoadScenario() takes."""
-
 File = str | os.PathLike[str]
 """The name of a file or a folder."""
 
@@ -38,16 +35,6 @@ Notice = Callable[[str], object]
 
 MAX_RUNS = 100_000
 """Largest number of runs in a sweep. A typing error thus cannot exhaust the memory."""
-
-ALIASES = {
-    "channel": ("forward_channel", "return_channel"),
-    "controller": ("controller.kind",),
-    "delay": DELAYS,
-    "forward_delay": ("forward_channel.delay",),
-    "return_delay": ("return_channel.delay",),
-    "seed": ("forward_channel.seed", "return_channel.seed"),
-}
-"""Keys of a grid that stand for fields of the scenario."""
 
 
 def MakeGrid(
@@ -148,56 +135,21 @@ def CheckAxis(key: str, values: object) -> list[Any]:
         allowed = "a list of values or START:STOP:COUNT"
         Refuse(f"grid.{key}", values, allowed)
     try:
-        plain: list[Any] = _ToPlain(list(values), allow_nan=False)
-    except ValueError:
+        written = json.dumps(
+            list(values), default=lambda x: x.tolist(), allow_nan=False
+        )
+    except (AttributeError, TypeError, ValueError):
         raise SweepError(
             f"grid.{key}: must have finite numbers, text, booleans, None, lists and "
             "dicts only"
         ) from None
+    plain: list[Any] = json.loads(written)
     if not plain:
         raise SweepError(f"grid.{key} = []: must have at least one value")
     # 1 and 1.0 are one value, 1 and true are two.
-    texts = [json.dumps(x) for x in json.loads(json.dumps(plain), parse_int=float)]
+    texts = [json.dumps(x) for x in json.loads(written, parse_int=float)]
     text, count = Counter(texts).most_common(1)[0]
     if count > 1:
         text = json.dumps(plain[texts.index(text)])
         raise SweepError(f"grid.{key}: must have different values, and {text} is twice")
     return plain
-
-
-def PointOverrides(point: Point) -> list[str]:
-    """Returns the overrides, as PATH=VALUE, that set a point of the grid."""
-    overrides = []
-    for key, value in point.items():
-        text = _YamlOf(value)
-        overrides += [f"{path}={text}" for path in ALIASES.get(key, (key,))]
-    return overrides
-
-
-def OverridesOf(overrides: GivenOverrides) -> list[str]:
-    """Returns overrides as PATH=VALUE, from any form that LoadScenario() accepts."""
-    if isinstance(overrides, str):
-        return [overrides]
-    if isinstance(overrides, Mapping):
-        return [f"{path}={_YamlOf(_ToPlain(x))}" for path, x in overrides.items()]
-    return list(overrides)
-
-
-def _ToPlain(value: Any, *, allow_nan: bool = True) -> Any:
-    """Returns a value as JSON returns it, without numpy types.
-
-    Raises:
-        ValueError: If the value cannot be written as JSON.
-    """
-    try:
-        text = json.dumps(value, default=lambda x: x.tolist(), allow_nan=allow_nan)
-    except (AttributeError, TypeError) as error:
-        raise ValueError(str(error)) from None
-    return json.loads(text)
-
-
-def _YamlOf(value: Any) -> str:
-    """Returns a value as YAML on one line."""
-    if isinstance(value, float) and math.isfinite(value):
-        return repr(value)
-    return DumpOnOneLine(value)

@@ -72,8 +72,8 @@ def test_a_sweep_has_them_as_well():
         ["sweep", "one_dof", "--channel", "lte", "--seeds", "2"]
     )
     assert PlanOf(args).overrides == [
-        "forward_channel={kind: lte}",
-        "return_channel={kind: lte}",
+        ("forward_channel", {"kind": "lte"}),
+        ("return_channel", {"kind": "lte"}),
     ]
 
 

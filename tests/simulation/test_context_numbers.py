@@ -6,7 +6,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Integrator
 
 from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.parameters import InitialStates, SetNumbers
+from teleop_drake.parameters import ScalarsIn, SetNumbers
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import MakeDiagram, compiled_run, simulate
 from teleop_drake.simulation.compile import Compile
@@ -156,4 +156,7 @@ class TwoGroups(LeafSystem):
 
 
 def test_states_of_several_groups_are_those_of_the_first():
-    assert InitialStates(TwoGroups()) == {"x0(0)": 1.0, "x1(0)": 2.0}
+    system = TwoGroups()
+    states = ScalarsIn(system, system.CreateDefaultContext())
+    values = {name: state.value for name, state in states.items()}
+    assert values == {"x0(0)": 1.0, "x1(0)": 2.0}

@@ -80,9 +80,9 @@ scenarios:
     slow, wifi = study.LoadStudy(Write(text)).plans.values()
     delays = {"controller": ["direct_force"], "delay": [0.0, 0.02, 0.04]}
     assert slow.axes == delays | {"robot.mass": [1, 2]}
-    assert slow.overrides == ["duration=9"] and slow.engine == "drake"
+    assert slow.overrides == [("duration", 9)] and slow.engine == "drake"
     assert wifi.axes == delays | {"delay": [0.05], "seed": [0, 1]}
-    assert wifi.overrides == ["duration=0.02", "return_channel.kind=wifi"]
+    assert wifi.overrides == [("duration", 0.02), ("return_channel.kind", "wifi")]
 
 
 @pytest.mark.parametrize(

@@ -167,7 +167,7 @@ def _VariedNumber(item: str | None) -> tuple[str, list[float]]:
         return "", []
     from teleop_drake.sweep import ParseValues, SweepError
 
-    path, text = options.SplitVary(item, "START:STOP:COUNT")
+    path, text = options.SplitVary(item, "PATH=START:STOP:COUNT")
     try:
         values = ParseValues(text)
     except SweepError as e:

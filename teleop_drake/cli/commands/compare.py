@@ -1,6 +1,7 @@
 """The command `teleop-drake compare`: a sweep that draws trajectories."""
 
 import argparse
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,6 +38,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 def Execute(args: argparse.Namespace) -> int:
     """Puts the controllers of a scenario, or values of its fields, side by side."""
+    from teleop_drake.scenario.overrides import ParseOverrides
     from teleop_drake.sweep import PlanSweep
     from teleop_drake.tasks import TaskOf
 
@@ -54,9 +56,9 @@ def Execute(args: argparse.Namespace) -> int:
     output.CheckJson(args.json)
     output.CheckHtml(args.html)
     overrides = [  # The controllers that are compared replace a given one.
-        text
-        for text in options.OverridesOf(args)
-        if not controllers or text.partition("=")[0].strip() != "controller.kind"
+        (path, value)
+        for path, value in ParseOverrides(options.OverridesOf(args))
+        if not controllers or path != "controller.kind"
     ]
     grid = options.GridOf(args, controllers)
     plan = PlanSweep(args.scenario, grid, overrides=overrides, engine=args.engine)
@@ -65,14 +67,10 @@ def Execute(args: argparse.Namespace) -> int:
 
 def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
     """Simulates each point of the grid once and puts the runs side by side."""
-    from teleop_drake.sweep.values import PointOverrides
-
     formats = options.FormatsOf(args)
     drawing = options.FigureOptionsOf(args)
     names = _Names(plan)
-    scenarios = [
-        options.Load(args, *PointOverrides(point), is_run=True) for point in plan.points
-    ]
+    scenarios = [plan.Load(point) for point in plan.points]
     for scenario in scenarios:
         options.CheckSignals(args, scenario)
     # Where the files go, before anything is simulated.
@@ -120,7 +118,6 @@ def _Names(plan: "SweepPlan") -> dict[str, str]:
     What is the same of all is left to the headlines.
     """
     from teleop_drake.figures.style import LabelOfValue
-    from teleop_drake.sweep.values import PointOverrides
 
     has_controllers = len(plan.axes.get("controller", ())) > 1 or len(plan.axes) == 1
     names = {}
@@ -132,7 +129,7 @@ def _Names(plan: "SweepPlan") -> dict[str, str]:
                 stems.append(value)
                 labels += [value] * has_controllers
             else:
-                shown = PointOverrides({key: value})[0].partition("=")[2]
+                shown = value if isinstance(value, str) else json.dumps(value)
                 stems.append(f"{key.split('.')[-1]}={shown}")
                 labels.append(LabelOfValue(key, value))
         names["_".join(map(FileStem, stems))] = ", ".join(labels)

@@ -84,7 +84,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 # Options whose place the keys of a study take.
 _OF_A_SCENARIO = (
     *("delay", "forward_delay", "return_delay", "channel", "duration", "accuracy"),
-    *("set", "controllers", "vary", "seeds", "metrics"),
+    *("set", "controllers", "vary", "seeds", "metrics", "engine"),
 )
 
 
@@ -159,16 +159,17 @@ def StudyOf(args: argparse.Namespace) -> "Study":
     metrics = args.metrics and [name.strip() for name in args.metrics.split(",")]
     if not IsStudy(args.scenario):
         return Study(plans={"": PlanOf(args)}, metrics=metrics)
-    given = [name for name in _OF_A_SCENARIO if getattr(args, name)]
-    for name in [*given, *(["engine"] if args.engine != "auto" else [])]:
-        option = "--" + name.replace("_", "-")
-        raise BadInput(f"{option}: must be left out with a study, which has it")
+    for name in _OF_A_SCENARIO:
+        if getattr(args, name) not in (None, [], "auto"):
+            option = "--" + name.replace("_", "-")
+            raise BadInput(f"{option}: must be left out with a study, which has it")
     return LoadStudy(args.scenario)
 
 
 def PlanOf(args: argparse.Namespace) -> "SweepPlan":
     """Returns the plan of a scenario's sweep. Seeds vary fastest, then the delays."""
     from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
+    from teleop_drake.scenario.overrides import ParseOverrides
     from teleop_drake.sweep import PlanSweep
     from teleop_drake.tasks import TaskOf
 
@@ -177,10 +178,10 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
         for key in ("delay", "forward_delay", "return_delay")
         if getattr(args, key) is not None
     ]
-    fields = [*args.vary, *options.FieldsOf(args)]
-    given = {item.partition("=")[0].strip() for item in fields}
+    given = [options.SplitVary(item)[0] for item in args.vary]
+    given += [path for path, _ in ParseOverrides(options.FieldsOf(args))]
     controllers = options.ControllersOf(args)
-    if not controllers and not given & {"controller", "controller.kind"}:
+    if not controllers and not {*given} & {"controller", "controller.kind"}:
         try:
             controllers = list(TaskOf(LoadScenario(args.scenario)).controllers)
         except ScenarioError:  # It may be good with its overrides.

@@ -2,7 +2,7 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from teleop_drake.cli import options
 from teleop_drake.cli.commands.sweep import StudyOf
@@ -10,7 +10,6 @@ from teleop_drake.cli.exit_codes import DONE, BadInput, Interrupted
 from teleop_drake.cli.output import CheckJson, Tell
 from teleop_drake.cli.progress import Notice, SweepProgress
 from teleop_drake.cli.tables import Align
-from teleop_drake.validation import Refuse
 
 if TYPE_CHECKING:
     from teleop_drake.sweep.study import Study
@@ -54,8 +53,6 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         help="runs that the search does not see: other values of delay, seed or any "
         "field, or a study; repeatable",
     )
-    help_ = "longer round trip with which every loop has to be stable by analysis, s"
-    add("--margin", type=float, metavar="S", help=help_)
     help_ = "how many sets of gains to try (default: 64)"
     add("--evaluations", type=int, default=64, metavar="N", help=help_)
     help_ = "of the search (default: 0)"
@@ -91,8 +88,7 @@ def Execute(args: argparse.Namespace) -> int:
         controller=controller,
         gains=args.gains.split(","),
         minimize=args.minimize,
-        held_out=_HeldOut(args, training),
-        margin=args.margin,
+        held_out=_HeldOut(args.held_out),
         evaluations=args.evaluations,
         seed=args.seed,
     )
@@ -117,23 +113,14 @@ def Execute(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _HeldOut(args: argparse.Namespace, training: "Study") -> "Study | None":
-    """Returns the held-out runs, if there are any."""
-    from teleop_drake.sweep import PlanSweep
-    from teleop_drake.sweep.study import IsStudy, LoadStudy, Study
+def _HeldOut(items: list[str]) -> "Study | dict[str, str]":
+    """Returns the study of the held-out runs, or the values that they have."""
+    from teleop_drake.sweep.study import IsStudy, LoadStudy
 
-    if not args.held_out:
-        return None
-    if len(args.held_out) == 1 and IsStudy(args.held_out[0]):
-        return LoadStudy(args.held_out[0])
-    plan = next(iter(training.plans.values()))
-    grid: dict[str, Any] = dict(plan.axes)
-    for item in args.held_out:
-        key, equals, values = item.partition("=")
-        if not equals or IsStudy(args.scenario):
-            Refuse("--held-out", item, "KEY=VALUES of a scenario, or one study")
-        grid[key] = values  # In the place of those of training.
-    return Study(plans={"": PlanSweep(args.scenario, grid, overrides=plan.overrides)})
+    if len(items) == 1 and IsStudy(items[0]):
+        return LoadStudy(items[0])
+    allowed = "KEY=VALUES of a scenario, or one study"
+    return dict(options.SplitVary(item, allowed, option="--held-out") for item in items)
 
 
 def _Table(result: "TuningResult") -> str:

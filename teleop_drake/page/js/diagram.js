@@ -44,10 +44,9 @@ function open(path) {
   const box = boxAt(path);
   const [block] = path.split("/");
   if (path !== state.level && loop.levels.some((x) => x.path === path)) showLevel(path);
-  for (const { row, owners, isField } of Object.values(state.inputs)) {
-    const isOwn = owners.includes(path) || (!isField && owners.includes(block));
-    if (isOwn || !isField) $(isOwn ? "box" : "inputs").append(row);
-    else row.remove();
+  for (const { row, owners } of Object.values(state.inputs)) {
+    const isOwn = owners.includes(path) || owners.includes(block);
+    $(isOwn ? "box" : "inputs").append(row);
   }
   const isPlotted = (name) => loop.ports[`${path}:${name}`];
   const ports = [...box.u, ...box.y].filter(isPlotted);

@@ -19,15 +19,17 @@ export class Loop {
     return this.compiled;
   }
 
-  // Makes the module's function, which works on its memory.
+  // Makes the module's function, which works on its memory. See wasm.py for its place in the table.
   async instantiate() {
     this.memory = new WebAssembly.Memory({ initial: this.start / PAGE + 16 });
     const module = await WebAssembly.compile(this.module);
-    const env = {};
+    const table = new WebAssembly.Table({ initial: 2, element: "anyfunc" });
+    const env = { __linear_memory: this.memory, __indirect_function_table: table };
     for (const { name, kind } of WebAssembly.Module.imports(module)) {
-      env[name] = kind === "memory" ? this.memory : Math[name];
+      if (kind === "function") env[name] = Math[name];
     }
-    this.exports = (await WebAssembly.instantiate(module, { env })).exports;
+    await WebAssembly.instantiate(module, { env });
+    this.run = table.get(1);
   }
 
   // All numbers of a run at values of the inputs; see Change.Added() in inputs.py.

@@ -68,12 +68,12 @@ export class Run {
 
   // Simulates until a time. Returns whether it did: `isStale` may tell that nobody waits for it.
   async advance(end, isStale = () => false) {
-    const { exports } = this.loop;
+    const { run } = this.loop;
     let pause = performance.now() + FIRST_PAUSE;
     let status = FULL;
     let before = -1;
     while (status === FULL && !this.reason) {
-      status = exports.run(...this.headers, end, this.accuracy, this.longest);
+      status = run(...this.headers, end, this.accuracy, this.longest);
       if (status < 0) throw new Error("an index is outside of its array");
       if (status === STUCK) this.reason = "the step would have to be too small";
       this.endAtBound();

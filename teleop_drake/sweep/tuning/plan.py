@@ -7,15 +7,18 @@ from operator import attrgetter
 
 import numpy as np
 
+from teleop_drake.analysis.transparency import FeltStiffnessLoss
 from teleop_drake.arrays import Array, Interval
 from teleop_drake.scenario import AsTeleoperation, Scenario
 from teleop_drake.stations import ResolveController
-from teleop_drake.sweep.plan import SweepPlan
+from teleop_drake.sweep.plan import PlanSweep, SweepPlan
 from teleop_drake.sweep.study import Study
-from teleop_drake.sweep.tuning.analyses import STIFFNESS_LOSS, Analyze, LoadChecked
-from teleop_drake.sweep.values import PointOverrides
+from teleop_drake.sweep.values import GivenGrid
 from teleop_drake.tasks.metrics import MetricUnits
-from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
+from teleop_drake.validation import CheckChoice, Refuse
+
+STIFFNESS_LOSS = "felt_stiffness_loss"
+"""The name of the metric that FeltStiffnessLoss() computes."""
 
 Gains = dict[str, float]
 """Values of the gains by their paths."""
@@ -36,7 +39,6 @@ class TuningPlan:
         ranges: The lower and upper bound of each gain, by its path.
         weights: The weights of the minimised metrics, by their names. If all are None,
             the search looks for a Pareto front.
-        margin: Least delay margin of the round trip, in s; None: it is not checked.
         evaluations: Number of sets of gains to try, besides the scenario's own.
         seed: The seed of the search.
     """
@@ -45,7 +47,6 @@ class TuningPlan:
     held_out: dict[str, SweepPlan]
     ranges: dict[str, Interval]
     weights: dict[str, float | None]
-    margin: float | None
     evaluations: int
     seed: int
 
@@ -80,8 +81,7 @@ def PlanTuning(
     controller: str,
     gains: Iterable[str],
     minimize: Iterable[str],
-    held_out: Study | None = None,
-    margin: float | None = None,
+    held_out: Study | GivenGrid | None = None,
     evaluations: int = 64,
     seed: int = 0,
 ) -> TuningPlan:
@@ -95,8 +95,8 @@ def PlanTuning(
             `controller.wave_variables.impedance`. The default range is a tenth to ten
             times the value in the first training scenario.
         minimize: The metrics to minimise, as METRIC or METRIC:WEIGHT.
-        held_out: Runs that the search does not use; None: there are none.
-        margin: Least delay margin of the round trip, in s; None: it is not checked.
+        held_out: Runs that the search does not use, as a study, or as values in the
+            place of those of the training runs; None: there are none.
         evaluations: Number of sets of gains to try, besides the scenario's own.
         seed: The seed of the search. Equal seeds give equal gains.
 
@@ -104,20 +104,17 @@ def PlanTuning(
         ScenarioError: If something is not allowed.
     """
     trained = _WithController(training, controller)
-    tested = {} if held_out is None else _WithController(held_out, controller)
+    tested = _WithController(_HeldOut(training, held_out), controller)
     sweeps = [*trained.values(), *tested.values()]
     scenario = AsTeleoperation(sweeps[0].scenario)
     ranges = dict(_Range(scenario, text) for text in gains)
     if not 1 <= len(ranges) <= _MAX_GAINS:
         Refuse("gains", list(ranges), f"1 to {_MAX_GAINS} different ones")
-    if margin is not None:
-        CheckNumber("margin", margin, "s", minimum=0)
     plan = TuningPlan(
         training=trained,
         held_out=tested,
         ranges=ranges,
         weights=_Weights(minimize, sweeps),
-        margin=margin,
         evaluations=evaluations,
         seed=seed,
     )
@@ -129,10 +126,24 @@ def PlanTuning(
             if path in sweep.axes:
                 Refuse(f"gains.{path}", bounds, "a field that no run varies")
             for bound in bounds:
-                LoadChecked(sweep, {**sweep.points[0], path: bound})
-        # This call refuses a scenario without a linear model, if one is needed.
-        Analyze(sweep.scenario, plan.weights, margin)
+                sweep.Load({**sweep.points[0], path: bound})
+        if STIFFNESS_LOSS in plan.weights:
+            # This call refuses a scenario without a linear model.
+            FeltStiffnessLoss(AsTeleoperation(sweep.scenario))
     return plan
+
+
+def _HeldOut(training: Study, held_out: Study | GivenGrid | None) -> Study:
+    """Returns the study of the held-out runs, which may have no runs."""
+    if isinstance(held_out, Study):
+        return held_out
+    if not held_out:
+        return Study(plans={})
+    if "" not in training.plans:
+        Refuse("held_out", list(held_out), "one study, as the training runs are")
+    plan = training.plans[""]
+    grid = {**plan.axes, **held_out}
+    return Study(plans={"": PlanSweep(plan.file, grid, overrides=plan.overrides)})
 
 
 def _WithController(study: Study, controller: str) -> dict[str, SweepPlan]:
@@ -145,11 +156,11 @@ def _WithController(study: Study, controller: str) -> dict[str, SweepPlan]:
             Refuse("controllers", varied, f"left out, or {controller!r}")
         fixed = replace(
             plan,
-            overrides=[*plan.overrides, *PointOverrides({"controller": controller})],
+            overrides=[*plan.overrides, ("controller.kind", controller)],
             axes=axes,
             points=[{key: point[key] for key in axes} for point in plan.points],
         )
-        first = LoadChecked(fixed, fixed.points[0])
+        first = fixed.Load(fixed.points[0])
         sweeps[name or plan.scenario.name] = replace(fixed, scenario=first)
     return sweeps
 

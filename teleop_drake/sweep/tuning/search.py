@@ -11,6 +11,7 @@ from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
 from teleop_drake.arrays import Array
+from teleop_drake.scenario.overrides import Overrides
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
 from teleop_drake.sweep.run import HERE, Execution, RunSweeps
 from teleop_drake.sweep.study import IsStudy, LoadStudy, Study
@@ -23,7 +24,7 @@ from teleop_drake.sweep.tuning.trials import (
     TrialsOf,
     WithGains,
 )
-from teleop_drake.sweep.values import File, GivenGrid, GivenOverrides, Notice, Progress
+from teleop_drake.sweep.values import File, GivenGrid, Notice, Progress
 from teleop_drake.validation import Refuse
 
 # The weight of one score relative to the others, in a goal of a Pareto front.
@@ -41,8 +42,7 @@ def Tune(
     minimize: Iterable[str],
     grid: GivenGrid | None = None,
     held_out: GivenGrid | Study | None = None,
-    overrides: GivenOverrides = (),
-    margin: float | None = None,
+    overrides: Overrides = (),
     evaluations: int = 64,
     seed: int = 0,
     executor: Executor | None = None,
@@ -62,13 +62,12 @@ def Tune(
             overrides are left out.
         controller: The kind of the controller.
         gains: The fields to search, as in PlanTuning(), which also describes minimize,
-            margin, evaluations and seed.
+            evaluations and seed.
         minimize: The metrics to minimise, as METRIC or METRIC:WEIGHT.
         grid: The values of the training runs, as in Sweep().
         held_out: Values that replace those of the grid in the held-out runs, or a study
             with the held-out runs; None: there are none.
         overrides: Overrides of all runs.
-        margin: Least delay margin of the round trip, in s.
         evaluations: Number of sets of gains to try.
         seed: The seed of the search.
         executor: Where to simulate; Execution describes this and the other arguments.
@@ -81,24 +80,20 @@ def Tune(
     Raises:
         ScenarioError: If an argument is not allowed, or no gains are accepted.
     """
-    all_values = {"controller": [controller], **(grid or {})}
     if IsStudy(str(scenario)):
-        if grid or overrides or isinstance(held_out, Mapping):
+        if grid or overrides:
             Refuse("scenario", scenario, "a scenario, as a grid or overrides are given")
         training = LoadStudy(scenario)
     else:
+        all_values = {"controller": [controller], **(grid or {})}
         plan = PlanSweep(scenario, all_values, overrides=overrides)
         training = Study(plans={"": plan})
-    if isinstance(held_out, Mapping):
-        plan = PlanSweep(scenario, {**all_values, **held_out}, overrides=overrides)
-        held_out = Study(plans={"": plan})
     search = PlanTuning(
         training,
         controller=controller,
         gains=gains,
         minimize=minimize,
         held_out=held_out,
-        margin=margin,
         evaluations=evaluations,
         seed=seed,
     )
