@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +20,9 @@ from teleop_drake.link.measurements import Measurements, Tick, TickLog
 from teleop_drake.link.packets import (
     WRONG_KEY_NOTICE,
     Address,
+    FirstPacket,
     Reason,
     Session,
-    State,
 )
 from teleop_drake.numerics.step_polynomials import straight_steps
 from teleop_drake.recording import Recording
@@ -47,22 +47,6 @@ _OVER = "the other side has ended"
 
 Say = functools.partial(print, "teleop-drake:", file=sys.stderr, flush=True)
 """Prints a line for the user."""
-
-
-class _Newest(NamedTuple):
-    """The newest packet that was heard.
-
-    Attributes:
-        tick: When it was sent; -1: it was not heard but is the architecture's.
-        echo: The tick of what the other side had in use then.
-        start: When the other side's tick 0 was, by its clock, ns.
-        values: The signal (N).
-    """
-
-    tick: int
-    echo: int
-    start: int
-    values: Array
 
 
 class Side(Half):
@@ -132,7 +116,8 @@ class Side(Half):
         agreement = _Agreement(scenario, period, limit, fade)
         role = 1 if side == "robot" else 0
         self._session = Session(key, role, agreement, self.fed.size, address)
-        self._newest = _Newest(tick=-1, echo=-1, start=0, values=self.fed)
+        # The newest packet that was heard.
+        self._newest = FirstPacket(self.fed)
         self._peer_has_ended = False
         # What the user was told of why the two sides cannot meet.
         self._told: dict[Reason, str] = {}
@@ -231,16 +216,12 @@ class Side(Half):
     def _Take(self, packet: Any, now: int) -> None:
         """Takes note of a packet that is believed."""
         self._heard_at = now
-        tick = int(packet["tick"])
         # A side that is complete is no loss.
-        if packet["ended"] and tick < self._last:
+        if packet.ended and packet.tick < self._last:
             self._peer_has_ended = True
-        if tick > self._newest.tick:
-            used = packet["used"]
-            echo = int(used[-1])
-            start = int(packet["start"])
-            self._newest = _Newest(tick, echo, start, packet["values"])
-            self.measured.TakeUsed(tick, used)
+        if packet.tick > self._newest.tick:
+            self._newest = packet
+            self.measured.TakeUsed(packet.tick, packet.used)
 
     def _AnswerRefused(self, reason: Reason, address: Address, now: int) -> None:
         """Answers a hello, and reports why the two sides cannot meet.
@@ -296,7 +277,9 @@ class Side(Half):
         tick = max(due, self.tick + 1)
         newest = self._newest
         t = tick * self.period
-        round_trip = (tick - max(newest.echo, 0)) * self.period
+        # The tick of what the other side had in use then.
+        echo = max(newest.used[-1], 0)
+        round_trip = float(tick - echo) * self.period
         is_stale = round_trip > self.limit or self._peer_has_ended
         self._TellIfChanged(t, is_stale, round_trip)
         turn = Turn.FALLS if is_stale else Turn.COMES_BACK
@@ -339,13 +322,14 @@ class Side(Half):
 
     def _SendTo(self, address: Address) -> None:
         """Sends a packet."""
-        state = State(
+        data = self._session.Seal(
+            self._clock(),
+            self.sent[-1],
             start=self._start,
             tick=self.tick,
             used=self.measured.LatestUsed(self.tick),
             ended=self.reason is not None,
         )
-        data = self._session.Seal(self._clock(), self.sent[-1], state)
         self._Send(data, address)
 
     def _Send(self, data: bytes, address: Address) -> None:
