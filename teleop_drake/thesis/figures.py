@@ -78,23 +78,15 @@ def WritePicture(
 
 _TRACKING = ThesisFigure(
     title="Tracking",
-    caption="Position of the tool and the trajectory that it is to follow.",
-    make=partial(
-        plots.PlotAgainstReference,
-        signals={"actual": "tool_position", "desired": "desired_position"},
-        label="position",
-        unit="m",
-    ),
+    caption="Position of the tool, in grey the trajectory that it is to follow, and "
+    "the tracking error. The axis y is the thesis's z.",
+    make=partial(plots.PlotTracking, signal="tool_position"),
 )
 _DISTURBANCE = ThesisFigure(
     title="Disturbance and its estimate",
-    caption="The force and what the network makes of it.",
-    make=partial(
-        plots.PlotAgainstReference,
-        signals={"actual": "environment_force", "estimated": "disturbance_estimate"},
-        label="disturbance",
-        unit="N",
-    ),
+    caption="The force, and in grey what the network makes of it. The axis y is the "
+    "thesis's z.",
+    make=partial(plots.PlotTracking, signal="environment_force"),
 )
 _VELOCITY = ThesisFigure(
     title="Velocity of the tool",
@@ -133,7 +125,7 @@ _WEIGHTS_1 = ThesisFigure(
     title="Weights of the first network",
     caption=(
         "Weights for the unknown dynamics of the robot and its environment, a curve"
-        " for each Gaussian."
+        " for each Gaussian, in the colour of its centre's x."
     ),
     make=partial(plots.PlotWeights, signal="weights_1"),
     live=["weights_1"],
@@ -151,7 +143,7 @@ _WEIGHTS_3 = ThesisFigure(
     title="Weights of the third network",
     caption=(
         "Weights for the rate of change of the environment's force, a curve for "
-        "each Gaussian."
+        "each Gaussian, in the colour of its centre's x."
     ),
     make=partial(plots.PlotWeights, signal="weights_3"),
     live=["weights_3"],
