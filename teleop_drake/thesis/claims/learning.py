@@ -1,15 +1,13 @@
 """Weights that the networks of chapters 4 and 5 learn, and the best ones."""
 
+import dataclasses
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.multibody.tree import JacobianWrtVariable
 from scipy.integrate import cumulative_trapezoid
 
 from teleop_drake.arrays import Array
-from teleop_drake.blocks.robots.base import PlantRobotConfig
-from teleop_drake.blocks.robots.inverse_kinematics import TOOL, SolveInverseKinematics
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import Scenario
 from teleop_drake.thesis.claims.measures import BasisFunctions, ForceRate
@@ -81,25 +79,18 @@ def WeightDrift(scenario: Scenario, points: ArrayLike) -> Array:
     Raises:
         ScenarioError: If the robot does not reach a point.
     """
-    robot = scenario.robot
     n = scenario.num_axes
-    assert isinstance(robot, PlantRobotConfig)
     Lambda = GainMatrix(scenario.controller.Lambda, n)
     D_e = scenario.Facts().Told("environment_damping", "environment")
-    plant = robot.LoadPlant()
-    context = plant.CreateDefaultContext()
-    tool = plant.GetFrameByName(TOOL)
-    world = plant.world_frame()
-    drifts = []
-    for p_WT in np.asarray(points, dtype=float):
-        q = SolveInverseKinematics(plant, p_WT, robot.Posture(plant))
-        plant.SetPositions(context, q)
-        J = plant.CalcJacobianTranslationalVelocity(
-            context, JacobianWrtVariable.kV, tool, np.zeros(3), world, world
-        )[:n]
-        tau_g = plant.CalcGravityGeneralizedForces(context)
-        drifts.append(J @ np.linalg.solve(plant.CalcMassMatrix(context), tau_g))
-    return np.array(drifts) @ (np.eye(n) + Lambda @ D_e).T
+    falls = []
+    for p_WT in np.asarray(points, dtype=float).tolist():
+        # The acceleration of a robot at rest there on which no force acts.
+        robot = dataclasses.replace(scenario.robot, start=p_WT).MakeRobot()
+        context = robot.CreateDefaultContext()
+        for name in ("control_force", "environment_force"):
+            robot.GetInputPort(name).FixValue(context, np.zeros(n))
+        falls.append(robot.GetOutputPort("tool_acceleration").Eval(context))
+    return np.array(falls) @ (np.eye(n) + Lambda @ D_e).T
 
 
 def UnlearnedWeight(recording: Recording, points: ArrayLike, drift: Array) -> float:
