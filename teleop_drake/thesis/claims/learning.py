@@ -5,30 +5,21 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.integrate import cumulative_trapezoid
 
 from teleop_drake.arrays import Array
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import Scenario
-from teleop_drake.thesis.claims.measures import BasisFunctions, ForceRate
+from teleop_drake.thesis.claims.measures import (
+    BasisFunctions,
+    CommandedPath,
+    ForceRate,
+)
 from teleop_drake.validation import GainMatrix
 
 INSIDE = np.stack(
     np.meshgrid(np.linspace(0.87, 1.03, 5), np.linspace(0.02, 0.08, 3)), axis=-1
 ).reshape(-1, 2)
 """Points in m (15, 2) inside of the way round of two_dof_learning."""
-
-
-def CommandedPath(recording: Recording) -> Array:
-    """Returns where the command has led the tool, in m (T, n).
-
-    That is the integral of the velocity command as it arrives at the slave of direct
-    force or of the adaptive controller.
-    """
-    scenario = recording.teleoperation
-    v_dd = recording["forward_packet_received"][:, scenario.num_axes :]
-    way = cumulative_trapezoid(v_dd, recording.time, axis=0, initial=0)
-    return np.asarray(scenario.robot.start + way)
 
 
 def PathDistance(recording: Recording) -> Array:
