@@ -30,7 +30,6 @@ no longer needs the guard.
 
 import math
 import sys
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -38,6 +37,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.kernel import KernelBlock
+from teleop_drake.simulation.stepping import SystemsIn
 
 # A shorter step hardly moves the time. A hundred times Drake's own limit.
 _SHORTEST = 1e-12
@@ -74,12 +74,12 @@ class TrialStep:
         self._is_watched = False
         # Whether no system with a state is evaluated before Look() is called.
         self._is_first = True
-        for leaf in _LeavesOf(system):
-            if _CallsWatchers(leaf):
+        for part in SystemsIn(system):
+            if _CallsWatchers(part):
                 self._is_watched = True
-                leaf.WatchRates(simulator, self.Look)
+                part.WatchRates(simulator, self.Look)
                 break
-            if leaf.num_continuous_states() > 0:
+            if part.num_continuous_states() > 0 and not isinstance(part, Diagram):
                 self._is_first = False
         self._time = -math.inf
         self._last_time = -math.inf
@@ -159,19 +159,10 @@ def _NumRejected(simulator: Simulator) -> int:
 
 def HasOwnBlocks(system: System) -> bool:
     """Returns whether there is a block of this package in a system."""
-    return any(isinstance(leaf, KernelBlock) for leaf in _LeavesOf(system))
+    return any(isinstance(part, KernelBlock) for part in SystemsIn(system))
 
 
-def _CallsWatchers(leaf: Any) -> bool:
+def _CallsWatchers(system: Any) -> bool:
     """Returns whether a block calls those that watch the evaluation of its rates."""
     own = KernelBlock.DoCalcTimeDerivatives
-    return isinstance(leaf, KernelBlock) and type(leaf).DoCalcTimeDerivatives is own
-
-
-def _LeavesOf(system: System) -> Iterator[Any]:
-    """Yields the leaf systems in the order in which their rates are evaluated."""
-    if not isinstance(system, Diagram):
-        yield system
-        return
-    for part in system.GetSystems():
-        yield from _LeavesOf(part)
+    return isinstance(system, KernelBlock) and type(system).DoCalcTimeDerivatives is own
