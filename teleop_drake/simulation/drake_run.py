@@ -38,7 +38,7 @@ from teleop_drake.simulation.run import (
 from teleop_drake.simulation.simulator import (
     EVENT_ACCURACY,
     CountsOf,
-    MakeSimulator,
+    TeleoperatorSimulator,
 )
 from teleop_drake.simulation.stale_cache_guard import HasOwnBlocks
 from teleop_drake.simulation.stepping import LongestStepOf, SystemsIn
@@ -113,9 +113,8 @@ def RunInDrake(job: Job) -> Outcome:
 def _MakeSimulator(job: Job) -> Simulator:
     """Returns the Simulator for a system, at the start of a run."""
     context = job.context.Clone()
-    if HasOwnBlocks(job.diagram):
-        return MakeSimulator(job.diagram, job.config, context)
-    simulator = Simulator(job.diagram, context)
+    kind = TeleoperatorSimulator if HasOwnBlocks(job.diagram) else Simulator
+    simulator = kind(job.diagram, context)
     ApplySimulatorConfig(job.config, simulator)
     context.SetTime(job.start)
     if context.get_accuracy() is None:
