@@ -68,7 +68,7 @@ class Opened(NamedTuple):
 
 
 @functools.cache
-def PacketType(size: int) -> np.dtype[np.record]:
+def PacketType(size: int) -> np.dtype[Any]:
     """Returns the layout of a packet with a signal of some size.
 
     Each field is an attribute of a packet. `start` is when tick 0 of the sender was, by

@@ -95,11 +95,8 @@ def Predict(side: Side, *, systems: OwnSystems | None = None) -> Recording:
         return max(num_needed - len(sent[half.heard]), 0), tick
 
     # As it happened: a packet is there before it is in use, whatever the clocks say.
-    while True:
-        unfinished = [half for half in halves if NextTick(half) < num_ticks]
-        if not unfinished:
-            break
-        half = min(unfinished, key=Order)
+    for _ in range(len(halves) * num_ticks):
+        half = min((x for x in halves if NextTick(x) < num_ticks), key=Order)
         tick = NextTick(half)
         packets = sent[half.heard]
         # The first one is the architecture's, that of tick 0 is the second.

@@ -239,7 +239,10 @@ class Side(Half):
         elif reason == Reason.HASH and is_robot:
             why = f"packets of {address[0]}:{address[1]} have another key"
             self._TellWhyNotHeard(reason, why)
-            self._SendNotice(address, now)
+            # At most so often, and shorter than any packet.
+            if now >= self._next_notice:
+                self._next_notice = now + _NOTICE_PERIOD
+                self._Send(WRONG_KEY_NOTICE, address)
         elif reason == Reason.NOTICE and not is_robot:
             why = f"{address[0]}:{address[1]} reports that it has another key"
             self._TellWhyNotHeard(reason, why)
@@ -249,13 +252,6 @@ class Side(Half):
         if reason not in self._told:
             self._told[reason] = why
             self.Say(f"not heard: {why}")
-
-    def _SendNotice(self, address: Address, now: int) -> None:
-        """Sends a notice of the wrong key, which is shorter than any packet."""
-        if now < self._next_notice:
-            return
-        self._next_notice = now + _NOTICE_PERIOD
-        self._Send(WRONG_KEY_NOTICE, address)
 
     def _Meet(self, now: int) -> None:
         """Sets tick 0 if both sides hear each other."""

@@ -239,13 +239,6 @@ class TeleoperatorSimulator(Simulator):
         """Returns the longest step to try instead of a failed one; None: none is."""
         return self._trial.ShorterStep(self, self._stepping.step_limit)
 
-    def _RepeatedStep(self, root_context: Context) -> float | None:
-        """Returns the longest step to try instead of the last one; None: it is good."""
-        state = root_context.get_continuous_state_vector().CopyToVector()
-        if not math.isfinite(state.sum()):  # The norm of the error has overlooked it.
-            return self._ShorterStep()
-        return self._trial.StaleStep(self)
-
     def _BeginAgain(self, step: float) -> None:
         """Goes back to the start of a step, and tries one of at most `step` s."""
         integrator = self.get_mutable_integrator()
@@ -278,7 +271,11 @@ class TeleoperatorSimulator(Simulator):
         self._is_stopped = False
         if self._is_between_steps:
             return EventStatus.DidNothing()
-        self._rejected_to = self._RepeatedStep(root_context)
+        state = root_context.get_continuous_state_vector().CopyToVector()
+        if math.isfinite(state.sum()):
+            self._rejected_to = self._trial.StaleStep(self)
+        else:  # The norm of the error has overlooked it.
+            self._rejected_to = self._ShorterStep()
         if self._rejected_to is not None:
             return EventStatus.ReachedTermination(self._diagram, "repeated")
         self._trial.Begin(self)
