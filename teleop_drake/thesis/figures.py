@@ -53,8 +53,7 @@ def WritePicture(
     The same picture gives the same bytes. Each file appears complete or not at all.
 
     Args:
-        picture: A figure, whose layout is fixed thereby, or a diagram, drawn as the
-            boxes of its own parts.
+        picture: A figure, or a diagram, drawn as the boxes of its own parts.
         stem: The path without the suffix, in an existing folder.
 
     Raises:
@@ -62,11 +61,6 @@ def WritePicture(
     """
     paths = [stem.with_name(f"{stem.name}.{suffix}") for suffix in formats]
     if isinstance(picture, Figure):
-        # The layout costs as much as the drawing and is the same for both.
-        layout = picture.get_layout_engine()
-        if layout is not None:
-            layout.execute(picture)
-            picture.set_layout_engine("none")
         SaveFigure(picture, *paths)
     else:
         for path in paths:
