@@ -31,7 +31,6 @@ from teleop_drake.scenario.tree import ToTree
 from teleop_drake.simulation.compiled_run import OutcomeOf
 from teleop_drake.simulation.run import Ending
 from teleop_drake.simulation.simulate import MakeRecording
-from teleop_drake.teleoperator import OwnSystems
 from teleop_drake.validation import CheckNumber
 
 # Round trips that are measured before the start.
@@ -73,7 +72,6 @@ class Side(Half):
         say: Takes the lines for the user.
         step: A driver in the place of a simulation, called once a period. When it is no
             longer called, what it drives has to let go by itself.
-        systems: Systems of your own.
         log_file: To which each tick is appended; None: to none.
 
     Attributes:
@@ -98,7 +96,6 @@ class Side(Half):
         patience: float = 5.0,
         say: Callable[[str], None] = Say,
         step: Driver | None = None,
-        systems: OwnSystems | None = None,
         log_file: Path | None = None,
     ):
         scenario = AsTeleoperation(scenario)
@@ -106,7 +103,7 @@ class Side(Half):
         times = {"period": period, "limit": limit, "fade": fade, "patience": patience}
         for name, seconds in times.items():
             CheckNumber(name, seconds, "s", minimum=1e-4)
-        Half.__init__(self, scenario, side, period, fade, step=step, systems=systems)
+        Half.__init__(self, scenario, side, period, fade, step=step)
         self.limit = limit
         self._patience = patience
         self._clock = clock
