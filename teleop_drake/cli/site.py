@@ -138,23 +138,16 @@ class Site:
 
     def _WriteReference(self) -> None:
         """Writes the reference of every module of the package."""
-        pdoc = self._pdoc
-        pdoc.render.configure(
+        self._pdoc.render.configure(
             docformat="google", show_source=False, template_directory=_TEMPLATES
         )
-        modules = {}
+        # pdoc does not see that the package's own names are imported on demand, and
+        # finds no module that is not in __all__ by itself, but others twice.
+        twice = "The module specification"
+        warnings.filterwarnings("ignore", f"Found .* in teleop_drake.__all__|{twice}")
         found = pkgutil.walk_packages([str(_PACKAGE)], "teleop_drake.")
-        for name in ["teleop_drake", *(module.name for module in found)]:
-            if not name.endswith("__main__"):
-                modules[name] = pdoc.doc.Module.from_name(name)
-        # pdoc does not see that the package's own names are imported on demand.
-        warnings.filterwarnings("ignore", "Found .* in teleop_drake.__all__")
-        folder = self._out / "api"
-        for name, documented in modules.items():
-            file = folder / f"{name.replace('.', '/')}.html"
-            file.parent.mkdir(parents=True, exist_ok=True)
-            file.write_text(pdoc.render.html_module(documented, modules), "utf-8")
-        (folder / "search.js").write_text(pdoc.render.search_index(modules), "utf-8")
+        modules = ["teleop_drake", *(module.name for module in found)]
+        self._pdoc.pdoc(*modules, "!.*__main__", output_directory=self._out / "api")
 
     def _WriteThesis(self) -> None:
         from teleop_drake.thesis.report import Reproduce

@@ -393,7 +393,7 @@ def _Looks(row: SignalRow, run: int) -> list[Look]:
     if count <= _MAX_NAMED_COMPONENTS:
         size = math.isqrt(count)  # Matrices are recorded row by row.
         names = [str(k + 1) for k in range(count)]
-        if size * size == count and row.signal == "psi":
+        if size * size == count and row.signal.endswith("psi"):
             names = [f"{i + 1}{j + 1}" for i in range(size) for j in range(size)]
         return [
             style.RunStyle(k) | {"label": f"${row.symbol}_{{{name}}}$"}

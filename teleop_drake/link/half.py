@@ -14,7 +14,7 @@ from teleop_drake.engine.run import CompiledRun
 from teleop_drake.laws.task_space import displacement
 from teleop_drake.scenario import Scenario
 from teleop_drake.simulation.compiled_run import StartFed
-from teleop_drake.teleoperator import AddTeleoperator, OwnSystems
+from teleop_drake.teleoperator import AddTeleoperator
 from teleop_drake.validation import Refuse
 
 Driver = Callable[[float, Array], Any]
@@ -60,7 +60,6 @@ class Half:
         period: Between steps, s.
         fade: In which time trust falls from 1 to 0, and comes back, s.
         step: A driver in the place of a simulation.
-        systems: Systems of your own.
 
     Attributes:
         heard: The direction in which the side hears.
@@ -83,7 +82,6 @@ class Half:
         fade: float,
         *,
         step: Driver | None = None,
-        systems: OwnSystems | None = None,
     ):
         self.scenario = scenario
         self.side = side
@@ -91,7 +89,7 @@ class Half:
         self.fade = fade
         self.heard, self.spoken = WAYS[side]
         builder = DiagramBuilder()
-        architecture = AddTeleoperator(builder, scenario, side=side, systems=systems)
+        architecture = AddTeleoperator(builder, scenario, side=side)
         initial = {
             "forward": np.array(architecture.initial_forward_packet, float),
             "return": np.array(architecture.initial_return_packet, float),

@@ -67,26 +67,15 @@ class Opened(NamedTuple):
     reason: Reason | None
 
 
-class State(NamedTuple):
-    """What a side tells the other one beside its signal.
-
-    Attributes:
-        start: When its tick 0 was, by its own clock, ns; 0: not yet.
-        tick: Its last tick; -1 before the start.
-        used: The tick of the packet that was in use at each of the last ticks; -1: none
-            (NUM_USED).
-        ended: Whether it sends no more than this.
-    """
-
-    start: int
-    tick: int
-    used: Array
-    ended: bool
-
-
 @functools.cache
-def PacketType(size: int) -> np.dtype[np.void]:
-    """Returns the layout of a packet with a signal of some size."""
+def PacketType(size: int) -> np.dtype[Any]:
+    """Returns the layout of a packet with a signal of some size.
+
+    Each field is an attribute of a packet. `start` is when tick 0 of the sender was, by
+    its own clock, ns; 0: not yet. `tick` is its last one; -1 before the start. `used`
+    is the tick of the packet that was in use at each of its last ticks; -1: none.
+    `ended` is 1 if it sends no more than this.
+    """
     fields: list[Any] = [
         ("magic", "S3"),
         ("version", "u1"),
@@ -106,7 +95,16 @@ def PacketType(size: int) -> np.dtype[np.void]:
         ("values", "<f8", (size,)),
         ("hash", "V16"),
     ]
-    return np.dtype(fields)
+    return np.dtype((np.record, fields))
+
+
+def FirstPacket(values: Array) -> Any:
+    """Returns what is in use before any packet is heard: a signal of no tick."""
+    packet = np.zeros(1, PacketType(len(values)))[0]
+    packet.tick = -1
+    packet.used = -1
+    packet.values = values
+    return packet
 
 
 class Session:
@@ -154,12 +152,22 @@ class Session:
         self.round_trip = np.inf
         self.offset = 0.0
 
-    def Seal(self, now: int, values: Array, state: State) -> bytes:
+    def Seal(
+        self,
+        now: int,
+        values: Array,
+        *,
+        start: int,
+        tick: int,
+        used: Array,
+        ended: bool,
+    ) -> bytes:
         """Returns the next packet.
 
         Args:
             now: This clock, ns.
             values: The signal that goes out.
+            start, tick, used, ended: See PacketType().
         """
         self._sequence += 1
         fields = {
@@ -174,8 +182,11 @@ class Session:
             "heard": self._heard,
             "held": now - self._arrived,
             "agreement": self._agreement,
+            "start": start,
+            "tick": tick,
+            "used": used,
+            "ended": ended,
             "values": values,
-            **state._asdict(),
         }
         packet = np.zeros((), PacketType(len(values)))
         for name, value in fields.items():
@@ -200,23 +211,23 @@ class Session:
         if reason is not None:
             self.refused[reason] += 1
         if packet is not None and reason in (None, Reason.HELLO):
-            self._peer = packet["session"]
-            self._heard = packet["sent"]
+            self._peer = packet.session
+            self._heard = packet.sent
             self._arrived = now
         if packet is None or reason is not None:
             return Opened(None, reason)
         if self._role == 1:
             self.address = address
-        self._last = packet["sequence"]
+        self._last = packet.sequence
         self._MeasureRoundTrip(packet, now)
         return Opened(packet, None)
 
     def _MeasureRoundTrip(self, packet: Any, now: int) -> None:
         self.exchanges += 1
-        round_trip = float(now - packet["heard"] - packet["held"])
+        round_trip = float(now - packet.heard - packet.held)
         if round_trip <= self.round_trip:
             self.round_trip = round_trip
-            self.offset = packet["sent"] + round_trip / 2 - now
+            self.offset = packet.sent + round_trip / 2 - now
 
     def _Read(self, data: bytes) -> tuple[Any, Reason | None]:
         """Returns the packet of a datagram, if it has one, and why it does not count.
@@ -241,15 +252,15 @@ class Session:
     def _WhyNotBelieved(self, packet: Any) -> Reason | None:
         """Returns why a packet of somebody who has the key is not believed."""
         has_peer = self._last > 0
-        if packet["agreement"] != self._agreement:
+        if packet.agreement != self._agreement:
             return Reason.SCENARIO
-        if has_peer and packet["session"] != self._peer:
+        if has_peer and packet.session != self._peer:
             return Reason.SESSION
-        if packet["peer"] != self._session:
+        if packet.peer != self._session:
             return Reason.SESSION if has_peer else Reason.HELLO
-        if packet["sequence"] <= self._last:
+        if packet.sequence <= self._last:
             return Reason.OLD
-        if not np.isfinite(packet["values"]).all():
+        if not np.isfinite(packet.values).all():
             return Reason.VALUES
         return None
 

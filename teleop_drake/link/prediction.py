@@ -17,20 +17,14 @@ from teleop_drake.link.side import Side
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import Scenario, ScenarioToYaml
 from teleop_drake.stations import ResolveController
-from teleop_drake.teleoperator import OwnSystems
 
 
-def SaveRun(
-    side: Side, folder: Path, *, systems: OwnSystems | None = None
-) -> dict[str, Any]:
+def SaveRun(side: Side, folder: Path) -> dict[str, Any]:
     """Writes what a side has recorded, predicts it, and returns its report.
 
     It writes <side>.npz, a trace for each direction, <side>_forward.csv and
     <side>_return.csv, the scenario with these as channels, <side>_predicted.yaml, and
     <side>_prediction.png. In the traces no delay is negative.
-
-    Args:
-        systems: Systems of your own, such as the sides had.
     """
     recording = side.Recording()
     recording.Save(folder / f"{side.side}.npz")
@@ -43,7 +37,7 @@ def SaveRun(
     WriteText(folder / f"{side.side}_predicted.yaml", ScenarioToYaml(scenario))
     report = side.Report()
     try:
-        predicted = Predict(side, systems=systems)
+        predicted = Predict(side)
     except ArithmeticError as error:  # It diverges.
         side.Say(f"no prediction: {error}")
         return report
@@ -67,11 +61,8 @@ def _WithTraces(side: Side, traces: dict[str, str], duration: float) -> Scenario
     return dataclasses.replace(side.scenario, **changes)
 
 
-def Predict(side: Side, *, systems: OwnSystems | None = None) -> Recording:
+def Predict(side: Side) -> Recording:
     """Simulates both sides at each tick, from what they had in use.
-
-    Args:
-        systems: Systems of your own, such as the sides had.
 
     Returns:
         The signals of both sides at the times of the side's recording.
@@ -79,10 +70,7 @@ def Predict(side: Side, *, systems: OwnSystems | None = None) -> Recording:
     num_ticks = side.measured.last_tick + 1
     used = side.measured.Used()
     turns = _Turns(side, used)
-    halves = [
-        Half(side.scenario, name, side.period, side.fade, systems=systems)
-        for name in WAYS
-    ]
+    halves = [Half(side.scenario, name, side.period, side.fade) for name in WAYS]
     sent = {half.spoken: half.sent for half in halves}
 
     def NextTick(half: Half) -> int:
@@ -95,11 +83,8 @@ def Predict(side: Side, *, systems: OwnSystems | None = None) -> Recording:
         return max(num_needed - len(sent[half.heard]), 0), tick
 
     # As it happened: a packet is there before it is in use, whatever the clocks say.
-    while True:
-        unfinished = [half for half in halves if NextTick(half) < num_ticks]
-        if not unfinished:
-            break
-        half = min(unfinished, key=Order)
+    for _ in range(len(halves) * num_ticks):
+        half = min((x for x in halves if NextTick(x) < num_ticks), key=Order)
         tick = NextTick(half)
         packets = sent[half.heard]
         # The first one is the architecture's, that of tick 0 is the second.

@@ -7,7 +7,6 @@ from teleop_drake.link.half import Driver
 from teleop_drake.link.packets import OpenSocket, ReadKey
 from teleop_drake.link.side import Say, Side
 from teleop_drake.scenario import ScenarioLike
-from teleop_drake.teleoperator import OwnSystems
 
 
 def OperateRemotely(
@@ -21,7 +20,6 @@ def OperateRemotely(
     patience: float = 5.0,
     say: Callable[[str], None] = Say,
     step: Driver | None = None,
-    systems: OwnSystems | None = None,
     log_file: Path | None = None,
 ) -> Side:
     """Runs the operator's side: the operator, the device and the master side.
@@ -52,7 +50,6 @@ def OperateRemotely(
             patience=patience,
             say=say,
             step=step,
-            systems=systems,
             log_file=log_file,
         )
         return side.Run()
@@ -69,7 +66,6 @@ def ServeRobot(
     patience: float = 5.0,
     say: Callable[[str], None] = Say,
     step: Driver | None = None,
-    systems: OwnSystems | None = None,
     log_file: Path | None = None,
 ) -> Side:
     """Runs the robot's side; waits until OperateRemotely() calls.
@@ -99,7 +95,6 @@ def ServeRobot(
             patience=patience,
             say=say,
             step=step,
-            systems=systems,
             log_file=log_file,
         )
         host, port = end.getsockname()[:2]

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -20,9 +20,9 @@ from teleop_drake.link.measurements import Measurements, Tick, TickLog
 from teleop_drake.link.packets import (
     WRONG_KEY_NOTICE,
     Address,
+    FirstPacket,
     Reason,
     Session,
-    State,
 )
 from teleop_drake.numerics.step_polynomials import straight_steps
 from teleop_drake.recording import Recording
@@ -31,7 +31,6 @@ from teleop_drake.scenario.tree import ToTree
 from teleop_drake.simulation.compiled_run import OutcomeOf
 from teleop_drake.simulation.run import Ending
 from teleop_drake.simulation.simulate import MakeRecording
-from teleop_drake.teleoperator import OwnSystems
 from teleop_drake.validation import CheckNumber
 
 # Round trips that are measured before the start.
@@ -47,22 +46,6 @@ _OVER = "the other side has ended"
 
 Say = functools.partial(print, "teleop-drake:", file=sys.stderr, flush=True)
 """Prints a line for the user."""
-
-
-class _Newest(NamedTuple):
-    """The newest packet that was heard.
-
-    Attributes:
-        tick: When it was sent; -1: it was not heard but is the architecture's.
-        echo: The tick of what the other side had in use then.
-        start: When the other side's tick 0 was, by its clock, ns.
-        values: The signal (N).
-    """
-
-    tick: int
-    echo: int
-    start: int
-    values: Array
 
 
 class Side(Half):
@@ -89,7 +72,6 @@ class Side(Half):
         say: Takes the lines for the user.
         step: A driver in the place of a simulation, called once a period. When it is no
             longer called, what it drives has to let go by itself.
-        systems: Systems of your own.
         log_file: To which each tick is appended; None: to none.
 
     Attributes:
@@ -114,7 +96,6 @@ class Side(Half):
         patience: float = 5.0,
         say: Callable[[str], None] = Say,
         step: Driver | None = None,
-        systems: OwnSystems | None = None,
         log_file: Path | None = None,
     ):
         scenario = AsTeleoperation(scenario)
@@ -122,7 +103,7 @@ class Side(Half):
         times = {"period": period, "limit": limit, "fade": fade, "patience": patience}
         for name, seconds in times.items():
             CheckNumber(name, seconds, "s", minimum=1e-4)
-        Half.__init__(self, scenario, side, period, fade, step=step, systems=systems)
+        Half.__init__(self, scenario, side, period, fade, step=step)
         self.limit = limit
         self._patience = patience
         self._clock = clock
@@ -132,7 +113,8 @@ class Side(Half):
         agreement = _Agreement(scenario, period, limit, fade)
         role = 1 if side == "robot" else 0
         self._session = Session(key, role, agreement, self.fed.size, address)
-        self._newest = _Newest(tick=-1, echo=-1, start=0, values=self.fed)
+        # The newest packet that was heard.
+        self._newest = FirstPacket(self.fed)
         self._peer_has_ended = False
         # What the user was told of why the two sides cannot meet.
         self._told: dict[Reason, str] = {}
@@ -231,16 +213,12 @@ class Side(Half):
     def _Take(self, packet: Any, now: int) -> None:
         """Takes note of a packet that is believed."""
         self._heard_at = now
-        tick = int(packet["tick"])
         # A side that is complete is no loss.
-        if packet["ended"] and tick < self._last:
+        if packet.ended and packet.tick < self._last:
             self._peer_has_ended = True
-        if tick > self._newest.tick:
-            used = packet["used"]
-            echo = int(used[-1])
-            start = int(packet["start"])
-            self._newest = _Newest(tick, echo, start, packet["values"])
-            self.measured.LatestUsed(self.spoken, tick)[:] = used
+        if packet.tick > self._newest.tick:
+            self._newest = packet
+            self.measured.LatestUsed(self.spoken, packet.tick)[:] = packet.used
 
     def _AnswerRefused(self, reason: Reason, address: Address, now: int) -> None:
         """Answers a hello, and reports why the two sides cannot meet.
@@ -258,7 +236,10 @@ class Side(Half):
         elif reason == Reason.HASH and is_robot:
             why = f"packets of {address[0]}:{address[1]} have another key"
             self._TellWhyNotHeard(reason, why)
-            self._SendNotice(address, now)
+            # At most so often, and shorter than any packet.
+            if now >= self._next_notice:
+                self._next_notice = now + _NOTICE_PERIOD
+                self._Send(WRONG_KEY_NOTICE, address)
         elif reason == Reason.NOTICE and not is_robot:
             why = f"{address[0]}:{address[1]} reports that it has another key"
             self._TellWhyNotHeard(reason, why)
@@ -268,13 +249,6 @@ class Side(Half):
         if reason not in self._told:
             self._told[reason] = why
             self.Say(f"not heard: {why}")
-
-    def _SendNotice(self, address: Address, now: int) -> None:
-        """Sends a notice of the wrong key, which is shorter than any packet."""
-        if now < self._next_notice:
-            return
-        self._next_notice = now + _NOTICE_PERIOD
-        self._Send(WRONG_KEY_NOTICE, address)
 
     def _Meet(self, now: int) -> None:
         """Sets tick 0 if both sides hear each other."""
@@ -296,7 +270,9 @@ class Side(Half):
         tick = max(due, self.tick + 1)
         newest = self._newest
         t = tick * self.period
-        round_trip = (tick - max(newest.echo, 0)) * self.period
+        # The tick of what the other side had in use then.
+        echo = max(newest.used[-1], 0)
+        round_trip = float(tick - echo) * self.period
         is_stale = round_trip > self.limit or self._peer_has_ended
         self._TellIfChanged(t, is_stale, round_trip)
         turn = Turn.FALLS if is_stale else Turn.COMES_BACK
@@ -339,13 +315,14 @@ class Side(Half):
 
     def _SendTo(self, address: Address) -> None:
         """Sends a packet."""
-        state = State(
+        data = self._session.Seal(
+            self._clock(),
+            self.sent[-1],
             start=self._start,
             tick=self.tick,
             used=self.measured.LatestUsed(self.heard, self.tick),
             ended=self.reason is not None,
         )
-        data = self._session.Seal(self._clock(), self.sent[-1], state)
         self._Send(data, address)
 
     def _Send(self, data: bytes, address: Address) -> None:

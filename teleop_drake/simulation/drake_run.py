@@ -8,9 +8,9 @@ from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     InitializeParams,
     Simulator,
-    SimulatorStatus,
 )
 from pydrake.systems.framework import Context, EventStatus, System
+from scipy.interpolate import CubicHermiteSpline
 
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.numerics.instants import same_within
@@ -37,7 +37,7 @@ from teleop_drake.simulation.run import (
 )
 from teleop_drake.simulation.simulator import (
     EVENT_ACCURACY,
-    MakeSimulator,
+    CountsOf,
     TeleoperatorSimulator,
 )
 from teleop_drake.simulation.stale_cache_guard import HasOwnBlocks
@@ -47,13 +47,16 @@ from teleop_drake.validation import ScenarioError
 # Most steps that a block may force on a run. Each takes some milliseconds.
 _MOST_FORCED_STEPS = 100_000
 
-_TERMINATED = SimulatorStatus.ReturnReason.kReachedTerminationCondition
-
 # A run in the plain Simulator is looked at after so many steps.
 _STRIDE = 64
 
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
+
+# Where samples are taken within a step, as shares of it, and the weights of a cubic
+# polynomial there: of its values at both ends and of its rates times the step.
+_INSIDE = shares(DEGREE)[1:-1].tolist()
+_WEIGHTS = CubicHermiteSpline([0, 1], *np.eye(4).reshape(2, 2, 4))(_INSIDE)
 
 
 def RunInDrake(job: Job) -> Outcome:
@@ -68,14 +71,11 @@ def RunInDrake(job: Job) -> Outcome:
     _CheckSteps(job)
     simulator = _MakeSimulator(job)
     run = _DrakeRun(simulator, job)
-    simulator.set_monitor(run.Monitor if _IsDense(job) else run.PlainMonitor)
-    ending = COMPLETED
+    simulator.set_monitor(run.Monitor)
     start = clock.monotonic()
     with run.interruption as interruption:
         try:
-            status = _Advance(simulator, run, job)
-            if not run.is_over and _IsTerminated(simulator, status):
-                ending = Ending("terminated", status.message())
+            ending = run.Advance()
         except KeyboardInterrupt:
             if not run.has_begun:  # There is nothing to record.
                 raise
@@ -89,23 +89,21 @@ def RunInDrake(job: Job) -> Outcome:
             ending = Ending("diverged", reason)
     if interruption.has_come:  # However it ended: more runs may be to come.
         ending = INTERRUPTED
-    elif run.failure:
-        ending = Ending("diverged", run.failure)
     wall_time = clock.monotonic() - start
     # The samples know the Context, and pydrake keeps the Simulator alive with that.
     simulator.clear_monitor()
-    steps, evaluations, _ = _Counts(simulator)
+    counts = CountsOf(simulator)
     series = run.recorder.Finish()
     if ending == COMPLETED:
         series[0][-1] = job.end  # The last step ends there but for rounding.
     outcome = Outcome(
         engine="drake",
         series=series,
-        steps=steps,
-        derivative_evaluations=evaluations,
+        steps=counts.steps,
+        derivative_evaluations=counts.evaluations,
         wall_time=wall_time,
         ending=ending,
-        is_too_fast=bool(run.failure),
+        is_too_fast=run.is_too_fast,
         make_final_context=simulator.get_context().Clone().Clone,
     )
     outcome.TakeStatistics(SystemsIn(job.diagram))
@@ -115,9 +113,8 @@ def RunInDrake(job: Job) -> Outcome:
 def _MakeSimulator(job: Job) -> Simulator:
     """Returns the Simulator for a system, at the start of a run."""
     context = job.context.Clone()
-    if HasOwnBlocks(job.diagram):
-        return MakeSimulator(job.diagram, job.config, context)
-    simulator = Simulator(job.diagram, context)
+    kind = TeleoperatorSimulator if HasOwnBlocks(job.diagram) else Simulator
+    simulator = kind(job.diagram, context)
     ApplySimulatorConfig(job.config, simulator)
     context.SetTime(job.start)
     if context.get_accuracy() is None:
@@ -129,34 +126,6 @@ def _IsDense(job: Job) -> bool:
     """Returns whether samples are taken within steps, and after discrete updates."""
     num_groups = job.context.num_discrete_state_groups()
     return num_groups > 0 or HasOwnBlocks(job.diagram)
-
-
-def _Advance(simulator: Simulator, run: "_DrakeRun", job: Job) -> SimulatorStatus:
-    """Runs to the end of a job, or less far; returns why it ended."""
-    parameters = InitializeParams(suppress_initialization_events=job.continues)
-    with NamingBlocks():
-        status = simulator.Initialize(parameters)
-        run.has_begun = True
-        if not (_IsTerminated(simulator, status) or run.interruption.has_come):
-            status = simulator.AdvanceTo(job.end)
-        run.CheckEnd()
-    return status
-
-
-def _IsTerminated(simulator: Simulator, status: SimulatorStatus) -> bool:
-    """Returns whether an event, or the monitor of a run, has ended a run."""
-    if isinstance(simulator, TeleoperatorSimulator):
-        return simulator.IsEndedByOthers(status)
-    return bool(status.reason() == _TERMINATED)
-
-
-def _Counts(simulator: Simulator) -> tuple[int, int, int]:
-    """Returns the steps of the run, evaluations of the rates, rejected steps."""
-    if isinstance(simulator, TeleoperatorSimulator):
-        return simulator.Counts()
-    integrator = simulator.get_integrator()
-    steps = integrator.get_num_steps_taken()
-    return steps, integrator.get_num_derivative_evaluations(), 0
 
 
 def _CheckSteps(job: Job) -> None:
@@ -252,10 +221,9 @@ class Recorder:
         """Takes the samples between the last one and a time."""
         begin = self._rows[-1][0]
         h = end - begin
-        for s in shares(DEGREE)[1:-1].tolist():
-            first = (1 + 2 * s) * self._state + s * h * self._rate
-            last = (3 - 2 * s) * state - (1 - s) * h * rate
-            self._SampleAt(begin + s * h, (1 - s) ** 2 * first + s**2 * last)
+        ends = [self._state, state, h * self._rate, h * rate]
+        for share, inside in zip(_INSIDE, _WEIGHTS @ ends, strict=True):
+            self._SampleAt(begin + share * h, inside)
 
     def _SampleAt(self, time: float, state: np.ndarray) -> None:
         self._inner_context.SetTime(time)
@@ -281,9 +249,7 @@ class _DrakeRun:
 
     Attributes:
         recorder: What it records with.
-        failure: Why the run cannot go on; empty while it can.
-        has_begun: Whether the Simulator has been initialized.
-        is_over: Whether the monitor has ended the run.
+        is_too_fast: Whether the monitor has ended the run for the speed of the tool.
         interruption: Ends it because of Ctrl-C.
     """
 
@@ -292,14 +258,13 @@ class _DrakeRun:
         self._job = job
         self._pace = Pace(job.duration, job.start)
         self._num_samples = 0
+        is_dense = _IsDense(job)
+        self._stride = 1 if is_dense else _STRIDE
         self.recorder = Recorder(
-            job.diagram,
-            simulator.get_mutable_context(),
-            is_dense=_IsDense(job),
+            job.diagram, simulator.get_mutable_context(), is_dense=is_dense
         )
-        self.failure = ""
-        self.has_begun = False
-        self.is_over = False
+        self._ending: Ending | None = None
+        self.is_too_fast = False
         self.interruption = Interruption()
         self._last_report = clock.monotonic()
         names = self.recorder.names
@@ -307,43 +272,49 @@ class _DrakeRun:
         self._watched = [i for i, x in enumerate(names) if x == "tool_velocity"]
         self._watched = self._watched or list(range(len(names)))
 
-    def PlainMonitor(self, root_context: Context) -> EventStatus | None:
-        """Records the end of a step; looks at the run after some steps only."""
-        now = self.recorder.Sample()
-        self._num_samples += 1
-        if self._num_samples % _STRIDE:
-            return None
-        return self._Check(now, root_context.get_time())
+    @property
+    def has_begun(self) -> bool:
+        """Whether there is a sample."""
+        return self._num_samples > 0
 
-    def Monitor(self, root_context: Context) -> EventStatus:
+    def Advance(self) -> Ending:
+        """Runs to the end of the job, or less far; returns how it ended."""
+        with NamingBlocks():
+            if self._job.continues:
+                self._simulator.Initialize(
+                    InitializeParams(suppress_initialization_events=True)
+                )
+            status = self._simulator.AdvanceTo(self._job.end)
+        self._Check(*self.recorder.Last())
+        # An event has ended what the monitor has not.
+        return self._ending or Ending("terminated", status.message())
+
+    def Monitor(self, root_context: Context) -> EventStatus | None:
         """Records the end of a step; ends the run if it cannot go on."""
         now = self.recorder.Sample()
         self._num_samples += 1
-        return self._Check(now, root_context.get_time())
+        if self._num_samples % self._stride:
+            return None
+        return self._Check(root_context.get_time(), now)
 
-    def CheckEnd(self) -> None:
-        """Looks at the last sample of a run."""
-        time, now = self.recorder.Last()
-        self._Check(now, time)
-
-    def _Check(self, now: list[np.ndarray], time: float) -> EventStatus:
-        """Returns whether a run can go on after a sample."""
+    def _Check(self, time: float, now: list[np.ndarray]) -> EventStatus | None:
+        """Ends the run after a sample from which it cannot go on."""
         limit = self._job.speed_limit
-        self._pace.Check(self._num_samples + _Counts(self._simulator)[2], time)
+        self._pace.Check(self._num_samples + CountsOf(self._simulator).rejected, time)
         speed = math.hypot(*(x for i in self._watched for x in now[i]))
         if not speed <= limit.speed:
-            self.failure = limit.Reason(speed)
-            return self._End(self.failure)
+            self.is_too_fast = True
+            return self._End(Ending("diverged", limit.Reason(speed)))
         progress = self._job.progress
         if progress and clock.monotonic() > self._last_report + _REPORT_PERIOD:
             self._last_report = clock.monotonic()
             progress(time)
         if self.interruption.has_come:
-            return self._End("interrupted")
+            return self._End(INTERRUPTED)
         if time >= self._job.end - same_within(self._job.end):
-            return self._End("at the end")  # What is due now does not happen.
-        return EventStatus.DidNothing()
+            return self._End(COMPLETED)  # What is due now does not happen.
+        return None
 
-    def _End(self, reason: str) -> EventStatus:
-        self.is_over = True
-        return EventStatus.ReachedTermination(self._job.diagram, reason)
+    def _End(self, ending: Ending) -> EventStatus:
+        self._ending = ending
+        return EventStatus.ReachedTermination(self._job.diagram, ending.termination)

@@ -3,6 +3,7 @@
 import math
 import weakref
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.systems.analysis import (
@@ -16,7 +17,7 @@ from pydrake.systems.framework import Context, EventStatus, System
 
 from teleop_drake.contexts import DiscreteState
 from teleop_drake.simulation.failures import IsDivergence, IsGivingUp
-from teleop_drake.simulation.stale_cache_guard import TrialOf
+from teleop_drake.simulation.stale_cache_guard import TrialStep
 from teleop_drake.simulation.stepping import LongestStep, Stepping
 
 # Accuracy of the Context, which Drake uses to locate events: 1e-4 locates them to
@@ -70,11 +71,43 @@ def MakeSimulator(
     return simulator
 
 
+class Counts(NamedTuple):
+    """What a Simulator has done since the run began.
+
+    Attributes:
+        steps: Steps taken.
+        evaluations: Evaluations of the rates.
+        rejected: Steps that were tried in vain.
+    """
+
+    steps: int
+    evaluations: int
+    rejected: int
+
+
+def CountsOf(simulator: Simulator) -> Counts:
+    """Returns what a Simulator has done since the run began."""
+    earlier = getattr(simulator, "earlier_counts", Counts(0, 0, 0))
+    integrator = simulator.get_integrator()
+    num_shrinkages = (
+        integrator.get_num_step_shrinkages_from_error_control()
+        + integrator.get_num_step_shrinkages_from_substep_failures()
+    )
+    return Counts(
+        earlier.steps + integrator.get_num_steps_taken(),
+        earlier.evaluations + integrator.get_num_derivative_evaluations(),
+        earlier.rejected + num_shrinkages,
+    )
+
+
 class TeleoperatorSimulator(Simulator):
     """A Simulator that ends its steps where signals jump; see MakeSimulator().
 
     It is used like any Simulator. The integrator's longest step, as it is when the run
     begins, is a limit that the run may stay below.
+
+    Attributes:
+        earlier_counts: What the integrator had counted when it was last reset.
 
     Args:
         diagram: What to simulate; not part of another Diagram.
@@ -83,15 +116,16 @@ class TeleoperatorSimulator(Simulator):
 
     def __init__(self, diagram: System, context: Context | None = None):
         Simulator.__init__(self, diagram, context)
-        self._trial = TrialOf(self, diagram)
+        self._trial = TrialStep(self, diagram)
         self._diagram = diagram
-        self._stepping: Stepping | None = None
+        self._stepping = Stepping(diagram, math.inf, 0.0)
+        self._is_initialized = False
         self._monitor: _Monitor | None = None
         self._is_stopped = False
         self._rejected_to: float | None = None
-        self._is_put_back = False
-        self._is_settling = False
-        self._counts = 0, 0, 0
+        # Whether Drake calls the monitor although no step has ended.
+        self._is_between_steps = False
+        self.earlier_counts = Counts(0, 0, 0)
         # Neither may know the other and live: Python does not see what Drake holds.
         reference = weakref.ref(self)
 
@@ -119,39 +153,28 @@ class TeleoperatorSimulator(Simulator):
         """Returns what set_monitor() has set, or None."""
         return self._monitor
 
-    def Counts(self) -> tuple[int, int, int]:
-        """Returns the steps of the run, evaluations of the rates, rejected steps."""
-        integrator = self.get_integrator()
-        return (
-            self._counts[0] + int(integrator.get_num_steps_taken()),
-            self._counts[1] + int(integrator.get_num_derivative_evaluations()),
-            self._counts[2]
-            + int(integrator.get_num_step_shrinkages_from_error_control())
-            + int(integrator.get_num_step_shrinkages_from_substep_failures()),
-        )
-
     def Initialize(self, *arguments: object, **keywords: object) -> SimulatorStatus:
         """Begins a run at the Context as it is, as in Drake."""
         integrator = self.get_mutable_integrator()
         longest_step = integrator.get_maximum_step_size()
-        before = self._stepping
-        if before is not None and longest_step == before.step_limit:
-            longest_step = before.longest_step  # What an earlier run has left.
+        if longest_step == self._stepping.step_limit:
+            longest_step = self._stepping.longest_step  # What an earlier run has left.
         longest_step = min(longest_step, LongestStep(self._diagram, self.get_context()))
         integrator.set_maximum_step_size(longest_step)
         start = self.get_context().get_time()
         self._stepping = Stepping(self._diagram, longest_step, start)
-        self._counts = 0, 0, 0
+        self._is_initialized = True
+        self.earlier_counts = Counts(0, 0, 0)
         self._is_stopped = False
         root_context = self.get_mutable_context()
         if root_context.get_accuracy() is None:
             root_context.SetAccuracy(EVENT_ACCURACY)
-        self._BeginStep()
+        self._trial.Begin(self)
         return Simulator.Initialize(self, *arguments, **keywords)
 
     def AdvancePendingEvents(self) -> SimulatorStatus:
         """Lets happen what is due now, as in Drake."""
-        if self._stepping is None:
+        if not self._is_initialized:
             self.Initialize()
         return Simulator.AdvancePendingEvents(self)
 
@@ -166,20 +189,19 @@ class TeleoperatorSimulator(Simulator):
         Returns:
             Where and why it ended.
         """
-        if self._stepping is None:
+        if not self._is_initialized:
             status = self.Initialize()
-            if self.IsEndedByOthers(status):
+            if self._IsEndedByOthers(status):
                 return status
         stepping = self._stepping
         context = self.get_context()
-        assert stepping is not None
         while True:
             if stepping.IsAtDiscreteUpdate(context.get_time()):
                 self._Settle()
             if stepping.IsAtJump(context.get_time()):
                 # Both sides of a jump are seen by the monitor.
                 status = self.AdvancePendingEvents()
-                if self.IsEndedByOthers(status):
+                if self._IsEndedByOthers(status):
                     return status
             stop = min(stepping.NextStop(context), boundary_time)
             try:
@@ -195,7 +217,7 @@ class TeleoperatorSimulator(Simulator):
             if self._rejected_to is not None:
                 self._BeginAgain(self._rejected_to)
                 continue
-            if context.get_time() >= boundary_time or self.IsEndedByOthers(status):
+            if context.get_time() >= boundary_time or self._IsEndedByOthers(status):
                 return status
 
     def _Settle(self) -> None:
@@ -205,60 +227,41 @@ class TeleoperatorSimulator(Simulator):
         of delays and guards see a periodic one when they are executed once more.
         """
         context = self.get_context()
-        self._is_settling = True
+        self._is_between_steps = True
         for _ in range(_MOST_UPDATES):
             before = DiscreteState(context)
             Simulator.AdvancePendingEvents(self)
             if np.array_equal(before, DiscreteState(context)):
                 break
-        self._is_settling = False
-
-    def _BeginStep(self) -> None:
-        """Notes the start of a step, from which it may be begun again."""
-        if self._trial is not None:
-            self._trial.Begin(self)
+        self._is_between_steps = False
 
     def _ShorterStep(self) -> float | None:
         """Returns the longest step to try instead of a failed one; None: none is."""
-        if self._trial is None or self.get_integrator().get_fixed_step_mode():
-            return None
-        assert self._stepping is not None
-        return self._trial.ShorterStep(self.get_context(), self._stepping.step_limit)
-
-    def _RepeatedStep(self, root_context: Context) -> float | None:
-        """Returns the longest step to try instead of the last one; None: it is good."""
-        if self._trial is None:
-            return None
-        state = root_context.get_continuous_state_vector().CopyToVector()
-        if not math.isfinite(state.sum()):  # The norm of the error has overlooked it.
-            return self._ShorterStep()
-        return self._trial.StaleStep(self)
+        return self._trial.ShorterStep(self, self._stepping.step_limit)
 
     def _BeginAgain(self, step: float) -> None:
         """Goes back to the start of a step, and tries one of at most `step` s."""
-        assert self._stepping is not None
         integrator = self.get_mutable_integrator()
-        steps, evaluations, rejected = self.Counts()
-        self._counts = steps, evaluations, rejected + 1
-        assert self._trial is not None
+        counts = CountsOf(self)
+        self.earlier_counts = counts._replace(rejected=counts.rejected + 1)
         self._trial.PutBack(self)
         self._stepping.Reject(step, integrator)
         # Drake wants the first step to be no longer than the longest.
         first_step = integrator.get_initial_step_size_target()
         integrator.request_initial_step_size_target(step)
         self._rejected_to = None
-        self._is_put_back = True
+        self._is_between_steps = True
         try:
             # Otherwise Drake would not go on after an error.
             Simulator.Initialize(
                 self, InitializeParams(suppress_initialization_events=True)
             )
         finally:
-            self._is_put_back = False
+            self._is_between_steps = False
             integrator.request_initial_step_size_target(first_step)
-        self._BeginStep()
+        self._trial.Begin(self)
 
-    def IsEndedByOthers(self, status: SimulatorStatus) -> bool:
+    def _IsEndedByOthers(self, status: SimulatorStatus) -> bool:
         """Returns whether something else than the stepping ended AdvanceTo()."""
         reason = SimulatorStatus.ReturnReason.kReachedBoundaryTime
         return not self._is_stopped and status.reason() != reason
@@ -266,17 +269,20 @@ class TeleoperatorSimulator(Simulator):
     def _EndStep(self, root_context: Context) -> EventStatus:
         """Calls the monitor; ends AdvanceTo() if there is more to do."""
         self._is_stopped = False
-        if self._is_put_back or self._is_settling:
+        if self._is_between_steps:
             return EventStatus.DidNothing()
-        self._rejected_to = self._RepeatedStep(root_context)
+        state = root_context.get_continuous_state_vector().CopyToVector()
+        if math.isfinite(state.sum()):
+            self._rejected_to = self._trial.StaleStep(self)
+        else:  # The norm of the error has overlooked it.
+            self._rejected_to = self._ShorterStep()
         if self._rejected_to is not None:
             return EventStatus.ReachedTermination(self._diagram, "repeated")
-        self._BeginStep()
+        self._trial.Begin(self)
         if self._monitor is not None:
             status = self._monitor(root_context)
             if status is not None and status.severity() in _ENDS:
                 return status
-        assert self._stepping is not None
         self._is_stopped = self._stepping.EndStep(
             root_context, self.get_mutable_integrator()
         )

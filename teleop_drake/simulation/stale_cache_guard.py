@@ -30,14 +30,14 @@ no longer needs the guard.
 
 import math
 import sys
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.kernel import KernelBlock
+from teleop_drake.simulation.stepping import SystemsIn
 
 # A shorter step hardly moves the time. A hundred times Drake's own limit.
 _SHORTEST = 1e-12
@@ -61,12 +61,26 @@ class TrialStep:
 
     It belongs to one run, and keeps no Context: that would keep the Simulator alive.
 
+    A block of this package calls Look() before each evaluation of the rates, so that a
+    Diagram need not become a part of another one. Without such a block, steps are
+    Drake's own: none is begun again.
+
     Args:
-        is_first: Whether no system with a state is evaluated before Look() is called.
+        simulator: What takes the steps.
+        system: What it simulates.
     """
 
-    def __init__(self, *, is_first: bool) -> None:
-        self._is_first = is_first
+    def __init__(self, simulator: Simulator, system: System):
+        self._is_watched = False
+        # Whether no system with a state is evaluated before Look() is called.
+        self._is_first = True
+        for part in SystemsIn(system):
+            if _CallsWatchers(part):
+                self._is_watched = True
+                part.WatchRates(simulator, self.Look)
+                break
+            if part.num_continuous_states() > 0 and not isinstance(part, Diagram):
+                self._is_first = False
         self._time = -math.inf
         self._last_time = -math.inf
         self._state = np.empty(0)
@@ -102,19 +116,23 @@ class TrialStep:
 
         Its first attempts were rejected, and it began with stale results.
         """
-        if self._is_first or _NumRejected(simulator) == self._num_rejected:
+        may_be_stale = self._is_watched and not self._is_first
+        if not may_be_stale or _NumRejected(simulator) == self._num_rejected:
             return None
         length = simulator.get_context().get_time() - self._time
         return length if length > 0 else None
 
-    def ShorterStep(self, root_context: Context, longest_step: float) -> float | None:
+    def ShorterStep(self, simulator: Simulator, longest_step: float) -> float | None:
         """Returns the longest step to try next in s, or None: it would not help.
 
         Args:
-            root_context: The Context of the Simulator, as the failure left it.
+            simulator: As the failure left it.
             longest_step: That could have been tried, in s.
         """
-        gone = root_context.get_time() - self._time
+        is_fixed = simulator.get_integrator().get_fixed_step_mode()
+        if is_fixed or not self._is_watched:
+            return None
+        gone = simulator.get_context().get_time() - self._time
         if not (gone > 0 and math.isfinite(self._state.sum())):
             return None
         step = min(gone / 2, longest_step / 2)
@@ -139,38 +157,12 @@ def _NumRejected(simulator: Simulator) -> int:
     return int(integrator.get_num_step_shrinkages_from_error_control())
 
 
-def TrialOf(simulator: Simulator, system: System) -> TrialStep | None:
-    """Returns what can repeat the steps of a Simulator; None: steps are Drake's own.
-
-    A block of this package calls it before each evaluation of the rates, so that a
-    Diagram need not become a part of another one. None is returned if there is no such
-    block in the system.
-    """
-    has_states = False
-    for leaf in _LeavesOf(system):
-        if _CallsWatchers(leaf):
-            trial = TrialStep(is_first=not has_states)
-            leaf.WatchRates(simulator, trial.Look)
-            return trial
-        has_states = has_states or leaf.num_continuous_states() > 0
-    return None
-
-
 def HasOwnBlocks(system: System) -> bool:
     """Returns whether there is a block of this package in a system."""
-    return any(isinstance(leaf, KernelBlock) for leaf in _LeavesOf(system))
+    return any(isinstance(part, KernelBlock) for part in SystemsIn(system))
 
 
-def _CallsWatchers(leaf: Any) -> bool:
+def _CallsWatchers(system: Any) -> bool:
     """Returns whether a block calls those that watch the evaluation of its rates."""
     own = KernelBlock.DoCalcTimeDerivatives
-    return isinstance(leaf, KernelBlock) and type(leaf).DoCalcTimeDerivatives is own
-
-
-def _LeavesOf(system: System) -> Iterator[Any]:
-    """Yields the leaf systems in the order in which their rates are evaluated."""
-    if not isinstance(system, Diagram):
-        yield system
-        return
-    for part in system.GetSystems():
-        yield from _LeavesOf(part)
+    return isinstance(system, KernelBlock) and type(system).DoCalcTimeDerivatives is own

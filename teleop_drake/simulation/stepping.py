@@ -89,7 +89,8 @@ class Stepping:
     """
 
     def __init__(self, diagram: System, longest_step: float, start: float):
-        systems = list(SystemsIn(diagram)) or [diagram]
+        # A loop announces what its parts do.
+        systems = list(SystemsIn(diagram))[1:] or [diagram]
 
         def With(member: str) -> Iterator[Any]:
             return (system for system in systems if hasattr(system, member))
@@ -248,12 +249,12 @@ class Stepping:
         return time + _EVENT_WINDOW
 
 
-def SystemsIn(diagram: System) -> Iterator[System]:
-    """Yields the systems in a diagram and in those inside; none in a leaf system."""
-    for system in diagram.GetSystems() if isinstance(diagram, Diagram) else ():
-        yield system
-        if isinstance(system, Diagram):
-            yield from SystemsIn(system)
+def SystemsIn(system: System) -> Iterator[System]:
+    """Yields a system and those inside, in the order in which rates are evaluated."""
+    yield system
+    if isinstance(system, Diagram):
+        for part in system.GetSystems():
+            yield from SystemsIn(part)
 
 
 def NotesOnSamples(diagram: System, context: Context) -> list[str]:

@@ -53,8 +53,7 @@ def WritePicture(
     The same picture gives the same bytes. Each file appears complete or not at all.
 
     Args:
-        picture: A figure, whose layout is fixed thereby, or a diagram, drawn as the
-            boxes of its own parts.
+        picture: A figure, or a diagram, drawn as the boxes of its own parts.
         stem: The path without the suffix, in an existing folder.
 
     Raises:
@@ -62,11 +61,6 @@ def WritePicture(
     """
     paths = [stem.with_name(f"{stem.name}.{suffix}") for suffix in formats]
     if isinstance(picture, Figure):
-        # The layout costs as much as the drawing and is the same for both.
-        layout = picture.get_layout_engine()
-        if layout is not None:
-            layout.execute(picture)
-            picture.set_layout_engine("none")
         SaveFigure(picture, *paths)
     else:
         for path in paths:
@@ -78,23 +72,15 @@ def WritePicture(
 
 _TRACKING = ThesisFigure(
     title="Tracking",
-    caption="Position of the tool and the trajectory that it is to follow.",
-    make=partial(
-        plots.PlotAgainstReference,
-        signals={"actual": "tool_position", "desired": "desired_position"},
-        label="position",
-        unit="m",
-    ),
+    caption="Position of the tool, in grey the trajectory that it is to follow, and "
+    "the tracking error. The axis y is the thesis's z.",
+    make=partial(plots.PlotTracking, signal="tool_position"),
 )
 _DISTURBANCE = ThesisFigure(
     title="Disturbance and its estimate",
-    caption="The force and what the network makes of it.",
-    make=partial(
-        plots.PlotAgainstReference,
-        signals={"actual": "environment_force", "estimated": "disturbance_estimate"},
-        label="disturbance",
-        unit="N",
-    ),
+    caption="The force, and in grey what the network makes of it. The axis y is the "
+    "thesis's z.",
+    make=partial(plots.PlotTracking, signal="environment_force"),
 )
 _VELOCITY = ThesisFigure(
     title="Velocity of the tool",
@@ -133,7 +119,7 @@ _WEIGHTS_1 = ThesisFigure(
     title="Weights of the first network",
     caption=(
         "Weights for the unknown dynamics of the robot and its environment, a curve"
-        " for each Gaussian."
+        " for each Gaussian, in the colour of its centre's x."
     ),
     make=partial(plots.PlotWeights, signal="weights_1"),
     live=["weights_1"],
@@ -151,7 +137,7 @@ _WEIGHTS_3 = ThesisFigure(
     title="Weights of the third network",
     caption=(
         "Weights for the rate of change of the environment's force, a curve for "
-        "each Gaussian."
+        "each Gaussian, in the colour of its centre's x."
     ),
     make=partial(plots.PlotWeights, signal="weights_3"),
     live=["weights_3"],

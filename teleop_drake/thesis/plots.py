@@ -1,14 +1,12 @@
 """Plots of the thesis: what its figures show, from runs."""
 
+import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.blocks.environments.surface import (
@@ -18,21 +16,14 @@ from teleop_drake.blocks.environments.surface import (
     Surface,
 )
 from teleop_drake.figures.layout import MakePanels
-from teleop_drake.figures.runs import PlotRows
+from teleop_drake.figures.runs import PlotRows, PlotRun
 from teleop_drake.figures.style import (
     BOUNDARY_STYLE,
     COLORS,
-    LINES,
     SMALL_FONT_SIZE,
     WIDTH,
-    AddLegend,
     FormatAxes,
-    Key,
-    NameAbove,
-    RunStyle,
-    Widen,
 )
-from teleop_drake.laws.gaussian_network import equidistant_lattice
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import AsTeleoperation, LoadScenario
 from teleop_drake.tasks.panels import AxisName, SignalRow
@@ -41,28 +32,6 @@ from teleop_drake.thesis.runs import ADAPTIVE, ThesisRuns
 
 ROW_HEIGHT = 1.9  # inches
 LEGEND_HEIGHT = 0.7  # inches
-
-
-def TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, Sequence[Axes]]:
-    """Returns empty panels against time, with first puncture and contact marked."""
-    height = ROW_HEIGHT * num_rows + LEGEND_HEIGHT
-    figure, panels = MakePanels(num_rows, 1, height=height, share_x="all")
-    axes = list(panels[:, 0])
-    for ax in axes:
-        FormatAxes(ax)
-    axes[0].set_xlim(0.0, float(recording.time[-1]))
-    axes[-1].set_xlabel("time [s]")
-    for name in ("puncture", "contact"):
-        for time in recording.EventTimes(name)[:1]:
-            NameAbove(axes[0], time, name)
-            for ax in axes:
-                ax.axvline(time, **BOUNDARY_STYLE)
-    return figure, axes
-
-
-def _AddLegend(figure: Figure, handles: Sequence[Line2D], title: str = "") -> None:
-    ncols = len(handles) if len(handles) <= 5 else 4
-    AddLegend(figure, handles, ncols=ncols, fontsize=SMALL_FONT_SIZE, title=title)
 
 
 # Chapter 2: the loop and the stiffness of the environment.
@@ -126,20 +95,9 @@ def _DrawStiffness(
 # Chapter 3: tracking, and the disturbance with its estimate.
 
 
-def PlotAgainstReference(
-    runs: ThesisRuns, task: str, signals: Mapping[str, str], label: str, unit: str
-) -> Figure:
-    """Plots signals, by their names in the legend, on each axis against time."""
-    recording = runs(task).recording
-    figure, axes = TimeFigure(recording, 2)
-    for k, (ax, axis) in enumerate(zip(axes, "xz", strict=True)):
-        for i, (name, signal) in enumerate(signals.items()):
-            ax.plot(recording.time, recording[signal][:, k], **RunStyle(i), label=name)
-        values = [recording[signal][:, k] for signal in signals.values()]
-        ax.set_ylim(Widen((float(np.min(values)), float(np.max(values))), 1.0))
-        ax.set_ylabel(f"{label}, ${axis}$ [{unit}]")
-    _AddLegend(figure, axes[0].get_lines()[-len(signals) :])
-    return figure
+def PlotTracking(runs: ThesisRuns, task: str, *, signal: str) -> Figure:
+    """Plots a signal of a tracking as `teleop-drake run --signals` does."""
+    return PlotRun(runs(task).recording, signals=[signal])
 
 
 # Chapters 4 and 5: both controllers together, and what the adaptive one learns.
@@ -176,53 +134,43 @@ def PlotPsi(runs: ThesisRuns, task: str) -> Figure:
     """Plots the entries of Psi, and below how far each is from its initial value."""
     recording = runs(task, ADAPTIVE).recording
     psi = recording["psi"]
-    n = recording.scenario.num_axes
-    figure, (above, below) = TimeFigure(recording, 2)
-    handles = []
-    for k in range(n * n):
-        label = rf"$\Psi_{{{k // n + 1}{k % n + 1}}}$" if n > 1 else r"$\Psi$"
-        handles += above.plot(recording.time, psi[:, k], **RunStyle(k), label=label)
-        # Psi hardly moves; this panel magnifies by how much.
-        below.plot(recording.time, psi[:, k] - psi[0, k], **RunStyle(k))
-    above.set_ylabel(r"$\Psi$ [1/kg]")
-    below.set_ylabel(r"$\Psi - \Psi_0$ [1/kg]")
-    _AddLegend(figure, handles)
-    return figure
+    # Psi hardly moves; the panel below magnifies by how much.
+    signals = recording.signals | {"change of psi": psi - psi[0]}
+    rows = [
+        SignalRow(
+            label=f"${symbol}$",
+            unit="1/kg",
+            signal=signal,
+            components=range(psi.shape[1]),
+            symbol=symbol,
+        )
+        for signal, symbol in (("psi", r"\Psi"), ("change of psi", r"\Delta\Psi"))
+    ]
+    return _PlotAgainstTime(dataclasses.replace(recording, signals=signals), rows)
 
 
 def PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
-    """Plots weights in the colour of their centre's x, the style of its distance."""
+    """Plots the weights of each task axis in the colour of their centre's x."""
     recording = runs(task, ADAPTIVE).recording
     network = recording.scenario.controller.network
-    centres, _ = equidistant_lattice(network.lower, network.upper, network.count)
-    places, colors = np.unique(centres[:, 0], return_inverse=True)
-    # Centres on either side of the straight path look alike.
-    sides = np.round(np.linalg.norm(centres[:, 1:], axis=1), 9)
-    distances, dashes = np.unique(sides, return_inverse=True)
-    palette = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.88, len(places)))
-
-    def Look(color: int, dash: int) -> dict[str, Any]:
-        return {
-            "color": palette[color],
-            "linestyle": LINES[dash % len(LINES)],
-            "linewidth": 1.1 if dash == 0 else 0.7,
-        }
-
+    places = np.linspace(network.lower[0], network.upper[0], network.count[0])
     n = recording.scenario.num_axes
-    weights = recording[signal].reshape(-1, n, len(centres))
+    columns = np.arange(recording[signal].shape[1]).reshape(n, -1)
     name, unit = {"weights_1": ("W_1", "m/s²"), "weights_3": ("W_3", "N/s")}[signal]
-    figure, axes = TimeFigure(recording, n)
-    for k, ax in enumerate(axes):
-        for i, (color, dash) in enumerate(zip(colors, dashes, strict=True)):
-            ax.plot(recording.time, weights[:, k, i], **Look(color, dash))
-        ax.set_ylabel(f"weights ${name}$, {AxisName(k)} [{unit}]")
-    handles = [
-        Key(f"$x$ = {1e3 * x:.4g} mm", **Look(i, 0)) for i, x in enumerate(places)
+    rows = [
+        SignalRow(
+            label=f"weights ${name}$, ${AxisName(k)}$",
+            unit=unit,
+            signal=signal,
+            components=own,
+            groups=[f"$x$ = {1e3 * x:.4g} mm" for x in places],
+        )
+        for k, own in enumerate(columns.tolist())
     ]
-    if len(distances) == 1:
-        distances = distances[:0]
-    for i, y in enumerate(distances):
-        label = rf"$y$ = {'±' if y else ''}{1e3 * y:.4g} mm"
-        handles.append(Key(label, **Look(0, i) | {"color": "black"}))
-    _AddLegend(figure, handles, "centre of the Gaussian at")
-    return figure
+    return _PlotAgainstTime(recording, rows)
+
+
+def _PlotAgainstTime(recording: Recording, rows: Sequence[SignalRow]) -> Figure:
+    return PlotRows(
+        {"": recording}, rows, columns=1, width=WIDTH, row_height=ROW_HEIGHT
+    )

@@ -12,9 +12,7 @@ linear models.
 """
 
 import base64
-import csv
 import dataclasses
-import io
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -24,9 +22,10 @@ from importlib.metadata import version
 from pathlib import Path
 from string import Template
 
-from teleop_drake.files import Replacing
+from teleop_drake.files import WriteText
 from teleop_drake.page.document import PackedData
 from teleop_drake.page.script import JoinModules, ReadPart
+from teleop_drake.sweep.folder import WriteCsv
 from teleop_drake.thesis.claims import (
     chapter3,
     chapter4,
@@ -129,22 +128,13 @@ def Reproduce(
         records = [dataclasses.asdict(row) for row in rows]
         texts = {
             "ledger.json": json.dumps(records, indent=2, ensure_ascii=False) + "\n",
-            "ledger.csv": _LedgerCsv(records),
             "report.html": _Html(out, rows, commands),
         }
+        paths.append(WriteCsv(out / "ledger.csv", records))
         for name, text in texts.items():
-            with Replacing(out / name) as temporary:
-                temporary.write_text(text, encoding="utf-8", newline="")
+            WriteText(out / name, text)
             paths.append(out / name)
     return paths
-
-
-def _LedgerCsv(records: Sequence[Mapping[str, str]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(records[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
-    return text.getvalue()
 
 
 def _Html(out: Path, rows: Sequence[Row], commands: Mapping[str, str]) -> str:

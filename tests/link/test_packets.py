@@ -16,7 +16,6 @@ from teleop_drake.link.packets import (
     ReadKey,
     Reason,
     Session,
-    State,
 )
 from teleop_drake.validation import ScenarioError
 
@@ -31,7 +30,7 @@ def Sessions(agreement=7):
 def Seal(session, now, tick=-1):
     values = np.arange(2.0 if session.address == "robot" else 3.0)
     used = np.arange(tick - 31, tick + 1).clip(-1)
-    return session.Seal(now, values, State(100, tick, used, ended=False))
+    return session.Seal(now, values, start=100, tick=tick, used=used, ended=False)
 
 
 def Introduced(operator, robot):
@@ -107,8 +106,8 @@ def test_a_replay_to_a_process_that_was_started_anew():
 
 def test_what_does_not_count():
     operator, robot = Introduced(*Sessions())
-    state = State(100, 0, np.zeros(32, int), ended=False)
-    data = operator.Seal(70, np.array([np.nan, 1.0]), state)
+    values, used = np.array([np.nan, 1.0]), np.zeros(32, int)
+    data = operator.Seal(70, values, start=100, tick=0, used=used, ended=False)
     assert robot.Open(data, "operator", 80).reason == Reason.VALUES
     operator, robot = Sessions(agreement=8)
     assert robot.Open(Seal(operator, 10), "operator", 20).reason == Reason.SCENARIO

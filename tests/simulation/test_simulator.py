@@ -17,6 +17,7 @@ from surfaces import Border
 from teleop_drake.kernel import Kernel, KernelBlock, Transition
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import MakeDiagram, MakeSimulator, simulate
+from teleop_drake.simulation.simulator import CountsOf
 from teleop_drake.simulation.stepping import LongestStep
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
@@ -239,4 +240,4 @@ def test_short_steps_lead_to_the_guards_of_any_block():
     times = [time for time, _ in modes[1:]]
     assert times == pytest.approx([np.log(2), 2 * np.log(2)], abs=1e-6)
     # Drake's bisection alone takes 1449 evaluations.
-    assert simulator.Counts()[1] < 600
+    assert CountsOf(simulator).evaluations < 600

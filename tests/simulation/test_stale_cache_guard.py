@@ -15,7 +15,7 @@ from pydrake.systems.framework import DiagramBuilder, EventStatus, LeafSystem
 
 from teleop_drake.kernel import Kernel
 from teleop_drake.kernel.block import FixedBlock
-from teleop_drake.simulation.simulator import MakeSimulator, TeleoperatorSimulator
+from teleop_drake.simulation.simulator import CountsOf, MakeSimulator
 
 START = [1.0, 0.0]
 
@@ -97,9 +97,7 @@ def steps(simulator, scheme, **config):
 
 def num_repeated(simulator):
     """Returns how many steps were repeated since the start."""
-    if isinstance(simulator, TeleoperatorSimulator):
-        return simulator.Counts()[2]
-    return simulator.get_integrator().get_num_step_shrinkages_from_error_control()
+    return CountsOf(simulator).rejected
 
 
 def largest_difference(simulator, scheme, *, repeated):

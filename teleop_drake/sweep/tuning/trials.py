@@ -142,9 +142,9 @@ def FindFront(accepted: Sequence[Trial], reference: Trial) -> list[Trial]:
     scores = np.array([trial.Scores(reference) for trial in accepted])
     kept: list[int] = []
     for i in sorted(range(len(accepted)), key=lambda i: tuple(scores[i])):
-        is_as_good = np.all(scores <= scores[i], axis=1)
-        dominates = is_as_good & np.any(scores < scores[i], axis=1)
-        resembles = np.all(scores[kept] <= _EQUAL * scores[i], axis=1)
-        if not dominates.any() and not resembles.any():
+        # Whatever dominates these gains, or something kept that resembles it, is
+        # earlier in this order.
+        limits = np.maximum(scores[i], _EQUAL * scores[i])
+        if not np.all(scores[kept] <= limits, axis=1).any():
             kept.append(i)
     return [accepted[i] for i in kept]

@@ -59,8 +59,8 @@ def _DirectUnstable(runs: ThesisRuns, task: str, axis: str) -> Found:
     end = float(recording.time[-1])
     p = recording["tool_position"][:, "xy".index(axis)]
     away = np.abs(p - p[np.searchsorted(recording.time, contact)])
-    windows = ((contact, contact + 2.0), (end - 2.0, end))
-    early, late = (float(away[During(recording, *x)].max()) for x in windows)
+    early = away[During(recording, contact, contact + 2.0)].max()
+    late = away[During(recording, end - 2.0, end)].max()
     return Found(late >= 1.1 * early, f"first {early:.3g}, last {late:.3g} m")
 
 

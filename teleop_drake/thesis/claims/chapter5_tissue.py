@@ -18,7 +18,7 @@ from teleop_drake.thesis.claims.measures import (
     Amplitude,
     During,
 )
-from teleop_drake.thesis.runs import ADAPTIVE, DIRECT, TASKS, Both, ThesisRuns
+from teleop_drake.thesis.runs import ADAPTIVE, DIRECT, TASKS, ThesisRuns
 
 V_D = 0.1
 """What the surgeon commands along x, m/s."""
@@ -27,25 +27,20 @@ CASES = dict(zip(("I", "II", "III"), TASKS[1:], strict=True))
 SETTLING = "collision.settling_time"
 
 
-def OfCase(runs: ThesisRuns, case: str) -> Both:
-    """Returns both runs of a case; those of case I inside the workspace."""
-    return Compared(runs, CASES[case])
-
-
 def _SmoothStart(runs: ThesisRuns) -> Found:
-    run = OfCase(runs, "I").adaptive
+    run = Compared(runs, CASES["I"]).adaptive
     puncture = run.Number("puncture.time")
     late = float(Amplitude(run.recording, puncture - 1.0, puncture)[0])
     return Found(late < 0.05 * V_D, f"{late / V_D:.1%}")
 
 
 def _NoOvershoot(runs: ThesisRuns) -> Found:
-    start = float(OfCase(runs, "I").adaptive["start_velocity_overshoot"])
+    start = float(Compared(runs, CASES["I"]).adaptive["start_velocity_overshoot"])
     return Found(start < 0.01 * V_D, f"{start / V_D:.1%}")
 
 
 def _DirectOscillates(runs: ThesisRuns) -> Found:
-    run = OfCase(runs, "I").direct
+    run = Compared(runs, CASES["I"]).direct
     recording = run.recording
     puncture = run.Number("puncture.time")
     v_x = recording["tool_velocity"][:, 0]
@@ -57,14 +52,14 @@ def _DirectOscillates(runs: ThesisRuns) -> Found:
 
 
 def _DirectFaster(runs: ThesisRuns) -> Found:
-    direct, adaptive = OfCase(runs, "I").Numbers("puncture.velocity")
+    direct, adaptive = Compared(runs, CASES["I"]).Numbers("puncture.velocity")
     holds = direct > adaptive + 0.05 * V_D
     return Found(holds, Pair(direct, adaptive, "m/s"))
 
 
 def _DirectDiverges(runs: ThesisRuns) -> Found:
     full = runs(CASES["I"], DIRECT)
-    inside = OfCase(runs, "I").direct
+    inside = Compared(runs, CASES["I"]).direct
     recording = inside.recording
     puncture = inside.Number("puncture.time")
     end = float(recording.time[-1])

@@ -182,14 +182,14 @@ def Pair(direct: float, adaptive: float, unit: str = "") -> str:
     return f"direct {scale * direct:.4g}, adaptive {scale * adaptive:.4g} {unit}"
 
 
-def Axes(values: Iterable[float]) -> str:
+def Axes(values: Iterable[float], axes: str = "xyz", form: str = ".3g") -> str:
     """Returns one value per axis, such as "x 0.1, y 0.2"."""
-    return ", ".join(f"{axis} {x:.3g}" for axis, x in zip("xyz", values, strict=False))
+    return ", ".join(f"{a} {x:{form}}" for a, x in zip(axes, values, strict=False))
 
 
 def Shares(values: np.ndarray, axes: str = "xy") -> str:
     """Returns one share per axis in per cent."""
-    return ", ".join(f"{axis} {x:.1%}" for axis, x in zip(axes, values, strict=True))
+    return Axes(values, axes, ".1%")
 
 
 def Seconds(time: float | None) -> str:

@@ -1,36 +1,25 @@
 """Weights that the networks of chapters 4 and 5 learn, and the best ones."""
 
+import dataclasses
 import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.multibody.tree import JacobianWrtVariable
-from scipy.integrate import cumulative_trapezoid
 
 from teleop_drake.arrays import Array
-from teleop_drake.blocks.robots.base import PlantRobotConfig
-from teleop_drake.blocks.robots.inverse_kinematics import TOOL, SolveInverseKinematics
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import Scenario
-from teleop_drake.thesis.claims.measures import BasisFunctions, ForceRate
+from teleop_drake.thesis.claims.measures import (
+    BasisFunctions,
+    CommandedPath,
+    ForceRate,
+)
 from teleop_drake.validation import GainMatrix
 
 INSIDE = np.stack(
     np.meshgrid(np.linspace(0.87, 1.03, 5), np.linspace(0.02, 0.08, 3)), axis=-1
 ).reshape(-1, 2)
 """Points in m (15, 2) inside of the way round of two_dof_learning."""
-
-
-def CommandedPath(recording: Recording) -> Array:
-    """Returns where the command has led the tool, in m (T, n).
-
-    That is the integral of the velocity command as it arrives at the slave of direct
-    force or of the adaptive controller.
-    """
-    scenario = recording.teleoperation
-    v_dd = recording["forward_packet_received"][:, scenario.num_axes :]
-    way = cumulative_trapezoid(v_dd, recording.time, axis=0, initial=0)
-    return np.asarray(scenario.robot.start + way)
 
 
 def PathDistance(recording: Recording) -> Array:
@@ -81,25 +70,18 @@ def WeightDrift(scenario: Scenario, points: ArrayLike) -> Array:
     Raises:
         ScenarioError: If the robot does not reach a point.
     """
-    robot = scenario.robot
     n = scenario.num_axes
-    assert isinstance(robot, PlantRobotConfig)
     Lambda = GainMatrix(scenario.controller.Lambda, n)
     D_e = scenario.Facts().Told("environment_damping", "environment")
-    plant = robot.LoadPlant()
-    context = plant.CreateDefaultContext()
-    tool = plant.GetFrameByName(TOOL)
-    world = plant.world_frame()
-    drifts = []
-    for p_WT in np.asarray(points, dtype=float):
-        q = SolveInverseKinematics(plant, p_WT, robot.Posture(plant))
-        plant.SetPositions(context, q)
-        J = plant.CalcJacobianTranslationalVelocity(
-            context, JacobianWrtVariable.kV, tool, np.zeros(3), world, world
-        )[:n]
-        tau_g = plant.CalcGravityGeneralizedForces(context)
-        drifts.append(J @ np.linalg.solve(plant.CalcMassMatrix(context), tau_g))
-    return np.array(drifts) @ (np.eye(n) + Lambda @ D_e).T
+    falls = []
+    for p_WT in np.asarray(points, dtype=float).tolist():
+        # The acceleration of a robot at rest there on which no force acts.
+        robot = dataclasses.replace(scenario.robot, start=p_WT).MakeRobot()
+        context = robot.CreateDefaultContext()
+        for name in ("control_force", "environment_force"):
+            robot.GetInputPort(name).FixValue(context, np.zeros(n))
+        falls.append(robot.GetOutputPort("tool_acceleration").Eval(context))
+    return np.array(falls) @ (np.eye(n) + Lambda @ D_e).T
 
 
 def UnlearnedWeight(recording: Recording, points: ArrayLike, drift: Array) -> float:

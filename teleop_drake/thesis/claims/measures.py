@@ -5,8 +5,10 @@ Times are in s, from the start of the run; signals are in SI units.
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import CONTACT
@@ -24,15 +26,13 @@ def LargestJump(run: Run) -> float:
 
 
 def ImpactForces(recording: Recording) -> list[float]:
-    """Returns the largest force of each contact that begins and ends, and the last."""
+    """Returns the largest force in N from each contact to the next one or the end."""
     surface = recording.FindSurface(CONTACT)
     assert surface is not None
-    time = recording.time
     F = surface.Along(recording["environment_force"])
-    touches = surface.Depth(recording["tool_position"]) >= 0
-    begins = np.flatnonzero(np.diff(touches.astype(int)) == 1) + 1
-    ends = [*begins[1:], len(time)]
-    return [float(F[i:j].max()) for i, j in zip(begins, ends, strict=True)]
+    begins = np.searchsorted(recording.time, recording.EventTimes("contact"))
+    forces: list[float] = np.maximum.reduceat(F, begins).tolist()
+    return forces
 
 
 def During(recording: Recording, begin: float, end: float) -> np.ndarray:
@@ -59,20 +59,30 @@ def RiseTime(recording: Recording) -> float:
     return float(recording.time[reached[0]]) if len(reached) else math.inf
 
 
+def CommandedPath(recording: Recording) -> Array:
+    """Returns where the command has led the tool, in m (T, n).
+
+    That is the integral of the velocity command as it arrives at the slave of direct
+    force or of the adaptive controller.
+    """
+    scenario = recording.teleoperation
+    v_dd = recording["forward_packet_received"][:, scenario.num_axes :]
+    way = cumulative_trapezoid(v_dd, recording.time, axis=0, initial=0)
+    return np.asarray(scenario.robot.start + way)
+
+
 def PathError(recording: Recording) -> Array:
     """Returns the largest position error before the contact, as a share of the way.
 
-    The position asked for is where v_d leads from the start on as it arrives at the
-    slave; the way is that from the start to the bone.
+    The position asked for is that of CommandedPath(); the way is that from the start to
+    the bone.
     """
-    scenario = recording.teleoperation
     surface = recording.FindSurface(CONTACT)
     assert surface is not None
     before = recording.time <= FirstEvent(recording, "contact")
-    arrived = np.maximum(recording.time[before] - scenario.forward_channel.delay, 0.0)
-    asked = scenario.robot.start + np.outer(arrived, scenario.surgeon.velocity)
-    error = np.abs(recording["tool_position"][before] - asked).max(axis=0)
-    return np.asarray(error) / -float(surface.Depth(scenario.robot.start))
+    error = recording["tool_position"] - CommandedPath(recording)
+    way = -float(surface.Depth(recording.teleoperation.robot.start))
+    return np.asarray(np.abs(error[before]).max(axis=0)) / way
 
 
 def ForceRate(recording: Recording) -> Array:
@@ -106,17 +116,17 @@ def BasisFunctions(recording: Recording, count: int | None = None) -> Array:
     return np.array([network.evaluate(u) for u in recording["tool_position"]])
 
 
-def Rms(recording: Recording, values: Array) -> float:
-    """Returns the rms over time of a signal (T,)."""
-    mean = np.trapezoid(values**2, recording.time) / np.ptp(recording.time)
-    return math.sqrt(float(mean))
+def Rms(recording: Recording, values: Array, since: float = 0.0) -> Any:
+    """Returns the rms over time (...) of a signal (T, ...), from some time on."""
+    kept = recording.time >= since
+    time = recording.time[kept]
+    mean = np.trapezoid(values[kept] ** 2, time, axis=0) / np.ptp(time)
+    return np.sqrt(mean)
 
 
 def Late(recording: Recording, values: Array) -> Array:
     """Returns the rms per axis of a signal (T, n) over the last quarter of a run."""
-    kept = recording.time >= 0.75 * recording.time[-1]
-    last = dataclasses.replace(recording, time=recording.time[kept])
-    return np.array([Rms(last, values[kept, i]) for i in range(values.shape[1])])
+    return np.asarray(Rms(recording, values, since=0.75 * recording.time[-1]))
 
 
 def UnlearnedShare(recording: Recording) -> float:
@@ -125,7 +135,7 @@ def UnlearnedShare(recording: Recording) -> float:
     Phi = BasisFunctions(recording)
     W3_x = recording["weights_3"][:, : Phi.shape[1]]
     estimate = np.einsum("tk,tk->t", W3_x, Phi)
-    return Rms(recording, rate - estimate) / Rms(recording, rate)
+    return float(Rms(recording, rate - estimate) / Rms(recording, rate))
 
 
 def FarShare(recording: Recording) -> float:
