@@ -259,7 +259,6 @@ def _reduced_taylor(loop: StateSpace, order: int, radius: float, delay: float) -
     """
     turns = np.arange(_NUM_CIRCLE_POINTS) / _NUM_CIRCLE_POINTS
     s = min(radius, _LARGEST_TURN / max(delay, 1e-9)) * np.exp(2j * np.pi * turns)
-    matrix, _ = loop.fed_back(delay).characteristic_matrix(s)
-    g = np.linalg.det(matrix) / s**order
+    g = np.linalg.det(loop.fed_back(delay).characteristic_matrix(s)) / s**order
     powers = s ** np.arange(order + 1)[:, np.newaxis]
     return (g / powers).mean(axis=1).real

@@ -12,6 +12,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import matrix_balance
 
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.validation import CheckNumber, Refuse
@@ -72,15 +73,26 @@ class StateSpace:
         return p - k, m - k
 
     @property
+    def matrix(self) -> Array:
+        """[A, B; C, D]."""
+        return np.block([[self.A, self.B], [self.C, self.D]])
+
+    def _with(self, matrix: Array) -> Self:
+        """Returns the system with another matrix [A, B; C, D] of as many states."""
+        new = system_of(matrix, self.num_states)
+        return replace(self, A=new.A, B=new.B, C=new.C, D=new.D)
+
+    @property
     def opened(self) -> Self:
         """The system that is cut open at its delays: all its signals are open."""
         return replace(self, delays=())
 
     def __neg__(self) -> Self:
         """Returns the system with the transfer function -G(s)."""
-        sign = np.ones((len(self.D), 1))
-        sign[: self.num_open[0]] = -1
-        return replace(self, C=sign * self.C, D=sign * self.D)
+        matrix = self.matrix
+        n = self.num_states
+        matrix[n : n + self.num_open[0]] *= -1
+        return self._with(matrix)
 
     def fed_back(self, delay: float) -> Self:
         """Returns the loop that u(t) = -y(t - T) closes, with the same T in s for all.
@@ -95,39 +107,39 @@ class StateSpace:
         Args:
             frequencies: w in rad/s (K), none of them an undamped mode.
         """
-        w = np.asarray(frequencies, dtype=float).reshape(-1)
-        # (K, n, n), a matrix for each frequency.
-        s = 1j * w[:, np.newaxis, np.newaxis]
-        resolvent = s * np.eye(self.num_states) - self.A
-        G = self.C @ np.linalg.solve(resolvent, self.B[np.newaxis]) + self.D
-        if not self.delays:
-            return G.astype(complex)
+        s = 1j * np.asarray(frequencies, dtype=float).reshape(-1)
         p, m = self.num_open
-        # d = shift (G_eu u + G_ed d): what the delays deliver, (K, k, m) by u.
-        T = np.array(self.delays)[:, np.newaxis]
-        shift = np.exp(-s * T)
-        around = np.eye(len(T)) - shift * G[:, p:, m:]
-        delivered = np.linalg.solve(around, shift * G[:, p:, :m])
-        return (G[:, :p, :m] + G[:, :p, m:] @ delivered).astype(complex)
+        # M(s) z = by_u u, with z of the states and of what goes into the delays.
+        by_u = np.vstack([self.B[:, :m], self.D[p:, :m]])
+        z = np.linalg.solve(self.characteristic_matrix(s), by_u[np.newaxis])
+        seen = np.hstack([self.C[:p], self.D[:p, m:]]) * self._lags(s)
+        return (seen @ z + self.D[:p, :m]).astype(complex)
 
-    def characteristic_matrix(self, s: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
-        """Returns M(s) and dM/ds (..., n + k, n + k) of a system without open signals.
+    def characteristic_matrix(self, s: ArrayLike) -> ComplexArray:
+        """Returns M(s) (..., n + k, n + k), of the states and the delayed signals.
 
             M(s) = [s I - A, -B e^(-s T); -C, I - D e^(-s T)]
 
-        with the diagonal matrix e^(-s T). Where det M(s) = 0, s is a root.
+        with the diagonal matrix e^(-s T). Where det M(s) = 0, s is a root of the system
+        whose open signals are 0.
 
         Args:
             s: In 1/s (...,).
         """
-        is_state = np.repeat([1.0, 0.0], [self.num_states, len(self.delays)])
-        times = np.concatenate([np.zeros(self.num_states), self.delays])
-        matrix = np.block([[self.A, self.B], [self.C, self.D]])
-        at = np.asarray(s)[..., np.newaxis, np.newaxis]
-        arriving = matrix * np.exp(-at * times)
-        by_s = np.diag(is_state)
-        at_once = np.diag(1 - is_state)
-        return at * by_s + at_once - arriving, by_s + times * arriving
+        p, m = self.num_open
+        closed = np.block([[self.A, self.B[:, m:]], [self.C[p:], self.D[p:, m:]]])
+        is_state = np.arange(len(closed)) < self.num_states
+        diagonal = np.where(is_state, np.asarray(s)[..., np.newaxis], 1.0)
+        at = diagonal[..., np.newaxis] * np.eye(len(closed))
+        return (at - closed * self._lags(s)).astype(complex)
+
+    def _times(self) -> Array:
+        """Returns how late each state, 0, and each delayed signal acts, in s (n + k)."""
+        return np.concatenate([np.zeros(self.num_states), self.delays])
+
+    def _lags(self, s: ArrayLike) -> ComplexArray:
+        """Returns e^(-s T) for each of these (..., 1, n + k)."""
+        return np.exp(-np.asarray(s)[..., np.newaxis, np.newaxis] * self._times())
 
     def newton_step(self, s: complex) -> complex:
         """Returns the step from s of Newton's method to a root, in 1/s.
@@ -135,9 +147,13 @@ class StateSpace:
         It is 0 exactly on a root, and infinite where it leads nowhere.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            matrix, slope = self.characteristic_matrix(s)
+            matrix = self.characteristic_matrix(s)
         if not np.isfinite(matrix).all():
             return complex(np.inf)
+        times = self._times()
+        is_state = np.diag(np.arange(len(times)) < self.num_states)
+        # dM/ds: the delayed signals have the columns of I - M, times T.
+        slope = is_state + times * (np.eye(len(times)) - matrix)
         try:
             # (det M)'/det M.
             trace = np.trace(np.linalg.solve(matrix, slope))
@@ -156,14 +172,9 @@ class StateSpace:
             states: Their indices, as those of the others.
         """
         x = np.asarray(states, dtype=int)
-        u = np.asarray(inputs, dtype=int)
-        y = np.asarray(outputs, dtype=int)
-        return StateSpace(
-            A=self.A[np.ix_(x, x)],
-            B=self.B[np.ix_(x, u)],
-            C=self.C[np.ix_(y, x)],
-            D=self.D[np.ix_(y, u)],
-        )
+        rows = np.append(x, self.num_states + np.asarray(outputs, dtype=int))
+        columns = np.append(x, self.num_states + np.asarray(inputs, dtype=int))
+        return system_of(self.matrix[np.ix_(rows, columns)], len(x))
 
     def closed(self, signals: ArrayLike) -> Self:
         """Returns the system with some open outputs fed to the inputs of their indices.
@@ -173,25 +184,22 @@ class StateSpace:
         Raises:
             ValueError: If the loop is not well posed.
         """
-        i = np.asarray(signals, dtype=int)
-        inputs = np.delete(np.arange(self.D.shape[1]), i)
-        outputs = np.delete(np.arange(len(self.D)), i)
-        # The closed signals z = C_i x + D_iu u + D_ii z, solved for z.
-        around = np.eye(len(i)) - self.D[np.ix_(i, i)]
+        i = self.num_states + np.asarray(signals, dtype=int)
+        matrix = self.matrix
+        around = np.eye(len(i)) - matrix[np.ix_(i, i)]
         if len(i) and np.linalg.cond(around) > 1e12:
             Refuse("D", self.D, "such that I - D of the closed signals is not singular")
-        loop = np.linalg.inv(around)
-        z_by_x = loop @ self.C[i]
-        z_by_u = loop @ self.D[np.ix_(i, inputs)]
-        B_z = self.B[:, i]
-        D_z = self.D[np.ix_(outputs, i)]
-        return replace(
-            self,
-            A=self.A + B_z @ z_by_x,
-            B=self.B[:, inputs] + B_z @ z_by_u,
-            C=self.C[outputs] + D_z @ z_by_x,
-            D=self.D[np.ix_(outputs, inputs)] + D_z @ z_by_u,
-        )
+        # The closed signals z = matrix[i] [x, u], with z among u.
+        matrix = matrix + matrix[:, i] @ np.linalg.solve(around, matrix[i])
+        return self._with(np.delete(np.delete(matrix, i, axis=0), i, axis=1))
+
+
+def system_of(matrix: Array, num_states: int) -> StateSpace:
+    """Returns the system with a matrix [A, B; C, D], all its signals open."""
+    rates, outputs = np.split(matrix, [num_states])
+    A, B = np.split(rates, [num_states], axis=1)
+    C, D = np.split(outputs, [num_states], axis=1)
+    return StateSpace(A=A, B=B, C=C, D=D)
 
 
 def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
@@ -210,7 +218,7 @@ def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
         The minimal system, in coordinates without a meaning of their own, and the
         eigenvalues of the removed modes.
     """
-    scale = _balance(system)
+    scale = _scales(system)
     balanced = _in_coordinates(system, np.diag(scale), np.diag(1 / scale))
     # What the input reaches.
     V, hidden = _reachable(balanced.A, balanced.B)
@@ -245,34 +253,18 @@ def _reachable(A: Array, B: Array) -> tuple[Array, ComplexArray]:
         V = np.hstack([V, new])
         block = A @ new
         size = np.linalg.norm(A)
-    complete, _, _ = np.linalg.svd(V, full_matrices=True)
+    complete, _ = np.linalg.qr(V, mode="complete")
     rest = complete[:, V.shape[1] :]
     return V, np.linalg.eigvals(rest.T @ A @ rest).astype(complex)
 
 
-def _balance(system: StateSpace) -> Array:
+def _scales(system: StateSpace) -> Array:
     """Returns scales of the states that make their rows and columns alike.
 
-    Those are of [A, B; C, 0] without the diagonal. Entries that may be rounding errors
-    do not count.
-
-    Source: B. N. Parlett and C. Reinsch, "Balancing a matrix for calculation of
-    eigenvalues and eigenvectors", Numer. Math. 13 (1969).
+    Those are of [A, B; C, 0]. Entries that may be rounding errors do not count.
     """
-    n = system.num_states
-    blocks = [[system.A, system.B], [system.C, np.zeros_like(system.D)]]
-    matrix = np.abs(np.block(blocks))
-    np.fill_diagonal(matrix[:n, :n], 0.0)
-    matrix[matrix < 1e-13 * matrix.max(initial=0.0)] = 0.0
-    scale = np.ones(n)
-    for _ in range(20):
-        for i in range(n):
-            column = matrix[:, i].sum()
-            row = matrix[i].sum()
-            if column > 0 and row > 0:
-                # A power of two, so that no digit is lost.
-                factor = 2.0 ** np.round(0.5 * np.log2(row / column))
-                matrix[:, i] *= factor
-                matrix[i] /= factor
-                scale[i] *= factor
-    return scale
+    size = np.abs(system.matrix)
+    size[system.num_states :, system.num_states :] = 0.0
+    size[size < 1e-13 * size.max(initial=0.0)] = 0.0
+    _, (scale, _) = matrix_balance(size, permute=False, separate=True)
+    return np.asarray(scale[: system.num_states])
