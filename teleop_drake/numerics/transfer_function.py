@@ -61,8 +61,12 @@ def realize_transfer_function(
     B[-1:] = 1.0
     # What remains of the numerator after the constant part of H.
     C = (num[1:] - num[0] * den[1:])[np.newaxis, ::-1]
+    return _on_axes(num_axes, A, B, C, num[:1, np.newaxis])
+
+
+def _on_axes(num_axes: int, *matrices: Array) -> tuple[Array, Array, Array, Array]:
+    """Returns the matrices of equal, independent axes from A, B, C, D of one axis."""
     axes = np.eye(num_axes)
-    matrices = (A, B, C, num[:1, np.newaxis])
     A, B, C, D = (np.asarray(np.kron(axes, matrix), float) for matrix in matrices)
     return A, B, C, D
 
@@ -96,8 +100,8 @@ def all_pass_of_delay(
 ) -> tuple[Array, Array, Array, Array]:
     """Returns (A, B, C, D) of the diagonal Pade approximation of a delay.
 
-    The realisation has numbers of the size of 1/delay. Of order 6 it is exp(-s delay)
-    to 0.11 % up to |s| delay = 6.
+    It is realised as sections of second order one behind another, with numbers of the
+    size of 1/delay. Of order 6 it is exp(-s delay) to 0.11 % up to |s| delay = 6.
 
     Args:
         delay: In s, > 0.
@@ -113,16 +117,25 @@ def all_pass_of_delay(
     CheckNumber("delay", delay, "s", above=0)
     if order < 2 or order % 2:
         Refuse("order", order, "even, and at least 2")
-    coefficients = [1.0]
+    polynomial = [1.0]
     for k in range(order, 0, -1):
         # Of (2 N - k)!/(k! (N - k)!), from the highest power of s down.
-        factor = (2 * order - k + 1) * k / (order - k + 1)
-        coefficients.append(coefficients[-1] * factor)
-    powers = np.arange(order, -1, -1)
-    # In a time in which the poles lie about the unit circle.
-    radius = coefficients[-1] ** (1 / order)
-    denominator = np.array(coefficients) * radius ** (powers - order)
-    numerator = (-1.0) ** powers * denominator
-    A, B, C, D = realize_transfer_function(numerator, denominator, num_axes=num_axes)
-    rate = radius / delay
-    return rate * A, rate * B, C, D
+        polynomial.append(polynomial[-1] * (2 * order - k + 1) * k / (order - k + 1))
+    poles = np.roots(polynomial) / delay
+    # No section yet: y = u.
+    A = np.zeros((0, 0))
+    B = np.zeros((0, 1))
+    C = np.zeros((1, 0))
+    D = np.eye(1)
+    for pole in poles[poles.imag > 0]:
+        # y = u - 2 b z, z/u = s/(s^2 + b s + w^2)
+        b = -2 * float(pole.real)
+        w = abs(pole)
+        A_2 = np.array([[0.0, w], [-w, -b]])
+        B_2 = np.array([[0.0], [1.0]])
+        C_2 = np.array([[0.0, -2 * b]])
+        # The input of the section is the output C x + D u of those before it.
+        A = np.block([[A, np.zeros((len(A), 2))], [B_2 @ C, A_2]])
+        B = np.vstack([B, B_2 @ D])
+        C = np.hstack([C, C_2])
+    return _on_axes(num_axes, A, B, C, D)

@@ -77,6 +77,6 @@ def test_all_pass_of_a_delay():
         error = np.abs(H - np.exp(-0.3j * w) * np.eye(2)).max()
         assert error < bound
         assert np.isclose(abs(H[0, 0]), 1.0)
-    assert np.abs(A).max() < 120 / 0.3
+    assert np.abs(A).max() < 30 / 0.3
     with pytest.raises(ValueError, match="order = 3: must be even"):
         all_pass_of_delay(0.3, order=3)
