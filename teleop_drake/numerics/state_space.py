@@ -12,7 +12,6 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import matrix_balance
 
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.validation import CheckNumber, Refuse
@@ -134,7 +133,7 @@ class StateSpace:
         return (at - closed * self._lags(s)).astype(complex)
 
     def _times(self) -> Array:
-        """Returns how late each state, 0, and each delayed signal acts, in s (n + k)."""
+        """Returns how late states, by 0, and delayed signals act, in s (n + k)."""
         return np.concatenate([np.zeros(self.num_states), self.delays])
 
     def _lags(self, s: ArrayLike) -> ComplexArray:
@@ -218,7 +217,7 @@ def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
         The minimal system, in coordinates without a meaning of their own, and the
         eigenvalues of the removed modes.
     """
-    scale = _scales(system)
+    scale = _balance(system)
     balanced = _in_coordinates(system, np.diag(scale), np.diag(1 / scale))
     # What the input reaches.
     V, hidden = _reachable(balanced.A, balanced.B)
@@ -258,13 +257,29 @@ def _reachable(A: Array, B: Array) -> tuple[Array, ComplexArray]:
     return V, np.linalg.eigvals(rest.T @ A @ rest).astype(complex)
 
 
-def _scales(system: StateSpace) -> Array:
+def _balance(system: StateSpace) -> Array:
     """Returns scales of the states that make their rows and columns alike.
 
-    Those are of [A, B; C, 0]. Entries that may be rounding errors do not count.
+    Those are of [A, B; C, 0] without the diagonal. Entries that may be rounding errors
+    do not count.
+
+    Source: B. N. Parlett and C. Reinsch, "Balancing a matrix for calculation of
+    eigenvalues and eigenvectors", Numer. Math. 13 (1969).
     """
-    size = np.abs(system.matrix)
-    size[system.num_states :, system.num_states :] = 0.0
-    size[size < 1e-13 * size.max(initial=0.0)] = 0.0
-    _, (scale, _) = matrix_balance(size, permute=False, separate=True)
-    return np.asarray(scale[: system.num_states])
+    n = system.num_states
+    matrix = np.abs(system.matrix)
+    matrix[n:, n:] = 0.0
+    np.fill_diagonal(matrix[:n, :n], 0.0)
+    matrix[matrix < 1e-13 * matrix.max(initial=0.0)] = 0.0
+    scale = np.ones(n)
+    for _ in range(20):
+        for i in range(n):
+            column = matrix[:, i].sum()
+            row = matrix[i].sum()
+            if column > 0 and row > 0:
+                # A power of two, so that no digit is lost.
+                factor = 2.0 ** np.round(0.5 * np.log2(row / column))
+                matrix[:, i] *= factor
+                matrix[i] /= factor
+                scale[i] *= factor
+    return scale
