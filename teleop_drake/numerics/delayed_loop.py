@@ -20,12 +20,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.numerics.bisection import halve
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.crossings import (
     Crossing,
     crossings_between,
     eigenloci,
+    locate,
     sweep_frequencies,
 )
 from teleop_drake.numerics.state_space import StateSpace
@@ -142,43 +142,22 @@ def _gains_between(system: StateSpace, grid: Array) -> tuple[float, float]:
     is_finite = np.abs(at_zero - slow) < _NEARLY * np.abs(slow)
     values = at_zero[is_real & is_finite].real
     # A neutral root stays where it is only with the gain 1.
-    values = values[np.abs(values - 1) > _REAL].tolist()
+    values = values[np.abs(values - 1) > _REAL]
     loci = eigenloci(system, grid)
     # Smaller ones are the rounding errors of 0.
     is_right = loci.real > _REAL * np.abs(loci[:, :1])
-    changes = np.signbit(loci.imag[:-1]) != np.signbit(loci.imag[1:])
-    found = np.argwhere(is_right[:-1] & is_right[1:] & changes)
-    # The nearest to 1 are enough, of the larger ones and of the smaller ones.
-    nearest = sorted(found.tolist(), key=lambda at: abs(math.log(loci[*at].real)))
-    for is_larger in (True, False):
-        for k, locus in nearest:
-            if (loci[k, locus].real > 1) != is_larger:
-                continue
-            value = _real_value(system, locus, grid[k], grid[k + 1])
-            if value > 0:
-                values.append(value)
-                break
-    gains = [1 / value for value in values]
-    below = [gain for gain in gains if gain < 1]
-    above = [gain for gain in gains if gain > 1]
-    return max(below, default=0.0), min(above, default=math.inf)
-
-
-def _real_value(system: StateSpace, locus: int, low: float, high: float) -> float:
-    """Returns the real eigenvalue between two frequencies; 0: there is none.
-
-    Where two eigenvalues of the same size change places, neither is real.
-    """
-
-    def value_at(frequency: float) -> complex:
-        return complex(eigenloci(system, np.array([frequency]))[0, locus])
-
-    is_below = np.signbit(value_at(low).imag)
-    _, high = halve(
-        lambda frequency: np.signbit(value_at(frequency).imag) == is_below, low, high
-    )
-    value = value_at(high)
-    return value.real if abs(value.imag) < _REAL * abs(value) else 0.0
+    has_changed = np.diff(np.signbit(loci.imag), axis=0) & is_right[:-1] & is_right[1:]
+    for locus in range(loci.shape[1]):
+        k = np.flatnonzero(has_changed[:, locus])
+        _, found = locate(
+            system, locus, lambda p: np.signbit(p.imag), grid[k], grid[k + 1]
+        )
+        # Where two eigenvalues of the same size change places, neither is real.
+        is_real = np.abs(found.imag) < _REAL * np.abs(found)
+        values = np.append(values, found[is_real & (found.real > 0)].real)
+    gains = 1 / values
+    below = gains[gains < 1].max(initial=0.0)
+    return float(below), float(gains[gains > 1].min(initial=math.inf))
 
 
 def _largest_gain(sizes: Array) -> Array:
