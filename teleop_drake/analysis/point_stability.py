@@ -29,6 +29,7 @@ Roots slower than that motion do not count; see PointStability.unresolved.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -179,11 +180,16 @@ class PointStability:
             return None
         return root
 
+    @cached_property
+    def rightmost_root(self) -> complex | None:
+        """RightmostRoot() at the scenario's delay."""
+        return self.RightmostRoot(self.delay)
+
     def ToRecord(self) -> dict[str, Any]:
         """Returns the JSON object of `teleop-drake analyze`, without NaN."""
         point = self.model.point
         margin = self.margin
-        root = self.RightmostRoot(self.delay)
+        root = self.rightmost_root
         slave = self.slave_root
         return {
             "name": point.name,

@@ -57,16 +57,13 @@ class StabilityAnalysis:
     points: list[PointStability]
     notes: list[str]
 
-    def __getitem__(self, name: str) -> PointStability:
-        """Returns the stability at the operating point of a name.
+    def __getitem__(self, label: str) -> PointStability:
+        """Returns the loop of a label: the name of its operating point, or see there.
 
         Raises:
-            KeyError: If there is no operating point of that name.
+            KeyError: If there is no loop of that label.
         """
-        for point in self.points:
-            if point.model.point.name == name:
-                return point
-        raise KeyError(name)
+        return {loop.label: loop for loop in self.Loops()}[label]
 
     def Loops(self) -> list[PointStability]:
         """Returns the loops of all operating points, including those of held forces."""

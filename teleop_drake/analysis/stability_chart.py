@@ -55,11 +55,10 @@ class StabilityChart:
             name: The label of a loop, which is the name of its operating point if no
                 force is held.
         """
-        result: list[list[tuple[float, float]] | None] = []
-        for analysis in self.analyses:
-            found = [loop for loop in analysis.Loops() if loop.label == name]
-            result.append(found[0].stable_delays if found else None)
-        return result
+        return [
+            next((x.stable_delays for x in analysis.Loops() if x.label == name), None)
+            for analysis in self.analyses
+        ]
 
     def ToRecord(self) -> dict[str, Any]:
         """Returns the JSON object of `teleop-drake analyze --vary`."""
