@@ -76,7 +76,6 @@ from teleop_drake.analysis.tool_motion import ToolMotion
 from teleop_drake.arrays import Array, Indices
 from teleop_drake.blocks.environments import CONTACT, SurfacesOf
 from teleop_drake.blocks.operators import ConstantVelocityOperator
-from teleop_drake.engine.flatten import Flatten
 from teleop_drake.kernel.linear_part import (
     FROZEN_WEIGHTS,
     IDLE_PASSIVITY,
@@ -84,7 +83,7 @@ from teleop_drake.kernel.linear_part import (
     LinearPartOf,
 )
 from teleop_drake.numerics.crossings import closed_loop_matrix
-from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.numerics.state_space import StateSpace, fed_back, system_of
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.validation import Refuse, ScenarioError, Within
@@ -107,15 +106,6 @@ _LEAST_DISTANCE = 1e-9
 # Steps of Newton's method that choose the packet, and the relative change at its end.
 _MAX_TRIM_STEPS = 10
 _TRIMMED = 1e-12
-
-
-def FindHeldForce(system: System) -> tuple[System, HeldForce] | None:
-    """Returns the block that holds a force after contact, and its force, if any."""
-    for block in Flatten(system):
-        held = LinearPartOf(block.system).held_force
-        if held is not None:
-            return block.system, held
-    return None
 
 
 class Linearizer:
@@ -164,6 +154,7 @@ class Linearizer:
         robot = teleoperator.GetSubsystemByName("robot")
         blocks = ReadLoopBlocks(self._function)
         self._blocks = blocks
+        self._holding = next((x for x in blocks if x.described.held_force), None)
         self._assumptions = {x.described.assumption for x in blocks}
         self._cuts = CutTeleoperator(
             teleoperator, self._function, blocks, at_ports=at_ports
@@ -190,6 +181,11 @@ class Linearizer:
         entering = [cut.entering for cut in cuts if cut.entering is not None]
         self._function.Choose(self._states, cuts, [*entering, *seen])
         self._num_signals = sum(len(cut.value) for cut in cuts)
+
+    @property
+    def held_force(self) -> HeldForce | None:
+        """The force that the operator holds after contact, if it tells it."""
+        return self._holding and self._holding.described.held_force
 
     def Loop(self, point: OperatingPoint) -> LoopModel:
         """Returns the model of the loop at an operating point, and of its motion."""
@@ -231,17 +227,6 @@ class Linearizer:
     def TwoPort(self, point: OperatingPoint) -> TwoPortModel:
         """Returns the model between hand and environment; needs `at_ports`."""
         system, _ = self._Linearize(point, is_checked=True)
-        # Neither the device nor the environment is part of the two-port.
-        device = self._master.GetSubsystemByName("haptic_device")
-        outside = {
-            block.system
-            for part in (self._environment, device)
-            for block in Flatten(part)
-        }
-        is_inside = np.repeat(
-            [x.system not in outside for x in self._states],
-            [x.size for x in self._states],
-        )
         n = self._scenario.num_axes
         num_signals = self._num_signals
         delayed = np.arange(2 * n, num_signals)
@@ -249,9 +234,8 @@ class Linearizer:
         tool_velocity = num_signals + n + np.arange(n)
         felt_velocity = num_signals + 3 * n + np.arange(n)
         return TwoPortModel(
-            num_axes=n,
             system=system.part(
-                states=np.flatnonzero(is_inside),
+                states=np.arange(self._num_states),
                 inputs=np.arange(num_signals),
                 outputs=np.concatenate([felt_velocity, tool_velocity, delayed]),
             ),
@@ -275,7 +259,7 @@ class Linearizer:
         else:
             self._cuts.forward[0].Set(point.forward_packet)
             values, slopes = self._Evaluate(step)
-        if is_checked and self._function.Bends(step, slopes):
+        if is_checked and self._function.Bends(slopes):
             raise ScenarioError(
                 f"teleoperator = a law that bends at the operating point "
                 f"{point.name!r}, as one that switches there: must have one "
@@ -291,13 +275,7 @@ class Linearizer:
         by_state = np.eye(N)
         by_state[:num_joint_states] = coordinates[:, :N]
         by_coordinates = slopes[:, :N] @ np.linalg.inv(by_state)
-        by_input = slopes[:, N:]
-        model = StateSpace(
-            A=by_coordinates[:N],
-            B=by_input[:N],
-            C=by_coordinates[N:],
-            D=by_input[N:],
-        )
+        model = system_of(np.hstack([by_coordinates, slopes[:, N:]]), N)
         return model, float(np.abs(values[self._StoppedRates()]).max())
 
     def _Settle(self, point: OperatingPoint) -> None:
@@ -325,12 +303,10 @@ class Linearizer:
 
     def _HoldForce(self) -> None:
         """Gives the operator the mode in which it holds a force."""
-        found = FindHeldForce(self._master)
-        if found is None:
+        if self._holding is None or self.held_force is None:
             allowed = "an operator that tells which force it holds after contact"
             Refuse("surgeon", self._scenario.surgeon.kind, allowed)
-        operator, held = found
-        self._contexts[operator].SetDiscreteState(held.state)
+        self._contexts[self._holding.system].SetDiscreteState(self.held_force.state)
 
     def _Evaluate(self, step: float) -> tuple[Array, Array]:
         """Returns values and slopes, once the cuts inside of the slave have settled."""
@@ -378,10 +354,7 @@ class Linearizer:
         columns = np.r_[first : self._num_slave_states, packet]
         # Delays deliver what goes into them, and the tool feels its environment.
         closed = N + np.r_[self._signals.tool, self._signals.inner_slave]
-        loop = np.eye(len(closed)) - slopes[np.ix_(closed, closed)]
-        delivered = np.linalg.solve(loop, slopes[np.ix_(closed, columns)])
-        slope = slopes[np.ix_(rows, columns)]
-        slope = slope + slopes[np.ix_(rows, closed)] @ delivered
+        slope = fed_back(slopes, closed)[np.ix_(rows, columns)]
         is_free = np.ones(len(columns), dtype=bool)
         is_free[-len(packet) :] = np.any(slopes[packet] != 0, axis=1)
         change = np.zeros(len(columns))

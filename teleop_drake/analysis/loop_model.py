@@ -95,24 +95,11 @@ class LoopModel:
         The return packet is the one that is sent.
         """
         at = self.signals
-        states = np.arange(self.num_slave_states)
-        return self._Side(states, at.forward, at.back, at.inner_slave)
-
-    @property
-    def master(self) -> StateSpace:
-        """From [return packet received, delivered inside] to [forward packet, inside].
-
-        The forward packet is the one that is sent.
-        """
-        at = self.signals
-        states = np.arange(self.num_slave_states, self.system.num_states)
-        return self._Side(states, at.back, at.forward, at.inner_master)
-
-    def _Side(
-        self, states: Indices, received: Indices, sent: Indices, inner: Indices
-    ) -> StateSpace:
-        """Returns the model of one side, with its states and its signals."""
-        return self.system.part(states, np.r_[received, inner], np.r_[sent, inner])
+        return self.system.part(
+            states=np.arange(self.num_slave_states),
+            inputs=np.append(at.forward, at.inner_slave),
+            outputs=np.append(at.back, at.inner_slave),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,20 +122,18 @@ class Motion:
 class TwoPortModel:
     """The teleoperator between the operator's hand and the environment.
 
-    It has neither the haptic device nor the environment of LoopModel: the force F_h at
-    the hand and the force F_e at the tool are inputs, and the velocity that the hand
-    feels and the tool's are outputs:
+    Haptic device and environment do not act on it: the force F_h at the hand and the
+    force F_e at the tool are inputs, and the velocity that the hand feels and the
+    tool's are outputs:
 
         [v_felt, v, entering] = system(s) [F_h, F_e, delivered]
 
     Attributes:
-        num_axes: n of each of the four.
         system: As above.
         signals: Which of the signals are forces at the ports or pass which delay.
         idle_passivity: As in LoopModel.
     """
 
-    num_axes: int
     system: StateSpace
     signals: Signals
     idle_passivity: bool
@@ -169,7 +154,7 @@ class TwoPortModel:
             forward_delay: T_f in s, >= 0.
             return_delay: T_r in s, >= 0.
         """
-        n = self.num_axes
+        n = len(self.signals.hand)
         delays = np.full(len(self.system.D), forward_delay + return_delay)
         delays[self.signals.forward] = forward_delay
         delays[self.signals.back] = return_delay

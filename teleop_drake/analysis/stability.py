@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.analysis.loop import FindHeldForce, Linearizer
+from teleop_drake.analysis.loop import Linearizer
 from teleop_drake.analysis.loop_model import LoopModel
 from teleop_drake.analysis.operating_point import (
     OperatingPoint,
@@ -160,19 +160,18 @@ def _WithForceMode(
 ) -> PointStability:
     """Adds the loop after contact at an operating point, if the operator changes it."""
     point = velocity_mode.model.point
-    diagram = linearizer.diagram
-    environment = diagram.GetSubsystemByName("environment")
+    environment = linearizer.diagram.GetSubsystemByName("environment")
     contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
     is_behind = contact is not None and contact.Depth(point.position) > 0
     if not is_behind or point.holds_force:
         return velocity_mode
-    found = FindHeldForce(diagram.GetSubsystemByName("master"))
+    held = linearizer.held_force
     try:
-        if found is None:
+        if held is None:
             if scenario.surgeon.contact_force is None:
                 return velocity_mode
             raise ScenarioError(f"{scenario.surgeon.kind} does not tell it")
-        rest = PointOfRest(point, environment, found[1].force)
+        rest = PointOfRest(point, environment, held.force)
         if rest is None:
             raise ScenarioError("the tool does not rest under it")
         model = linearizer.Loop(rest)

@@ -193,12 +193,10 @@ def delay_margin(
         crossings: Those of find_crossings(loop) that count.
         slow: Below which size in 1/s a root is not told from one at 0.
     """
-    outward = [crossing for crossing in crossings if crossing.direction > 0]
-    if not outward:
+    if not is_delay_robust(loop) or unstable_roots(loop, 0.0, crossings, slow)[1][-1]:
         return None
-    first = min(outward, key=lambda crossing: crossing.delay)
-    intervals = stable_delays(loop, first.delay, crossings, slow)
-    return first if intervals == [(0.0, first.delay)] else None
+    outward = [crossing for crossing in crossings if crossing.direction > 0]
+    return min(outward, key=lambda crossing: crossing.delay, default=None)
 
 
 def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
@@ -220,27 +218,19 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
     polynomial = np.polyfit(nodes, [taylor(unit * x)[0] for x in nodes], order)
     sizes = np.abs(polynomial)
     polynomial[sizes < _NEGLIGIBLE_COEFFICIENT * sizes.max()] = 0.0
-    slope_by_delay = np.polyder(polynomial)
+    roots = np.roots(polynomial)
+    is_real = np.abs(roots.imag) <= _NEGLIGIBLE_IMAGINARY * np.abs(roots)
+    times = roots.real[is_real & (roots.real >= 0)]
+    is_at_once = times < AXIS_TOLERANCE
+    numbers = {unit * float(time): 1 for time in times[~is_at_once]}
+    numbers[0.0] = int(is_at_once.sum())
     passages = []
-    num_without_delay = 0
-    for root in np.roots(polynomial):
-        is_real = abs(root.imag) <= _NEGLIGIBLE_IMAGINARY * abs(root)
-        if not is_real or root.real < 0:
-            continue
-        if root.real < AXIS_TOLERANCE:
-            num_without_delay += 1
-            continue
-        delay = unit * float(root.real)
-        # Near 0, g = g_s s + g_T (T - delay): the root moves at -g_T/g_s.
-        g_T = float(np.polyval(slope_by_delay, root.real))
-        g_s = taylor(delay)[1]
-        direction = -1 if g_T * g_s > 0 else 1
-        passages.append(Crossing(frequency=0.0, delay=delay, direction=direction))
-    # The others leave 0 as the delay does. A small delay shows their side.
-    ascending = taylor(0.01 * unit)[: num_without_delay + 1]
-    for s in np.roots(ascending[::-1]):
-        direction = 1 if s.real > 0 else -1
-        passages.append(Crossing(frequency=0.0, delay=0.0, direction=direction))
+    for delay, number in numbers.items():
+        # Shortly after, the roots that pass show their side.
+        ascending = taylor(delay + 0.01 * unit)[: number + 1]
+        for s in np.roots(ascending[::-1]):
+            direction = 1 if s.real > 0 else -1
+            passages.append(Crossing(frequency=0.0, delay=delay, direction=direction))
     return passages
 
 

@@ -184,13 +184,26 @@ class StateSpace:
             ValueError: If the loop is not well posed.
         """
         i = self.num_states + np.asarray(signals, dtype=int)
-        matrix = self.matrix
-        around = np.eye(len(i)) - matrix[np.ix_(i, i)]
-        if len(i) and np.linalg.cond(around) > 1e12:
-            Refuse("D", self.D, "such that I - D of the closed signals is not singular")
-        # The closed signals z = matrix[i] [x, u], with z among u.
-        matrix = matrix + matrix[:, i] @ np.linalg.solve(around, matrix[i])
+        matrix = fed_back(self.matrix, i)
         return self._with(np.delete(np.delete(matrix, i, axis=0), i, axis=1))
+
+
+def fed_back(matrix: Array, signals: ArrayLike) -> Array:
+    """Returns a matrix of slopes after some of its rows are fed to its columns.
+
+    Args:
+        matrix: Slopes of what comes out by what goes in.
+        signals: The indices of the rows, which are those of the columns.
+
+    Raises:
+        ValueError: If the loop is not well posed.
+    """
+    i = np.asarray(signals, dtype=int)
+    around = np.eye(len(i)) - matrix[np.ix_(i, i)]
+    if len(i) and np.linalg.cond(around) > 1e12:
+        allowed = "such that I - D of the closed signals is not singular"
+        Refuse("D", matrix[np.ix_(i, i)], allowed)
+    return matrix + matrix[:, i] @ np.linalg.solve(around, matrix[i])
 
 
 def system_of(matrix: Array, num_states: int) -> StateSpace:
