@@ -33,7 +33,7 @@ axes, which can move while the tool stays where it is, add coordinates of their 
 (analysis.tool_motion).
 
 Frozen states. The estimates of an adaptive law (W1, Psi, W3) are held at the values of
-the operating point, the initial ones or those of a run, and are no states of the
+the operating point, the initial ones unless it has others, and are no states of the
 model. F_c is one. What the law computes from the estimates' rates stays in.
 
 Passivity controllers are taken to be idle: their budgets are held at an amount that
@@ -113,9 +113,9 @@ class Linearizer:
 
     The operator commands a velocity, or holds a force if the point has held contact; an
     operator who closes the loop is part of it, see OperatorConfig.MakeLinearOperator().
-    Unless the point has a forward packet, the forces in it, and the states of the
-    controller that are not frozen, are chosen such that the tool retains its velocity:
-    what the operator's device would have settled to.
+    The forces in the forward packet, and the states of the controller that are not
+    frozen, are chosen such that the tool retains its velocity: what the operator's
+    device would have settled to.
 
     Attributes:
         diagram: The teleoperator.
@@ -254,11 +254,7 @@ class Linearizer:
         """
         self._Settle(point)
         step = min(_STEP, _STEP_SHARE * self._SurfaceDistance(point))
-        if point.forward_packet is None:
-            values, slopes = self._Trim(step)
-        else:
-            self._cuts.forward[0].Set(point.forward_packet)
-            values, slopes = self._Evaluate(step)
+        values, slopes = self._Trim(step)
         if is_checked and self._function.Bends(slopes):
             raise ScenarioError(
                 f"teleoperator = a law that bends at the operating point "

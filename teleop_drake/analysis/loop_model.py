@@ -73,8 +73,7 @@ class LoopModel:
         by_differences: Paths of the blocks that do not convert to AutoDiffXd, whose
             slopes come from differences.
         trim_residual: Largest rate of the tool's velocity, in m/s^2, and of the
-            controller's states: what no choice of the forward packet could remove, or,
-            where the point has one, what it is.
+            controller's states: what no choice of the forward packet could remove.
     """
 
     point: OperatingPoint

@@ -146,7 +146,6 @@ def AnalyzeTransparency(
     point = replace(
         point,
         velocity=0 * point.velocity,
-        forward_packet=None,
         holds_force=False,
     )
     w = np.asarray(frequencies, dtype=float).reshape(-1)

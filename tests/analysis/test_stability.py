@@ -12,7 +12,6 @@ from grids import Slow
 from teleop_drake.analysis.operating_point import (
     POSITION,
     OperatingPointAt,
-    OperatingPointOfRun,
     OperatingPoints,
     PointOfRest,
 )
@@ -259,11 +258,6 @@ def test_runs_follow_the_loop_of_the_held_force(kind, delay, grows):
     assert rate == pytest.approx(root.real, rel=2e-3)
     assert rate != pytest.approx(before.real, rel=0.5)
     assert frequency == pytest.approx(root.imag, rel=2e-4)
-    # The point of a run after contact is in the mode that the run is in.
-    point = OperatingPointOfRun(recording, scenario.duration / 2)
-    of_run = AnalyzeStability(scenario, points=[point]).points[0]
-    assert of_run.operator == "holds a force" and of_run.force_mode is None
-    assert of_run.RightmostRoot(2 * delay) == pytest.approx(root, rel=1e-6)
 
 
 def Rest(name):
