@@ -14,7 +14,6 @@ from pydrake.systems.framework import (
     Context,
     Diagram,
     InputPort,
-    InputPortIndex,
     OutputPort,
     System,
 )
@@ -22,7 +21,7 @@ from pydrake.systems.framework import (
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine.flatten import Flatten, OutputOf, Source
+from teleop_drake.engine.flatten import Flatten, InputsOf, OutputOf, Source
 from teleop_drake.kernel import KernelIn
 from teleop_drake.kernel.block import DualBlock
 from teleop_drake.numerics.differences import differentiate
@@ -140,15 +139,8 @@ def TimesOf(delays: Sequence[Cut]) -> tuple[float, ...]:
 
 def _LeafPorts(port: InputPort) -> list[InputPort]:
     """Returns the ports of blocks that an input port of a system is, or leads to."""
-    system = port.get_system()
-    if not isinstance(system, Diagram):
-        return [port]
-    index = InputPortIndex(int(port.get_index()))
-    return [
-        leaf
-        for inner, i in system.GetInputPortLocators(index)
-        for leaf in _LeafPorts(inner.get_input_port(int(i)))
-    ]
+    found = InputsOf(port.get_system(), int(port.get_index()))
+    return [system.GetInputPort(name) for system, name in found]
 
 
 class CutDiagram:

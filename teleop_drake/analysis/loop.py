@@ -189,7 +189,7 @@ class Linearizer:
 
     def Loop(self, point: OperatingPoint) -> LoopModel:
         """Returns the model of the loop at an operating point, and of its motion."""
-        model = self._AtRest(point, is_checked=True)
+        model = self._AtRest(point)
         speed = float(np.linalg.norm(point.velocity))
         if speed == 0:
             return model
@@ -207,9 +207,9 @@ class Linearizer:
         )
         return replace(model, motion=motion)
 
-    def _AtRest(self, point: OperatingPoint, *, is_checked: bool = False) -> LoopModel:
+    def _AtRest(self, point: OperatingPoint) -> LoopModel:
         """Returns the model of the loop as if the operating point were at rest."""
-        system, residual = self._Linearize(point, is_checked=is_checked)
+        system, residual = self._Linearize(point)
         signals = np.arange(self._num_signals)
         return LoopModel(
             point=point,
@@ -226,13 +226,14 @@ class Linearizer:
 
     def TwoPort(self, point: OperatingPoint) -> TwoPortModel:
         """Returns the model between hand and environment; needs `at_ports`."""
-        system, _ = self._Linearize(point, is_checked=True)
+        system, _ = self._Linearize(point)
         n = self._scenario.num_axes
         num_signals = self._num_signals
         delayed = np.arange(2 * n, num_signals)
         # Seen are the tool's position, velocity and acceleration and the felt velocity.
-        tool_velocity = num_signals + n + np.arange(n)
-        felt_velocity = num_signals + 3 * n + np.arange(n)
+        _, tool_velocity, _, felt_velocity = num_signals + np.arange(4 * n).reshape(
+            4, n
+        )
         return TwoPortModel(
             system=system.part(
                 states=np.arange(self._num_states),
@@ -243,9 +244,7 @@ class Linearizer:
             idle_passivity=IDLE_PASSIVITY in self._assumptions,
         )
 
-    def _Linearize(
-        self, point: OperatingPoint, *, is_checked: bool
-    ) -> tuple[StateSpace, float]:
+    def _Linearize(self, point: OperatingPoint) -> tuple[StateSpace, float]:
         """Returns the model at an operating point, in the tool's coordinates.
 
         Returns:
@@ -255,7 +254,7 @@ class Linearizer:
         self._Settle(point)
         step = min(_STEP, _STEP_SHARE * self._SurfaceDistance(point))
         values, slopes = self._Trim(step)
-        if is_checked and self._function.Bends(slopes):
+        if self._function.Bends(slopes):
             raise ScenarioError(
                 f"teleoperator = a law that bends at the operating point "
                 f"{point.name!r}, as one that switches there: must have one "

@@ -1,6 +1,7 @@
 """Operating points on the tool's path."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -162,6 +163,12 @@ def _DepthOfImpact(
     return halve(lambda depth: Work(depth) < energy, low, high)[1]
 
 
+def IsBehindContact(surfaces: Sequence[Surface], position: Array) -> bool:
+    """Returns whether a position in m is behind a contact surface."""
+    contact = FindSurface(surfaces, CONTACT)
+    return contact is not None and bool(contact.Depth(position) > 0)
+
+
 def PointOfRest(
     point: OperatingPoint, environment: System, force: ArrayLike
 ) -> OperatingPoint | None:
@@ -186,9 +193,11 @@ def PointOfRest(
         excess = held - ForceAt(environment, position, at_rest)
         position = position + np.linalg.lstsq(stiffness, excess, rcond=1e-9)[0]
     excess = held - ForceAt(environment, position, at_rest)
-    contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
-    is_behind = contact is not None and contact.Depth(position) > 0
-    if not is_behind or np.abs(excess).max() > _AT_REST * np.abs(held).max():
+    surfaces = SurfacesOf(environment) or ()
+    if (
+        not IsBehindContact(surfaces, position)
+        or np.abs(excess).max() > _AT_REST * np.abs(held).max()
+    ):
         return None
     return replace(point, position=position, velocity=at_rest, holds_force=True)
 
@@ -228,9 +237,9 @@ def OperatingPointAt(scenario: Scenario, position: float) -> OperatingPoint:
         # The robot calls the point its start.
         reason = str(e).removeprefix("start = ")
         raise ScenarioError(f"{POSITION} = {position:g}: {reason}") from e
-    contact = FindSurface(surfaces, CONTACT)
-    is_inside = contact is not None and contact.Depth(p_WT) > 0
-    return _MakePoint(surfaces, p_WT, 0 * velocity if is_inside else velocity)
+    if IsBehindContact(surfaces, p_WT):
+        velocity = 0 * velocity
+    return _MakePoint(surfaces, p_WT, velocity)
 
 
 def _MakePoint(

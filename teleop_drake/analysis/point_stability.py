@@ -33,7 +33,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from teleop_drake.analysis.loop_model import CutLoop, LoopModel, Motion
 from teleop_drake.arrays import ComplexArray
@@ -146,19 +145,11 @@ class PointStability:
         """
         more = count + self.num_neutral
         roots = characteristic_roots(self.loop.fed_back(delay), count=more)
-        roots = roots[~self._AreNeutral(roots)]
+        # Collocation finds the roots that are at 0 at every delay only to its accuracy.
+        slow = _NEUTRAL * float(np.linalg.norm(self.loop.A))
+        roots = roots[np.abs(roots) >= max(slow, self.unresolved)]
         roots = np.concatenate([roots, self.hidden_modes])
         return rightmost(roots)[:count]
-
-    def _AreNeutral(self, roots: ComplexArray) -> NDArray[np.bool_]:
-        """Returns which roots of the loop cannot be distinguished from roots at 0."""
-        # Collocation finds the roots that are at 0 at every delay only to its accuracy.
-        exact = np.argsort(np.abs(roots))[: neutral_root_count(self.loop)]
-        is_exact = np.isin(np.arange(len(roots)), exact)
-        slow = _NEUTRAL * float(np.linalg.norm(self.loop.A))
-        size = np.abs(roots)
-        is_neutral: NDArray[np.bool_] = size < self.unresolved
-        return is_neutral | (is_exact & (size < slow))
 
     def RightmostRoot(self, delay: float) -> complex | None:
         """Returns the rightmost characteristic root in 1/s; of a pair, the upper one.

@@ -17,6 +17,7 @@ from pydrake.systems.framework import Diagram
 from teleop_drake.analysis.loop import Linearizer
 from teleop_drake.analysis.loop_model import LoopModel
 from teleop_drake.analysis.operating_point import (
+    IsBehindContact,
     OperatingPoint,
     OperatingPoints,
     PointOfRest,
@@ -26,7 +27,7 @@ from teleop_drake.analysis.point_stability import (
     AnalyzeModel,
     PointStability,
 )
-from teleop_drake.blocks.environments import CONTACT, FindSurface, SurfacesOf
+from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.numerics.delay_margin import is_delay_robust
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.validation import CheckNumber, ScenarioError
@@ -161,8 +162,7 @@ def _WithForceMode(
     """Adds the loop after contact at an operating point, if the operator changes it."""
     point = velocity_mode.model.point
     environment = linearizer.diagram.GetSubsystemByName("environment")
-    contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
-    is_behind = contact is not None and contact.Depth(point.position) > 0
+    is_behind = IsBehindContact(SurfacesOf(environment) or (), point.position)
     if not is_behind or point.holds_force:
         return velocity_mode
     held = linearizer.held_force

@@ -80,7 +80,11 @@ def margins_of(system: StateSpace) -> Margins:
     gains_at_once = np.linalg.eigvals(np.abs(system.D))
     if np.abs(gains_at_once).max(initial=0.0) >= 1:
         return Margins(is_stable=False)
-    if _has_unstable_root(system.closed(np.arange(system.num_open[0]))):
+    closed = system.closed(np.arange(system.num_open[0]))
+    slow = _NEUTRAL * float(np.linalg.norm(closed.A))
+    # The rightmost roots are the first to be right of the axis.
+    roots = characteristic_roots(closed, count=2)
+    if np.any((np.abs(roots) > slow) & (roots.real > slow)):
         return Margins(is_stable=False)
     # With the sign that delay_margin takes: det(I + L(s) e^(-s T)) = 0.
     loop = -system
@@ -101,27 +105,17 @@ def margins_of(system: StateSpace) -> Margins:
     )
 
 
-def _has_unstable_root(closed: StateSpace) -> bool:
-    """Returns whether a closed loop has a root right of the imaginary axis."""
-    # The rightmost roots are the first to be right of the axis.
-    roots = characteristic_roots(closed, count=2)
-    slow = _NEUTRAL * float(np.linalg.norm(closed.A))
-    return bool(np.any((np.abs(roots) > slow) & (roots.real > slow)))
-
-
 def _sweep(loop: StateSpace) -> Array:
     """Returns ascending frequencies in rad/s that show all that L(j w) does."""
-    num_open = loop.num_open[0]
-    grid = sweep_frequencies(loop)
+    # Loops of the delays alone have modes of their own.
+    rest = np.arange(loop.num_open[0], len(loop.D))
+    inner = loop.part(np.arange(loop.num_states), rest, rest)
+    modes = characteristic_roots(replace(inner, delays=loop.delays))
+    grid = sweep_frequencies(loop, modes)
     sizes = np.abs(loop.opened.frequency_response(grid))
-    # Where loops of the delays alone are left, they have modes of their own.
-    if _largest_gain(sizes[:, num_open:, num_open:]).max() > _LEAST_GAIN:
-        rest = np.arange(num_open, len(loop.D))
-        inner = loop.part(np.arange(loop.num_states), rest, rest)
-        modes = characteristic_roots(replace(inner, delays=loop.delays))
-        grid = sweep_frequencies(loop, modes)
-        sizes = np.abs(loop.opened.frequency_response(grid))
-    is_heard = _largest_gain(sizes) > _LEAST_GAIN
+    # What no delays let go around any loop of the signals with more.
+    largest = np.abs(np.linalg.eigvals(sizes)).max(axis=1, initial=0.0)
+    is_heard = largest > _LEAST_GAIN
     grid = grid[: np.flatnonzero(is_heard).max(initial=0) + 2]
     turns = grid[-1] * sum(loop.delays) / (2 * math.pi)
     num_points = min(math.ceil(_POINTS_PER_TURN * turns), _MAX_POINTS)
@@ -158,12 +152,3 @@ def _gains_between(system: StateSpace, grid: Array) -> tuple[float, float]:
     gains = 1 / values
     below = gains[gains < 1].max(initial=0.0)
     return float(below), float(gains[gains > 1].min(initial=math.inf))
-
-
-def _largest_gain(sizes: Array) -> Array:
-    """Returns what no delays let go around any loop of the signals with more than (K).
-
-    Args:
-        sizes: Magnitudes of the responses between the signals (K, n, n).
-    """
-    return np.abs(np.linalg.eigvals(sizes)).max(axis=1, initial=0.0)
