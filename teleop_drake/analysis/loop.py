@@ -83,7 +83,7 @@ from teleop_drake.kernel.linear_part import (
     LinearPartOf,
 )
 from teleop_drake.numerics.crossings import closed_loop_matrix
-from teleop_drake.numerics.state_space import StateSpace, fed_back, system_of
+from teleop_drake.numerics.state_space import StateSpace, fed_back
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.validation import Refuse, ScenarioError, Within
@@ -270,7 +270,8 @@ class Linearizer:
         by_state = np.eye(N)
         by_state[:num_joint_states] = coordinates[:, :N]
         by_coordinates = slopes[:, :N] @ np.linalg.inv(by_state)
-        model = system_of(np.hstack([by_coordinates, slopes[:, N:]]), N)
+        matrix = np.hstack([by_coordinates, slopes[:, N:]])
+        model = StateSpace(matrix=matrix, num_states=N)
         return model, float(np.abs(values[self._StoppedRates()]).max())
 
     def _Settle(self, point: OperatingPoint) -> None:

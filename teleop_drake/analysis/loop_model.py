@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.arrays import Array, ComplexArray, Indices
-from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.numerics.state_space import StateSpace, state_space
 
 # Circles about 0 that are looked at: how many in a decade, how many decades below the
 # fastest mode, and how many points on the upper half of each. What is slower than all
@@ -180,8 +180,8 @@ def CutLoop(model: LoopModel) -> StateSpace:
     system = model.system
     forward = model.signals.forward
     back = model.signals.back
-    by_input = np.vstack([system.B, system.D])
-    by_output = np.hstack([system.C, system.D])
+    by_input = system.matrix[:, system.num_states :]
+    by_output = system.matrix[system.num_states :]
     heard = back[_Nonzero(by_input[:, back].T)]
     acts = _Nonzero(by_output[forward]) & _Nonzero(by_input[:, forward].T)
     sent = forward[acts]
@@ -205,12 +205,12 @@ def _MergeInputs(loop: StateSpace) -> StateSpace:
     position, velocity and force on the handle of four channels, are one:
     det(I + P V^T z) = det(I + V^T P z).
     """
-    stacked = np.vstack([loop.B, loop.D])
-    _, sigma, Vt = np.linalg.svd(stacked, full_matrices=False)
+    by_input = loop.matrix[:, loop.num_states :]
+    _, sigma, Vt = np.linalg.svd(by_input, full_matrices=False)
     V = Vt[sigma > _NEGLIGIBLE * sigma.max(initial=1e-300)].T
     if V.shape[0] == V.shape[1]:
         return loop
-    return StateSpace(A=loop.A, B=loop.B @ V, C=V.T @ loop.C, D=V.T @ loop.D @ V)
+    return state_space(loop.A, loop.B @ V, V.T @ loop.C, V.T @ loop.D @ V)
 
 
 def _Nonzero(rows: Array) -> NDArray[np.bool_]:

@@ -108,10 +108,8 @@ def LinearizePorts(
     # A deviation that is added closes the loop through a copy of its columns.
     slopes = np.hstack([slopes[:, : n + added], slopes[:, n:]])
     model = PortModel(
-        A=slopes[:n, :n],
-        B=slopes[:n, n:],
-        C=slopes[n:, :n],
-        D=slopes[n:, n:],
+        matrix=slopes,
+        num_states=n,
         delays=TimesOf(delays),
         by_differences=function.by_differences,
         held=held,

@@ -24,45 +24,49 @@ _TOLERANCE = 1e-7
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StateSpace:
-    """A linear system (1). Its matrices are copied and made read-only.
+    """A linear system (1). Its matrix is copied and made read-only.
 
     Attributes:
-        A: (n, n).
-        B: (n, m), m inputs.
-        C: (p, n), p outputs.
-        D: (p, m).
+        matrix: [A, B; C, D] (n + p, n + m), of p outputs and m inputs.
+        num_states: Number n of states.
         delays: T_i >= 0 in s (k).
 
     Raises:
-        ValueError: If the sizes do not match, an entry is not finite or a delay is
-            negative.
+        ValueError: If an entry is not finite or a delay is negative.
     """
 
-    A: Array
-    B: Array
-    C: Array
-    D: Array
+    matrix: Array
+    num_states: int
     delays: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("A", "B", "C", "D"):
-            matrix = np.array(getattr(self, name), dtype=float)
-            if matrix.ndim != 2 or not np.isfinite(matrix).all():
-                Refuse(name, matrix, "a finite matrix")
-            matrix.setflags(write=False)
-            object.__setattr__(self, name, matrix)
-        n = len(self.A)
-        p, m = self.D.shape
-        for name, shape in (("A", (n, n)), ("B", (n, m)), ("C", (p, n))):
-            if getattr(self, name).shape != shape:
-                Refuse(f"shape of {name}", getattr(self, name).shape, str(shape))
+        matrix = np.array(self.matrix, dtype=float)
+        if matrix.ndim != 2 or not np.isfinite(matrix).all():
+            Refuse("matrix", matrix, "a finite matrix")
+        matrix.setflags(write=False)
+        object.__setattr__(self, "matrix", matrix)
         for delay in self.delays:
             CheckNumber("delay", delay, "s", minimum=0)
 
     @property
-    def num_states(self) -> int:
-        """Number n of states."""
-        return len(self.A)
+    def A(self) -> Array:
+        """(n, n)."""
+        return self.matrix[: self.num_states, : self.num_states]
+
+    @property
+    def B(self) -> Array:
+        """(n, m)."""
+        return self.matrix[: self.num_states, self.num_states :]
+
+    @property
+    def C(self) -> Array:
+        """(p, n)."""
+        return self.matrix[self.num_states :, : self.num_states]
+
+    @property
+    def D(self) -> Array:
+        """(p, m)."""
+        return self.matrix[self.num_states :, self.num_states :]
 
     @property
     def num_open(self) -> tuple[int, int]:
@@ -72,26 +76,15 @@ class StateSpace:
         return p - k, m - k
 
     @property
-    def matrix(self) -> Array:
-        """[A, B; C, D]."""
-        return np.block([[self.A, self.B], [self.C, self.D]])
-
-    def _with(self, matrix: Array) -> Self:
-        """Returns the system with another matrix [A, B; C, D] of as many states."""
-        new = system_of(matrix, self.num_states)
-        return replace(self, A=new.A, B=new.B, C=new.C, D=new.D)
-
-    @property
     def opened(self) -> Self:
         """The system that is cut open at its delays: all its signals are open."""
         return replace(self, delays=())
 
     def __neg__(self) -> Self:
         """Returns the system with the transfer function -G(s)."""
-        matrix = self.matrix
-        n = self.num_states
-        matrix[n : n + self.num_open[0]] *= -1
-        return self._with(matrix)
+        matrix = self.matrix.copy()
+        matrix[self.num_states :][: self.num_open[0]] *= -1
+        return replace(self, matrix=matrix)
 
     def fed_back(self, delay: float) -> Self:
         """Returns the loop that u(t) = -y(t - T) closes, with the same T in s for all.
@@ -107,12 +100,12 @@ class StateSpace:
             frequencies: w in rad/s (K), none of them an undamped mode.
         """
         s = 1j * np.asarray(frequencies, dtype=float).reshape(-1)
-        p, m = self.num_open
+        y, u = (self.num_states + np.arange(count) for count in self.num_open)
         # M(s) z = by_u u, with z of the states and of what goes into the delays.
-        by_u = np.vstack([self.B[:, :m], self.D[p:, :m]])
+        by_u = np.delete(self.matrix[:, u], y, axis=0)
         z = np.linalg.solve(self.characteristic_matrix(s), by_u[np.newaxis])
-        seen = np.hstack([self.C[:p], self.D[:p, m:]]) * self._lags(s)
-        return (seen @ z + self.D[:p, :m]).astype(complex)
+        seen = np.delete(self.matrix[y], u, axis=1) * self._lags(s)
+        return (seen @ z + self.matrix[np.ix_(y, u)]).astype(complex)
 
     def characteristic_matrix(self, s: ArrayLike) -> ComplexArray:
         """Returns M(s) (..., n + k, n + k), of the states and the delayed signals.
@@ -125,8 +118,8 @@ class StateSpace:
         Args:
             s: In 1/s (...,).
         """
-        p, m = self.num_open
-        closed = np.block([[self.A, self.B[:, m:]], [self.C[p:], self.D[p:, m:]]])
+        y, u = (self.num_states + np.arange(count) for count in self.num_open)
+        closed = np.delete(np.delete(self.matrix, y, axis=0), u, axis=1)
         is_state = np.arange(len(closed)) < self.num_states
         diagonal = np.where(is_state, np.asarray(s)[..., np.newaxis], 1.0)
         at = diagonal[..., np.newaxis] * np.eye(len(closed))
@@ -173,7 +166,8 @@ class StateSpace:
         x = np.asarray(states, dtype=int)
         rows = np.append(x, self.num_states + np.asarray(outputs, dtype=int))
         columns = np.append(x, self.num_states + np.asarray(inputs, dtype=int))
-        return system_of(self.matrix[np.ix_(rows, columns)], len(x))
+        matrix = self.matrix[np.ix_(rows, columns)]
+        return StateSpace(matrix=matrix, num_states=len(x))
 
     def closed(self, signals: ArrayLike) -> Self:
         """Returns the system with some open outputs fed to the inputs of their indices.
@@ -185,7 +179,7 @@ class StateSpace:
         """
         i = self.num_states + np.asarray(signals, dtype=int)
         matrix = fed_back(self.matrix, i)
-        return self._with(np.delete(np.delete(matrix, i, axis=0), i, axis=1))
+        return replace(self, matrix=np.delete(np.delete(matrix, i, axis=0), i, axis=1))
 
 
 def fed_back(matrix: Array, signals: ArrayLike) -> Array:
@@ -206,12 +200,11 @@ def fed_back(matrix: Array, signals: ArrayLike) -> Array:
     return matrix + matrix[:, i] @ np.linalg.solve(around, matrix[i])
 
 
-def system_of(matrix: Array, num_states: int) -> StateSpace:
-    """Returns the system with a matrix [A, B; C, D], all its signals open."""
-    rates, outputs = np.split(matrix, [num_states])
-    A, B = np.split(rates, [num_states], axis=1)
-    C, D = np.split(outputs, [num_states], axis=1)
-    return StateSpace(A=A, B=B, C=C, D=D)
+def state_space(A: ArrayLike, B: ArrayLike, C: ArrayLike, D: ArrayLike) -> StateSpace:
+    """Returns the system of four matrices, all its signals open."""
+    blocks = [np.asarray(x, dtype=float) for x in (A, B, C, D)]
+    matrix = np.block([blocks[:2], blocks[2:]])
+    return StateSpace(matrix=matrix, num_states=len(blocks[0]))
 
 
 def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
@@ -243,11 +236,8 @@ def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
 
 def _in_coordinates(system: StateSpace, basis: Array, inverse: Array) -> StateSpace:
     """Returns the system of the states z, with x = basis z and z = inverse x."""
-    return replace(
-        system,
-        A=inverse @ system.A @ basis,
-        B=inverse @ system.B,
-        C=system.C @ basis,
+    return state_space(
+        inverse @ system.A @ basis, inverse @ system.B, system.C @ basis, system.D
     )
 
 
