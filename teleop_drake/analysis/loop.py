@@ -291,10 +291,10 @@ class Linearizer:
         cuts = self._cuts
         (forward,) = cuts.forward
         forward.Set(np.zeros_like(forward.value))
-        at_ports = [*cuts.hand, *cuts.tool]
-        to_master = [*at_ports, *cuts.inner_slave, *cuts.back, *cuts.inner_master]
-        # What the hand feels may come out of the delays in the master.
-        for cut in (*to_master, *at_ports, *cuts.inner_master, forward):
+        to_master = [*cuts.hand, *cuts.tool, *cuts.inner_slave, *cuts.back]
+        to_master += cuts.inner_master
+        # Twice: what the hand feels may come out of the delays in the master.
+        for cut in (*to_master, *to_master, forward):
             cut.Settle()
 
     def _HoldForce(self) -> None:

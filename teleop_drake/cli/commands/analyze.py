@@ -69,17 +69,20 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 # The keys of the record whose names do not have their unit.
 _UNITS = {
-    key: unit
-    for unit, keys in {
-        "s": "forward_delay return_delay max_delay crossing_delays delay_margin "
-        "stable_delays",
-        "rad": "phase_margin",
-        "rad/s": "gain_crossovers unresolved_below",
-        "1/s": "rightmost_root slave_root hidden_modes",
-        "m": "position",
-        "m/s": "velocity",
-    }.items()
-    for key in keys.split()
+    "forward_delay": "s",
+    "return_delay": "s",
+    "max_delay": "s",
+    "crossing_delays": "s",
+    "delay_margin": "s",
+    "stable_delays": "s",
+    "phase_margin": "rad",
+    "gain_crossovers": "rad/s",
+    "unresolved_below": "rad/s",
+    "rightmost_root": "1/s",
+    "slave_root": "1/s",
+    "hidden_modes": "1/s",
+    "position": "m",
+    "velocity": "m/s",
 }
 
 
