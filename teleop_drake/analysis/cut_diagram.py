@@ -21,10 +21,11 @@ from pydrake.systems.framework import (
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine.flatten import Flatten, InputsOf, OutputOf, Source
+from teleop_drake.engine.flatten import Flatten, OutputOf, Source
 from teleop_drake.kernel import KernelIn
 from teleop_drake.kernel.block import DualBlock
 from teleop_drake.numerics.differences import differentiate
+from teleop_drake.simulation.inputs import LeafInputs
 
 Port: TypeAlias = InputPort | OutputPort
 
@@ -137,12 +138,6 @@ def TimesOf(delays: Sequence[Cut]) -> tuple[float, ...]:
     return tuple(cut.time for cut in delays for _ in cut.value)
 
 
-def _LeafPorts(port: InputPort) -> list[InputPort]:
-    """Returns the ports of blocks that an input port of a system is, or leads to."""
-    found = InputsOf(port.get_system(), int(port.get_index()))
-    return [system.GetInputPort(name) for system, name in found]
-
-
 class CutDiagram:
     """The function that a diagram is of some of its states and of what enters its cuts.
 
@@ -215,7 +210,7 @@ class CutDiagram:
     def _Receivers(self, port: Port) -> list[InputPort]:
         """Returns the ports of blocks that receive a signal."""
         if isinstance(port, InputPort):
-            return _LeafPorts(port)
+            return LeafInputs(port)
         output = self._SourceOf(port)
         return [
             system.GetInputPort(name)
@@ -355,7 +350,7 @@ class CutDiagram:
     def _CutOrPort(self, port: Port, cuts: Sequence[Cut]) -> Cut | Port:
         """Returns where a signal is read: the cut that replaces a delay, or a port."""
         if isinstance(port, InputPort):
-            return _LeafPorts(port)[0]
+            return LeafInputs(port)[0]
         system = self.blocks[self._SourceOf(port).block].system
         return next((cut for cut in cuts if cut.delay is system), port)
 

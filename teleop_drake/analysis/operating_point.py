@@ -20,7 +20,7 @@ from teleop_drake.blocks.environments.surface import (
     Surface,
     SurfacesOf,
 )
-from teleop_drake.blocks.robots import FactsOfRobot
+from teleop_drake.blocks.robots import FactsOfConfig
 from teleop_drake.numerics.bisection import halve
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.validation import Refuse, ScenarioError
@@ -108,8 +108,7 @@ def OperatingPoints(
     ]
     if contact is not None and end_time == arrival:
         position = start + velocity * end_time
-        robot = replace(scenario.robot, start=position).MakeRobot()
-        inertia = FactsOfRobot(robot).inertia
+        inertia = FactsOfConfig(replace(scenario.robot, start=position)).inertia
         if inertia is None:
             Refuse("robot", scenario.robot.kind, "a robot that tells its inertia")
         normal = contact.normal_W
