@@ -62,7 +62,6 @@ from teleop_drake.analysis.loop_model import (
     CutLoop,
     LoopModel,
     Motion,
-    MotionRate,
     TwoPortModel,
 )
 from teleop_drake.analysis.loop_parts import (
@@ -82,7 +81,6 @@ from teleop_drake.kernel.linear_part import (
     HeldForce,
     LinearPartOf,
 )
-from teleop_drake.numerics.crossings import closed_loop_matrix
 from teleop_drake.numerics.state_space import StateSpace, fed_back
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.teleoperator import MakeTeleoperator
@@ -91,9 +89,6 @@ from teleop_drake.validation import Refuse, ScenarioError, Within
 # How far the operating point moves on, as a share of the way to the nearest surface,
 # for the rate of the model: a central difference of exact models.
 _SHARE = 1e-2
-
-# Entries that change by less, as a share of the largest, do not: rounding.
-_ROUNDING = 1e-13
 
 # Longest difference where slopes are differences: as a share of values of 1 and more,
 # and of the way to the nearest surface.
@@ -198,14 +193,7 @@ class Linearizer:
             CutLoop(self._AtRest(replace(point, position=point.position + way)))
             for way in (-time * point.velocity, time * point.velocity)
         )
-        loops = (behind, CutLoop(model), ahead)
-        # The rates of both ends, and of the loop that is closed without delay.
-        open_rate = _MotionRate([loop.A for loop in loops], 2 * time)
-        closed_rate = _MotionRate(list(map(closed_loop_matrix, loops)), 2 * time)
-        motion = Motion(
-            rate=max(open_rate, closed_rate), loops=(behind, ahead), time=2 * time
-        )
-        return replace(model, motion=motion)
+        return replace(model, motion=Motion(behind=behind, ahead=ahead, time=2 * time))
 
     def _AtRest(self, point: OperatingPoint) -> LoopModel:
         """Returns the model of the loop as if the operating point were at rest."""
@@ -383,16 +371,3 @@ def _MakeTeleoperator(scenario: Scenario, *, at_ports: bool) -> Diagram:
             start=scenario.robot.start, contact_surface=scenario.FindSurface(CONTACT)
         )
     return MakeTeleoperator(scenario, operator=operator)
-
-
-def _MotionRate(matrices: list[Array], time: float) -> float:
-    """Returns MotionRate() of a matrix behind, at and ahead of a point.
-
-    Args:
-        matrices: The three.
-        time: Between the first and the last, in s.
-    """
-    behind, here, ahead = matrices
-    change = ahead - behind
-    change[np.abs(change) <= _ROUNDING * np.abs(here).max(initial=0.0)] = 0.0
-    return MotionRate(here, change / time)

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.arrays import Array, ComplexArray, Indices
+from teleop_drake.numerics.crossings import closed_loop_matrix
 from teleop_drake.numerics.state_space import StateSpace, state_space
 
 # Circles about 0 that are looked at: how many in a decade, how many decades below the
@@ -16,6 +17,9 @@ from teleop_drake.numerics.state_space import StateSpace, state_space
 _NUM_CIRCLES = 6
 _NUM_DECADES = 6
 _NUM_ANGLES = 9
+
+# Entries of A that change by less, as a share of the largest, do not: rounding.
+_ROUNDING = 1e-13
 
 # Entries of B, C and D smaller than this, relative to the largest, are zero.
 _NEGLIGIBLE = 1e-9
@@ -106,15 +110,36 @@ class Motion:
     """How the model of a loop changes while the operating point moves on.
 
     Attributes:
-        rate: The size in 1/s below which roots are slower than the motion; see
-            analysis.loop.
-        loops: L a time before the point and the same time after it; see loop_cut.
+        behind: L a time before the point; see CutLoop.
+        ahead: L the same time after it.
         time: Between the two, in s.
     """
 
-    rate: float
-    loops: tuple[StateSpace, StateSpace]
+    behind: StateSpace
+    ahead: StateSpace
     time: float
+
+    def Rate(self, loop: StateSpace) -> float:
+        """Returns the size in 1/s below which roots are slower than the motion.
+
+        It is that of both ends or of the loop that is closed without delay, whichever
+        is larger; see analysis.loop.
+
+        Args:
+            loop: L at the point.
+        """
+        rates = []
+        for matrix_of in (_OpenLoopMatrix, closed_loop_matrix):
+            here = matrix_of(loop)
+            change = matrix_of(self.ahead) - matrix_of(self.behind)
+            change[np.abs(change) <= _ROUNDING * np.abs(here).max(initial=0.0)] = 0.0
+            rates.append(MotionRate(here, change / self.time))
+        return max(rates)
+
+
+def _OpenLoopMatrix(loop: StateSpace) -> Array:
+    """Returns A of the loop that is cut open."""
+    return loop.A
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -180,8 +180,6 @@ class PointStability:
         """Returns the JSON object of `teleop-drake analyze`, without NaN."""
         point = self.model.point
         margin = self.margin
-        root = self.rightmost_root
-        slave = self.slave_root
         return {
             "name": point.name,
             "position": point.position.tolist(),
@@ -197,15 +195,20 @@ class PointStability:
             "delay_margin": margin and margin.delay,
             "stable_delays": [list(interval) for interval in self.stable_delays],
             "stable": self.is_stable,
-            "rightmost_root": None if root is None else [root.real, root.imag],
+            "rightmost_root": _Parts(self.rightmost_root),
             "unresolved_below": self.unresolved,
-            "slave_root": None if slave is None else [slave.real, slave.imag],
-            "hidden_modes": [[s.real, s.imag] for s in self.hidden_modes.tolist()],
+            "slave_root": _Parts(self.slave_root),
+            "hidden_modes": [_Parts(mode) for mode in self.hidden_modes.tolist()],
             "neutral_roots": self.num_neutral,
             "loop_order": self.loop.num_states,
             "by_differences": list(self.model.by_differences),
             "force_mode": self.force_mode and self.force_mode.ToRecord(),
         }
+
+
+def _Parts(root: complex | None) -> list[float] | None:
+    """Returns real and imaginary part of a root, if any."""
+    return None if root is None else [root.real, root.imag]
 
 
 def AnalyzeModel(
@@ -221,7 +224,7 @@ def AnalyzeModel(
     loop, hidden = minimal_realization(cut)
     # A root slower than the motion, or 0 to rounding, cannot be distinguished from 0.
     fastest = float(np.abs(np.linalg.eigvals(cut.A)).max(initial=0.0))
-    motion_rate = model.motion.rate if model.motion else 0.0
+    motion_rate = model.motion.Rate(cut) if model.motion else 0.0
     unresolved = max(motion_rate, _NEUTRAL * fastest)
     is_neutral = np.abs(hidden) < unresolved
     hidden_modes = rightmost(hidden[~is_neutral])
@@ -288,7 +291,8 @@ def _IsResolved(motion: Motion, crossing: Crossing, unresolved: float) -> bool:
         return True
     # Newton's steps from s to the roots of the loops on both sides of the point.
     behind, ahead = (
-        loop.fed_back(crossing.delay).newton_step(s) for loop in motion.loops
+        loop.fed_back(crossing.delay).newton_step(s)
+        for loop in (motion.behind, motion.ahead)
     )
     speed = abs(ahead - behind) / motion.time
     duration = 1 / abs(s) + crossing.delay

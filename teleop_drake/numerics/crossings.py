@@ -100,13 +100,11 @@ def sweep_frequencies(loop: StateSpace, more_poles: ArrayLike = ()) -> Array:
     near = poles[poles.imag > low]
     widths = np.maximum(np.abs(near.real), 1e-9 * np.abs(near))
     offsets = np.geomspace(widths / 8, np.abs(near), _NUM_POLE_POINTS)
-    around = [*(near.imag + offsets), *(near.imag - offsets)]
+    around = np.concatenate([near.imag + offsets, near.imag - offsets]).ravel()
     even = np.geomspace(low, high, _NUM_SWEEP_POINTS)
     # np.unique() imports all of numpy.ma.
-    result = np.sort(np.concatenate([even, *around]))
-    is_new = np.diff(result, prepend=-np.inf) > 0
-    is_inside = (result >= low) & (result <= high)
-    return result[is_new & is_inside]
+    result = np.array(sorted({*even.tolist(), *around.tolist()}))
+    return result[(result >= low) & (result <= high)]
 
 
 def _highest_frequency(loop: StateSpace) -> float:

@@ -79,10 +79,9 @@ def find_crossings(loop: StateSpace) -> list[Crossing]:
 
 def neutral_root_count(loop: StateSpace) -> int:
     """Returns the number of roots at s = 0, the same for every delay."""
-    if loop.num_states == 0:
-        return 0
-    sizes = np.linalg.svd(closed_loop_matrix(loop), compute_uv=False)
-    return int(np.sum(sizes <= AXIS_TOLERANCE * np.linalg.norm(loop.A)))
+    tolerance = AXIS_TOLERANCE * float(np.linalg.norm(loop.A))
+    rank = np.linalg.matrix_rank(closed_loop_matrix(loop), tol=tolerance)
+    return loop.num_states - int(rank)
 
 
 def is_delay_robust(loop: StateSpace) -> bool:
@@ -95,9 +94,8 @@ def is_delay_robust(loop: StateSpace) -> bool:
     Source: D. Henry, "Linear autonomous neutral functional differential equations",
     J. Differ. Equ. 15 (1974).
     """
-    if not loop.D.size:
-        return True
-    return bool(np.max(np.abs(np.linalg.eigvals(loop.D))) < 1 - AXIS_TOLERANCE)
+    radius = np.abs(np.linalg.eigvals(loop.D)).max(initial=0.0)
+    return bool(radius < 1 - AXIS_TOLERANCE)
 
 
 def unstable_roots(
