@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.numerics.state_space import state_space
 
 
 def Retarded(A0, A1):
@@ -10,7 +10,7 @@ def Retarded(A0, A1):
     A0, A1 = np.array(A0, dtype=float), np.array(A1, dtype=float)
     U, sigma, Vt = np.linalg.svd(A1)
     rank = int(np.sum(sigma > 1e-12))
-    return StateSpace(
+    return state_space(
         A=A0, B=U[:, :rank] * sigma[:rank], C=-Vt[:rank], D=np.zeros((rank, rank))
     )
 
@@ -24,4 +24,4 @@ def Scalar(numerator, denominator):
     A = np.eye(n, k=1)
     A[-1] = -den[:0:-1]
     C = (num[1:] - num[0] * den[1:])[::-1]
-    return StateSpace(A=A, B=np.eye(n)[:, -1:], C=C[None], D=[[num[0]]])
+    return state_space(A=A, B=np.eye(n)[:, -1:], C=C[None], D=[[num[0]]])

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.linalg import norm
 
-from teleop_drake.numerics.jacobi import singular_values, symmetric_eigen
+from teleop_drake.numerics.jacobi import singular_values
 
 
 # Helpers that write under a condition, or return what they got.
@@ -337,9 +337,8 @@ class Right:
 
     def vectors_with_their_signs(x):
         A = np.outer(x[:3], x[3:]) + np.diag([x[0], 0.5, 2.0])
-        values, vectors = symmetric_eigen(A + A.T)
         U, sigma, Vt = singular_values(A)
-        return np.concatenate((values, sigma, *vectors, *U, *Vt))
+        return np.concatenate((sigma, *U, *Vt))
 
     def singular_matrix(x):
         U, sigma, Vt = singular_values(np.outer(x[:3], x[3:]))

@@ -14,7 +14,6 @@ from pydrake.systems.framework import (
     Context,
     Diagram,
     InputPort,
-    InputPortIndex,
     OutputPort,
     System,
 )
@@ -23,14 +22,16 @@ from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.engine.flatten import Flatten, OutputOf, Source
+from teleop_drake.kernel import KernelIn
 from teleop_drake.kernel.block import DualBlock
 from teleop_drake.numerics.differences import differentiate
+from teleop_drake.simulation.inputs import LeafInputs
 
 Port: TypeAlias = InputPort | OutputPort
 
 # How far apart slopes are compared, relative to values of 1 and more, and by which
-# share of the largest one they may differ. Curvature makes far less of so short a way.
-_NEAR = 1e-9
+# share of the largest one they may differ.
+_NEAR = 1e-7
 _BEND = 1e-4
 
 
@@ -137,19 +138,6 @@ def TimesOf(delays: Sequence[Cut]) -> tuple[float, ...]:
     return tuple(cut.time for cut in delays for _ in cut.value)
 
 
-def _LeafPorts(port: InputPort) -> list[InputPort]:
-    """Returns the ports of blocks that an input port of a system is, or leads to."""
-    system = port.get_system()
-    if not isinstance(system, Diagram):
-        return [port]
-    index = InputPortIndex(int(port.get_index()))
-    return [
-        leaf
-        for inner, i in system.GetInputPortLocators(index)
-        for leaf in _LeafPorts(inner.get_input_port(int(i)))
-    ]
-
-
 class CutDiagram:
     """The function that a diagram is of some of its states and of what enters its cuts.
 
@@ -207,17 +195,22 @@ class CutDiagram:
             cut.entering = self.blocks[source.block].system.GetOutputPort(source.port)
         return cut
 
-    def CutAtDelay(self, delay: System, time: float) -> Cut:
-        """Returns the cut at the ports that a delay of a time in s is connected to."""
+    def CutAtDelay(self, delay: System) -> Cut:
+        """Returns the cut at the ports that a delay is connected to.
+
+        Its time is that of the delay's Context.
+        """
         cut = self.CutAt(delay.get_output_port(), delay.get_input_port())
+        (declared,) = KernelIn(delay, self.contexts[delay]).delays
+        assert not callable(declared.time)
         cut.delay = delay
-        cut.time = time
+        cut.time = declared.time
         return cut
 
     def _Receivers(self, port: Port) -> list[InputPort]:
         """Returns the ports of blocks that receive a signal."""
         if isinstance(port, InputPort):
-            return _LeafPorts(port)
+            return LeafInputs(port)
         output = self._SourceOf(port)
         return [
             system.GetInputPort(name)
@@ -274,49 +267,34 @@ class CutDiagram:
         values = self._Values(point)
         return values, slopes
 
-    def Bends(self, step: float, slopes: Array) -> bool:
+    def Bends(self, slopes: Array) -> bool:
         """Returns whether anything has two slopes here.
 
         Args:
-            step: As for Evaluate().
             slopes: At the point, by Evaluate().
         """
         point = self._Point()
-        sizes = np.maximum(1.0, np.abs(point))
         # A direction that lies in no surface on which a law bends: no two elements are
         # alike. numpy.random would have to be imported.
         shares = 0.5 + (0.309 * np.arange(1, len(point) + 1)) % 0.5
         signs = (-1.0) ** np.arange(len(point))
-        way = shares * signs * sizes
-        ahead = self._Exact(point + _NEAR * way)
-        behind = self._Exact(point - _NEAR * way)
-        if ahead is not None and behind is not None:
-            return self._IsLarge(ahead[1] - behind[1], slopes)
-        bend = self._Bend(point, step / 8 * way)
-        self._Values(point)
-        return self._IsLarge(bend, slopes)
-
-    def _Bend(self, point: Array, way: Array) -> Array:
-        """Returns by how much slopes differ on both sides of a point (K).
-
-        For a smooth law, second differences shrink with the length of the way; their
-        limit is extrapolated.
-        """
+        way = _NEAR * shares * signs * np.maximum(1.0, np.abs(point))
         here = self._Values(point)
 
         def SecondDifference(way: Array) -> Array:
             second = self._Values(point + way) - 2 * here + self._Values(point - way)
             return second / np.abs(way).max()
 
-        return 2 * SecondDifference(way / 2) - SecondDifference(way)
-
-    def _IsLarge(self, change: Array, slopes: Array) -> bool:
-        """Returns whether a change is large beside the slopes of the same signal."""
-        changes = np.split(change, self._value_ends)
+        # By how much slopes differ on both sides. Those of a smooth law shrink with the
+        # length of the way; their limit is extrapolated.
+        bend = 2 * SecondDifference(way / 2) - SecondDifference(way)
+        # Evaluated last, so that the Contexts stay at the operating point.
+        self._Values(point)
+        changes = np.split(bend, self._value_ends)
         sizes = np.split(slopes, self._value_ends)
         return any(
-            np.abs(part).max(initial=0) > _BEND * np.abs(size).max(initial=0)
-            for part, size in zip(changes, sizes, strict=True)
+            np.abs(change).max(initial=0) > _BEND * np.abs(size).max(initial=0)
+            for change, size in zip(changes, sizes, strict=True)
         )
 
     def _Point(self) -> Array:
@@ -372,7 +350,7 @@ class CutDiagram:
     def _CutOrPort(self, port: Port, cuts: Sequence[Cut]) -> Cut | Port:
         """Returns where a signal is read: the cut that replaces a delay, or a port."""
         if isinstance(port, InputPort):
-            return _LeafPorts(port)[0]
+            return LeafInputs(port)[0]
         system = self.blocks[self._SourceOf(port).block].system
         return next((cut for cut in cuts if cut.delay is system), port)
 
@@ -393,11 +371,7 @@ def _Converts(system: System, context: Context) -> bool:
         return dual is not None
     own = dual.CreateDefaultContext()
     own.SetTimeStateAndParametersFrom(context)
-    for i in range(dual.num_input_ports()):
-        port = system.get_input_port(i)
-        has_value = port.HasValue(context)
-        value = port.Eval(context) if has_value else np.zeros(port.size())
-        dual.get_input_port(i).FixValue(own, value)
+    dual.FixInputPortsFrom(system, context, own)
     try:
         dual.EvalTimeDerivatives(own)
         for i in range(dual.num_output_ports()):

@@ -17,18 +17,14 @@ from teleop_drake.validation import Refuse
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EnergyBalance:
-    """The power into and out of a system with two ends over a run.
+    """The energy that a system with two ends has taken in over a run.
 
     Attributes:
         time: (N,) the times of the recording in s.
-        power_in: (N,) at the master's end in W.
-        power_out: (N,) at the slave's end in W.
-        energy: (N,) integral of power_in - power_out in J, 0 at the start.
+        energy: (N,) integral of the power in less the power out in J, 0 at the start.
     """
 
     time: Array
-    power_in: Array
-    power_out: Array
     energy: Array
 
     @property
@@ -43,7 +39,7 @@ class EnergyBalance:
 def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
     """Balances the energy between the operator's hand and the tool of a recorded run.
 
-        power_in = F_h . v_felt,    power_out = F_c . v
+        power in = F_h . v_felt,    power out = F_c . v
 
     It works for every architecture.
 
@@ -63,9 +59,4 @@ def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
     length = time[steps[:, -1:]] - time[steps[:, :1]]
     work = np.zeros(len(time))
     work[steps[:, 1:]] = length * shares.sum(axis=2)
-    return EnergyBalance(
-        time=time,
-        power_in=np.sum(F_h * v_felt, axis=1),
-        power_out=np.sum(F_c * v, axis=1),
-        energy=np.cumsum(work),
-    )
+    return EnergyBalance(time=time, energy=np.cumsum(work))

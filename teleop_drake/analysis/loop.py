@@ -33,7 +33,7 @@ axes, which can move while the tool stays where it is, add coordinates of their 
 (analysis.tool_motion).
 
 Frozen states. The estimates of an adaptive law (W1, Psi, W3) are held at the values of
-the operating point, the initial ones or those of a run, and are no states of the
+the operating point, the initial ones unless it has others, and are no states of the
 model. F_c is one. What the law computes from the estimates' rates stays in.
 
 Passivity controllers are taken to be idle: their budgets are held at an amount that
@@ -62,7 +62,6 @@ from teleop_drake.analysis.loop_model import (
     CutLoop,
     LoopModel,
     Motion,
-    MotionRate,
     TwoPortModel,
 )
 from teleop_drake.analysis.loop_parts import (
@@ -76,15 +75,13 @@ from teleop_drake.analysis.tool_motion import ToolMotion
 from teleop_drake.arrays import Array, Indices
 from teleop_drake.blocks.environments import CONTACT, SurfacesOf
 from teleop_drake.blocks.operators import ConstantVelocityOperator
-from teleop_drake.engine.flatten import Flatten
 from teleop_drake.kernel.linear_part import (
     FROZEN_WEIGHTS,
     IDLE_PASSIVITY,
     HeldForce,
     LinearPartOf,
 )
-from teleop_drake.numerics.crossings import closed_loop_matrix
-from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.numerics.state_space import StateSpace, fed_back
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.validation import Refuse, ScenarioError, Within
@@ -92,9 +89,6 @@ from teleop_drake.validation import Refuse, ScenarioError, Within
 # How far the operating point moves on, as a share of the way to the nearest surface,
 # for the rate of the model: a central difference of exact models.
 _SHARE = 1e-2
-
-# Entries that change by less, as a share of the largest, do not: rounding.
-_ROUNDING = 1e-13
 
 # Longest difference where slopes are differences: as a share of values of 1 and more,
 # and of the way to the nearest surface.
@@ -109,23 +103,14 @@ _MAX_TRIM_STEPS = 10
 _TRIMMED = 1e-12
 
 
-def FindHeldForce(system: System) -> tuple[System, HeldForce] | None:
-    """Returns the block that holds a force after contact, and its force, if any."""
-    for block in Flatten(system):
-        held = LinearPartOf(block.system).held_force
-        if held is not None:
-            return block.system, held
-    return None
-
-
 class Linearizer:
     """A scenario's teleoperator, cut open once for the models at many points.
 
     The operator commands a velocity, or holds a force if the point has held contact; an
     operator who closes the loop is part of it, see OperatorConfig.MakeLinearOperator().
-    Unless the point has a forward packet, the forces in it, and the states of the
-    controller that are not frozen, are chosen such that the tool retains its velocity:
-    what the operator's device would have settled to.
+    The forces in the forward packet, and the states of the controller that are not
+    frozen, are chosen such that the tool retains its velocity: what the operator's
+    device would have settled to.
 
     Attributes:
         diagram: The teleoperator.
@@ -164,6 +149,7 @@ class Linearizer:
         robot = teleoperator.GetSubsystemByName("robot")
         blocks = ReadLoopBlocks(self._function)
         self._blocks = blocks
+        self._holding = next((x for x in blocks if x.described.held_force), None)
         self._assumptions = {x.described.assumption for x in blocks}
         self._cuts = CutTeleoperator(
             teleoperator, self._function, blocks, at_ports=at_ports
@@ -191,9 +177,14 @@ class Linearizer:
         self._function.Choose(self._states, cuts, [*entering, *seen])
         self._num_signals = sum(len(cut.value) for cut in cuts)
 
+    @property
+    def held_force(self) -> HeldForce | None:
+        """The force that the operator holds after contact, if it tells it."""
+        return self._holding and self._holding.described.held_force
+
     def Loop(self, point: OperatingPoint) -> LoopModel:
         """Returns the model of the loop at an operating point, and of its motion."""
-        model = self._AtRest(point, is_checked=True)
+        model = self._AtRest(point)
         speed = float(np.linalg.norm(point.velocity))
         if speed == 0:
             return model
@@ -202,18 +193,11 @@ class Linearizer:
             CutLoop(self._AtRest(replace(point, position=point.position + way)))
             for way in (-time * point.velocity, time * point.velocity)
         )
-        loops = (behind, CutLoop(model), ahead)
-        # The rates of both ends, and of the loop that is closed without delay.
-        open_rate = _MotionRate([loop.A for loop in loops], 2 * time)
-        closed_rate = _MotionRate(list(map(closed_loop_matrix, loops)), 2 * time)
-        motion = Motion(
-            rate=max(open_rate, closed_rate), loops=(behind, ahead), time=2 * time
-        )
-        return replace(model, motion=motion)
+        return replace(model, motion=Motion(behind=behind, ahead=ahead, time=2 * time))
 
-    def _AtRest(self, point: OperatingPoint, *, is_checked: bool = False) -> LoopModel:
+    def _AtRest(self, point: OperatingPoint) -> LoopModel:
         """Returns the model of the loop as if the operating point were at rest."""
-        system, residual = self._Linearize(point, is_checked=is_checked)
+        system, residual = self._Linearize(point)
         signals = np.arange(self._num_signals)
         return LoopModel(
             point=point,
@@ -230,28 +214,17 @@ class Linearizer:
 
     def TwoPort(self, point: OperatingPoint) -> TwoPortModel:
         """Returns the model between hand and environment; needs `at_ports`."""
-        system, _ = self._Linearize(point, is_checked=True)
-        # Neither the device nor the environment is part of the two-port.
-        device = self._master.GetSubsystemByName("haptic_device")
-        outside = {
-            block.system
-            for part in (self._environment, device)
-            for block in Flatten(part)
-        }
-        is_inside = np.repeat(
-            [x.system not in outside for x in self._states],
-            [x.size for x in self._states],
-        )
+        system, _ = self._Linearize(point)
         n = self._scenario.num_axes
         num_signals = self._num_signals
         delayed = np.arange(2 * n, num_signals)
         # Seen are the tool's position, velocity and acceleration and the felt velocity.
-        tool_velocity = num_signals + n + np.arange(n)
-        felt_velocity = num_signals + 3 * n + np.arange(n)
+        _, tool_velocity, _, felt_velocity = num_signals + np.arange(4 * n).reshape(
+            4, n
+        )
         return TwoPortModel(
-            num_axes=n,
             system=system.part(
-                states=np.flatnonzero(is_inside),
+                states=np.arange(self._num_states),
                 inputs=np.arange(num_signals),
                 outputs=np.concatenate([felt_velocity, tool_velocity, delayed]),
             ),
@@ -259,9 +232,7 @@ class Linearizer:
             idle_passivity=IDLE_PASSIVITY in self._assumptions,
         )
 
-    def _Linearize(
-        self, point: OperatingPoint, *, is_checked: bool
-    ) -> tuple[StateSpace, float]:
+    def _Linearize(self, point: OperatingPoint) -> tuple[StateSpace, float]:
         """Returns the model at an operating point, in the tool's coordinates.
 
         Returns:
@@ -270,12 +241,8 @@ class Linearizer:
         """
         self._Settle(point)
         step = min(_STEP, _STEP_SHARE * self._SurfaceDistance(point))
-        if point.forward_packet is None:
-            values, slopes = self._Trim(step)
-        else:
-            self._cuts.forward[0].Set(point.forward_packet)
-            values, slopes = self._Evaluate(step)
-        if is_checked and self._function.Bends(step, slopes):
+        values, slopes = self._Trim(step)
+        if self._function.Bends(slopes):
             raise ScenarioError(
                 f"teleoperator = a law that bends at the operating point "
                 f"{point.name!r}, as one that switches there: must have one "
@@ -291,13 +258,8 @@ class Linearizer:
         by_state = np.eye(N)
         by_state[:num_joint_states] = coordinates[:, :N]
         by_coordinates = slopes[:, :N] @ np.linalg.inv(by_state)
-        by_input = slopes[:, N:]
-        model = StateSpace(
-            A=by_coordinates[:N],
-            B=by_input[:N],
-            C=by_coordinates[N:],
-            D=by_input[N:],
-        )
+        matrix = np.hstack([by_coordinates, slopes[:, N:]])
+        model = StateSpace(matrix=matrix, num_states=N)
         return model, float(np.abs(values[self._StoppedRates()]).max())
 
     def _Settle(self, point: OperatingPoint) -> None:
@@ -317,20 +279,18 @@ class Linearizer:
         cuts = self._cuts
         (forward,) = cuts.forward
         forward.Set(np.zeros_like(forward.value))
-        at_ports = [*cuts.hand, *cuts.tool]
-        to_master = [*at_ports, *cuts.inner_slave, *cuts.back, *cuts.inner_master]
-        # What the hand feels may come out of the delays in the master.
-        for cut in (*to_master, *at_ports, *cuts.inner_master, forward):
+        to_master = [*cuts.hand, *cuts.tool, *cuts.inner_slave, *cuts.back]
+        to_master += cuts.inner_master
+        # Twice: what the hand feels may come out of the delays in the master.
+        for cut in (*to_master, *to_master, forward):
             cut.Settle()
 
     def _HoldForce(self) -> None:
         """Gives the operator the mode in which it holds a force."""
-        found = FindHeldForce(self._master)
-        if found is None:
+        if self._holding is None or self.held_force is None:
             allowed = "an operator that tells which force it holds after contact"
             Refuse("surgeon", self._scenario.surgeon.kind, allowed)
-        operator, held = found
-        self._contexts[operator].SetDiscreteState(held.state)
+        self._contexts[self._holding.system].SetDiscreteState(self.held_force.state)
 
     def _Evaluate(self, step: float) -> tuple[Array, Array]:
         """Returns values and slopes, once the cuts inside of the slave have settled."""
@@ -378,10 +338,7 @@ class Linearizer:
         columns = np.r_[first : self._num_slave_states, packet]
         # Delays deliver what goes into them, and the tool feels its environment.
         closed = N + np.r_[self._signals.tool, self._signals.inner_slave]
-        loop = np.eye(len(closed)) - slopes[np.ix_(closed, closed)]
-        delivered = np.linalg.solve(loop, slopes[np.ix_(closed, columns)])
-        slope = slopes[np.ix_(rows, columns)]
-        slope = slope + slopes[np.ix_(rows, closed)] @ delivered
+        slope = fed_back(slopes, closed)[np.ix_(rows, columns)]
         is_free = np.ones(len(columns), dtype=bool)
         is_free[-len(packet) :] = np.any(slopes[packet] != 0, axis=1)
         change = np.zeros(len(columns))
@@ -414,16 +371,3 @@ def _MakeTeleoperator(scenario: Scenario, *, at_ports: bool) -> Diagram:
             start=scenario.robot.start, contact_surface=scenario.FindSurface(CONTACT)
         )
     return MakeTeleoperator(scenario, operator=operator)
-
-
-def _MotionRate(matrices: list[Array], time: float) -> float:
-    """Returns MotionRate() of a matrix behind, at and ahead of a point.
-
-    Args:
-        matrices: The three.
-        time: Between the first and the last, in s.
-    """
-    behind, here, ahead = matrices
-    change = ahead - behind
-    change[np.abs(change) <= _ROUNDING * np.abs(here).max(initial=0.0)] = 0.0
-    return MotionRate(here, change / time)

@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.analysis.operating_point import OperatingPoint
 from teleop_drake.arrays import Array, ComplexArray, Indices
-from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.numerics.crossings import closed_loop_matrix
+from teleop_drake.numerics.state_space import StateSpace, state_space
 
 # Circles about 0 that are looked at: how many in a decade, how many decades below the
 # fastest mode, and how many points on the upper half of each. What is slower than all
@@ -16,6 +17,9 @@ from teleop_drake.numerics.state_space import StateSpace
 _NUM_CIRCLES = 6
 _NUM_DECADES = 6
 _NUM_ANGLES = 9
+
+# Entries of A that change by less, as a share of the largest, do not: rounding.
+_ROUNDING = 1e-13
 
 # Entries of B, C and D smaller than this, relative to the largest, are zero.
 _NEGLIGIBLE = 1e-9
@@ -73,8 +77,7 @@ class LoopModel:
         by_differences: Paths of the blocks that do not convert to AutoDiffXd, whose
             slopes come from differences.
         trim_residual: Largest rate of the tool's velocity, in m/s^2, and of the
-            controller's states: what no choice of the forward packet could remove, or,
-            where the point has one, what it is.
+            controller's states: what no choice of the forward packet could remove.
     """
 
     point: OperatingPoint
@@ -95,24 +98,11 @@ class LoopModel:
         The return packet is the one that is sent.
         """
         at = self.signals
-        states = np.arange(self.num_slave_states)
-        return self._Side(states, at.forward, at.back, at.inner_slave)
-
-    @property
-    def master(self) -> StateSpace:
-        """From [return packet received, delivered inside] to [forward packet, inside].
-
-        The forward packet is the one that is sent.
-        """
-        at = self.signals
-        states = np.arange(self.num_slave_states, self.system.num_states)
-        return self._Side(states, at.back, at.forward, at.inner_master)
-
-    def _Side(
-        self, states: Indices, received: Indices, sent: Indices, inner: Indices
-    ) -> StateSpace:
-        """Returns the model of one side, with its states and its signals."""
-        return self.system.part(states, np.r_[received, inner], np.r_[sent, inner])
+        return self.system.part(
+            states=np.arange(self.num_slave_states),
+            inputs=np.append(at.forward, at.inner_slave),
+            outputs=np.append(at.back, at.inner_slave),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,35 +110,54 @@ class Motion:
     """How the model of a loop changes while the operating point moves on.
 
     Attributes:
-        rate: The size in 1/s below which roots are slower than the motion; see
-            analysis.loop.
-        loops: L a time before the point and the same time after it; see loop_cut.
+        behind: L a time before the point; see CutLoop.
+        ahead: L the same time after it.
         time: Between the two, in s.
     """
 
-    rate: float
-    loops: tuple[StateSpace, StateSpace]
+    behind: StateSpace
+    ahead: StateSpace
     time: float
+
+    def Rate(self, loop: StateSpace) -> float:
+        """Returns the size in 1/s below which roots are slower than the motion.
+
+        It is that of both ends or of the loop that is closed without delay, whichever
+        is larger; see analysis.loop.
+
+        Args:
+            loop: L at the point.
+        """
+        rates = []
+        for matrix_of in (_OpenLoopMatrix, closed_loop_matrix):
+            here = matrix_of(loop)
+            change = matrix_of(self.ahead) - matrix_of(self.behind)
+            change[np.abs(change) <= _ROUNDING * np.abs(here).max(initial=0.0)] = 0.0
+            rates.append(MotionRate(here, change / self.time))
+        return max(rates)
+
+
+def _OpenLoopMatrix(loop: StateSpace) -> Array:
+    """Returns A of the loop that is cut open."""
+    return loop.A
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoPortModel:
     """The teleoperator between the operator's hand and the environment.
 
-    It has neither the haptic device nor the environment of LoopModel: the force F_h at
-    the hand and the force F_e at the tool are inputs, and the velocity that the hand
-    feels and the tool's are outputs:
+    Haptic device and environment do not act on it: the force F_h at the hand and the
+    force F_e at the tool are inputs, and the velocity that the hand feels and the
+    tool's are outputs:
 
         [v_felt, v, entering] = system(s) [F_h, F_e, delivered]
 
     Attributes:
-        num_axes: n of each of the four.
         system: As above.
         signals: Which of the signals are forces at the ports or pass which delay.
         idle_passivity: As in LoopModel.
     """
 
-    num_axes: int
     system: StateSpace
     signals: Signals
     idle_passivity: bool
@@ -169,7 +178,7 @@ class TwoPortModel:
             forward_delay: T_f in s, >= 0.
             return_delay: T_r in s, >= 0.
         """
-        n = self.num_axes
+        n = len(self.signals.hand)
         delays = np.full(len(self.system.D), forward_delay + return_delay)
         delays[self.signals.forward] = forward_delay
         delays[self.signals.back] = return_delay
@@ -196,8 +205,8 @@ def CutLoop(model: LoopModel) -> StateSpace:
     system = model.system
     forward = model.signals.forward
     back = model.signals.back
-    by_input = np.vstack([system.B, system.D])
-    by_output = np.hstack([system.C, system.D])
+    by_input = system.matrix[:, system.num_states :]
+    by_output = system.matrix[system.num_states :]
     heard = back[_Nonzero(by_input[:, back].T)]
     acts = _Nonzero(by_output[forward]) & _Nonzero(by_input[:, forward].T)
     sent = forward[acts]
@@ -221,12 +230,12 @@ def _MergeInputs(loop: StateSpace) -> StateSpace:
     position, velocity and force on the handle of four channels, are one:
     det(I + P V^T z) = det(I + V^T P z).
     """
-    stacked = np.vstack([loop.B, loop.D])
-    _, sigma, Vt = np.linalg.svd(stacked, full_matrices=False)
+    by_input = loop.matrix[:, loop.num_states :]
+    _, sigma, Vt = np.linalg.svd(by_input, full_matrices=False)
     V = Vt[sigma > _NEGLIGIBLE * sigma.max(initial=1e-300)].T
     if V.shape[0] == V.shape[1]:
         return loop
-    return StateSpace(A=loop.A, B=loop.B @ V, C=V.T @ loop.C, D=V.T @ loop.D @ V)
+    return state_space(loop.A, loop.B @ V, V.T @ loop.C, V.T @ loop.D @ V)
 
 
 def _Nonzero(rows: Array) -> NDArray[np.bool_]:

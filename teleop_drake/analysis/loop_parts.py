@@ -58,8 +58,7 @@ def ReadLoopBlocks(opened: CutDiagram) -> list[LoopBlock]:
         if size is None:
             size = context.num_continuous_states()
         states = States(system, context, size) if size else None
-        delay = described.delay
-        cut = opened.CutAtDelay(system, delay) if delay else None
+        cut = opened.CutAtDelay(system) if described.delay else None
         found.append(LoopBlock(part, system, described, states, cut))
     return found
 

@@ -1,6 +1,7 @@
 """Operating points on the tool's path."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -19,11 +20,10 @@ from teleop_drake.blocks.environments.surface import (
     Surface,
     SurfacesOf,
 )
-from teleop_drake.blocks.robots import FactsOfRobot
+from teleop_drake.blocks.robots import FactsOfConfig
 from teleop_drake.numerics.bisection import halve
-from teleop_drake.recording import Recording
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
-from teleop_drake.validation import CheckNumber, Refuse, ScenarioError
+from teleop_drake.validation import Refuse, ScenarioError
 
 POSITION = "position"
 """Where the tool is on its path, as a key of charts; see OperatingPointAt."""
@@ -51,8 +51,6 @@ class OperatingPoint:
             surface that it is behind if that has no material, or EMPTY.
         position: p_WT in m (n).
         velocity: v_WT in m/s (n).
-        forward_packet: What the forward channel delivers; None: what keeps the velocity
-            constant.
         estimates: State of an adaptive law, [F_c, W1, Psi, W3] as in
             AdaptiveBackstepping; None: its initial estimates.
         holds_force: Whether the operator has perceived contact and holds a force; else
@@ -62,7 +60,6 @@ class OperatingPoint:
     name: str
     position: Array
     velocity: Array
-    forward_packet: Array | None = None
     estimates: Array | None = None
     holds_force: bool = False
 
@@ -94,7 +91,7 @@ def OperatingPoints(
     if surfaces is None:
         allowed = (
             "one that tells its Surfaces(), between which operating points lie; of any "
-            "other, give AnalyzeStability() points of a run: OperatingPointOfRun()"
+            "other, give AnalyzeStability() an OperatingPoint"
         )
         Refuse("environment", type(block).__name__, allowed)
     contact = FindSurface(surfaces, CONTACT)
@@ -111,8 +108,7 @@ def OperatingPoints(
     ]
     if contact is not None and end_time == arrival:
         position = start + velocity * end_time
-        robot = replace(scenario.robot, start=position).MakeRobot()
-        inertia = FactsOfRobot(robot).inertia
+        inertia = FactsOfConfig(replace(scenario.robot, start=position)).inertia
         if inertia is None:
             Refuse("robot", scenario.robot.kind, "a robot that tells its inertia")
         normal = contact.normal_W
@@ -166,6 +162,12 @@ def _DepthOfImpact(
     return halve(lambda depth: Work(depth) < energy, low, high)[1]
 
 
+def IsBehindContact(surfaces: Sequence[Surface], position: Array) -> bool:
+    """Returns whether a position in m is behind a contact surface."""
+    contact = FindSurface(surfaces, CONTACT)
+    return contact is not None and bool(contact.Depth(position) > 0)
+
+
 def PointOfRest(
     point: OperatingPoint, environment: System, force: ArrayLike
 ) -> OperatingPoint | None:
@@ -190,9 +192,11 @@ def PointOfRest(
         excess = held - ForceAt(environment, position, at_rest)
         position = position + np.linalg.lstsq(stiffness, excess, rcond=1e-9)[0]
     excess = held - ForceAt(environment, position, at_rest)
-    contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
-    is_behind = contact is not None and contact.Depth(position) > 0
-    if not is_behind or np.abs(excess).max() > _AT_REST * np.abs(held).max():
+    surfaces = SurfacesOf(environment) or ()
+    if (
+        not IsBehindContact(surfaces, position)
+        or np.abs(excess).max() > _AT_REST * np.abs(held).max()
+    ):
         return None
     return replace(point, position=position, velocity=at_rest, holds_force=True)
 
@@ -232,42 +236,9 @@ def OperatingPointAt(scenario: Scenario, position: float) -> OperatingPoint:
         # The robot calls the point its start.
         reason = str(e).removeprefix("start = ")
         raise ScenarioError(f"{POSITION} = {position:g}: {reason}") from e
-    contact = FindSurface(surfaces, CONTACT)
-    is_inside = contact is not None and contact.Depth(p_WT) > 0
-    return _MakePoint(surfaces, p_WT, 0 * velocity if is_inside else velocity)
-
-
-def OperatingPointOfRun(recording: Recording, time: float) -> OperatingPoint:
-    """Returns the operating point at an instant of a run, in whatever motion it is.
-
-    With what the forward channel delivers then, what an adaptive law has learned, and
-    the force that the operator holds if it has perceived contact.
-
-    Args:
-        time: In s; not the instant of a jump.
-
-    Raises:
-        ScenarioError: If the time is not within the run.
-    """
-    begin, end = (float(x) for x in recording.time[[0, -1]])
-    CheckNumber("time", time, "s, of the run", minimum=begin, maximum=end)
-
-    def At(*names: str) -> Array:
-        return np.concatenate(
-            [recording.Interpolate(name, np.array([time]))[0] for name in names]
-        )
-
-    estimates = ("control_force", "weights_1", "psi", "weights_3")
-    is_adaptive = all(name in recording.signals for name in estimates)
-    # An operator who has stopped was in force mode before, or never in contact.
-    mode = recording["surgeon_mode"][:, 0]
-    point = _MakePoint(recording.surfaces, At("tool_position"), At("tool_velocity"))
-    return replace(
-        point,
-        forward_packet=At("forward_packet_received"),
-        estimates=At(*estimates) if is_adaptive else None,
-        holds_force=bool(np.any(mode[recording.time <= time] == 1)),
-    )
+    if IsBehindContact(surfaces, p_WT):
+        velocity = 0 * velocity
+    return _MakePoint(surfaces, p_WT, velocity)
 
 
 def _MakePoint(

@@ -29,10 +29,10 @@ Roots slower than that motion do not count; see PointStability.unresolved.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from teleop_drake.analysis.loop_model import CutLoop, LoopModel, Motion
 from teleop_drake.arrays import ComplexArray
@@ -145,19 +145,11 @@ class PointStability:
         """
         more = count + self.num_neutral
         roots = characteristic_roots(self.loop.fed_back(delay), count=more)
-        roots = roots[~self._AreNeutral(roots)]
+        # Collocation finds the roots that are at 0 at every delay only to its accuracy.
+        slow = _NEUTRAL * float(np.linalg.norm(self.loop.A))
+        roots = roots[np.abs(roots) >= max(slow, self.unresolved)]
         roots = np.concatenate([roots, self.hidden_modes])
         return rightmost(roots)[:count]
-
-    def _AreNeutral(self, roots: ComplexArray) -> NDArray[np.bool_]:
-        """Returns which roots of the loop cannot be distinguished from roots at 0."""
-        # Collocation finds the roots that are at 0 at every delay only to its accuracy.
-        exact = np.argsort(np.abs(roots))[: neutral_root_count(self.loop)]
-        is_exact = np.isin(np.arange(len(roots)), exact)
-        slow = _NEUTRAL * float(np.linalg.norm(self.loop.A))
-        size = np.abs(roots)
-        is_neutral: NDArray[np.bool_] = size < self.unresolved
-        return is_neutral | (is_exact & (size < slow))
 
     def RightmostRoot(self, delay: float) -> complex | None:
         """Returns the rightmost characteristic root in 1/s; of a pair, the upper one.
@@ -179,12 +171,15 @@ class PointStability:
             return None
         return root
 
+    @cached_property
+    def rightmost_root(self) -> complex | None:
+        """RightmostRoot() at the scenario's delay."""
+        return self.RightmostRoot(self.delay)
+
     def ToRecord(self) -> dict[str, Any]:
         """Returns the JSON object of `teleop-drake analyze`, without NaN."""
         point = self.model.point
         margin = self.margin
-        root = self.RightmostRoot(self.delay)
-        slave = self.slave_root
         return {
             "name": point.name,
             "position": point.position.tolist(),
@@ -200,15 +195,20 @@ class PointStability:
             "delay_margin": margin and margin.delay,
             "stable_delays": [list(interval) for interval in self.stable_delays],
             "stable": self.is_stable,
-            "rightmost_root": None if root is None else [root.real, root.imag],
+            "rightmost_root": _Parts(self.rightmost_root),
             "unresolved_below": self.unresolved,
-            "slave_root": None if slave is None else [slave.real, slave.imag],
-            "hidden_modes": [[s.real, s.imag] for s in self.hidden_modes.tolist()],
+            "slave_root": _Parts(self.slave_root),
+            "hidden_modes": [_Parts(mode) for mode in self.hidden_modes.tolist()],
             "neutral_roots": self.num_neutral,
             "loop_order": self.loop.num_states,
             "by_differences": list(self.model.by_differences),
             "force_mode": self.force_mode and self.force_mode.ToRecord(),
         }
+
+
+def _Parts(root: complex | None) -> list[float] | None:
+    """Returns real and imaginary part of a root, if any."""
+    return None if root is None else [root.real, root.imag]
 
 
 def AnalyzeModel(
@@ -224,7 +224,7 @@ def AnalyzeModel(
     loop, hidden = minimal_realization(cut)
     # A root slower than the motion, or 0 to rounding, cannot be distinguished from 0.
     fastest = float(np.abs(np.linalg.eigvals(cut.A)).max(initial=0.0))
-    motion_rate = model.motion.rate if model.motion else 0.0
+    motion_rate = model.motion.Rate(cut) if model.motion else 0.0
     unresolved = max(motion_rate, _NEUTRAL * fastest)
     is_neutral = np.abs(hidden) < unresolved
     hidden_modes = rightmost(hidden[~is_neutral])
@@ -291,7 +291,8 @@ def _IsResolved(motion: Motion, crossing: Crossing, unresolved: float) -> bool:
         return True
     # Newton's steps from s to the roots of the loops on both sides of the point.
     behind, ahead = (
-        loop.fed_back(crossing.delay).newton_step(s) for loop in motion.loops
+        loop.fed_back(crossing.delay).newton_step(s)
+        for loop in (motion.behind, motion.ahead)
     )
     speed = abs(ahead - behind) / motion.time
     duration = 1 / abs(s) + crossing.delay

@@ -17,11 +17,10 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.analysis.cut_diagram import Cut, CutDiagram, States, TimesOf
+from teleop_drake.analysis.cut_diagram import CutDiagram, States, TimesOf
 from teleop_drake.analysis.port_model import PortModel
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.engine.flatten import Block
-from teleop_drake.kernel import KernelIn
 from teleop_drake.kernel.linear_part import LinearPartOf
 from teleop_drake.validation import Refuse
 
@@ -76,7 +75,11 @@ def LinearizePorts(
         if port.get_system() not in contexts:
             Refuse("port", _PathOf(port), "one in the diagram")
     held = _Held(blocks, contexts)
-    delays = _CutDelays(function)
+    delays = [
+        function.CutAtDelay(block.system)
+        for block in blocks
+        if LinearPartOf(block.system).delay
+    ]
     if is_settled:
         # A value passes one more delay each time.
         for cut in delays * len(delays):
@@ -97,7 +100,7 @@ def LinearizePorts(
     late = [cut.entering for cut in delays if cut.entering is not None]
     function.Choose(states, [entry, *delays], [*entering, seen, *late])
     _, slopes = function.Evaluate(_STEP)
-    if function.Bends(_STEP, slopes):
+    if function.Bends(slopes):
         allowed = "where every law has one slope; one bends here, as at a surface"
         Refuse("context", f"at {context.get_time():g} s", allowed)
     n = sum(x.size for x in states)
@@ -105,10 +108,8 @@ def LinearizePorts(
     # A deviation that is added closes the loop through a copy of its columns.
     slopes = np.hstack([slopes[:, : n + added], slopes[:, n:]])
     model = PortModel(
-        A=slopes[:n, :n],
-        B=slopes[:n, n:],
-        C=slopes[n:, :n],
-        D=slopes[n:, n:],
+        matrix=slopes,
+        num_states=n,
         delays=TimesOf(delays),
         by_differences=function.by_differences,
         held=held,
@@ -153,18 +154,6 @@ def _CopyContext(diagram: Diagram, context: Context) -> Context:
         if not port.HasValue(own):
             port.FixValue(own, np.zeros(port.size()))
     return own
-
-
-def _CutDelays(function: CutDiagram) -> list[Cut]:
-    """Returns the cuts at all delays, with the times of their Contexts."""
-    cuts = []
-    for block in function.blocks:
-        system = block.system
-        if LinearPartOf(system).delay:
-            (delay,) = KernelIn(system, function.contexts[system]).delays
-            assert not callable(delay.time)
-            cuts.append(function.CutAtDelay(system, delay.time))
-    return cuts
 
 
 def _PathOf(port: InputPort | OutputPort) -> str:

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram
 
-from teleop_drake.analysis.loop import FindHeldForce, Linearizer
+from teleop_drake.analysis.loop import Linearizer
 from teleop_drake.analysis.loop_model import LoopModel
 from teleop_drake.analysis.operating_point import (
+    IsBehindContact,
     OperatingPoint,
     OperatingPoints,
     PointOfRest,
@@ -26,7 +27,7 @@ from teleop_drake.analysis.point_stability import (
     AnalyzeModel,
     PointStability,
 )
-from teleop_drake.blocks.environments import CONTACT, FindSurface, SurfacesOf
+from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.numerics.delay_margin import is_delay_robust
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.validation import CheckNumber, ScenarioError
@@ -57,16 +58,13 @@ class StabilityAnalysis:
     points: list[PointStability]
     notes: list[str]
 
-    def __getitem__(self, name: str) -> PointStability:
-        """Returns the stability at the operating point of a name.
+    def __getitem__(self, label: str) -> PointStability:
+        """Returns the loop of a label: the name of its operating point, or see there.
 
         Raises:
-            KeyError: If there is no operating point of that name.
+            KeyError: If there is no loop of that label.
         """
-        for point in self.points:
-            if point.model.point.name == name:
-                return point
-        raise KeyError(name)
+        return {loop.label: loop for loop in self.Loops()}[label]
 
     def Loops(self) -> list[PointStability]:
         """Returns the loops of all operating points, including those of held forces."""
@@ -163,19 +161,17 @@ def _WithForceMode(
 ) -> PointStability:
     """Adds the loop after contact at an operating point, if the operator changes it."""
     point = velocity_mode.model.point
-    diagram = linearizer.diagram
-    environment = diagram.GetSubsystemByName("environment")
-    contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
-    is_behind = contact is not None and contact.Depth(point.position) > 0
+    environment = linearizer.diagram.GetSubsystemByName("environment")
+    is_behind = IsBehindContact(SurfacesOf(environment) or (), point.position)
     if not is_behind or point.holds_force:
         return velocity_mode
-    found = FindHeldForce(diagram.GetSubsystemByName("master"))
+    held = linearizer.held_force
     try:
-        if found is None:
+        if held is None:
             if scenario.surgeon.contact_force is None:
                 return velocity_mode
             raise ScenarioError(f"{scenario.surgeon.kind} does not tell it")
-        rest = PointOfRest(point, environment, found[1].force)
+        rest = PointOfRest(point, environment, held.force)
         if rest is None:
             raise ScenarioError("the tool does not rest under it")
         model = linearizer.Loop(rest)

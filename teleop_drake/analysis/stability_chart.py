@@ -42,11 +42,12 @@ class StabilityChart:
         Args:
             with_force_mode: Whether to include loops in which a force is held.
         """
-        names: dict[str, None] = {}
-        for analysis in self.analyses:
-            loops = analysis.Loops() if with_force_mode else analysis.points
-            names |= dict.fromkeys(loop.label for loop in loops)
-        return list(names)
+        labels = [
+            loop.label
+            for analysis in self.analyses
+            for loop in (analysis.Loops() if with_force_mode else analysis.points)
+        ]
+        return list(dict.fromkeys(labels))
 
     def StableDelays(self, name: str) -> list[list[tuple[float, float]] | None]:
         """Returns the stable intervals in s at each value; None: no such loop.
@@ -55,11 +56,10 @@ class StabilityChart:
             name: The label of a loop, which is the name of its operating point if no
                 force is held.
         """
-        result: list[list[tuple[float, float]] | None] = []
-        for analysis in self.analyses:
-            found = [loop for loop in analysis.Loops() if loop.label == name]
-            result.append(found[0].stable_delays if found else None)
-        return result
+        return [
+            next((x.stable_delays for x in analysis.Loops() if x.label == name), None)
+            for analysis in self.analyses
+        ]
 
     def ToRecord(self) -> dict[str, Any]:
         """Returns the JSON object of `teleop-drake analyze --vary`."""

@@ -94,6 +94,13 @@ class Transparency:
     llewellyn: Array
     idle_passivity: bool
 
+    @property
+    def is_absolutely_stable(self) -> bool | None:
+        """Whether it is; None: a model without passivity controllers tells nothing."""
+        if self.idle_passivity:
+            return None
+        return bool(self.llewellyn.min() >= 1 - _ROUNDING)
+
     def ToRecord(self) -> dict[str, Any]:
         """Returns as JSON where each axis is farthest from absolute stability."""
         least = self.llewellyn.argmin(axis=0)
@@ -103,10 +110,7 @@ class Transparency:
             # JSON has no infinity. Null: one port alone generates energy.
             "least_llewellyn": [x if np.isfinite(x) else None for x in eta.tolist()],
             "at_frequency": self.frequencies[least].tolist(),
-            # The model without passivity controllers cannot decide this.
-            "absolutely_stable": (
-                None if self.idle_passivity else bool(eta.min() >= 1 - _ROUNDING)
-            ),
+            "absolutely_stable": self.is_absolutely_stable,
         }
 
 
@@ -142,7 +146,6 @@ def AnalyzeTransparency(
     point = replace(
         point,
         velocity=0 * point.velocity,
-        forward_packet=None,
         holds_force=False,
     )
     w = np.asarray(frequencies, dtype=float).reshape(-1)

@@ -57,7 +57,7 @@ from teleop_drake.arrays import Array
 from teleop_drake.laws.gains import LawGains, min_eigenvalue
 from teleop_drake.laws.gaussian_network import Lattice, gaussian_functions
 from teleop_drake.laws.task_space import position_rate
-from teleop_drake.numerics.jacobi import singular_values, symmetric_eigen
+from teleop_drake.numerics.jacobi import singular_values
 from teleop_drake.validation import CheckGain, CheckNumber, Refuse
 
 
@@ -225,8 +225,10 @@ def project(Psi: Array, update: Array, Psi_min: float) -> Array:
         return update.copy()
     # All else is 0: machine code has matrices of one size.
     R = (U.T @ update @ Vt.T) * np.outer(at_limit, at_limit)
-    eigenvalues, vectors = symmetric_eigen((R + R.T) / 2)
-    S_minus = (vectors * np.minimum(eigenvalues, 0.0)) @ vectors.T
+    S = (R + R.T) / 2
+    # The square root of S^2 has the eigenvectors of S, and their eigenvalues' sizes.
+    _, sizes, Wt = singular_values(S)
+    S_minus = (S - (Wt.T * sizes) @ Wt) / 2
     return update - U @ S_minus @ Vt
 
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.arrays import Array
 from teleop_drake.link.half import Driver, Half, Turn
 from teleop_drake.link.measurements import Measurements, Tick, TickLog
 from teleop_drake.link.packets import (

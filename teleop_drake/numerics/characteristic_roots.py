@@ -124,16 +124,12 @@ def _collocation_roots(loop: StateSpace, num_points: int) -> ComplexArray:
     derivative = _differentiation_matrix(num_points)[1:]
     # Each signal has a scale of its own.
     per_second = np.diag(2 / np.array(loop.delays))
-    size = n + num_points * m
-    last = slice(size - m, size)
-    generator = np.zeros((size, size))
-    generator[:n, :n] = loop.A
-    generator[:n, last] = loop.B
-    generator[n:, n:] = np.kron(derivative[:, 1:], per_second)
     # U_0 = C x + D U_N.
-    boundary = np.kron(derivative[:, :1], per_second)
-    generator[n:, :n] += boundary @ loop.C
-    generator[n:, last] += boundary @ loop.D
+    by_boundary = np.kron(derivative[:, :1], per_second)
+    by_inside = np.kron(derivative[:, 1:], per_second)
+    by_inside[:, -m:] += by_boundary @ loop.D
+    between = np.zeros((n, (num_points - 1) * m))
+    generator = np.block([[loop.A, between, loop.B], [by_boundary @ loop.C, by_inside]])
     return np.linalg.eigvals(generator).astype(complex)
 
 

@@ -5,13 +5,14 @@ cut open; see delay_margin. The frequency is swept, densely around each pole, an
 crossing is located to the last digit.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.numerics.bisection import halve
+from teleop_drake.numerics.bisection import bisect
 from teleop_drake.numerics.state_space import StateSpace
 
 AXIS_TOLERANCE = 1e-8
@@ -99,13 +100,11 @@ def sweep_frequencies(loop: StateSpace, more_poles: ArrayLike = ()) -> Array:
     near = poles[poles.imag > low]
     widths = np.maximum(np.abs(near.real), 1e-9 * np.abs(near))
     offsets = np.geomspace(widths / 8, np.abs(near), _NUM_POLE_POINTS)
-    around = [*(near.imag + offsets), *(near.imag - offsets)]
+    around = np.concatenate([near.imag + offsets, near.imag - offsets]).ravel()
     even = np.geomspace(low, high, _NUM_SWEEP_POINTS)
     # np.unique() imports all of numpy.ma.
-    result = np.sort(np.concatenate([even, *around]))
-    is_new = np.diff(result, prepend=-np.inf) > 0
-    is_inside = (result >= low) & (result <= high)
-    return result[is_new & is_inside]
+    result = np.array(sorted({*even.tolist(), *around.tolist()}))
+    return result[(result >= low) & (result <= high)]
 
 
 def _highest_frequency(loop: StateSpace) -> float:
@@ -131,34 +130,46 @@ def crossings_between(loop: StateSpace, grid: Array) -> list[Crossing]:
         # A neutral root is where |l| tends to 1 for w to 0: no crossing.
         sure = np.flatnonzero(np.abs(gains[:, locus]) > _MAGNITUDE_TOLERANCE)
         is_above = gains[sure, locus] > 0
-        for k in np.flatnonzero(np.diff(is_above)):
-            low, high = w[sure[k : k + 2]].tolist()
-            frequency = _find_crossing(loop, locus, low, high)
+        k = np.flatnonzero(np.diff(is_above))
+        found = locate(
+            loop, locus, lambda values: np.abs(values) > 1, w[sure[k]], w[sure[k + 1]]
+        )
+        for falls, frequency, value in zip(is_above[k], *found, strict=True):
             crossing = Crossing(
-                frequency=frequency,
-                delay=_phase_to_cross(loop, locus, frequency) / frequency,
-                direction=1 if is_above[k] else -1,
+                frequency=float(frequency),
+                delay=_phase_to_cross(value) / float(frequency),
+                direction=1 if falls else -1,
             )
             crossings.append(crossing)
     return crossings
 
 
-def _find_crossing(loop: StateSpace, locus: int, low: float, high: float) -> float:
-    """Returns where |l| passes 1 between two frequencies, in rad/s, to the last digit.
+def locate(
+    loop: StateSpace,
+    locus: int,
+    condition: Callable[[ComplexArray], NDArray[np.bool_]],
+    low: Array,
+    high: Array,
+) -> tuple[Array, ComplexArray]:
+    """Returns frequencies (k) at which a condition changes, and the eigenvalues there.
 
-    It is on different sides of 1 at the two.
+    Args:
+        locus: Which of the eigenvalues it is about, by descending magnitude.
+        condition: Of eigenvalues; it differs at the two ends of each interval.
+        low: Lower ends of the intervals in rad/s (k).
+        high: Upper ends (k).
     """
 
-    def is_above(frequency: float) -> bool:
-        return bool(_gains(loop, np.array([frequency]))[0, locus] > 0)
+    def values_at(frequencies: Array) -> ComplexArray:
+        return eigenloci(loop, frequencies)[:, locus].reshape(frequencies.shape)
 
-    starts_above = is_above(low)
-    return halve(lambda frequency: is_above(frequency) == starts_above, low, high)[1]
+    at_low = condition(values_at(low))
+    found = bisect(lambda w: condition(values_at(w)) == at_low, low, high)
+    return found, values_at(found)
 
 
-def _phase_to_cross(loop: StateSpace, locus: int, frequency: float) -> float:
-    """Returns the phase in rad, 0 to 2 pi, by which a delay turns l(j w) to -1."""
-    value = complex(eigenloci(loop, np.array([frequency]))[0, locus])
+def _phase_to_cross(value: complex) -> float:
+    """Returns the phase in rad, 0 to 2 pi, by which a delay turns a value to -1."""
     phase = float(np.angle(value) + np.pi) % (2 * np.pi)
     # Rounding must not make a whole turn of none.
     is_whole_turn = phase > 2 * np.pi * (1 - AXIS_TOLERANCE)

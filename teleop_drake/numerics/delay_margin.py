@@ -79,10 +79,9 @@ def find_crossings(loop: StateSpace) -> list[Crossing]:
 
 def neutral_root_count(loop: StateSpace) -> int:
     """Returns the number of roots at s = 0, the same for every delay."""
-    if loop.num_states == 0:
-        return 0
-    sizes = np.linalg.svd(closed_loop_matrix(loop), compute_uv=False)
-    return int(np.sum(sizes <= AXIS_TOLERANCE * np.linalg.norm(loop.A)))
+    tolerance = AXIS_TOLERANCE * float(np.linalg.norm(loop.A))
+    rank = np.linalg.matrix_rank(closed_loop_matrix(loop), tol=tolerance)
+    return loop.num_states - int(rank)
 
 
 def is_delay_robust(loop: StateSpace) -> bool:
@@ -95,9 +94,8 @@ def is_delay_robust(loop: StateSpace) -> bool:
     Source: D. Henry, "Linear autonomous neutral functional differential equations",
     J. Differ. Equ. 15 (1974).
     """
-    if not loop.D.size:
-        return True
-    return bool(np.max(np.abs(np.linalg.eigvals(loop.D))) < 1 - AXIS_TOLERANCE)
+    radius = np.abs(np.linalg.eigvals(loop.D)).max(initial=0.0)
+    return bool(radius < 1 - AXIS_TOLERANCE)
 
 
 def unstable_roots(
@@ -193,12 +191,10 @@ def delay_margin(
         crossings: Those of find_crossings(loop) that count.
         slow: Below which size in 1/s a root is not told from one at 0.
     """
-    outward = [crossing for crossing in crossings if crossing.direction > 0]
-    if not outward:
+    if not is_delay_robust(loop) or unstable_roots(loop, 0.0, crossings, slow)[1][-1]:
         return None
-    first = min(outward, key=lambda crossing: crossing.delay)
-    intervals = stable_delays(loop, first.delay, crossings, slow)
-    return first if intervals == [(0.0, first.delay)] else None
+    outward = [crossing for crossing in crossings if crossing.direction > 0]
+    return min(outward, key=lambda crossing: crossing.delay, default=None)
 
 
 def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
@@ -220,27 +216,19 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
     polynomial = np.polyfit(nodes, [taylor(unit * x)[0] for x in nodes], order)
     sizes = np.abs(polynomial)
     polynomial[sizes < _NEGLIGIBLE_COEFFICIENT * sizes.max()] = 0.0
-    slope_by_delay = np.polyder(polynomial)
+    roots = np.roots(polynomial)
+    is_real = np.abs(roots.imag) <= _NEGLIGIBLE_IMAGINARY * np.abs(roots)
+    times = roots.real[is_real & (roots.real >= 0)]
+    is_at_once = times < AXIS_TOLERANCE
+    numbers = {unit * float(time): 1 for time in times[~is_at_once]}
+    numbers[0.0] = int(is_at_once.sum())
     passages = []
-    num_without_delay = 0
-    for root in np.roots(polynomial):
-        is_real = abs(root.imag) <= _NEGLIGIBLE_IMAGINARY * abs(root)
-        if not is_real or root.real < 0:
-            continue
-        if root.real < AXIS_TOLERANCE:
-            num_without_delay += 1
-            continue
-        delay = unit * float(root.real)
-        # Near 0, g = g_s s + g_T (T - delay): the root moves at -g_T/g_s.
-        g_T = float(np.polyval(slope_by_delay, root.real))
-        g_s = taylor(delay)[1]
-        direction = -1 if g_T * g_s > 0 else 1
-        passages.append(Crossing(frequency=0.0, delay=delay, direction=direction))
-    # The others leave 0 as the delay does. A small delay shows their side.
-    ascending = taylor(0.01 * unit)[: num_without_delay + 1]
-    for s in np.roots(ascending[::-1]):
-        direction = 1 if s.real > 0 else -1
-        passages.append(Crossing(frequency=0.0, delay=0.0, direction=direction))
+    for delay, number in numbers.items():
+        # Shortly after, the roots that pass show their side.
+        ascending = taylor(delay + 0.01 * unit)[: number + 1]
+        for s in np.roots(ascending[::-1]):
+            direction = 1 if s.real > 0 else -1
+            passages.append(Crossing(frequency=0.0, delay=delay, direction=direction))
     return passages
 
 
@@ -259,7 +247,6 @@ def _reduced_taylor(loop: StateSpace, order: int, radius: float, delay: float) -
     """
     turns = np.arange(_NUM_CIRCLE_POINTS) / _NUM_CIRCLE_POINTS
     s = min(radius, _LARGEST_TURN / max(delay, 1e-9)) * np.exp(2j * np.pi * turns)
-    matrix, _ = loop.fed_back(delay).characteristic_matrix(s)
-    g = np.linalg.det(matrix) / s**order
+    g = np.linalg.det(loop.fed_back(delay).characteristic_matrix(s)) / s**order
     powers = s ** np.arange(order + 1)[:, np.newaxis]
     return (g / powers).mean(axis=1).real

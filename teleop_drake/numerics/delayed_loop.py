@@ -20,12 +20,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.numerics.bisection import halve
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.crossings import (
     Crossing,
     crossings_between,
     eigenloci,
+    locate,
     sweep_frequencies,
 )
 from teleop_drake.numerics.state_space import StateSpace
@@ -80,7 +80,11 @@ def margins_of(system: StateSpace) -> Margins:
     gains_at_once = np.linalg.eigvals(np.abs(system.D))
     if np.abs(gains_at_once).max(initial=0.0) >= 1:
         return Margins(is_stable=False)
-    if _has_unstable_root(system.closed(np.arange(system.num_open[0]))):
+    closed = system.closed(np.arange(system.num_open[0]))
+    slow = _NEUTRAL * float(np.linalg.norm(closed.A))
+    # The rightmost roots are the first to be right of the axis.
+    roots = characteristic_roots(closed, count=2)
+    if np.any((np.abs(roots) > slow) & (roots.real > slow)):
         return Margins(is_stable=False)
     # With the sign that delay_margin takes: det(I + L(s) e^(-s T)) = 0.
     loop = -system
@@ -101,27 +105,17 @@ def margins_of(system: StateSpace) -> Margins:
     )
 
 
-def _has_unstable_root(closed: StateSpace) -> bool:
-    """Returns whether a closed loop has a root right of the imaginary axis."""
-    # The rightmost roots are the first to be right of the axis.
-    roots = characteristic_roots(closed, count=2)
-    slow = _NEUTRAL * float(np.linalg.norm(closed.A))
-    return bool(np.any((np.abs(roots) > slow) & (roots.real > slow)))
-
-
 def _sweep(loop: StateSpace) -> Array:
     """Returns ascending frequencies in rad/s that show all that L(j w) does."""
-    num_open = loop.num_open[0]
-    grid = sweep_frequencies(loop)
+    # Loops of the delays alone have modes of their own.
+    rest = np.arange(loop.num_open[0], len(loop.D))
+    inner = loop.part(np.arange(loop.num_states), rest, rest)
+    modes = characteristic_roots(replace(inner, delays=loop.delays))
+    grid = sweep_frequencies(loop, modes)
     sizes = np.abs(loop.opened.frequency_response(grid))
-    # Where loops of the delays alone are left, they have modes of their own.
-    if _largest_gain(sizes[:, num_open:, num_open:]).max() > _LEAST_GAIN:
-        rest = np.arange(num_open, len(loop.D))
-        inner = loop.part(np.arange(loop.num_states), rest, rest)
-        modes = characteristic_roots(replace(inner, delays=loop.delays))
-        grid = sweep_frequencies(loop, modes)
-        sizes = np.abs(loop.opened.frequency_response(grid))
-    is_heard = _largest_gain(sizes) > _LEAST_GAIN
+    # What no delays let go around any loop of the signals with more.
+    largest = np.abs(np.linalg.eigvals(sizes)).max(axis=1, initial=0.0)
+    is_heard = largest > _LEAST_GAIN
     grid = grid[: np.flatnonzero(is_heard).max(initial=0) + 2]
     turns = grid[-1] * sum(loop.delays) / (2 * math.pi)
     num_points = min(math.ceil(_POINTS_PER_TURN * turns), _MAX_POINTS)
@@ -142,49 +136,19 @@ def _gains_between(system: StateSpace, grid: Array) -> tuple[float, float]:
     is_finite = np.abs(at_zero - slow) < _NEARLY * np.abs(slow)
     values = at_zero[is_real & is_finite].real
     # A neutral root stays where it is only with the gain 1.
-    values = values[np.abs(values - 1) > _REAL].tolist()
+    values = values[np.abs(values - 1) > _REAL]
     loci = eigenloci(system, grid)
     # Smaller ones are the rounding errors of 0.
     is_right = loci.real > _REAL * np.abs(loci[:, :1])
-    changes = np.signbit(loci.imag[:-1]) != np.signbit(loci.imag[1:])
-    found = np.argwhere(is_right[:-1] & is_right[1:] & changes)
-    # The nearest to 1 are enough, of the larger ones and of the smaller ones.
-    nearest = sorted(found.tolist(), key=lambda at: abs(math.log(loci[*at].real)))
-    for is_larger in (True, False):
-        for k, locus in nearest:
-            if (loci[k, locus].real > 1) != is_larger:
-                continue
-            value = _real_value(system, locus, grid[k], grid[k + 1])
-            if value > 0:
-                values.append(value)
-                break
-    gains = [1 / value for value in values]
-    below = [gain for gain in gains if gain < 1]
-    above = [gain for gain in gains if gain > 1]
-    return max(below, default=0.0), min(above, default=math.inf)
-
-
-def _real_value(system: StateSpace, locus: int, low: float, high: float) -> float:
-    """Returns the real eigenvalue between two frequencies; 0: there is none.
-
-    Where two eigenvalues of the same size change places, neither is real.
-    """
-
-    def value_at(frequency: float) -> complex:
-        return complex(eigenloci(system, np.array([frequency]))[0, locus])
-
-    is_below = np.signbit(value_at(low).imag)
-    _, high = halve(
-        lambda frequency: np.signbit(value_at(frequency).imag) == is_below, low, high
-    )
-    value = value_at(high)
-    return value.real if abs(value.imag) < _REAL * abs(value) else 0.0
-
-
-def _largest_gain(sizes: Array) -> Array:
-    """Returns what no delays let go around any loop of the signals with more than (K).
-
-    Args:
-        sizes: Magnitudes of the responses between the signals (K, n, n).
-    """
-    return np.abs(np.linalg.eigvals(sizes)).max(axis=1, initial=0.0)
+    has_changed = np.diff(np.signbit(loci.imag), axis=0) & is_right[:-1] & is_right[1:]
+    for locus in range(loci.shape[1]):
+        k = np.flatnonzero(has_changed[:, locus])
+        _, found = locate(
+            system, locus, lambda p: np.signbit(p.imag), grid[k], grid[k + 1]
+        )
+        # Where two eigenvalues of the same size change places, neither is real.
+        is_real = np.abs(found.imag) < _REAL * np.abs(found)
+        values = np.append(values, found[is_real & (found.real > 0)].real)
+    gains = 1 / values
+    below = gains[gains < 1].max(initial=0.0)
+    return float(below), float(gains[gains > 1].min(initial=math.inf))

@@ -1,7 +1,7 @@
-"""Eigenvalues and singular values of small matrices, by rotations of two axes (Jacobi).
+"""Singular values of small matrices, by rotations of two axes (Jacobi).
 
-Unlike LAPACK's, these functions are a fixed sequence of operations. In machine code
-they return the same vectors with the same signs as in Python.
+Unlike LAPACK's, the function is a fixed sequence of operations. In machine code it
+returns the same vectors with the same signs as in Python.
 """
 
 from typing import Any
@@ -18,23 +18,6 @@ _EPSILON = float(np.finfo(float).eps)
 
 # As a share of the difference on the diagonal. Its square is no infinite number.
 _NEGLIGIBLE = 1e-150
-
-
-def symmetric_eigen(matrix: Array) -> tuple[Array, Array]:
-    """Returns eigenvalues (n) and eigenvectors (n, n) of a symmetric matrix.
-
-    They are in no order.
-
-    Args:
-        matrix: (n, n). Column i of the eigenvectors belongs to eigenvalue i.
-    """
-    A = matrix.copy()
-    V = np.eye(len(A))
-    for i, j in _pairs(len(A)):
-        cosine, sine = _rotation(A[i, j], A[j, j] - A[i, i])
-        for M in (A, A.T, V):
-            _rotate(M, i, j, cosine, sine)
-    return np.diag(A), V
 
 
 def singular_values(matrix: Array) -> tuple[Array, Array, Array]:

@@ -24,45 +24,49 @@ _TOLERANCE = 1e-7
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StateSpace:
-    """A linear system (1). Its matrices are copied and made read-only.
+    """A linear system (1). Its matrix is copied and made read-only.
 
     Attributes:
-        A: (n, n).
-        B: (n, m), m inputs.
-        C: (p, n), p outputs.
-        D: (p, m).
+        matrix: [A, B; C, D] (n + p, n + m), of p outputs and m inputs.
+        num_states: Number n of states.
         delays: T_i >= 0 in s (k).
 
     Raises:
-        ValueError: If the sizes do not match, an entry is not finite or a delay is
-            negative.
+        ValueError: If an entry is not finite or a delay is negative.
     """
 
-    A: Array
-    B: Array
-    C: Array
-    D: Array
+    matrix: Array
+    num_states: int
     delays: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("A", "B", "C", "D"):
-            matrix = np.array(getattr(self, name), dtype=float)
-            if matrix.ndim != 2 or not np.isfinite(matrix).all():
-                Refuse(name, matrix, "a finite matrix")
-            matrix.setflags(write=False)
-            object.__setattr__(self, name, matrix)
-        n = len(self.A)
-        p, m = self.D.shape
-        for name, shape in (("A", (n, n)), ("B", (n, m)), ("C", (p, n))):
-            if getattr(self, name).shape != shape:
-                Refuse(f"shape of {name}", getattr(self, name).shape, str(shape))
+        matrix = np.array(self.matrix, dtype=float)
+        if matrix.ndim != 2 or not np.isfinite(matrix).all():
+            Refuse("matrix", matrix, "a finite matrix")
+        matrix.setflags(write=False)
+        object.__setattr__(self, "matrix", matrix)
         for delay in self.delays:
             CheckNumber("delay", delay, "s", minimum=0)
 
     @property
-    def num_states(self) -> int:
-        """Number n of states."""
-        return len(self.A)
+    def A(self) -> Array:
+        """(n, n)."""
+        return self.matrix[: self.num_states, : self.num_states]
+
+    @property
+    def B(self) -> Array:
+        """(n, m)."""
+        return self.matrix[: self.num_states, self.num_states :]
+
+    @property
+    def C(self) -> Array:
+        """(p, n)."""
+        return self.matrix[self.num_states :, : self.num_states]
+
+    @property
+    def D(self) -> Array:
+        """(p, m)."""
+        return self.matrix[self.num_states :, self.num_states :]
 
     @property
     def num_open(self) -> tuple[int, int]:
@@ -78,9 +82,9 @@ class StateSpace:
 
     def __neg__(self) -> Self:
         """Returns the system with the transfer function -G(s)."""
-        sign = np.ones((len(self.D), 1))
-        sign[: self.num_open[0]] = -1
-        return replace(self, C=sign * self.C, D=sign * self.D)
+        matrix = self.matrix.copy()
+        matrix[self.num_states :][: self.num_open[0]] *= -1
+        return replace(self, matrix=matrix)
 
     def fed_back(self, delay: float) -> Self:
         """Returns the loop that u(t) = -y(t - T) closes, with the same T in s for all.
@@ -95,39 +99,39 @@ class StateSpace:
         Args:
             frequencies: w in rad/s (K), none of them an undamped mode.
         """
-        w = np.asarray(frequencies, dtype=float).reshape(-1)
-        # (K, n, n), a matrix for each frequency.
-        s = 1j * w[:, np.newaxis, np.newaxis]
-        resolvent = s * np.eye(self.num_states) - self.A
-        G = self.C @ np.linalg.solve(resolvent, self.B[np.newaxis]) + self.D
-        if not self.delays:
-            return G.astype(complex)
-        p, m = self.num_open
-        # d = shift (G_eu u + G_ed d): what the delays deliver, (K, k, m) by u.
-        T = np.array(self.delays)[:, np.newaxis]
-        shift = np.exp(-s * T)
-        around = np.eye(len(T)) - shift * G[:, p:, m:]
-        delivered = np.linalg.solve(around, shift * G[:, p:, :m])
-        return (G[:, :p, :m] + G[:, :p, m:] @ delivered).astype(complex)
+        s = 1j * np.asarray(frequencies, dtype=float).reshape(-1)
+        y, u = (self.num_states + np.arange(count) for count in self.num_open)
+        # M(s) z = by_u u, with z of the states and of what goes into the delays.
+        by_u = np.delete(self.matrix[:, u], y, axis=0)
+        z = np.linalg.solve(self.characteristic_matrix(s), by_u[np.newaxis])
+        seen = np.delete(self.matrix[y], u, axis=1) * self._lags(s)
+        return (seen @ z + self.matrix[np.ix_(y, u)]).astype(complex)
 
-    def characteristic_matrix(self, s: ArrayLike) -> tuple[ComplexArray, ComplexArray]:
-        """Returns M(s) and dM/ds (..., n + k, n + k) of a system without open signals.
+    def characteristic_matrix(self, s: ArrayLike) -> ComplexArray:
+        """Returns M(s) (..., n + k, n + k), of the states and the delayed signals.
 
             M(s) = [s I - A, -B e^(-s T); -C, I - D e^(-s T)]
 
-        with the diagonal matrix e^(-s T). Where det M(s) = 0, s is a root.
+        with the diagonal matrix e^(-s T). Where det M(s) = 0, s is a root of the system
+        whose open signals are 0.
 
         Args:
             s: In 1/s (...,).
         """
-        is_state = np.repeat([1.0, 0.0], [self.num_states, len(self.delays)])
-        times = np.concatenate([np.zeros(self.num_states), self.delays])
-        matrix = np.block([[self.A, self.B], [self.C, self.D]])
-        at = np.asarray(s)[..., np.newaxis, np.newaxis]
-        arriving = matrix * np.exp(-at * times)
-        by_s = np.diag(is_state)
-        at_once = np.diag(1 - is_state)
-        return at * by_s + at_once - arriving, by_s + times * arriving
+        y, u = (self.num_states + np.arange(count) for count in self.num_open)
+        closed = np.delete(np.delete(self.matrix, y, axis=0), u, axis=1)
+        is_state = np.arange(len(closed)) < self.num_states
+        diagonal = np.where(is_state, np.asarray(s)[..., np.newaxis], 1.0)
+        at = diagonal[..., np.newaxis] * np.eye(len(closed))
+        return (at - closed * self._lags(s)).astype(complex)
+
+    def _times(self) -> Array:
+        """Returns how late states, by 0, and delayed signals act, in s (n + k)."""
+        return np.concatenate([np.zeros(self.num_states), self.delays])
+
+    def _lags(self, s: ArrayLike) -> ComplexArray:
+        """Returns e^(-s T) for each of these (..., 1, n + k)."""
+        return np.exp(-np.asarray(s)[..., np.newaxis, np.newaxis] * self._times())
 
     def newton_step(self, s: complex) -> complex:
         """Returns the step from s of Newton's method to a root, in 1/s.
@@ -135,9 +139,13 @@ class StateSpace:
         It is 0 exactly on a root, and infinite where it leads nowhere.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            matrix, slope = self.characteristic_matrix(s)
+            matrix = self.characteristic_matrix(s)
         if not np.isfinite(matrix).all():
             return complex(np.inf)
+        times = self._times()
+        is_state = np.diag(np.arange(len(times)) < self.num_states)
+        # dM/ds: the delayed signals have the columns of I - M, times T.
+        slope = is_state + times * (np.eye(len(times)) - matrix)
         try:
             # (det M)'/det M.
             trace = np.trace(np.linalg.solve(matrix, slope))
@@ -156,14 +164,10 @@ class StateSpace:
             states: Their indices, as those of the others.
         """
         x = np.asarray(states, dtype=int)
-        u = np.asarray(inputs, dtype=int)
-        y = np.asarray(outputs, dtype=int)
-        return StateSpace(
-            A=self.A[np.ix_(x, x)],
-            B=self.B[np.ix_(x, u)],
-            C=self.C[np.ix_(y, x)],
-            D=self.D[np.ix_(y, u)],
-        )
+        rows = np.append(x, self.num_states + np.asarray(outputs, dtype=int))
+        columns = np.append(x, self.num_states + np.asarray(inputs, dtype=int))
+        matrix = self.matrix[np.ix_(rows, columns)]
+        return StateSpace(matrix=matrix, num_states=len(x))
 
     def closed(self, signals: ArrayLike) -> Self:
         """Returns the system with some open outputs fed to the inputs of their indices.
@@ -173,25 +177,34 @@ class StateSpace:
         Raises:
             ValueError: If the loop is not well posed.
         """
-        i = np.asarray(signals, dtype=int)
-        inputs = np.delete(np.arange(self.D.shape[1]), i)
-        outputs = np.delete(np.arange(len(self.D)), i)
-        # The closed signals z = C_i x + D_iu u + D_ii z, solved for z.
-        around = np.eye(len(i)) - self.D[np.ix_(i, i)]
-        if len(i) and np.linalg.cond(around) > 1e12:
-            Refuse("D", self.D, "such that I - D of the closed signals is not singular")
-        loop = np.linalg.inv(around)
-        z_by_x = loop @ self.C[i]
-        z_by_u = loop @ self.D[np.ix_(i, inputs)]
-        B_z = self.B[:, i]
-        D_z = self.D[np.ix_(outputs, i)]
-        return replace(
-            self,
-            A=self.A + B_z @ z_by_x,
-            B=self.B[:, inputs] + B_z @ z_by_u,
-            C=self.C[outputs] + D_z @ z_by_x,
-            D=self.D[np.ix_(outputs, inputs)] + D_z @ z_by_u,
-        )
+        i = self.num_states + np.asarray(signals, dtype=int)
+        matrix = fed_back(self.matrix, i)
+        return replace(self, matrix=np.delete(np.delete(matrix, i, axis=0), i, axis=1))
+
+
+def fed_back(matrix: Array, signals: ArrayLike) -> Array:
+    """Returns a matrix of slopes after some of its rows are fed to its columns.
+
+    Args:
+        matrix: Slopes of what comes out by what goes in.
+        signals: The indices of the rows, which are those of the columns.
+
+    Raises:
+        ValueError: If the loop is not well posed.
+    """
+    i = np.asarray(signals, dtype=int)
+    around = np.eye(len(i)) - matrix[np.ix_(i, i)]
+    if len(i) and np.linalg.cond(around) > 1e12:
+        allowed = "such that I - D of the closed signals is not singular"
+        Refuse("D", matrix[np.ix_(i, i)], allowed)
+    return matrix + matrix[:, i] @ np.linalg.solve(around, matrix[i])
+
+
+def state_space(A: ArrayLike, B: ArrayLike, C: ArrayLike, D: ArrayLike) -> StateSpace:
+    """Returns the system of four matrices, all its signals open."""
+    blocks = [np.asarray(x, dtype=float) for x in (A, B, C, D)]
+    matrix = np.block([blocks[:2], blocks[2:]])
+    return StateSpace(matrix=matrix, num_states=len(blocks[0]))
 
 
 def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
@@ -223,11 +236,8 @@ def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
 
 def _in_coordinates(system: StateSpace, basis: Array, inverse: Array) -> StateSpace:
     """Returns the system of the states z, with x = basis z and z = inverse x."""
-    return replace(
-        system,
-        A=inverse @ system.A @ basis,
-        B=inverse @ system.B,
-        C=system.C @ basis,
+    return state_space(
+        inverse @ system.A @ basis, inverse @ system.B, system.C @ basis, system.D
     )
 
 
@@ -245,7 +255,7 @@ def _reachable(A: Array, B: Array) -> tuple[Array, ComplexArray]:
         V = np.hstack([V, new])
         block = A @ new
         size = np.linalg.norm(A)
-    complete, _, _ = np.linalg.svd(V, full_matrices=True)
+    complete, _ = np.linalg.qr(V, mode="complete")
     rest = complete[:, V.shape[1] :]
     return V, np.linalg.eigvals(rest.T @ A @ rest).astype(complex)
 
@@ -260,8 +270,8 @@ def _balance(system: StateSpace) -> Array:
     eigenvalues and eigenvectors", Numer. Math. 13 (1969).
     """
     n = system.num_states
-    blocks = [[system.A, system.B], [system.C, np.zeros_like(system.D)]]
-    matrix = np.abs(np.block(blocks))
+    matrix = np.abs(system.matrix)
+    matrix[n:, n:] = 0.0
     np.fill_diagonal(matrix[:n, :n], 0.0)
     matrix[matrix < 1e-13 * matrix.max(initial=0.0)] = 0.0
     scale = np.ones(n)

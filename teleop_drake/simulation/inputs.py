@@ -53,8 +53,14 @@ def _NeedsInputs(block: System) -> bool:
 def _IsOptional(port: InputPort) -> bool:
     """Returns whether nothing needs the value of an input."""
     return all(
-        isinstance(block, MultibodyPlant)
-        or block.GetInputPort(name).get_data_type() == PortDataType.kAbstractValued
-        or name in getattr(block, "optional_inputs", ())
-        for block, name in InputsOf(port.get_system(), int(port.get_index()))
+        isinstance(leaf.get_system(), MultibodyPlant)
+        or leaf.get_data_type() == PortDataType.kAbstractValued
+        or leaf.get_name() in getattr(leaf.get_system(), "optional_inputs", ())
+        for leaf in LeafInputs(port)
     )
+
+
+def LeafInputs(port: InputPort) -> list[InputPort]:
+    """Returns the inputs of blocks to which an input leads."""
+    found = InputsOf(port.get_system(), int(port.get_index()))
+    return [system.GetInputPort(name) for system, name in found]

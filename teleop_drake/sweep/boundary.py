@@ -87,10 +87,8 @@ def FindBoundaries(
         max_delay = 1.01 * (share * largest + fixed) + 1e-3
         for found in AnalyzeStability(scenario, max_delay=max_delay).points:
             loop = found.force_mode or found
-            if loop.label not in boundaries:
-                unknown = np.full(len(values), math.nan)
-                boundaries[loop.label] = Boundary(point=loop.label, ends=unknown)
-            boundary = boundaries[loop.label]
+            unknown = Boundary(point=loop.label, ends=np.full(len(values), math.nan))
+            boundary = boundaries.setdefault(loop.label, unknown)
             if loop.untold:
                 boundary.note = loop.untold
                 continue

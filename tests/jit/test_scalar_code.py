@@ -27,20 +27,16 @@ from teleop_drake.jit.scalar_code import (
 )
 from teleop_drake.jit.symbolic_arrays import Table
 from teleop_drake.jit.symbols import Untraceable
-from teleop_drake.numerics.jacobi import singular_values, symmetric_eigen
+from teleop_drake.numerics.jacobi import singular_values
 
 TABLE = np.array([[0, 1], [2, 3], [4, 5]])
 
 
 def matrices(x, table):
     A = x[:9].reshape(3, 3)
-    S = A @ A.T
     U, sigma, Vt = singular_values(A)
-    values, vectors = symmetric_eigen(S)
     b = np.linalg.solve(A, x[9:]) + np.linalg.inv(A).T @ x[9:]
-    return np.concatenate(
-        ((U * sigma @ Vt).ravel(), sigma, (vectors * values @ vectors.T).ravel(), b)
-    )
+    return np.concatenate(((U * sigma @ Vt).ravel(), sigma, b))
 
 
 def small_matrices(x, table):

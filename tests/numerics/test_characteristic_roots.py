@@ -1,18 +1,19 @@
 """Tests of numerics.characteristic_roots."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.special import lambertw
 
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
-from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.numerics.state_space import state_space
 
 
 def roots_of(A, B, C, D, delay, **count):
     """Returns the roots of a loop whose signals all have the same delay."""
-    loop = StateSpace(A=A, B=B, C=C, D=D, delays=(delay,) * len(D))
+    loop = replace(state_space(A, B, C, D), delays=(delay,) * len(D))
     return characteristic_roots(loop, **count)
 
 

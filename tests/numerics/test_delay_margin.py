@@ -15,7 +15,7 @@ from teleop_drake.numerics.delay_margin import (
     is_delay_robust,
     neutral_root_count,
 )
-from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.numerics.state_space import state_space
 
 
 def delay_margin(loop):
@@ -149,7 +149,7 @@ def test_matrix_pencil_finds_the_same_frequencies(seed):
 
 def test_identical_axes_cross_twice():
     one = Scalar([2.0], [1, 1, 0.5])
-    two = StateSpace(
+    two = state_space(
         **{name: np.kron(np.eye(2), getattr(one, name)) for name in "ABCD"}
     )
     (crossing,) = find_crossings(one)
@@ -164,14 +164,14 @@ def test_feedthrough():
     arg L = -atan(c/(w b)).
     """
     b, c = 0.5, 1.0
-    loop = StateSpace(A=[[0.0]], B=[[1.0]], C=[[c]], D=[[b]])
+    loop = state_space(A=[[0.0]], B=[[1.0]], C=[[c]], D=[[b]])
     assert is_delay_robust(loop)
     w = c / math.sqrt(1 - b**2)
     margin = delay_margin(loop)
     assert margin.frequency == pytest.approx(w, rel=1e-11)
     assert margin.delay == pytest.approx((math.pi - math.atan2(c, w * b)) / w, 1e-11)
     for b in (1.0, -1.2):
-        loop = StateSpace(A=[[-1.0]], B=[[1.0]], C=[[c]], D=[[b]])
+        loop = state_space(A=[[-1.0]], B=[[1.0]], C=[[c]], D=[[b]])
         assert not is_delay_robust(loop)
         assert stable_delays(loop, 1.0) == []
 
@@ -201,7 +201,7 @@ def test_root_that_passes_a_neutral_one():
 
 def test_roots_that_pass_two_neutral_ones():
     """Two loops as above with different gains: T = 1 and T = 1/2."""
-    loop = StateSpace(
+    loop = state_space(
         A=np.diag([1.0, 2.0]), B=np.eye(2), C=np.diag([1.0, 2.0]), D=np.zeros((2, 2))
     )
     assert neutral_root_count(loop) == 2
@@ -228,7 +228,7 @@ def test_root_that_leaves_the_neutral_one_with_the_delay(c, direction):
 
 
 def test_open_loop():
-    loop = StateSpace(
+    loop = state_space(
         A=np.zeros((0, 0)), B=np.zeros((0, 0)), C=np.zeros((0, 0)), D=np.zeros((0, 0))
     )
     assert find_crossings(loop) == []

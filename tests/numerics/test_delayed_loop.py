@@ -8,7 +8,7 @@ import pytest
 
 from teleop_drake.numerics.characteristic_roots import characteristic_roots
 from teleop_drake.numerics.delayed_loop import margins_of
-from teleop_drake.numerics.state_space import StateSpace
+from teleop_drake.numerics.state_space import state_space
 
 DELAYS = (0.3, 0.7)
 
@@ -22,13 +22,14 @@ def random_system(seed, gain):
     C = random.normal(size=(3, 4))
     D = np.zeros((3, 3))
     D[0, 1] = 0.3
-    return StateSpace(A=A, B=B, C=C, D=D, delays=DELAYS)
+    return replace(state_space(A, B, C, D), delays=DELAYS)
 
 
 def rightmost_root(system, more_delay=0.0, gain=1.0):
     """Returns the largest real part of a root with a delay and a gain at the cut."""
     gains = [gain, 1.0, 1.0]
-    loop = replace(system, B=system.B * gains, D=system.D * gains)
+    matrix = system.matrix * ([1.0] * system.num_states + gains)
+    loop = replace(system, matrix=matrix)
     if more_delay == 0:
         loop = loop.closed([0])
     else:
@@ -66,13 +67,13 @@ def test_the_random_loops_are_of_all_sorts():
 def test_two_delays_of_collocation_satisfy_the_equation():
     """s = -a e^(-s T1) - b e^(-s T2)."""
     a, b = 1.3, 0.9
-    loop = StateSpace(
+    loop = state_space(
         A=[[0.0]],
         B=[[-a, -b]],
         C=[[1.0], [1.0]],
         D=np.zeros((2, 2)),
-        delays=DELAYS,
     )
+    loop = replace(loop, delays=DELAYS)
     roots = characteristic_roots(loop, count=6)
     assert len(roots) >= 6
     s = roots[:, np.newaxis]

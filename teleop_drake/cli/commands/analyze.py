@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from teleop_drake.arrays import Record
 from teleop_drake.cli import options, output
 from teleop_drake.cli.exit_codes import BadInput
 from teleop_drake.cli.progress import SweepProgress
@@ -14,6 +13,7 @@ from teleop_drake.cli.tables import Align, Cell
 from teleop_drake.validation import Refuse
 
 if TYPE_CHECKING:
+    from teleop_drake.analysis.point_stability import PointStability
     from teleop_drake.analysis.stability import StabilityAnalysis
     from teleop_drake.analysis.stability_chart import StabilityChart
     from teleop_drake.analysis.transparency import Transparency
@@ -69,17 +69,20 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 # The keys of the record whose names do not have their unit.
 _UNITS = {
-    key: unit
-    for unit, keys in {
-        "s": "forward_delay return_delay max_delay crossing_delays delay_margin "
-        "stable_delays",
-        "rad": "phase_margin",
-        "rad/s": "gain_crossovers unresolved_below",
-        "1/s": "rightmost_root slave_root hidden_modes",
-        "m": "position",
-        "m/s": "velocity",
-    }.items()
-    for key in keys.split()
+    "forward_delay": "s",
+    "return_delay": "s",
+    "max_delay": "s",
+    "crossing_delays": "s",
+    "delay_margin": "s",
+    "stable_delays": "s",
+    "phase_margin": "rad",
+    "gain_crossovers": "rad/s",
+    "unresolved_below": "rad/s",
+    "rightmost_root": "1/s",
+    "slave_root": "1/s",
+    "hidden_modes": "1/s",
+    "position": "m",
+    "velocity": "m/s",
 }
 
 
@@ -124,10 +127,10 @@ def Execute(args: argparse.Namespace) -> int:
     record = analysis.ToRecord()
     record["units"] = _UNITS
     record["transparency"] = [point.ToRecord() for point in transparency]
-    texts = [_AnalysisTable(record)]
+    texts = [_AnalysisTable(analysis, transparency)]
     if chart is not None:
         record["chart"] = chart.ToRecord()
-        texts += ["", _ChartTable(record["chart"])]
+        texts += ["", _ChartTable(chart)]
     written = []
     if args.out is not None:
         _Draw(figure_paths, analysis, transparency, chart)
@@ -179,69 +182,61 @@ def _VariedNumber(item: str | None) -> tuple[str, list[float]]:
     return path, [float(x) for x in values]
 
 
-def _AnalysisTable(record: Record) -> str:
-    """Returns the margins of `analyze`: a row for each operating point."""
-    points = _Loops(record)
-    delay = record["forward_delay"] + record["return_delay"]
-    places_across = {tuple(point["position"][1:]) for point in points}
+def _AnalysisTable(
+    analysis: "StabilityAnalysis", transparency: "Sequence[Transparency]"
+) -> str:
+    """Returns the margins of `analyze`: a row for each loop."""
+    loops = analysis.Loops()
+    delay = analysis.forward_delay + analysis.return_delay
+    places_across = {tuple(loop.model.point.position[1:]) for loop in loops}
     num_shown = 1 if len(places_across) == 1 else None  # Along x one is enough.
     place = "x [m]" if num_shown else "position [m]"
     head = ["", place, "crossovers [rad/s]", "phase margin [deg]", "delay margin [s]"]
     lines = [[*head, "stable delays [s]", f"root at {delay:g} s [1/s]", ""]]
-    for point in points:
+    for loop in loops:
         intervals = [
-            f"{begin:.4g}-{end:.4g}" + "+" * (end == record["max_delay"])
-            for begin, end in point["stable_delays"]
+            f"{begin:.4g}-{end:.4g}" + "+" * (end == analysis.max_delay)
+            for begin, end in loop.stable_delays
         ]
         intervals[_MAX_INTERVALS:] = ["..."] * (len(intervals) > _MAX_INTERVALS)
-        phase = point["phase_margin"]
-        root = point["rightmost_root"]
+        crossovers = [f"{x.frequency:.4g}" for x in loop.crossings if x.frequency]
+        margin = loop.margin
+        root = loop.rightmost_root
         lines.append(
             [
-                point["name"],
-                ", ".join(f"{x:.5g}" for x in point["position"][:num_shown]),
-                ", ".join(f"{w:.4g}" for w in point["gain_crossovers"] if w) or "-",
-                "-" if phase is None else f"{math.degrees(phase):.1f}",
-                Cell(point["delay_margin"]),
+                loop.label,
+                ", ".join(f"{x:.5g}" for x in loop.model.point.position[:num_shown]),
+                ", ".join(crossovers) or "-",
+                f"{math.degrees(margin.phase_margin):.1f}" if margin else "-",
+                Cell(margin and margin.delay),
                 ", ".join(intervals) or "none",
-                "-" if root is None else _Root(*root),
-                _State(point),
+                "-" if root is None else _Root(root),
+                _State(loop),
             ]
         )
     text = [
-        f"{record['scenario']}, {record['controller']}: delay "
-        f"{record['forward_delay']:.6g} s forward, {record['return_delay']:.6g} s "
-        f"back; round-trip delays up to {record['max_delay']:g} s",
+        f"{analysis.scenario.name}, {analysis.scenario.controller.kind}: delay "
+        f"{analysis.forward_delay:.6g} s forward, {analysis.return_delay:.6g} s "
+        f"back; round-trip delays up to {analysis.max_delay:g} s",
         Align(lines),
     ]
-    text += _OperatorLine(record["operating_points"])
-    text += _Verdict(points, delay)
-    slow = [point for point in points if point["unresolved_below"] > _LEAST_UNRESOLVED]
+    text += _OperatorLine(analysis.points)
+    text += _Verdict(loops)
+    slow = [loop for loop in loops if loop.unresolved > _LEAST_UNRESOLVED]
     if slow:
-        sizes = [f"{x['unresolved_below']:.2g} ({x['name']})" for x in slow]
+        sizes = ", ".join(f"{loop.unresolved:.2g} ({loop.label})" for loop in slow)
         text.append(
             "Slower than the tool's motion there, and not counted: below "
-            f"{', '.join(sizes)} rad/s."
+            f"{sizes} rad/s."
         )
-    if all(point["absolutely_stable"] is not None for point in record["transparency"]):
-        text.append(_AbsoluteStability(record["transparency"]))
-    return "\n".join(text + record["notes"])
+    if not any(point.idle_passivity for point in transparency):
+        text.append(_AbsoluteStability(transparency))
+    return "\n".join(text + analysis.notes)
 
 
-def _Loops(record: Record) -> list[Record]:
-    """Returns the operating points, each followed by the loop of a held force."""
-    loops: list[Record] = []
-    for point in record["operating_points"]:
-        loops.append(point)
-        force_mode = point["force_mode"]
-        if force_mode is not None:
-            loops.append(force_mode | {"name": f"{point['name']}, force held"})
-    return loops
-
-
-def _OperatorLine(points: Sequence[Record]) -> list[str]:
+def _OperatorLine(points: "Sequence[PointStability]") -> list[str]:
     """Returns a sentence: what the operator does behind the contact surface."""
-    names = [point["name"] for point in points if point["force_mode"] is not None]
+    names = [point.label for point in points if point.force_mode is not None]
     if not names:
         return ["The operator commands a velocity at every point shown."]
     return [
@@ -251,93 +246,85 @@ def _OperatorLine(points: Sequence[Record]) -> list[str]:
     ]
 
 
-def _AbsoluteStability(points: Sequence[Record]) -> str:
+def _AbsoluteStability(points: "Sequence[Transparency]") -> str:
     """Returns a sentence: whether operator and environment may be any passive ones."""
-    failing = [point["name"] for point in points if not point["absolutely_stable"]]
+    failing = [x.point.name for x in points if not x.is_absolutely_stable]
     every = "stable with every passive operator and environment: Llewellyn's parameter"
     if failing:
         return f"Not {every} falls below 1 ({', '.join(failing)})."
     return f"{every[0].upper() + every[1:]} is 1 or more everywhere."
 
 
-def _Verdict(points: Sequence[Record], delay: float) -> list[str]:
+def _Verdict(loops: "Sequence[PointStability]") -> list[str]:
     """Returns sentences: where the loop fails first and why, and what it does now."""
     text = []
-    # Where it fails without any delay.
-    failing = [
-        point["name"]
-        for point in points
-        if not point["stable_delays"] or point["stable_delays"][0][0] != 0
-    ]
+    failing = [loop.label for loop in loops if not _StartsStable(loop)]
     if failing:
         text.append(f"Not stable even without delay: {', '.join(failing)}.")
     # Where it fails first as the delay grows.
-    limits = [point for point in points if point["delay_margin"] is not None]
+    limits = [(loop.margin, loop.label) for loop in loops if loop.margin]
     if limits:
-        least = min(limits, key=lambda point: point["delay_margin"])
-        margin = least["delay_margin"]
-        frequency = least["gain_crossovers"][least["crossing_delays"].index(margin)]
+        margin, label = min(limits, key=lambda limit: limit[0].delay)
         place = "With a delay it fails first" if failing else "It fails first"
         text.append(
-            f"{place} in {least['name']}, at {margin:.4g} s: the delay turns "
-            f"the phase at {frequency:.4g} rad/s by all of its margin, "
-            f"{math.degrees(least['phase_margin']):.1f} deg."
+            f"{place} in {label}, at {margin.delay:.4g} s: the delay turns "
+            f"the phase at {margin.frequency:.4g} rad/s by all of its margin, "
+            f"{math.degrees(margin.phase_margin):.1f} deg."
         )
     # How it moves where it is not stable at the scenario's delay.
-    for point in points:
-        root = point["rightmost_root"]
-        if point["stable"] or root is None:
+    for loop in loops:
+        root = loop.rightmost_root
+        if loop.is_stable or root is None:
             continue
-        if root[0] > 0 or _IsOnAxis(root):
-            motion = f"a motion of {root[1]:.4g} rad/s" if root[1] else "a drift"
+        if root.real > 0 or _IsOnAxis(root):
+            motion = f"a motion of {root.imag:.4g} rad/s" if root.imag else "a drift"
             change = "neither grows nor decays"
             if not _IsOnAxis(root):
-                change = f"doubles every {math.log(2) / root[0]:.3g} s"
-            text.append(f"At {delay:g} s, in {point['name']}, {motion} {change}.")
+                change = f"doubles every {math.log(2) / root.real:.3g} s"
+            text.append(f"At {loop.delay:g} s, in {loop.label}, {motion} {change}.")
     return text
 
 
-def _State(point: Record) -> str:
+def _StartsStable(loop: "PointStability") -> bool:
+    """Returns whether the loop is stable without any delay."""
+    return bool(loop.stable_delays) and loop.stable_delays[0][0] == 0
+
+
+def _State(loop: "PointStability") -> str:
     """Returns whether the loop is stable."""
-    root = point["rightmost_root"]
-    if root is not None and not point["stable"] and _IsOnAxis(root):
-        return "NOT DAMPED"
-    return "stable" if point["stable"] else "UNSTABLE"
+    if loop.is_stable:
+        return "stable"
+    root = loop.rightmost_root
+    return "UNSTABLE" if root is None or not _IsOnAxis(root) else "NOT DAMPED"
 
 
-def _IsOnAxis(root: Sequence[float]) -> bool:
-    """Returns whether a root (real, imaginary part) tells no growth and no decay."""
-    return abs(root[0]) < _UNDAMPED * abs(root[1])
+def _IsOnAxis(root: complex) -> bool:
+    """Returns whether a root tells no growth and no decay."""
+    return abs(root.real) < _UNDAMPED * abs(root.imag)
 
 
-def _Root(real: float, imaginary: float) -> str:
+def _Root(root: complex) -> str:
     """Returns a characteristic root, or both of a pair."""
-    real = 0.0 if _IsOnAxis((real, imaginary)) else real
-    return f"{real:.4g}" + (f" ± {imaginary:.4g}j" if imaginary else "")
+    real = 0.0 if _IsOnAxis(root) else root.real
+    return f"{real:.4g}" + (f" ± {root.imag:.4g}j" if root.imag else "")
 
 
-def _ChartTable(chart: Record) -> str:
+def _ChartTable(chart: "StabilityChart") -> str:
     """Returns the delay margins of `analyze --vary`: a row for each value."""
-    names: dict[str, None] = {}
-    for analysis in chart["analyses"]:
-        names |= dict.fromkeys(p["name"] for p in _Loops(analysis))
-    lines = [[chart["key"], *(f"{name} [s]" for name in names), ""]]
-    for value, analysis in zip(chart["values"], chart["analyses"], strict=True):
-        points = {p["name"]: p for p in _Loops(analysis)}
-        cells = [_Margin(points.get(name)) for name in names]
-        lines.append([f"{value:g}", *cells, ""])
+    names = chart.PointNames()
+    lines = [[chart.key, *(f"{name} [s]" for name in names), ""]]
+    for value, analysis in zip(chart.values, chart.analyses, strict=True):
+        cells = {loop.label: _Margin(loop) for loop in analysis.Loops()}
+        lines.append([f"{value:g}", *(cells.get(x, "absent") for x in names), ""])
     shown = {cell for line in lines[1:] for cell in line[1:]}
     words = [f"{word}: {text}" for word, text in _MARGIN_WORDS.items() if word in shown]
     return "\n".join(["Delay margins", Align(lines), *words])
 
 
-def _Margin(point: Record | None) -> str:
-    """Returns the delay margin at an operating point, or why it has none."""
-    if point is None:
-        return "absent"
-    if point["delay_margin"] is not None:
-        return Cell(point["delay_margin"])
-    intervals = point["stable_delays"]
-    if not intervals:
+def _Margin(loop: "PointStability") -> str:
+    """Returns the delay margin of a loop, or why it has none."""
+    if loop.margin is not None:
+        return Cell(loop.margin.delay)
+    if not loop.stable_delays:
         return "unstable"
-    return "stable" if intervals[0][0] == 0 else "windows"
+    return "stable" if _StartsStable(loop) else "windows"

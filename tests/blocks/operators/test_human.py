@@ -40,7 +40,9 @@ def test_linear_model_of_the_master(goal):
     """[F_h; v_d] against [p; v] as they return, with the exact reaction delay."""
     scenario = Load(**{"surgeon.goal": goal})
     (point,) = OperatingPoints(scenario)
-    model = Linearizer(scenario).Loop(point).master
+    loop = Linearizer(scenario).Loop(point)
+    states = np.arange(loop.system.num_states)
+    model = loop.system.part(states, loop.signals.back, loop.signals.forward)
     w_c = scenario.surgeon.crossover_frequency
     for w in (0.3, 2.0, 9.0):
         s = 1j * w
