@@ -78,23 +78,13 @@ def WritePicture(
 
 _TRACKING = ThesisFigure(
     title="Tracking",
-    caption="Position of the tool and the trajectory that it is to follow.",
-    make=partial(
-        plots.PlotAgainstReference,
-        signals={"actual": "tool_position", "desired": "desired_position"},
-        label="position",
-        unit="m",
-    ),
+    caption="Position of the tool, and in grey the trajectory that it is to follow.",
+    make=partial(plots.PlotTracking, signal="tool_position"),
 )
 _DISTURBANCE = ThesisFigure(
     title="Disturbance and its estimate",
-    caption="The force and what the network makes of it.",
-    make=partial(
-        plots.PlotAgainstReference,
-        signals={"actual": "environment_force", "estimated": "disturbance_estimate"},
-        label="disturbance",
-        unit="N",
-    ),
+    caption="The force, and in grey what the network makes of it.",
+    make=partial(plots.PlotTracking, signal="environment_force"),
 )
 _VELOCITY = ThesisFigure(
     title="Velocity of the tool",

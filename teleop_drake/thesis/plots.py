@@ -1,7 +1,7 @@
 """Plots of the thesis: what its figures show, from runs."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib
@@ -31,7 +31,6 @@ from teleop_drake.figures.style import (
     Key,
     NameAbove,
     RunStyle,
-    Widen,
 )
 from teleop_drake.laws.gaussian_network import equidistant_lattice
 from teleop_drake.recording import Recording
@@ -128,20 +127,14 @@ def _DrawStiffness(
 # Chapter 3: tracking, and the disturbance with its estimate.
 
 
-def PlotAgainstReference(
-    runs: ThesisRuns, task: str, signals: Mapping[str, str], label: str, unit: str
-) -> Figure:
-    """Plots signals, by their names in the legend, on each axis against time."""
+def PlotTracking(runs: ThesisRuns, task: str, *, signal: str) -> Figure:
+    """Plots a signal of a tracking against time, and in grey what it is to be."""
     recording = runs(task).recording
-    figure, axes = TimeFigure(recording, 2)
-    for k, (ax, axis) in enumerate(zip(axes, "xz", strict=True)):
-        for i, (name, signal) in enumerate(signals.items()):
-            ax.plot(recording.time, recording[signal][:, k], **RunStyle(i), label=name)
-        values = [recording[signal][:, k] for signal in signals.values()]
-        ax.set_ylim(Widen((float(np.min(values)), float(np.max(values))), 1.0))
-        ax.set_ylabel(f"{label}, ${axis}$ [{unit}]")
-    _AddLegend(figure, axes[0].get_lines()[-len(signals) :])
-    return figure
+    rows = TaskOf(recording.scenario).Panels([recording])
+    shown = [row for row in rows if row.signal == signal and row.beside]
+    return PlotRows(
+        {"actual": recording}, shown, columns=1, width=WIDTH, row_height=ROW_HEIGHT
+    )
 
 
 # Chapters 4 and 5: both controllers together, and what the adaptive one learns.
