@@ -152,18 +152,6 @@ def EventStyle(marker: str, color: str) -> Look:
     }
 
 
-def MarkAbove(ax: Axes, x: Array, height: float, **look: Any) -> None:
-    """Draws marks above a panel: at their x, at a share of its height above 1."""
-    ax.plot(
-        x,
-        np.full(len(x), height),
-        transform=ax.get_xaxis_transform(),
-        clip_on=False,
-        in_layout=False,
-        **look,
-    )
-
-
 def NameAbove(ax: Axes, x: float, name: str) -> None:
     """Writes a name above a panel, at an x of it."""
     ax.annotate(
