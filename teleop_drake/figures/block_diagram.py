@@ -17,6 +17,7 @@ from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import metadata
+from operator import itemgetter
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
@@ -74,6 +75,9 @@ _PYTHON_CLASS = re.compile(r"^<B>[^<]*\.(\w+)</B>", re.M)
 def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
     """The block diagram of a system as DOT text, the same in every process.
 
+    More than one level has each diagram by itself, first the whole with its parts as
+    closed boxes, then below it these boxes opened.
+
     Four things differ from Drake's `GetGraphvizString`. The numbers that stand for
     systems count from 0 in order of appearance and the connections are sorted, so that
     two builds of one diagram give the same bytes. A system written in Python is
@@ -93,8 +97,21 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
     # Drake ends the process on a negative depth.
     if max_depth is not None and max_depth < 0:
         Refuse("max_depth", max_depth, "null, 0 or positive")
-    drawn = _Draw(system, max_depth, {})
-    return _Graph(f"_{drawn.number}", [_WithoutIdlePorts(drawn, set())])
+    levels = [
+        (len(PurePath(path).parts), level)
+        for level, path in PathsIn(system)
+        if isinstance(level, Diagram)
+    ]
+    levels.sort(key=itemgetter(0))
+    shown = [level for k, level in levels if max_depth is None or k < max_depth]
+    numbers: dict[str, int] = {}
+    if not shown:
+        box = _Draw(system, numbers, is_open=False)
+        return _Graph("_0", [_WithoutIdlePorts(box, set())])
+    drawings = [_Draw(level, numbers, is_open=True).text for level in shown]
+    if len(drawings) == 1:
+        return _Graph("_0", drawings)
+    return _Graph("levels", [_BELOW_EACH_OTHER, *reversed(drawings)])
 
 
 class _Port(NamedTuple):
@@ -123,7 +140,7 @@ class _Edge(NamedTuple):
 
 @dataclass
 class _Drawn:
-    """A system as DOT text: a box, or a frame with the parts in it."""
+    """A system as DOT text: a box, or a frame with boxes in it."""
 
     number: str
     text: str
@@ -141,14 +158,13 @@ def _Graph(name: str, drawings: Iterable[str]) -> str:
     return text + "\n}\n"
 
 
-def _Draw(system: System, depth: int | None, numbers: dict[str, int]) -> _Drawn:
-    """Returns a system as a box, or opened to a depth; None: opened altogether."""
+def _Draw(system: System, numbers: dict[str, int], *, is_open: bool) -> _Drawn:
+    """Returns a system as a box, or opened: a frame with its parts as boxes."""
 
     def Number(found: re.Match[str]) -> str:
         return f"{found[1]}{numbers.setdefault(found[2], len(numbers))}"
 
     Numbered = partial(_NUMBERED.sub, Number)
-    is_open = isinstance(system, Diagram) and depth != 0
     drake = system.GetGraphvizFragment(max_depth=int(is_open))
     head, parts, _ = "".join(drake.fragments).partition(_PARTS)
     text = _PYTHON_CLASS.sub(r"<B>\1</B>", Numbered(head + parts)).rstrip()
@@ -162,26 +178,23 @@ def _Draw(system: System, depth: int | None, numbers: dict[str, int]) -> _Drawn:
     outputs = Ports(drake.output_ports, system.get_output_port)
     drawn = _Drawn(number, text, inputs, outputs)
     if isinstance(system, Diagram) and is_open:
-        inner = None if depth is None else depth - 1
-        boxes = {x.get_name(): _Draw(x, inner, numbers) for x in system.GetSystems()}
-        drawn.text += _Inside(_Edges(system, drawn, boxes), boxes.values())
+        parts = system.GetSystems()
+        boxes = {x.get_name(): _Draw(x, numbers, is_open=False) for x in parts}
+        edges = _Edges(system, drawn, boxes)
+        used = {port.name for edge in edges for port in (edge.tail, edge.head)}
+        texts = [_WithoutIdlePorts(box, used) for box in boxes.values()]
+        inside = ["", *texts, *_Connections(edges), "}", _FRAME, "}"]
+        drawn.text += "\n".join(inside)
     return drawn
-
-
-def _Inside(edges: Sequence[_Edge], boxes: Iterable[_Drawn]) -> str:
-    """Returns the boxes and the connections in a diagram."""
-    used = {port.name for edge in edges for port in (edge.tail, edge.head)}
-    texts = [_WithoutIdlePorts(box, used) for box in boxes]
-    return "\n".join(["", *texts, *_Connections(edges), "}", _FRAME, "}"])
 
 
 def RenderSvg(system: System, *, max_depth: int | None = None) -> str:
     """The block diagram of a system as SVG text, for `IPython.display.SVG` and the web.
 
     Args and errors are those of `DiagramDot`; raises RuntimeError where nothing can lay
-    the diagram out (see `WriteDiagram`). More than one level is drawn as there.
+    the diagram out (see `WriteDiagram`).
     """
-    return _Render(system, max_depth, "svg").decode()
+    return LayOut(DiagramDot(system, max_depth=max_depth), "svg").decode()
 
 
 def WriteDiagram(
@@ -191,9 +204,7 @@ def WriteDiagram(
 
     The file appears complete or not at all, and replaces one of the same name.
 
-    A picture of more than one level has each diagram by itself, first the whole with
-    its parts as closed boxes, then below it these boxes opened. A .dot file has one
-    graph of boxes in boxes, as `DiagramDot` returns it.
+    It shows what `DiagramDot` returns.
 
     Args:
         path: ends in .svg, .png (200 dots per inch), .pdf, .dot or .html, a page in
@@ -213,32 +224,16 @@ def WriteDiagram(
         Refuse("path", str(path), f"a file that ends in one of {', '.join(_SUFFIXES)}")
     if suffix == ".html":
         content = UpperFunction("DiagramPage")(system).html.encode()
-    elif suffix == ".dot":
-        content = DiagramDot(system, max_depth=max_depth).encode()
     else:
-        content = _Render(system, max_depth, "png" if suffix == ".png" else "svg")
+        dot = DiagramDot(system, max_depth=max_depth)
+        if suffix == ".dot":
+            content = dot.encode()
+        else:
+            content = LayOut(dot, "png" if suffix == ".png" else "svg")
         if suffix == ".pdf":
             content = _SvgToPdf(content)
     with Replacing(path) as temporary:
         temporary.write_bytes(content)
-
-
-def _Render(system: System, max_depth: int | None, file_format: str) -> bytes:
-    """Returns the picture of a diagram, and of each in it that is to be opened."""
-    levels = sorted(
-        (len(PurePath(path).parts), i, level)
-        for i, (level, path) in enumerate(PathsIn(system))
-        if isinstance(level, Diagram)
-    )
-    if max_depth is not None:
-        levels = [level for level in levels if level[0] < max_depth]
-    if len(levels) <= 1:
-        depth = 1 if levels else max_depth
-        return LayOut(DiagramDot(system, max_depth=depth), file_format)
-    numbers: dict[str, int] = {}
-    drawings = [_Draw(level, 1, numbers).text for _, _, level in levels]
-    dot = _Graph("levels", [_BELOW_EACH_OTHER, *reversed(drawings)])
-    return LayOut(dot, file_format)
 
 
 def _WithoutIdlePorts(drawn: _Drawn, used: Container[str]) -> str:
@@ -309,38 +304,27 @@ def _Connections(edges: Sequence[_Edge]) -> list[str]:
             continue
         # A line with two turns, in pieces of which none runs against the layout:
         # dot leads only such lines cleanly between the boxes.
-        tail_turn = _Turn(tail, "e", "w")
-        head_turn = _Turn(head, "w", "e")
+        tail_turn, tail_text = _Turn(tail)
+        head_turn, head_text = _Turn(head)
         if tail not in turned:
-            text += tail_turn.text
-            text.append(f"{tail}:e -> {tail_turn.outside} [{_NO_ARROW}{label}]")
+            text += tail_text
+            text.append(f"{tail}:e -> {tail_turn}:e [{_NO_ARROW}{label}]")
             turned.add(tail)
-        text += head_turn.text
-        text.append(f"{head_turn.inside} -> {tail_turn.inside} [{_NO_ARROW}]")
-        text.append(f"{head_turn.outside} -> {head}:w")
+        text += head_text
+        text.append(f"{head_turn}:e -> {tail_turn}:w [{_NO_ARROW}]")
+        text.append(f"{head_turn}:w -> {head}:w")
     return text
 
 
-class _Turn:
-    """Where a connection that runs back turns, beside one of its ports.
+def _Turn(port: str) -> tuple[str, list[str]]:
+    """Returns where a connection that runs back turns, beside a port, and its DOT text.
 
-    Attributes:
-        text: The turn in DOT.
-        outside, inside: Where it is met by the line from the port, and by the line
-            from the other turn.
+    That is above or below the box of the port.
     """
-
-    def __init__(self, port: str, outside: str, inside: str):
-        turn = f"{port.replace(':', '_')}_turn"
-        self.text = [f"{turn} [shape=point, width=0.02]"]
-        self.outside = self.inside = turn
-        node = port.partition(":")[0]
-        # The turn lies above or below a closed box. Dot cannot do so with an opened
-        # one, so there it lies beside it.
-        if not node.endswith(("in", "out")):
-            self.text.append(f"{{rank=same; {node}; {turn}}}")
-            self.outside += f":{outside}"
-            self.inside += f":{inside}"
+    node = port.partition(":")[0]
+    turn = f"{port.replace(':', '_')}_turn"
+    text = [f"{turn} [shape=point, width=0.02]", f"{{rank=same; {node}; {turn}}}"]
+    return turn, text
 
 
 def _Feedback(edges: Sequence[_Edge]) -> set[tuple[int, int]]:

@@ -12,6 +12,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.rcsetup import cycler
+from matplotlib.ticker import ScalarFormatter
 
 from teleop_drake.arrays import Array, Interval
 from teleop_drake.signals import AxesOf
@@ -151,18 +152,6 @@ def EventStyle(marker: str, color: str) -> Look:
     }
 
 
-def MarkAbove(ax: Axes, x: Array, height: float, **look: Any) -> None:
-    """Draws marks above a panel: at their x, at a share of its height above 1."""
-    ax.plot(
-        x,
-        np.full(len(x), height),
-        transform=ax.get_xaxis_transform(),
-        clip_on=False,
-        in_layout=False,
-        **look,
-    )
-
-
 def NameAbove(ax: Axes, x: float, name: str) -> None:
     """Writes a name above a panel, at an x of it."""
     ax.annotate(
@@ -207,9 +196,19 @@ def AddLegend(
         )
 
 
+class _ShortNumbers(ScalarFormatter):
+    """Numbers as plain text, which is drawn faster; the power of ten is a formula."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        """Returns a number beside its tick."""
+        formula = super().__call__(x, pos)
+        return formula.removeprefix(r"$\mathdefault{").removesuffix("}$")
+
+
 def FormatAxes(ax: Axes) -> None:
     """Gives a panel short numbers and a line at zero."""
-    ax.ticklabel_format(axis="y", scilimits=(-3, 4), useOffset=False, useMathText=True)
+    ax.yaxis.set_major_formatter(_ShortNumbers(useOffset=False, useMathText=True))
+    ax.ticklabel_format(axis="y", scilimits=(-3, 4))
     ax.yaxis.get_offset_text().set_fontsize(SMALL_FONT_SIZE)
     ax.axhline(0.0, color=GREY, linewidth=0.4, zorder=0)
 

@@ -14,7 +14,7 @@ from teleop_drake.arrays import Array
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakePanels, Panels
 from teleop_drake.figures.style import FONT_SIZE, Figure, Key
-from teleop_drake.sweep import MetricUnits, SweepResult
+from teleop_drake.sweep import MetricUnits, SweepResult, VariesSeedsOnly
 from teleop_drake.sweep.statistics import CONTROLLERS, SEED
 from teleop_drake.validation import Refuse
 
@@ -34,10 +34,12 @@ class SweepGrid:
     `Arrange` brings an array of the grid's shape into (rows, columns, lines, x,
     seeds). Columns are controllers and lines the values of `line_key`, the last key
     that is neither of these; where there is none, lines are controllers. The
-    `panel_points` (rows, columns) are the keys and values that a panel has.
+    `panel_points` (rows, columns) are the keys and values that a panel has. Where seeds
+    and at most controllers are varied, x are the controllers, named by `x_names`.
 
     Raises:
-        ValueError: If no number is varied, or it would take too many panels.
+        ValueError: If neither numbers nor seeds are varied, or it would take too many
+            panels.
     """
 
     def __init__(self, result: SweepResult) -> None:
@@ -50,9 +52,17 @@ class SweepGrid:
             for key in (*style.DELAYS, *axes)
             if key in axes and key not in seed and all(map(style.IsNumber, axes[key]))
         ]
-        if not numeric:
+        self.x_names: list[str] = []
+        if VariesSeedsOnly(result):
+            self.x_key = controller.pop() if controller else ""
+            kinds = axes.get(self.x_key, [result.scenario.controller.kind])
+            self.x_names = [style.ValueLabel(x).replace(" ", "\n", 1) for x in kinds]
+            x = np.arange(len(kinds))
+        elif numeric:
+            self.x_key = next((key for key in numeric if key in varied), numeric[0])
+            x = np.array(axes[self.x_key], dtype=float)
+        else:
             Refuse("result", "with no key with numbers", "of one such key or more")
-        self.x_key = next((key for key in numeric if key in varied), numeric[0])
         others = [k for k in varied if k not in (self.x_key, *controller, *seed)]
         self.lines_are_controllers = not others
         *row_keys, self.line_key = others or controller or [""]
@@ -68,7 +78,6 @@ class SweepGrid:
         names = list(axes)
         rest = [key for key in names if key not in keys]  # One value each.
         self._order = [names.index(key) for key in [*rest, *keys] if key in names]
-        x = np.array(axes[self.x_key], dtype=float)
         self._x_order = np.argsort(x)
         self.x = x[self._x_order]
         num_lines = max(len(self.line_values), 1)
@@ -103,8 +112,11 @@ class SweepGrid:
         for ax in axes.ravel()[panels.size :]:
             ax.remove()
         for ax in panels.ravel()[-axes.shape[1] :]:
-            ax.set_xlabel(style.AxisLabel(self.x_key))
+            ax.set_xlabel("" if self.x_names else style.AxisLabel(self.x_key))
             ax.tick_params(labelbottom=True)
+            if self.x_names:
+                ax.set_xticks(self.x, self.x_names)
+                ax.set_xlim(-0.6, len(self.x) - 0.4)
         for metric in panels:
             for ax in metric.ravel()[1:]:
                 ax.sharey(metric[0, 0])
@@ -125,7 +137,9 @@ class SweepGrid:
             )
 
     def LineStyle(self, i: int) -> dict[str, Any]:
-        """Returns how line i is drawn."""
+        """Returns how line i is drawn; nothing joins controllers."""
+        if self.x_names:
+            return {"color": style.COLORS[0], "linestyle": "none"}
         if self.lines_are_controllers:
             return style.RunStyle(i)
         share = i / max(len(self.line_values) - 1, 1)

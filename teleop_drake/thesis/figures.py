@@ -86,33 +86,21 @@ _VELOCITY = ThesisFigure(
     title="Velocity of the tool",
     caption="Velocity of the tool with either controller, and in grey what the surgeon "
     "commands.",
-    make=partial(
-        plots.PlotBoth, signal="tool_velocity", label="velocity $v_{axis}$", unit="m/s"
-    ),
+    make=partial(plots.PlotBoth, signal="tool_velocity"),
     live=["tool_velocity"],
 )
 _SENSED_FORCE = ThesisFigure(
     title="Sensed force",
     caption="Force of the robot on its environment, as the sensor at the tool reads "
     "it.",
-    make=partial(
-        plots.PlotBoth,
-        signal="environment_force",
-        label="sensed force $F_{{e,{axis}}}$",
-        unit="N",
-    ),
+    make=partial(plots.PlotBoth, signal="environment_force"),
     live=["environment_force"],
 )
 _CONTROL_FORCE = ThesisFigure(
     title="Control force",
     caption="Force that the controller asks of the robot: the delayed haptic force "
     "under direct force, the state of the backstepping law otherwise.",
-    make=partial(
-        plots.PlotBoth,
-        signal="control_force",
-        label="control force $F_{{c,{axis}}}$",
-        unit="N",
-    ),
+    make=partial(plots.PlotBoth, signal="control_force"),
     live=["control_force"],
 )
 _WEIGHTS_1 = ThesisFigure(
@@ -145,9 +133,7 @@ _WEIGHTS_3 = ThesisFigure(
 _POSITION = ThesisFigure(
     title="Position of the tool",
     caption=("Position of the tool with either controller."),
-    make=partial(
-        plots.PlotBoth, signal="tool_position", label="position ${axis}$", unit="m"
-    ),
+    make=partial(plots.PlotBoth, signal="tool_position"),
     live=["tool_position"],
 )
 _LEARNED = [_WEIGHTS_1, _PSI, _WEIGHTS_3]

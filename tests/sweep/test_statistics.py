@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from teleop_drake.cli import main
-from teleop_drake.figures.sweeps import PlotSeeds
+from teleop_drake.figures.sweeps import PlotSweep
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.sweep import (
     Differences,
@@ -99,12 +99,16 @@ def test_differences_are_taken_seed_by_seed():
 def test_figure_without_any_other_key():
     result = Result()
     assert VariesSeedsOnly(result)
-    (ax,) = PlotSeeds(result, METRIC).axes
+    (ax,) = PlotSweep(result, METRIC).axes
     labels = [label.get_text() for label in ax.get_xticklabels()]
     assert labels == ["a", "b"]
-    assert [text.get_text() for text in ax.texts] == ["none in\n4 of 40"]
-    dots = [line.get_ydata() for line in ax.lines if line.get_marker() == "."]
-    np.testing.assert_allclose(dots[0], result.Values(METRIC)[0])
+    (marks,) = [line for line in ax.lines if line.get_marker() == "x"]
+    assert marks.get_xdata().tolist() == [1.0]  # Some of its runs diverge.
+    middle, *runs = [line.get_ydata() for line in ax.lines if line.get_marker() == "."]
+    values = result.Values(METRIC)
+    values[1, :4] = np.nan
+    np.testing.assert_allclose(np.transpose(runs), values)
+    np.testing.assert_allclose(middle, np.nanmedian(values, axis=1))
     assert not VariesSeedsOnly(Result(delay=[0.1, 0.2]))
 
 

@@ -144,13 +144,13 @@ def _CompareOverSeeds(args: argparse.Namespace, plan: "SweepPlan") -> int:
     )
 
     from teleop_drake.figures.runs import SaveFigure
-    from teleop_drake.figures.sweeps import PlotSeeds
+    from teleop_drake.figures.sweeps import PlotSweep
     from teleop_drake.sweep import Execution, RunSweep, WriteTables
 
     with SweepProgress(args.quiet) as show:
         result = RunSweep(plan, Execution(progress=show))
     metrics = result.Metrics()
-    figure = PlotSeeds(result, *metrics)
+    figure = PlotSweep(result, *metrics)
     SaveFigure(figure, *figure_paths)
     written = [*figure_paths, *WriteTables(result, Path(args.out), f"{stem}_")]
     output.Tell(args, result.records, SeedsTable(result, metrics), written=written)

@@ -278,24 +278,21 @@ def _Draw(
     """Draws the metrics; returns the files, or why there are none."""
     from teleop_drake.figures.saving import SaveFigure
     from teleop_drake.figures.sweep_grid import MAX_PANELS, SweepGrid
-    from teleop_drake.figures.sweeps import PlotSeeds, PlotSweep
-    from teleop_drake.sweep import VariesSeedsOnly
+    from teleop_drake.figures.sweeps import PlotSweep
 
     metrics = list(names) or result.Metrics()
-    # Over the seeds alone, there is nothing to plot a metric against.
-    plot = PlotSeeds if VariesSeedsOnly(result) else PlotSweep
     try:
-        grid = None if VariesSeedsOnly(result) else SweepGrid(result)
-        rows, columns = grid.shape[:2] if grid else (1, 1)
+        grid = SweepGrid(result)
+        rows, columns = grid.shape[:2]
         is_separate |= rows * columns * len(metrics) > MAX_PANELS
         groups: dict[str, Sequence[str]] = {"metrics": metrics} if metrics else {}
         if is_separate:
             groups = {metric.replace(".", "_"): [metric] for metric in metrics}
-        figures = {name: plot(result, *group) for name, group in groups.items()}
+        figures = {name: PlotSweep(result, *group) for name, group in groups.items()}
     except ValueError as e:
         return [], f"No figures ({e})"
     note = ""
-    if grid and grid.has_two_keys:
+    if grid.has_two_keys:
         from teleop_drake.figures.sweep_maps import PlotMap, PlotStability
 
         boundaries, note = _Boundaries(grid, plan)
