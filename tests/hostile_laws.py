@@ -3,6 +3,7 @@
 # ruff: noqa: B006
 import contextlib
 import datetime
+import enum
 import functools
 import itertools
 import math
@@ -175,6 +176,13 @@ DAMPER, FORCES = Damper(), {math.sin: 2.0, shifted: 3.0}
 @functools.cache
 def matrix(n):
     return np.eye(n) + 1.0
+
+
+class Mode(enum.Enum):
+    FREE, HELD = 1, 2
+
+
+MODES, NAMES = [Mode.HELD], {"free", "held"}
 
 
 def friction(v, level=0.3):
@@ -353,6 +361,10 @@ class Right:
         kinds = isinstance(DAMPER, Damper), isinstance(DAMPER.limits, list)
         others = DAMPER(x[3]), len(DAMPER.gains), DAMPER.stiffness
         return np.array([*forces, *kinds, *others])
+
+    def names_and_modes(x):
+        y = 2 * x if MODES[0] == Mode.HELD else x
+        return y + 1.0 if "held" in NAMES else y
 
     def keys_that_are_functions(x):
         return x * FORCES[math.sin] + FORCES.get(shifted, 5.0)
@@ -611,6 +623,10 @@ class Refused:
 
     def changing_an_object(x):
         return DAMPER.noted(x)
+
+    def changing_a_set(x):
+        NAMES.add("caught")  # here
+        return x
 
     def changing_by_a_property(x):
         return x + DAMPER.uses

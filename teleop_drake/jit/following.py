@@ -7,6 +7,7 @@ its line.
 """
 
 import dis
+import enum
 import functools
 from types import (
     BuiltinFunctionType,
@@ -41,7 +42,10 @@ _CHANGING = "numpy.random.", "random.", "secrets.", "time.", "uuid."
 _HARMLESS = "_functools", "builtins"
 
 # Types whose values do not change.
-_PLAIN = str, bytes, int, float, complex, type(None), np.generic, range, slice
+_PLAIN = (
+    str, bytes, int, float, complex, type(None), np.generic, range, slice, frozenset,
+    enum.Enum,
+)  # fmt: skip
 
 # What changes a list or a dictionary.
 _CHANGES = (
@@ -103,6 +107,8 @@ def Follow(graph: Graph, value: Any, name: str) -> Any:
     if isinstance(value, tuple) or type(value) is list:
         kind = _LIST if isinstance(value, list) else getattr(value, "_make", tuple)
         return kind(Follow(graph, item, name) for item in value)
+    if isinstance(value, set):
+        return frozenset(value)
     if type(value) is dict:
         # The keys may be functions.
         return _DICTIONARY(Follow(graph, item, name) for item in value.items())
