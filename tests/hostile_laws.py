@@ -283,7 +283,9 @@ class Right:
 
     def without_warnings(x):
         with np.errstate(divide="ignore"):
-            return np.log(np.abs(x))
+            y = np.log(np.abs(x))
+        with np.errstate(invalid="ignore"):
+            return y + np.sqrt(np.abs(x))
 
     def types(x):
         y = np.array(x, dtype=float) + np.asarray(x, float) + np.zeros(6, dtype=float)
@@ -437,6 +439,13 @@ class Refused:
 
     def caught_by_helper(x):
         return inverse(np.outer(x, x))
+
+    def caught_besides_warnings(x):
+        with np.errstate(all="ignore"):  # here
+            try:
+                return np.array([math.sqrt(x[0])])  # here
+            except ValueError:
+                return x
 
     def suppressed(x):
         with contextlib.suppress(ValueError):

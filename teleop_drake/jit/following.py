@@ -9,6 +9,7 @@ its line.
 import dis
 import enum
 import functools
+from collections import Counter
 from types import (
     BuiltinFunctionType,
     CellType,
@@ -262,8 +263,9 @@ def _CheckCode(code: CodeType, is_outermost: bool) -> None:
         return
     instructions = list(dis.get_instructions(code))
     # `with np.errstate()` catches nothing.
-    num_blocks = sum(x.opname == "WITH_EXCEPT_START" for x in instructions)
+    names = Counter(x.opname for x in instructions)
     num_harmless = sum(x.argval == "errstate" for x in instructions)
+    is_harmless = num_harmless == names["WITH_EXCEPT_START"] == names["PUSH_EXC_INFO"]
     line = code.co_firstlineno
     for before, x in zip([None, *instructions], instructions, strict=False):
         line = (x.positions and x.positions.lineno) or line
@@ -275,9 +277,7 @@ def _CheckCode(code: CodeType, is_outermost: bool) -> None:
             is_outermost and x.argval in code.co_freevars
         ):
             continue
-        if x.opname == "PUSH_EXC_INFO" and num_harmless >= num_blocks > 0:
-            num_blocks -= 1
-            num_harmless -= 1
+        if x.opname == "PUSH_EXC_INFO" and is_harmless:
             continue
         error = Untraceable(_REFUSED[x.opname])
         error.place = f"{code.co_name}(), line {line}"
