@@ -3,6 +3,7 @@
 # ruff: noqa: B006
 import contextlib
 import datetime
+import enum
 import functools
 import itertools
 import math
@@ -177,6 +178,13 @@ def matrix(n):
     return np.eye(n) + 1.0
 
 
+class Mode(enum.Enum):
+    FREE, HELD = 1, 2
+
+
+MODES, NAMES = [Mode.HELD], {"free", "held"}
+
+
 def friction(v, level=0.3):
     if v > 0.1:
         return level
@@ -275,7 +283,9 @@ class Right:
 
     def without_warnings(x):
         with np.errstate(divide="ignore"):
-            return np.log(np.abs(x))
+            y = np.log(np.abs(x))
+        with np.errstate(invalid="ignore"):
+            return y + np.sqrt(np.abs(x))
 
     def types(x):
         y = np.array(x, dtype=float) + np.asarray(x, float) + np.zeros(6, dtype=float)
@@ -353,6 +363,10 @@ class Right:
         others = DAMPER(x[3]), len(DAMPER.gains), DAMPER.stiffness
         return np.array([*forces, *kinds, *others])
 
+    def names_and_modes(x):
+        y = 2 * x if MODES[0] == Mode.HELD else x
+        return y + 1.0 if "held" in NAMES else y
+
     def keys_that_are_functions(x):
         return x * FORCES[math.sin] + FORCES.get(shifted, 5.0)
 
@@ -424,6 +438,13 @@ class Refused:
 
     def caught_by_helper(x):
         return inverse(np.outer(x, x))
+
+    def caught_besides_warnings(x):
+        with np.errstate(all="ignore"):  # here
+            try:
+                return np.array([math.sqrt(x[0])])  # here
+            except ValueError:
+                return x
 
     def suppressed(x):
         with contextlib.suppress(ValueError):
@@ -610,6 +631,10 @@ class Refused:
 
     def changing_an_object(x):
         return DAMPER.noted(x)
+
+    def changing_a_set(x):
+        NAMES.add("caught")  # here
+        return x
 
     def changing_by_a_property(x):
         return x + DAMPER.uses

@@ -4,7 +4,7 @@
 arrays of `symbols.Number`s in the place of floats. The operations on these Numbers form
 a graph of operations on single numbers (`tracing`), without loops, slices, products of
 matrices and calls of helpers. Where the function branches on a comparison, it is called
-once for each result, and the graph merges the branches. `traced_numpy` defines the
+once for each result, and the graph merges the results. `traced_numpy` defines the
 functions of numpy, math and Python on Numbers. `scalar_code` writes the graph in LLVM's
 language: each operation where it is first needed.
 
@@ -18,8 +18,9 @@ write what is done with them (`typed_values`).
   version and of the processor. The cache cannot be out of date, because each process
   traces anew.
 * *Read when traced.* As in numba and JAX, machine code contains the values that
-  functions read from outside of their arguments when they were traced. No trace is
-  reused: each compiled diagram, and each CompiledLaw, traces anew.
+  functions read from outside of their arguments when they were traced. The functions
+  get copies of these values, which refuse changes (`following`). No trace is reused:
+  each compiled diagram, and each CompiledLaw, traces anew.
 * *Refused*, with function and line, is a law that cannot be a graph: with loops that
   end when numbers have converged, caught errors, random numbers, changes of values
   outside of it, writing at indices that depend on numbers, or functions of numpy that

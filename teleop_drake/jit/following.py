@@ -7,7 +7,9 @@ its line.
 """
 
 import dis
+import enum
 import functools
+from collections import Counter
 from types import (
     BuiltinFunctionType,
     CellType,
@@ -41,7 +43,10 @@ _CHANGING = "numpy.random.", "random.", "secrets.", "time.", "uuid."
 _HARMLESS = "_functools", "builtins"
 
 # Types whose values do not change.
-_PLAIN = str, bytes, int, float, complex, type(None), np.generic, range, slice
+_PLAIN = (
+    str, bytes, int, float, complex, type(None), np.generic, range, slice, frozenset,
+    enum.Enum,
+)  # fmt: skip
 
 # What changes a list or a dictionary.
 _CHANGES = (
@@ -103,6 +108,8 @@ def Follow(graph: Graph, value: Any, name: str) -> Any:
     if isinstance(value, tuple) or type(value) is list:
         kind = _LIST if isinstance(value, list) else getattr(value, "_make", tuple)
         return kind(Follow(graph, item, name) for item in value)
+    if isinstance(value, set):
+        return frozenset(value)
     if type(value) is dict:
         # The keys may be functions.
         return _DICTIONARY(Follow(graph, item, name) for item in value.items())
@@ -256,8 +263,9 @@ def _CheckCode(code: CodeType, is_outermost: bool) -> None:
         return
     instructions = list(dis.get_instructions(code))
     # `with np.errstate()` catches nothing.
-    num_blocks = sum(x.opname == "WITH_EXCEPT_START" for x in instructions)
+    names = Counter(x.opname for x in instructions)
     num_harmless = sum(x.argval == "errstate" for x in instructions)
+    is_harmless = num_harmless == names["WITH_EXCEPT_START"] == names["PUSH_EXC_INFO"]
     line = code.co_firstlineno
     for before, x in zip([None, *instructions], instructions, strict=False):
         line = (x.positions and x.positions.lineno) or line
@@ -269,9 +277,7 @@ def _CheckCode(code: CodeType, is_outermost: bool) -> None:
             is_outermost and x.argval in code.co_freevars
         ):
             continue
-        if x.opname == "PUSH_EXC_INFO" and num_harmless >= num_blocks > 0:
-            num_blocks -= 1
-            num_harmless -= 1
+        if x.opname == "PUSH_EXC_INFO" and is_harmless:
             continue
         error = Untraceable(_REFUSED[x.opname])
         error.place = f"{code.co_name}(), line {line}"

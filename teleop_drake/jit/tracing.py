@@ -209,47 +209,38 @@ class Graph:
         self._is_of_package = _IsOfPackage(function)
         try:
             if self._assumed is None:
-                with np.errstate(all="ignore"):
-                    return self._CallLaw(function, arguments, keywords)
-            return self._CallHelper(function, arguments, keywords)
+                return self._CallLaw(lambda: function(*_Copied(arguments), **keywords))
+            call = functools.partial(function, *arguments, **keywords)
+            if all(isinstance(x, _SINGLE) for x in (*arguments, *keywords.values())):
+                return self._CallOfNumbers(call)
+            return call()
         finally:
             self._is_of_package = was_of_package
 
-    def _CallLaw(
-        self,
-        law: FunctionType,
-        arguments: tuple[Any, ...],
-        keywords: dict[str, Any],
-    ) -> Any:
+    def _CallLaw(self, call: Callable[[], Any]) -> Any:
         """Calls a function that has no caller, each way with copies of its arrays."""
-        ways = self._EachWay(lambda: law(*_Copied(arguments), **keywords))
-        if len(ways) == 1:
-            return ways[0].result
-        ways = [_Way(way.path, AsFloats(Objects(way.result))) for way in ways]
-        if len({way.result.shape for way in ways}) > 1:
-            raise Untraceable("what it returns depends on its numbers")
-        return _Merged(self, ways)
-
-    def _CallHelper(
-        self,
-        helper: FunctionType,
-        arguments: tuple[Any, ...],
-        keywords: dict[str, Any],
-    ) -> Any:
-        """Calls a function that another one calls.
-
-        If it takes and returns single values, it can have no other effects. Otherwise
-        its branches become branches of its caller.
-        """
-        if all(isinstance(x, _SINGLE) for x in (*arguments, *keywords.values())):
-            ways = self._EachWay(lambda: helper(*arguments, **keywords))
-            results = [way.result for way in ways]
-            are_numbers = all(isinstance(x, _NUMBERS) for x in results)
+        with np.errstate(all="ignore"):
+            ways = self._EachWay(call)
             if len(ways) == 1:
-                return results[0]
-            if are_numbers and len(set(map(IsBoolean, results))) == 1:
-                return _Merged(self, ways)
-        return helper(*arguments, **keywords)
+                return ways[0].result
+            ways = [_Way(way.path, AsFloats(Objects(way.result))) for way in ways]
+            if len({way.result.shape for way in ways}) > 1:
+                raise Untraceable("what it returns depends on its numbers")
+            return _Merged(self, ways)
+
+    def _CallOfNumbers(self, call: Callable[[], Any]) -> Any:
+        """Calls a helper that takes single values, and can have no other effects.
+
+        Unless it returns single numbers, its branches become branches of its caller.
+        """
+        ways = self._EachWay(call)
+        results = [way.result for way in ways]
+        if len(ways) == 1:
+            return results[0]
+        are_numbers = all(isinstance(x, _NUMBERS) for x in results)
+        if are_numbers and len(set(map(IsBoolean, results))) == 1:
+            return _Merged(self, ways)
+        return call()
 
     def _EachWay(self, call: Callable[[], Any]) -> list["_Way"]:
         """Calls a function once for each way through it."""

@@ -143,7 +143,11 @@ class _Function(ValueWriter):
             operand = f"%{self.NewName()}"
             self._arguments.append(f"{TextOf(kind)} {operand}")
             self._variables[name] = Value(self, kind, operand)
-        self._Block(_BodyOf(function))
+        try:
+            self._Block(_BodyOf(function))
+        except Exception as error:
+            error.add_note(self._Where())
+            raise
         if self._is_open:
             self.lines.append("  ret void")
 
@@ -252,11 +256,7 @@ class _Function(ValueWriter):
             if not self._is_open:
                 return  # What follows a return.
             self._line = statement.lineno
-            try:
-                self._Statement(statement)
-            except Exception as error:
-                error.add_note(self._Where())
-                raise
+            self._Statement(statement)
 
     def _Statement(self, node: ast.stmt) -> None:
         """Writes a statement; refuses statements that have no case here."""
