@@ -1,6 +1,5 @@
 """What a side measures of the network: ticks, packets in use, delays."""
 
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -158,47 +157,31 @@ def _Statistics(x: Array) -> dict[str, float]:
     return {name: round(float(value), 9) for name, value in statistics.items()}
 
 
-class TickLog:
-    """A file to which each tick is appended, so that a side that is killed leaves it.
+# The log of a side is a CSV file. Each line is handed to the operating system as it is
+# written, so that it is there when the process is not any more.
 
-    It is a CSV file. Each line is handed to the operating system as it is written, and
-    is there when the process is not any more.
+
+def LogHeader(half: Half) -> bytes:
+    """Returns the first line of a side's log, the names of its columns."""
+    columns = ["time_s", *(f"{name}_s" for name in _TIMES)]
+    columns += ["trust", "tick_of_packet_in_use"]
+    columns += [f"received_{i}" for i in range(half.fed.size)]
+    columns += [f"sent_{i}" for i in range(half.sent[0].size)]
+    return f"{','.join(columns)}\n".encode("ascii")
+
+
+def LogLine(half: Half, tick: Tick, packet_tick: int) -> bytes:
+    """Returns the line of a tick in a side's log.
 
     Args:
-        file: Its path; what is there is replaced.
-        half: The side; the log has its packets.
+        half: The side; the line has its packets.
+        packet_tick: That of the packet that was in use.
     """
-
-    def __init__(self, file: Path, half: Half):
-        columns = ["time_s", *(f"{name}_s" for name in _TIMES)]
-        columns += ["trust", "tick_of_packet_in_use"]
-        columns += [f"received_{i}" for i in range(half.fed.size)]
-        columns += [f"sent_{i}" for i in range(half.sent[0].size)]
-        self._half = half
-        self._file = open(file, "wb", buffering=0)  # noqa: SIM115
-        self._Write(",".join(columns))
-
-    def Append(self, tick: Tick, packet_tick: int) -> None:
-        """Appends a tick.
-
-        Args:
-            packet_tick: That of the packet that was in use.
-
-        Raises:
-            OSError: If the file cannot be written.
-        """
-        numbers = [
-            tick.tick * self._half.period,
-            *(getattr(tick, name) for name in MEASURED),
-            packet_tick,
-            *self._half.fed.tolist(),
-            *self._half.sent[-1].tolist(),
-        ]
-        self._Write(",".join(f"{x:.9g}" for x in numbers))
-
-    def Close(self) -> None:
-        """Closes the file."""
-        self._file.close()
-
-    def _Write(self, line: str) -> None:
-        self._file.write(f"{line}\n".encode("ascii"))
+    numbers = [
+        tick.tick * half.period,
+        *(getattr(tick, name) for name in MEASURED),
+        packet_tick,
+        *half.fed.tolist(),
+        *half.sent[-1].tolist(),
+    ]
+    return f"{','.join(f'{x:.9g}' for x in numbers)}\n".encode("ascii")

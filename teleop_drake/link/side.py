@@ -9,13 +9,14 @@ import sys
 import time
 from collections.abc import Callable
 from hashlib import blake2b
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from teleop_drake.link.half import Driver, Half, Turn
-from teleop_drake.link.measurements import Measurements, Tick, TickLog
+from teleop_drake.link.measurements import LogHeader, LogLine, Measurements, Tick
 from teleop_drake.link.packets import (
     WRONG_KEY_NOTICE,
     Address,
@@ -129,7 +130,10 @@ class Side(Half):
         self._termination = "completed"
         # What is recorded.
         self.measured = Measurements(self, self._last)
-        self._log = None if log_file is None else TickLog(log_file, self)
+        self._log: FileIO | None = None
+        if log_file is not None:
+            self._log = FileIO(log_file, "w")
+            self._log.write(LogHeader(self))
 
     def Run(self) -> "Side":
         """Goes on in real time until the end, by SIGINT or SIGTERM too; returns itself.
@@ -193,7 +197,7 @@ class Side(Half):
             self._Speak()
         self._socket.close()
         if self._log is not None:
-            self._log.Close()
+            self._log.close()
 
     def _Hear(self) -> None:
         """Opens the datagrams that have come."""
@@ -334,10 +338,11 @@ class Side(Half):
         if self._log is None or self._start == 0 or self.reason is not None:
             return
         try:
-            self._log.Append(self.measured.ticks[-1], self._newest.tick)
+            tick = self.measured.ticks[-1]
+            self._log.write(LogLine(self, tick, self._newest.tick))
         except OSError as error:
             self.Say(f"the log ends here: {error}")
-            self._log.Close()
+            self._log.close()
             self._log = None
 
     def Recording(self) -> Recording:

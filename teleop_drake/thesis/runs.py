@@ -7,8 +7,6 @@ import shlex
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
@@ -62,8 +60,7 @@ class Run:
     def inside(self) -> "Run":
         """The run up to where the arm is nearly stretched, case I's own end."""
         is_outside = self.recording["tool_position"][:, 0] >= _INSIDE_WORKSPACE
-        outside = np.flatnonzero(is_outside)
-        end = self.recording.time[outside[0]] if len(outside) else math.inf
+        end = self.recording.time[is_outside].min(initial=math.inf)
         return Run(self.recording.Part(0.0, float(end)))
 
     def __getitem__(self, path: str) -> Any:

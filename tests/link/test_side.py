@@ -416,10 +416,10 @@ def test_the_log_has_every_tick_while_the_side_runs(tmp_path):
 
 
 class FullDisk:
-    def Append(self, tick, packet_tick):
+    def write(self, line):
         raise OSError("no space left")
 
-    def Close(self):
+    def close(self):
         pass
 
 

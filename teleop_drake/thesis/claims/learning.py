@@ -48,10 +48,9 @@ def UnrepresentedShare(
         v = recording["tool_velocity"][:, :1]
         centres, spacing = np.linspace(v.min(), v.max(), num_speeds, retstep=True)
         speeds = np.exp(-(((v - centres) / spacing) ** 2))
-        Phi = (Phi[:, :, np.newaxis] * speeds[:, np.newaxis, :]).reshape(len(v), -1)
+        Phi = np.einsum("ti,tj->tij", Phi, speeds).reshape(len(v), -1)
     # The trapezoidal rule's weight of each sample.
-    steps = np.diff(recording.time)
-    root = np.sqrt(np.append(steps, 0.0) + np.append(0.0, steps))
+    root = np.sqrt(np.convolve(np.diff(recording.time), [1.0, 1.0]))
     A = root[:, np.newaxis] * Phi
     b = root * rate
     weights = np.linalg.lstsq(A, b, rcond=1e-6)[0]

@@ -5,6 +5,7 @@ Times are in s, from the start of the run; signals are in SI units.
 
 import dataclasses
 import math
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import CONTACT
 from teleop_drake.recording import Recording
 from teleop_drake.thesis.runs import Run
+
+_ConstantsOf = attrgetter("stiffness", "damping")
 
 
 def LargestJump(run: Run) -> float:
@@ -55,8 +58,8 @@ def FirstEvent(recording: Recording, name: str) -> float:
 def RiseTime(recording: Recording) -> float:
     """Returns when v_x first reaches 90 % of v_d, in s."""
     v_d = float(np.asarray(recording.teleoperation.surgeon.velocity)[0])
-    reached = np.flatnonzero(recording["tool_velocity"][:, 0] >= 0.9 * v_d)
-    return float(recording.time[reached[0]]) if len(reached) else math.inf
+    is_fast = recording["tool_velocity"][:, 0] >= 0.9 * v_d
+    return float(recording.time[is_fast].min(initial=math.inf))
 
 
 def CommandedPath(recording: Recording) -> Array:
@@ -94,10 +97,9 @@ def ForceRate(recording: Recording) -> Array:
     """
     materials = [surface.material for surface in recording.surfaces]
     index = recording["environment_layer"][:, 0].astype(int)
-    k, d = (
-        np.array([*(getattr(material, name) for material in materials), 0.0])[index]
-        for name in ("stiffness", "damping")
-    )
+    # The last row is that of no layer, -1.
+    constants = np.array([*map(_ConstantsOf, materials), (0.0, 0.0)])
+    k, d = constants[index].T
     v = recording["tool_velocity"][:, 0]
     a = recording["tool_acceleration"][:, 0]
     return np.asarray(k * v + d * a)
@@ -148,8 +150,7 @@ def FarShare(recording: Recording) -> float:
     is_far = Phi < math.exp(-4.0)
     shares = []
     for name in ("weights_1", "weights_3"):
-        parts = np.abs(recording[name].reshape(len(Phi), -1, Phi.shape[1]))
-        parts = parts * Phi[:, np.newaxis, :]
-        far = np.where(is_far[:, np.newaxis, :], parts, 0.0).sum()
-        shares.append(float(far / parts.sum()))
+        weights = recording[name].reshape(len(Phi), -1, Phi.shape[1])
+        parts = np.abs(weights).sum(axis=1) * Phi
+        shares.append(float(parts[is_far].sum() / parts.sum()))
     return max(shares)
