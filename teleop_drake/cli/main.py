@@ -40,7 +40,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     _CollectLessGarbage()
     _ReplaceWhatCannotBeWritten()
     try:
-        args = MakeParser().parse_args(argv)
+        parser = MakeParser()
+        if "_ARGCOMPLETE" in os.environ:  # A shell asks at the tab key.
+            from teleop_drake.cli.commands.completion import Complete
+
+            Complete(parser)
+        args = parser.parse_args(argv)
         # So that a scenario can name kinds in modules of the folder one works in.
         if args.command_name not in _WITHOUT_OWN_KINDS and os.getcwd() not in sys.path:
             sys.path.append(os.getcwd())
@@ -126,6 +131,7 @@ _COMMANDS = {
     "report.",
     "check": "Compare a run of anybody's, in a file, with the published reference run "
     "of its name.",
+    "completion": "Let the tab key of a shell complete commands and scenarios.",
     "docs": "Say where the documentation is, or write it as HTML.",
 }
 
@@ -133,7 +139,7 @@ _COMMANDS = {
 _FILES = {"drive": "page", "operate": "serve"}
 
 # Commands that run nothing of a scenario.
-_WITHOUT_OWN_KINDS = ("list", "show", "check", "docs")
+_WITHOUT_OWN_KINDS = ("list", "show", "check", "completion", "docs")
 
 
 class _ShowVersion(argparse.Action):

@@ -1,0 +1,53 @@
+"""The command `teleop-drake completion`: what the tab key of a shell offers."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from teleop_drake.cli.commands.list import KindsOf
+
+
+def AddOptions(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of the command."""
+    parser.epilog = (
+        'For bash: add `eval "$(teleop-drake completion bash)"` to ~/.bashrc; zsh '
+        "likewise; for fish: `teleop-drake completion fish > "
+        "~/.config/fish/completions/teleop-drake.fish`."
+    )
+    parser.add_argument(
+        "shell", choices=("bash", "zsh", "fish"), help="print the script for this shell"
+    )
+
+
+def Execute(args: argparse.Namespace) -> int:
+    """Prints the script of a shell, which calls Complete() at the tab key."""
+    from argcomplete.shell_integration import shellcode
+
+    print(shellcode(["teleop-drake"], shell=args.shell))
+    return 0
+
+
+def Complete(parser: Any) -> None:
+    """Tells a shell what may stand at its cursor, and ends the process."""
+    import argcomplete
+
+    completers = {
+        "scenario": _ScenarioNames,
+        "controller": lambda **_: KindsOf("architectures"),
+        "controllers": lambda **_: [*KindsOf("architectures"), "all"],
+    }
+    for command in parser._subparsers._group_actions[0].choices.values():
+        command.AddOptionsOfCommand()
+        for action in command._actions:
+            if action.dest in completers:
+                action.completer = completers[action.dest]
+    argcomplete.autocomplete(
+        parser, always_complete_options=False, exit_method=sys.exit
+    )
+
+
+def _ScenarioNames(**_: Any) -> list[str]:
+    """Returns the built-in scenarios, without the second that Drake's import takes."""
+    folder = Path(__file__).parents[2] / "scenarios"
+    return [path.stem for path in folder.glob("*.yaml")]
