@@ -53,6 +53,8 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         help="runs that the search does not see: other values of delay, seed or any "
         "field, or a study; repeatable",
     )
+    help_ = "longer round trip with which every loop has to be stable by analysis, s"
+    add("--margin", type=float, metavar="S", help=help_)
     help_ = "how many sets of gains to try (default: 64)"
     add("--evaluations", type=int, default=64, metavar="N", help=help_)
     help_ = "of the search (default: 0)"
@@ -89,6 +91,7 @@ def Execute(args: argparse.Namespace) -> int:
         gains=args.gains.split(","),
         minimize=args.minimize,
         held_out=_HeldOut(args.held_out),
+        margin=args.margin,
         evaluations=args.evaluations,
         seed=args.seed,
     )

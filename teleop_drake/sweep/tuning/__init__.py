@@ -12,13 +12,15 @@ each metric the largest score when its own is multiplied by five.
 
 Gains are accepted if every run reaches its end and has a value of each metric. A time
 that a run does not have, for example because it never settles, counts as the run's
-duration.
+duration. With a margin, every loop of every training run also has to remain stable, by
+analysis, if the round trip becomes longer by the margin.
 
 The search is differential evolution from a Sobol' sequence (scipy), on logarithmic
 ranges where these are positive. Gains are rounded to four digits.
 """
 
-from teleop_drake.sweep.tuning.plan import STIFFNESS_LOSS, PlanTuning, TuningPlan
+from teleop_drake.sweep.tuning.analyses import STIFFNESS_LOSS
+from teleop_drake.sweep.tuning.plan import PlanTuning, TuningPlan
 from teleop_drake.sweep.tuning.result import TuningResult
 from teleop_drake.sweep.tuning.search import RunTuning, Tune
 from teleop_drake.sweep.tuning.trials import Trial

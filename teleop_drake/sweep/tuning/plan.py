@@ -7,18 +7,15 @@ from operator import attrgetter
 
 import numpy as np
 
-from teleop_drake.analysis.transparency import FeltStiffnessLoss
 from teleop_drake.arrays import Array, Interval
 from teleop_drake.scenario import AsTeleoperation, Scenario
 from teleop_drake.stations import ResolveController
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
 from teleop_drake.sweep.study import Study
+from teleop_drake.sweep.tuning.analyses import STIFFNESS_LOSS, Analyze
 from teleop_drake.sweep.values import GivenGrid
 from teleop_drake.tasks.metrics import MetricUnits
-from teleop_drake.validation import CheckChoice, Refuse
-
-STIFFNESS_LOSS = "felt_stiffness_loss"
-"""The name of the metric that FeltStiffnessLoss() computes."""
+from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
 
 Gains = dict[str, float]
 """Values of the gains by their paths."""
@@ -39,6 +36,7 @@ class TuningPlan:
         ranges: The lower and upper bound of each gain, by its path.
         weights: The weights of the minimised metrics, by their names. If all are None,
             the search looks for a Pareto front.
+        margin: Least delay margin of the round trip, in s; None: it is not checked.
         evaluations: Number of sets of gains to try, besides the scenario's own.
         seed: The seed of the search.
     """
@@ -47,6 +45,7 @@ class TuningPlan:
     held_out: dict[str, SweepPlan]
     ranges: dict[str, Interval]
     weights: dict[str, float | None]
+    margin: float | None
     evaluations: int
     seed: int
 
@@ -82,6 +81,7 @@ def PlanTuning(
     gains: Iterable[str],
     minimize: Iterable[str],
     held_out: Study | GivenGrid | None = None,
+    margin: float | None = None,
     evaluations: int = 64,
     seed: int = 0,
 ) -> TuningPlan:
@@ -97,6 +97,7 @@ def PlanTuning(
         minimize: The metrics to minimise, as METRIC or METRIC:WEIGHT.
         held_out: Runs that the search does not use, as a study, or as values in the
             place of those of the training runs; None: there are none.
+        margin: Least delay margin of the round trip, in s; None: it is not checked.
         evaluations: Number of sets of gains to try, besides the scenario's own.
         seed: The seed of the search. Equal seeds give equal gains.
 
@@ -110,11 +111,14 @@ def PlanTuning(
     ranges = dict(_Range(scenario, text) for text in gains)
     if not 1 <= len(ranges) <= _MAX_GAINS:
         Refuse("gains", list(ranges), f"1 to {_MAX_GAINS} different ones")
+    if margin is not None:
+        CheckNumber("margin", margin, "s", minimum=0)
     plan = TuningPlan(
         training=trained,
         held_out=tested,
         ranges=ranges,
         weights=_Weights(minimize, sweeps),
+        margin=margin,
         evaluations=evaluations,
         seed=seed,
     )
@@ -127,9 +131,8 @@ def PlanTuning(
                 Refuse(f"gains.{path}", bounds, "a field that no run varies")
             for bound in bounds:
                 sweep.Load({**sweep.points[0], path: bound})
-        if STIFFNESS_LOSS in plan.weights:
-            # This call refuses a scenario without a linear model.
-            FeltStiffnessLoss(AsTeleoperation(sweep.scenario))
+        # This call refuses a scenario without a linear model, if one is needed.
+        Analyze(sweep.scenario, plan.weights, margin)
     return plan
 
 

@@ -43,6 +43,7 @@ def Tune(
     grid: GivenGrid | None = None,
     held_out: GivenGrid | Study | None = None,
     overrides: Overrides = (),
+    margin: float | None = None,
     evaluations: int = 64,
     seed: int = 0,
     executor: Executor | None = None,
@@ -62,12 +63,13 @@ def Tune(
             overrides are left out.
         controller: The kind of the controller.
         gains: The fields to search, as in PlanTuning(), which also describes minimize,
-            evaluations and seed.
+            margin, evaluations and seed.
         minimize: The metrics to minimise, as METRIC or METRIC:WEIGHT.
         grid: The values of the training runs, as in Sweep().
         held_out: Values that replace those of the grid in the held-out runs, or a study
             with the held-out runs; None: there are none.
         overrides: Overrides of all runs.
+        margin: Least delay margin of the round trip, in s.
         evaluations: Number of sets of gains to try.
         seed: The seed of the search.
         executor: Where to simulate; Execution describes this and the other arguments.
@@ -94,6 +96,7 @@ def Tune(
         gains=gains,
         minimize=minimize,
         held_out=held_out,
+        margin=margin,
         evaluations=evaluations,
         seed=seed,
     )

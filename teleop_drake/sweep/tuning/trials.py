@@ -6,12 +6,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from teleop_drake.analysis.transparency import FeltStiffnessLoss
 from teleop_drake.arrays import Array
-from teleop_drake.scenario import AsTeleoperation
 from teleop_drake.sweep.plan import SweepPlan
 from teleop_drake.sweep.result import SweepError, SweepResult
-from teleop_drake.sweep.tuning.plan import STIFFNESS_LOSS, Gains, TuningPlan
+from teleop_drake.sweep.tuning.analyses import (
+    STIFFNESS_LOSS,
+    Analysis,
+    Analyze,
+)
+from teleop_drake.sweep.tuning.plan import Gains, TuningPlan
 from teleop_drake.tasks.metrics import MetricUnits
 
 # Gains whose scores differ by less than this factor count as one member of a front.
@@ -78,10 +81,8 @@ def TrialsOf(
                 trial.reason = (
                     f"a run of {name}: {record['reason'] or 'lacks a metric'}"
                 )
-            elif STIFFNESS_LOSS in plan.weights:
-                column = list(plan.weights).index(STIFFNESS_LOSS)
-                losses = _StiffnessLosses(sweeps[name], trial.gains)
-                trial.values[name][:, column] = losses
+            else:
+                _AddAnalyses(plan, sweeps[name], name, trial)
     return trials
 
 
@@ -101,19 +102,24 @@ def _Values(plan: TuningPlan, result: SweepResult) -> Array:
     return values
 
 
-def _StiffnessLosses(sweep: SweepPlan, gains: Gains) -> list[float]:
-    """Returns the loss of felt stiffness in each run of a sweep with gains."""
-    known: dict[str, float] = {}
+def _AddAnalyses(plan: TuningPlan, sweep: SweepPlan, name: str, trial: Trial) -> None:
+    """Adds the analyses of a sweep's runs to a trial."""
+    if STIFFNESS_LOSS not in plan.weights and plan.margin is None:
+        return
+    known: dict[str, Analysis] = {}
     losses = []
     for point in sweep.points:
         # The linear model does not depend on the seed.
         given = {key: value for key, value in point.items() if key != "seed"}
         key = str(given)
         if key not in known:
-            scenario = AsTeleoperation(sweep.Load({**gains, **given}))
-            known[key] = FeltStiffnessLoss(scenario)
-        losses.append(known[key])
-    return losses
+            scenario = sweep.Load({**trial.gains, **given})
+            known[key] = Analyze(scenario, plan.weights, plan.margin)
+        losses.append(known[key].stiffness_loss)
+        trial.reason = trial.reason or known[key].reason
+    if STIFFNESS_LOSS in plan.weights:
+        column = list(plan.weights).index(STIFFNESS_LOSS)
+        trial.values[name][:, column] = losses
 
 
 def FindReference(plan: TuningPlan, trials: Sequence[Trial]) -> Trial:
