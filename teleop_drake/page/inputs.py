@@ -100,6 +100,7 @@ class Input:
         label: Its name in the page, with its unit in brackets.
         owners: Paths of the blocks to which it belongs.
         is_delay: Whether it is one.
+        is_field: Whether it is shown only in the opened box of its block.
         changes: Of each controller.
     """
 
@@ -111,6 +112,7 @@ class Input:
     owners: list[str]
     is_wanted: bool = False
     is_delay: bool = False
+    is_field: bool = False
     changes: list[Change] = field(default_factory=list)
 
     @property

@@ -13,18 +13,13 @@ from pydrake.systems.framework import Context, System
 
 from teleop_drake.blocks.environments import Surface
 from teleop_drake.page.colors import PageColor
+from teleop_drake.page.diagram_inputs import MakeDiagramInputs
 from teleop_drake.page.document import Page
 from teleop_drake.page.inputs import Input, Maker
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf
 from teleop_drake.page.plants import ViewOf
-from teleop_drake.page.sliders import (
-    DataOfInputs,
-    MakeDiagramInputs,
-    MakeInputs,
-    Ranges,
-    Runs,
-)
+from teleop_drake.page.sliders import DataOfInputs, MakeInputs, Ranges, Runs
 from teleop_drake.parameters import ScalarsIn, SetNumbers
 from teleop_drake.scenario import (
     AnyScenario,
@@ -151,7 +146,7 @@ def MakePage(
             among them. Of what is no number, as `surgeon.kind`, the values to choose
             from: each has a program of its own. Of a diagram, parameters and initial
             states by their names, or `delay`; see SetNumbers(). None: all delays, and
-            four parameters.
+            four parameters. The other parameters have fields in the boxes of blocks.
         overrides: For the scenario, as LoadScenario takes them.
         duration: Of a diagram's runs, s.
         context: Where a diagram's runs begin, with their parameters and fixed inputs;
@@ -210,7 +205,7 @@ def _OfDiagram(
     left_out = ", ".join(model.run.evaluator.left_out)
     if left_out:
         notes.append(f"{left_out}: left out, as nothing depends on them")
-    inputs = MakeDiagramInputs(ScalarsIn(system, start), vary, runs)
+    inputs = MakeDiagramInputs(ScalarsIn(system, start), runs, vary, notes)
     return {
         **_Data(title.replace("_", " "), inputs, {}, runs),
         "view": ViewOf(model.plants),

@@ -6,11 +6,10 @@ from typing import Any
 
 from teleop_drake.figures.style import AxisLabel
 from teleop_drake.page.inputs import CheckSums, FindChange, Input, Maker, NotSums
-from teleop_drake.parameters import Scalar
 from teleop_drake.scenario import AnyScenario, ScenarioError
 from teleop_drake.scenario.overrides import ALIASES
 from teleop_drake.tasks import TaskOf
-from teleop_drake.validation import CheckChoice, Refuse
+from teleop_drake.validation import Refuse
 
 _DELAYS = ("forward_delay", "return_delay")
 
@@ -20,11 +19,7 @@ _LEAST_DELAY = 0.005
 # The largest one is at least this, s, and at least twice that of the scenario.
 _LARGE_DELAY = 0.5
 
-# Parameters of a Diagram that have sliders if no ranges are given.
-_NUM_SLIDERS = 4
-
 Ranges = Mapping[str, Sequence[Any]]
-"""By whose least and largest values numbers go."""
 
 # Whose an input is beside the block that its key begins with.
 _OWNERS = {
@@ -94,7 +89,8 @@ class Runs:
             if one.is_delay and one.low == 0:
                 one.low = _LEAST_DELAY
                 return self.HasChanges(one)
-            self._notes.append(f"{one.key} has no slider: {error}")
+            if not one.is_field:
+                self._notes.append(f"{one.key} has no slider: {error}")
             return False
         return True
 
@@ -149,7 +145,7 @@ def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges, runs: Runs) -> Inp
     value = scenario.Value(key)
     if isinstance(value, bool) or not isinstance(value, int | float):
         Refuse(key, value, "a number in the scenario, to be varied")
-    low, high = _RangeWith(key, wanted or runs.DelayRange(value), value)
+    low, high = RangeWith(key, wanted or runs.DelayRange(value), value)
     return Input(
         key=key,
         low=low,
@@ -162,55 +158,7 @@ def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges, runs: Runs) -> Inp
     )
 
 
-def MakeDiagramInputs(
-    numbers: Mapping[str, Scalar], vary: Ranges | None, runs: Runs
-) -> list[Input]:
-    """Returns the inputs of a Diagram's page.
-
-    Args:
-        numbers: Those of its Context; see ScalarsIn().
-        vary: The ranges of numbers by name. None: of all delays, and of the first
-            parameters that have a size.
-
-    Raises:
-        ScenarioError: If a number of `vary` does not exist or cannot be changed.
-    """
-    ranges: Ranges = _DefaultRanges(numbers, runs) if vary is None else vary
-    inputs = []
-    for key, ends in ranges.items():
-        CheckChoice("vary", key, numbers)
-        number = numbers[key]
-        low, high = _RangeWith(key, ends, number.value)
-        one = Input(
-            key=key,
-            low=low,
-            high=high,
-            value=number.value,
-            label=f"{key} [{number.unit}]" if number.unit else key,
-            owners=number.paths,
-            is_wanted=vary is not None,
-            is_delay=number.is_delay,
-        )
-        inputs.append(one)
-    return runs.FindInputs([inputs])
-
-
-def _DefaultRanges(numbers: Mapping[str, Scalar], runs: Runs) -> Ranges:
-    """Returns ranges of the delays, each for itself, and of some parameters."""
-    delays: dict[str, Sequence[float]] = {}
-    others: dict[str, Sequence[float]] = {}
-    for name, number in numbers.items():
-        if number.is_state or name == "delay":
-            continue
-        value = number.value
-        if number.is_delay:
-            delays[name] = runs.DelayRange(value)
-        elif value != 0 and len(others) < _NUM_SLIDERS:
-            others[name] = sorted((0.5 * value, 2 * value))
-    return delays | others
-
-
-def _RangeWith(key: str, ends: Sequence[Any], value: float) -> tuple[float, float]:
+def RangeWith(key: str, ends: Sequence[Any], value: float) -> tuple[float, float]:
     """Returns a range that has a value in it, too."""
     are_numbers = all(isinstance(end, Real) for end in ends)
     if len(ends) != 2 or not are_numbers:
@@ -231,6 +179,7 @@ def DataOfInputs(
             "label": one.label,
             "unit": one.label.partition("[")[2].rstrip("]"),
             "owners": one.owners,
+            "isField": one.is_field,
             "value": one.value,
             "min": one.low if one.is_continuous else one.stops[0],
             "max": one.high if one.is_continuous else one.stops[-1],

@@ -9,6 +9,7 @@
     ["delay", 0],
     ["plant.length", 0.8],
     ["plant/theta(0)", 0.4],
+    ["plant.damping", 0.3],
   ]) {
     await teleop.set(name, value);
     samples.push(teleop.sample(await teleop.run(kind), "state", times));

@@ -44,9 +44,10 @@ function open(path) {
   const box = boxAt(path);
   const [block] = path.split("/");
   if (path !== state.level && loop.levels.some((x) => x.path === path)) showLevel(path);
-  for (const { row, owners } of Object.values(state.inputs)) {
-    const isOwn = owners.includes(path) || owners.includes(block);
-    $(isOwn ? "box" : "inputs").append(row);
+  for (const { row, owners, isField } of Object.values(state.inputs)) {
+    const isOwn = owners.includes(path) || (!isField && owners.includes(block));
+    if (isOwn || !isField) $(isOwn ? "box" : "inputs").append(row);
+    else row.remove();
   }
   const isPlotted = (name) => loop.ports[`${path}:${name}`];
   const ports = [...box.u, ...box.y].filter(isPlotted);

@@ -42,7 +42,7 @@ export function makeInputs() {
       ? makeChoice(input)
       : makeSlider(input, (value) => setFromField(input.name, value));
     input.row = make("div", { className: "row" }, make("label", {}, input.label), ...fields);
-    $("inputs").append(input.row);
+    if (!input.isField) $("inputs").append(input.row);
     input.show();
   }
 }
