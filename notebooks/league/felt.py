@@ -43,7 +43,7 @@ class TwoPort:
         self._scenario = OneAxis(entry, gains, delay)
         point = OperatingPoints(self._scenario)[-1]
         self._point: OperatingPoint = replace(
-            point, velocity=0 * point.velocity, forward_packet=None, holds_force=False
+            point, velocity=0 * point.velocity, holds_force=False
         )
         linearizer = Linearizer(self._scenario, at_ports=True)
         self._model = linearizer.TwoPort(self._point)

@@ -81,7 +81,7 @@ from teleop_drake.kernel.linear_part import (
     HeldForce,
     LinearPartOf,
 )
-from teleop_drake.numerics.state_space import StateSpace, fed_back
+from teleop_drake.numerics.state_space import StateSpace, close_loops
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.validation import Refuse, ScenarioError, Within
@@ -338,7 +338,7 @@ class Linearizer:
         columns = np.r_[first : self._num_slave_states, packet]
         # Delays deliver what goes into them, and the tool feels its environment.
         closed = N + np.r_[self._signals.tool, self._signals.inner_slave]
-        slope = fed_back(slopes, closed)[np.ix_(rows, columns)]
+        slope = close_loops(slopes, closed)[np.ix_(rows, columns)]
         is_free = np.ones(len(columns), dtype=bool)
         is_free[-len(packet) :] = np.any(slopes[packet] != 0, axis=1)
         change = np.zeros(len(columns))

@@ -22,6 +22,7 @@ from teleop_drake.analysis.port_model import PortModel
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.engine.flatten import Block
 from teleop_drake.kernel.linear_part import LinearPartOf
+from teleop_drake.numerics.state_space import close_loops
 from teleop_drake.validation import Refuse
 
 # The longest difference for blocks that do not convert to AutoDiffXd, as a share of a
@@ -104,18 +105,16 @@ def LinearizePorts(
         allowed = "where every law has one slope; one bends here, as at a surface"
         Refuse("context", f"at {context.get_time():g} s", allowed)
     n = sum(x.size for x in states)
-    added = input_port.size() if entering else 0
-    # A deviation that is added closes the loop through a copy of its columns.
-    slopes = np.hstack([slopes[:, : n + added], slopes[:, n:]])
-    model = PortModel(
-        matrix=slopes,
+    # What is added to a signal that comes back goes around the loop.
+    back = n + np.arange(input_port.size() if entering else 0)
+    return PortModel(
+        matrix=np.delete(close_loops(slopes, back), back, axis=0),
         num_states=n,
         delays=TimesOf(delays),
         by_differences=function.by_differences,
         held=held,
         is_opened=is_opened,
     )
-    return model.closed(np.arange(added))
 
 
 def DelayMargin(

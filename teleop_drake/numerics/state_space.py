@@ -50,22 +50,22 @@ class StateSpace:
 
     @property
     def A(self) -> Array:
-        """(n, n)."""
+        """The rates of the states by the states (n, n)."""
         return self.matrix[: self.num_states, : self.num_states]
 
     @property
     def B(self) -> Array:
-        """(n, m)."""
+        """The rates of the states by the inputs (n, m)."""
         return self.matrix[: self.num_states, self.num_states :]
 
     @property
     def C(self) -> Array:
-        """(p, n)."""
+        """The outputs by the states (p, n)."""
         return self.matrix[self.num_states :, : self.num_states]
 
     @property
     def D(self) -> Array:
-        """(p, m)."""
+        """The outputs by the inputs (p, m)."""
         return self.matrix[self.num_states :, self.num_states :]
 
     @property
@@ -178,11 +178,11 @@ class StateSpace:
             ValueError: If the loop is not well posed.
         """
         i = self.num_states + np.asarray(signals, dtype=int)
-        matrix = fed_back(self.matrix, i)
+        matrix = close_loops(self.matrix, i)
         return replace(self, matrix=np.delete(np.delete(matrix, i, axis=0), i, axis=1))
 
 
-def fed_back(matrix: Array, signals: ArrayLike) -> Array:
+def close_loops(matrix: Array, signals: ArrayLike) -> Array:
     """Returns a matrix of slopes after some of its rows are fed to its columns.
 
     Args:

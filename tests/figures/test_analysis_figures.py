@@ -23,6 +23,7 @@ from teleop_drake.figures.analysis import (
 )
 from teleop_drake.figures.runs import SaveFigure
 from teleop_drake.figures.saving import DescribeFigure
+from teleop_drake.numerics.state_space import state_space
 from teleop_drake.scenario import LoadScenario
 
 # They look at the same analyses.
@@ -133,14 +134,11 @@ def test_nothing_to_draw():
 
 def test_bode_of_a_loop_that_is_nothing():
     analysis = Analysis()
-    points = [
-        dataclasses.replace(
-            point,
-            loop=dataclasses.replace(point.loop, B=1e-30 * point.loop.B),
-            crossings=[],
-        )
-        for point in analysis.points
-    ]
+    points = []
+    for point in analysis.points:
+        L = point.loop
+        loop = state_space(L.A, 1e-30 * L.B, L.C, L.D)
+        points.append(dataclasses.replace(point, loop=loop, crossings=[]))
     figure = PlotBode(dataclasses.replace(analysis, points=points))
     assert figure.axes[-1].get_ylim() == (-270, 90)
 
