@@ -1,8 +1,6 @@
 """Packets in Drake: delayed samples of a signal, made from a Delay of a kernel."""
 
 import math
-import operator
-from bisect import bisect_left, bisect_right
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,15 +48,11 @@ class _Sent(NamedTuple):
     rate: Array | None = None
 
 
-_SHOWN = operator.attrgetter("shown")
-
-
 class _Packets(NamedTuple):
-    """The packet that is shown and those under way, in the order of both their times.
+    """The packet that is shown and those that were sent later, in this order.
 
-    A packet that a newer one overtakes is never shown and is left out. `next` is the
-    number of the next packet to be sent. The object is immutable, so that a copy of the
-    state shares it.
+    `next` is the number of the next packet to be sent. A packet that is lost is left
+    out. The object is immutable, so that a copy of the state shares it.
     """
 
     next: int
@@ -67,16 +61,10 @@ class _Packets(NamedTuple):
     def __deepcopy__(self, memo: dict[int, Any]) -> "_Packets":
         return self
 
-    def Send(self, k: int, packet: _Sent, *, is_line: bool) -> "_Packets":
-        """Adds packet k."""
-        if packet.shown == math.inf:
-            return self._replace(next=k + 1)
-        keep = max(bisect_left(self.packets, packet.shown, key=_SHOWN), 1)
-        previous = self.packets[keep - 1]
-        if is_line and previous.sent > -math.inf:
-            rate = (packet.value - previous.value) / (packet.sent - previous.sent)
-            packet = packet._replace(rate=rate)
-        return _Packets(k + 1, (*self.packets[:keep], packet))
+    def NewestBefore(self, time: float) -> _Sent:
+        """Returns the newest packet that is shown before a time in s."""
+        shown = (x for x in reversed(self.packets) if x.shown < time)
+        return next(shown, self.packets[0])
 
 
 class PacketLine:
@@ -130,7 +118,7 @@ class PacketLine:
     def NextJumpTime(self, context: Context) -> float:
         """Returns when the next packet will be shown (s), infinity if none is known."""
         number, packets = self._PacketsIn(context)
-        jump = packets[1].shown if len(packets) > 1 else math.inf
+        jump = min((x.shown for x in packets[1:]), default=math.inf)
         # A run that begins later has sent none of the packets before.
         time = context.get_time()
         number = max(number, math.ceil((time - same_within(time)) / self._delay.period))
@@ -141,11 +129,9 @@ class PacketLine:
 
     def Eval(self, context: Context) -> Array:
         """Returns the value that is shown."""
-        packets = self._PacketsIn(context).packets
         time = context.get_time()
         # A packet that arrives now is shown only after the step has ended here.
-        i = bisect_left(packets, time - same_within(time), key=_SHOWN) - 1
-        packet = packets[max(i, 0)]
+        packet = self._PacketsIn(context).NewestBefore(time - same_within(time))
         value = packet.value.copy()
         if packet.rate is not None:
             value += packet.rate * (time - packet.shown)
@@ -156,14 +142,18 @@ class PacketLine:
 
     def _Send(self, context: Context, state: State) -> None:
         k = round(context.get_time() / self._delay.period)
+        packets = self._PacketsIn(context)
         packet = _Sent(
             shown=self._shown(k),
             sent=k * self._delay.period,
             value=self._signal.Eval(context).copy(),
         )
-        packets = self._PacketsIn(context).Send(
-            k, packet, is_line=self._delay.extrapolates
-        )
+        previous = packets.NewestBefore(packet.shown)
+        if self._delay.extrapolates and previous.sent > -math.inf:
+            rate = (packet.value - previous.value) / (packet.sent - previous.sent)
+            packet = packet._replace(rate=rate)
+        new = [packet] if packet.shown < math.inf else []
+        packets = _Packets(k + 1, (*packets.packets, *new))
         state.get_mutable_abstract_state(self._packets).set_value(packets)
 
     def _Deliver(self, context: Context, state: State) -> EventStatus:
@@ -172,7 +162,7 @@ class PacketLine:
         time = context.get_time()
         now = time + same_within(time)
         # The packet that is shown from now on.
-        first = bisect_right(packets, now, key=_SHOWN) - 1
+        first = max(i for i, x in enumerate(packets) if x.shown <= now)
         if first == 0:
             return EventStatus.DidNothing()
         left = _Packets(number, packets[first:])

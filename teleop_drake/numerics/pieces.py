@@ -250,8 +250,7 @@ def integral(y: Array, length: Array, start: Array) -> Array:
     powers = np.arange(1, DEGREE + 2)
     to_integral = NODES[:, None] ** powers / powers @ to_powers(DEGREE)
     within = to_integral @ y * length[:, None, None]
-    ends = np.cumsum(within[:, -1], axis=0)
-    before = np.concatenate([np.zeros_like(ends[:1]), ends[:-1]])
+    before = np.cumsum(within[:, -1], axis=0) - within[:, -1]
     return start + before[:, None] + within
 
 

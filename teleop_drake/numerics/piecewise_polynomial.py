@@ -93,7 +93,6 @@ def largest_norm(breaks: Array, coefficients: Array) -> float:
         for axis in piece.T:
             square = square + np.polynomial.Polynomial(axis) ** 2
         roots = square.deriv().roots()
-        candidates = np.concatenate([[0.0, length], roots.real])
-        inside = candidates[(candidates >= 0) & (candidates <= length)]
-        largest = max(largest, float(square(inside).max()))
+        candidates = np.clip([0.0, length, *roots.real], 0.0, length)
+        largest = max(largest, float(square(candidates).max()))
     return float(np.sqrt(largest))

@@ -1,6 +1,5 @@
 """The result of a sweep: records, and the metrics in them by name."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -66,9 +65,7 @@ class SweepResult:
         """
         SelectMetrics(self.scenario, [metric])
         values = [metrics.get(metric) for metrics in self._metrics]
-        return np.array(
-            [math.nan if value is None else value for value in values], dtype=float
-        ).reshape(self.shape)
+        return np.array(values, dtype=float).reshape(self.shape)  # NaN where None.
 
     def Metrics(self) -> list[str]:
         """Returns those of the most used metrics that at least one run has."""

@@ -9,11 +9,9 @@ from pydrake.systems.primitives import Adder, ConstantVectorSource, DiscreteTime
 
 from teleop_drake.blocks.channels.base import ChannelConfig, ConstantDelay
 from teleop_drake.blocks.channels.sampled import CheckSamplePeriod
+from teleop_drake.numerics.instants import TIE
 from teleop_drake.validation import Config, Refuse
 from teleop_drake.wiring import Wire
-
-# How far from a whole number the number of periods may be, for rounding.
-_NEARLY_WHOLE = 1e-6
 
 
 @Config
@@ -34,7 +32,7 @@ class DiscreteChannelConfig(ChannelConfig):
         super().Check(path, duration)
         CheckSamplePeriod(path, self.sample_period, self.delay)
         num_periods = self.delay / self.sample_period
-        if abs(num_periods - round(num_periods)) > _NEARLY_WHOLE:
+        if abs(num_periods - round(num_periods)) > TIE:
             Refuse(
                 f"{path}.delay",
                 self.delay,

@@ -298,7 +298,7 @@ class PacketNetwork:
         sent = range(self.CountUntil(end))
         shown = np.array([self.Shown(k, receiver) for k in sent])
         stamps = np.arange(len(sent)) * self.sample_period
-        order = np.lexsort((stamps, shown))
+        order = np.argsort(shown, kind="stable")
         order = order[shown[order] < end]
         return shown[order], np.maximum.accumulate(stamps[order])
 

@@ -105,10 +105,11 @@ class DelayProfile:
         if self._drift < 0:
             self.minimum += self._drift * self.duration
         slopes = np.diff(self._delays) / np.diff(self._times)
+        # The slope of each part; the last delay of a trace is held.
         self._slopes = {
             "drift": self._drift,
             "sinusoid.amplitude": sinusoid.amplitude * sinusoid.frequency,
-            "trace": float(slopes.max(initial=0.0)),  # The last one is held.
+            "trace": float(slopes.max(initial=0.0)),
         }
         self.max_slope = sum(self._slopes.values())
         if self.minimum < 0:
@@ -134,7 +135,7 @@ class DelayProfile:
         if self.minimum < least:
             self._RefuseMinimum(f"less than {least:g} s")
         if self.max_slope >= 1:
-            name = max(self._slopes, key=lambda key: self._slopes[key])
+            name = max(self._slopes, key=self._slopes.__getitem__)
             value = {
                 "drift": self._drift,
                 "sinusoid.amplitude": self._sinusoid.amplitude,
