@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from block_checks import backstepping_rate
 from grids import Slow
 
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     BacksteppingState,
-    backstepping_rate,
 )
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
