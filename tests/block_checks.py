@@ -2,7 +2,11 @@
 
 import numpy as np
 
-from teleop_drake.laws.backstepping import BacksteppingGains
+from teleop_drake.laws.backstepping import (
+    BacksteppingGains,
+    auxiliary_error,
+    damped_rate,
+)
 
 
 def Gains(n, Psi_min=0.1):
@@ -22,6 +26,12 @@ def Gains(n, Psi_min=0.1):
         Psi0=4 * I + 0.1,
         Psi_min=Psi_min,
     )
+
+
+def backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd):
+    """Returns the rate of the law of chapters 4 and 5, whose damping is G1 s."""
+    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)
+    return damped_rate(gains, state, Phi, Phi_dot, s, F_e, gains.G1 @ s, gains.G1)
 
 
 class Block:

@@ -177,17 +177,13 @@ def auxiliary_error(
     return (v - v_dd) + gains.Lambda @ (F_e - F_hd)
 
 
-def control_force_error(
-    gains: BacksteppingGains, state: BacksteppingState, Phi: Array, s: Array, F_e: Array
-) -> Array:
-    """Returns z = F_c - alpha of (4.18), (5.17) in N (n), alpha by (4.23), (5.22)."""
-    return damped_force_error(state, Phi, F_e, gains.G1 @ s)
-
-
 def damped_force_error(
     state: BacksteppingState, Phi: Array, F_e: Array, damping: Array
 ) -> Array:
-    """Returns z = F_c - alpha in N (n) with any damping of s in the place of G1 s."""
+    """Returns z = F_c - alpha of (4.18), (5.17) in N (n), alpha by (4.23), (5.22).
+
+    The damping of s is G1 s there.
+    """
     alpha = F_e - np.linalg.inv(state.Psi) @ (state.W1 @ Phi + damping)
     return state.F_c - alpha
 
@@ -232,27 +228,6 @@ def project(Psi: Array, update: Array, Psi_min: float) -> Array:
     return update - U @ S_minus @ Vt
 
 
-def backstepping_rate(
-    gains: BacksteppingGains,
-    state: BacksteppingState,
-    Phi: Array,
-    Phi_dot: Array,
-    v: Array,
-    v_dd: Array,
-    F_e: Array,
-    F_hd: Array,
-) -> BacksteppingState:
-    """Returns the time rate of the control force and of all estimates.
-
-    See the top of this file for the derivation and the proof.
-
-    Raises:
-        numpy.linalg.LinAlgError: If Psi is singular.
-    """
-    s = auxiliary_error(gains, v, v_dd, F_e, F_hd)  # (4.2, 5.2)
-    return damped_rate(gains, state, Phi, Phi_dot, s, F_e, gains.G1 @ s, gains.G1)
-
-
 def damped_rate(
     gains: BacksteppingGains,
     state: BacksteppingState,
@@ -263,9 +238,10 @@ def damped_rate(
     damping: Array,
     slope: Array,
 ) -> BacksteppingState:
-    """Returns backstepping_rate() with any damping of s in the place of G1 s.
+    """Returns the time rate of the control force and of all estimates.
 
-    Steps 1 to 4 of the proof hold with damping(s) for G1 s and with its slope for G1.
+    See the top of this file for the derivation and the proof, where the damping of s is
+    G1 s. Steps 1 to 4 hold with any damping(s) for G1 s and with its slope for G1.
 
     Args:
         Phi: Basis functions at the present input (N).
@@ -361,7 +337,7 @@ def known(
 
 
 def adaptive_rate(gains: BacksteppingGains, *taken: Any) -> Array:
-    """Returns backstepping_rate() with Gaussian networks, of and as a vector.
+    """Returns the law's rate with Gaussian networks, of and as a vector.
 
     It takes what known() does.
     """
@@ -372,4 +348,4 @@ def adaptive_rate(gains: BacksteppingGains, *taken: Any) -> Array:
 def adaptive_errors(gains: BacksteppingGains, *taken: Any) -> Array:
     """Returns s in m/s and z in N as one vector (2n); it takes what known() does."""
     state, Phi, _, s, F_e = known(gains, *taken)
-    return np.concatenate((s, control_force_error(gains, state, Phi, s, F_e)))
+    return np.concatenate((s, damped_force_error(state, Phi, F_e, gains.G1 @ s)))

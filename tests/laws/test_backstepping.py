@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from block_checks import Gains
+from block_checks import Gains, backstepping_rate
 from grids import Slow
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -16,8 +16,7 @@ from teleop_drake.laws.backstepping import (
     BacksteppingState,
     adaptive_rate,
     auxiliary_error,
-    backstepping_rate,
-    control_force_error,
+    damped_force_error,
     known,
     pack_state,
     project,
@@ -148,7 +147,7 @@ def _dV2(seed: int, n: int, unknown: float = 0.0, sign: float = 1.0, **overrides
         -gains.Upsilon * np.sum((truth.Psi - state.Psi) * (gains.Psi0 - state.Psi)),
         -z @ np.linalg.solve(state.Psi, state.W1 @ error),
     ]
-    law_z = control_force_error(gains, state, Phi=Phi, s=s, F_e=F_e)
+    law_z = damped_force_error(state, Phi=Phi, F_e=F_e, damping=gains.G1 @ s)
     z_error = np.linalg.norm(law_z - z) / np.linalg.norm(z)
     return _V2(gains, truth, moved, *at).imag / h.imag, terms, z_error
 

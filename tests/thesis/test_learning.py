@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from block_checks import backstepping_rate
 from grids import Slow
 from pydrake.multibody.tree import JacobianWrtVariable
 
 from teleop_drake.laws.backstepping import (
     BacksteppingGains,
     BacksteppingState,
-    backstepping_rate,
 )
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.thesis.claims.learning import (

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from block_checks import Block, Feedthrough, Gains, RandomInputs
+from block_checks import Block, Feedthrough, Gains, RandomInputs, backstepping_rate
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.blocks.architectures.adaptive_backstepping import (
@@ -15,8 +15,7 @@ from teleop_drake.blocks.architectures.adaptive_backstepping import (
 from teleop_drake.laws.backstepping import (
     BacksteppingState,
     auxiliary_error,
-    backstepping_rate,
-    control_force_error,
+    damped_force_error,
     pack_state,
 )
 from teleop_drake.laws.gaussian_network import GaussianNetwork, gaussian_functions
@@ -60,8 +59,8 @@ def test_the_block_is_the_law(n):
         "weights_1": state.W1.ravel(),
         "weights_3": state.W3.ravel(),
         "auxiliary_error": s,
-        "control_force_error": control_force_error(
-            gains, state, Phi=Phi, s=s, F_e=signals["F_e"]
+        "control_force_error": damped_force_error(
+            state, Phi, signals["F_e"], gains.G1 @ s
         ),
     }
     for name, value in expected.items():
