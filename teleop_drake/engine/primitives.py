@@ -95,7 +95,6 @@ class _SymbolicReader:
         self._parameters: dict[str, Any] = {}
         # The variables of each vector, by its name in the kernel.
         self._variables: dict[str, list[Variable]] = {}
-        self._used: set[str] = set()
         own = symbolic.CreateDefaultContext()
         own.SetTime(self._New("time", 1)[0])
         own.SetContinuousState(self._New("state", context.num_continuous_states()))
@@ -127,7 +126,8 @@ class _SymbolicReader:
             rate=rate,
             transitions=self._Transitions(),
             parameters=self._parameters,
-            unused=tuple(x for x in _InputNames(self._system) if x not in self._used),
+            # Terms may take some of these.
+            unused=_InputNames(self._system),
         )
 
     def _Transitions(self) -> dict[str, Transition]:
@@ -168,7 +168,6 @@ class _SymbolicReader:
             if any(x.get_id() in found for x in own):
                 vectors.append(vector)
                 variables += own
-        self._used |= set(vectors)
         tape, constants = MakeTape(expressions, variables)
         numbers = f"numbers in {name}"
         self._parameters[numbers] = constants
