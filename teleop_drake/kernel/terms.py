@@ -156,9 +156,7 @@ class ContextReader(TermReader):
         if self._kernel.initial_mode is None:
             return mode
         self.tickets.add(block.accuracy_ticket())
-        reader = ContextReader(block, self._kernel, "initial_mode", is_compiled=False)
-        initial = reader.Read(self._kernel.initial_mode)
-        self.tickets |= reader.tickets
+        initial = self.Read(self._kernel.initial_mode)
         return lambda x: initial(x) if x.get_accuracy() is None else mode(x)
 
     def _Input(self, name: str) -> ValueIn:
