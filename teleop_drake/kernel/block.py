@@ -102,13 +102,9 @@ def _DeclareTerms(
         sizes: The sizes of the outputs.
         delayed: The values of the delayed outputs, and what they depend on.
     """
-
-    def Reader(place: str) -> ContextReader:
-        return ContextReader(block, kernel, place, is_compiled=block.is_compiled)
-
     outputs = dict(delayed)
     for output, term in kernel.outputs.items():
-        reader = Reader(f"outputs.{output}")
+        reader = ContextReader(block, kernel, f"outputs.{output}")
         value = reader.Read(term)
         outputs[output] = value, reader.tickets or {block.nothing_ticket()}
     block._kernel_outputs = []
@@ -118,7 +114,7 @@ def _DeclareTerms(
         block._kernel_outputs.append(callback)
         block.DeclareVectorOutputPort(port, size, Weakly(callback), tickets)
     if kernel.rate is not None:
-        block._kernel_rate = Reader("rate").Read(kernel.rate)
+        block._kernel_rate = ContextReader(block, kernel, "rate").Read(kernel.rate)
 
 
 class KernelBlock(_Rated, EventBlock, Convertible):
@@ -141,9 +137,8 @@ class KernelBlock(_Rated, EventBlock, Convertible):
         longest_step: The longest step in s that the solver may take.
         optional_inputs: Names of the inputs that are zero as long as nothing is
             connected to them and they have no value.
-        is_compiled: Whether the outputs and the rate call the kernel's functions as
-            machine code where that is installed. It pays for functions that take more
-            than a few microseconds.
+        is_compiled: Whether Drake's callbacks call the kernel's functions as machine
+            code. It pays for functions that take more than a few microseconds.
         other_events: The declarations of periodic and per-step events besides those
             of the kernel. A block with such events runs in Drake's Simulator only.
         kernel_parameters: The parameters of the kernel in Drake's Contexts.
