@@ -139,8 +139,7 @@ class _SymbolicReader:
         if timing is None:
             return {}
         values = self._symbolic.EvalUniquePeriodicDiscreteUpdate(self._context)
-        groups = map(values.get_vector, range(values.num_groups()))
-        mode = np.concatenate([group.CopyToVector() for group in groups])
+        mode = np.concatenate([group.CopyToVector() for group in values.get_data()])
         step = Transition(
             mode=self._Term("update", mode),
             period=timing.period_sec(),
