@@ -1,16 +1,19 @@
 """The inputs of a system that have to be connected or fixed before a run."""
 
+from collections.abc import Iterator
+
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
     Context,
     Diagram,
     InputPort,
+    InputPortIndex,
     PortDataType,
     System,
 )
 
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine.flatten import Flatten, InputsOf
+from teleop_drake.engine.flatten import Flatten
 from teleop_drake.signals import NameOf
 from teleop_drake.validation import Refuse
 
@@ -53,8 +56,18 @@ def _NeedsInputs(block: System) -> bool:
 def _IsOptional(port: InputPort) -> bool:
     """Returns whether nothing needs the value of an input."""
     return all(
-        isinstance(block, MultibodyPlant)
-        or block.GetInputPort(name).get_data_type() == PortDataType.kAbstractValued
-        or name in getattr(block, "optional_inputs", ())
-        for block, name in InputsOf(port.get_system(), int(port.get_index()))
+        isinstance(leaf.get_system(), MultibodyPlant)
+        or leaf.get_data_type() == PortDataType.kAbstractValued
+        or leaf.get_name() in getattr(leaf.get_system(), "optional_inputs", ())
+        for leaf in _LeafInputs(port)
     )
+
+
+def _LeafInputs(port: InputPort) -> Iterator[InputPort]:
+    """Yields the inputs of blocks to which an input leads."""
+    system = port.get_system()
+    if not isinstance(system, Diagram):
+        yield port
+        return
+    for part, index in system.GetInputPortLocators(InputPortIndex(port.get_index())):
+        yield from _LeafInputs(part.get_input_port(int(index)))
