@@ -221,8 +221,9 @@ class KernelBlock(_Rated, EventBlock, Convertible):
 def _Noting(declare: Callable[..., Any]) -> Callable[..., Any]:
     """Returns a method of LeafSystem, extended to record its calls."""
 
-    @functools.wraps(declare)
+    @functools.wraps(declare, assigned=("__name__",))
     def Declare(block: KernelBlock, *arguments: Any, **options: Any) -> Any:
+        """Declares what LeafSystem's method does, and records the call."""
         if not block._is_declaring and EndStep not in arguments:
             block.other_events = (*block.other_events, declare.__name__)
         return declare(block, *arguments, **options)
