@@ -16,9 +16,8 @@ from pydrake.symbolic import Expression, ExpressionKind, Formula, FormulaKind, V
 
 from teleop_drake.arrays import Array
 
-# The functions that expressions and formulas are of their operands. If there are more
-# than two, a function of two is applied to them one after another.
-_FUNCTIONS: dict[Any, Callable[..., Any]] = {
+# Expressions and formulas that are one function of their operands.
+_SAME_OPERANDS: dict[Any, Callable[..., Any]] = {
     ExpressionKind.Abs: np.absolute,
     ExpressionKind.Sqrt: np.sqrt,
     ExpressionKind.Exp: np.exp,
@@ -46,6 +45,10 @@ _FUNCTIONS: dict[Any, Callable[..., Any]] = {
     FormulaKind.Eq: np.equal,
     FormulaKind.Neq: np.not_equal,
     FormulaKind.Not: np.logical_not,
+}
+
+# Of any number of operands, which are taken one after another.
+_REDUCED = {
     ExpressionKind.Add: np.add,
     ExpressionKind.Mul: np.multiply,
     FormulaKind.And: np.logical_and,
@@ -143,13 +146,12 @@ class _Writer:
             return self._variables[operands[0].get_id()]
         if kind == ExpressionKind.Pow:
             return self._Power(*operands)
-        if kind not in _FUNCTIONS:
-            raise UnknownExpression(f"{kind.name} is no operation of a tape")
-        function = _FUNCTIONS[kind]
-        places = [self.Write(operand) for operand in operands]
-        if isinstance(function, np.ufunc) and len(places) > function.nin:
-            return self._Reduce(function, places)
-        return self._Row(function, *places)
+        places = map(self.Write, operands)
+        if kind in _REDUCED:
+            return self._Reduce(_REDUCED[kind], places)
+        if kind in _SAME_OPERANDS:
+            return self._Row(_SAME_OPERANDS[kind], *places)
+        raise UnknownExpression(f"{kind.name} is no operation of a tape")
 
     def _Power(self, base: Expression, exponent: Expression) -> int:
         """Writes a power, as a product if the exponent is a small whole number."""
