@@ -95,7 +95,6 @@ class _SymbolicReader:
         self._parameters: dict[str, Any] = {}
         # The variables of each vector, by its name in the kernel.
         self._variables: dict[str, list[Variable]] = {}
-        self._used: set[str] = set()
         own = symbolic.CreateDefaultContext()
         own.SetTime(self._New("time", 1)[0])
         own.SetContinuousState(self._New("state", context.num_continuous_states()))
@@ -127,7 +126,8 @@ class _SymbolicReader:
             rate=rate,
             transitions=self._Transitions(),
             parameters=self._parameters,
-            unused=tuple(x for x in _InputNames(self._system) if x not in self._used),
+            # Terms may take some of these.
+            unused=_InputNames(self._system),
         )
 
     def _Transitions(self) -> dict[str, Transition]:
@@ -139,8 +139,7 @@ class _SymbolicReader:
         if timing is None:
             return {}
         values = self._symbolic.EvalUniquePeriodicDiscreteUpdate(self._context)
-        groups = map(values.get_vector, range(values.num_groups()))
-        mode = np.concatenate([group.CopyToVector() for group in groups])
+        mode = np.concatenate([group.CopyToVector() for group in values.get_data()])
         step = Transition(
             mode=self._Term("update", mode),
             period=timing.period_sec(),
@@ -168,7 +167,6 @@ class _SymbolicReader:
             if any(x.get_id() in found for x in own):
                 vectors.append(vector)
                 variables += own
-        self._used |= set(vectors)
         tape, constants = MakeTape(expressions, variables)
         numbers = f"numbers in {name}"
         self._parameters[numbers] = constants

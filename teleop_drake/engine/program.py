@@ -307,8 +307,8 @@ def _IsCall(term: Term) -> bool:
 
 
 def _NumModes(system: System) -> int:
-    values = system.AllocateDiscreteVariables()
-    return sum(values.get_vector(i).size() for i in range(values.num_groups()))
+    groups = system.AllocateDiscreteVariables().get_data()
+    return sum(group.size() for group in groups)
 
 
 def _Slices(sizes: Iterable[int]) -> list[slice]:

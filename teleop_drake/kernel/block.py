@@ -102,13 +102,9 @@ def _DeclareTerms(
         sizes: The sizes of the outputs.
         delayed: The values of the delayed outputs, and what they depend on.
     """
-
-    def Reader(place: str) -> ContextReader:
-        return ContextReader(block, kernel, place, is_compiled=block.is_compiled)
-
     outputs = dict(delayed)
     for output, term in kernel.outputs.items():
-        reader = Reader(f"outputs.{output}")
+        reader = ContextReader(block, kernel, f"outputs.{output}")
         value = reader.Read(term)
         outputs[output] = value, reader.tickets or {block.nothing_ticket()}
     block._kernel_outputs = []
@@ -118,7 +114,7 @@ def _DeclareTerms(
         block._kernel_outputs.append(callback)
         block.DeclareVectorOutputPort(port, size, Weakly(callback), tickets)
     if kernel.rate is not None:
-        block._kernel_rate = Reader("rate").Read(kernel.rate)
+        block._kernel_rate = ContextReader(block, kernel, "rate").Read(kernel.rate)
 
 
 def _Convert(block: "KernelBlock") -> DualBlock:
@@ -153,9 +149,8 @@ class KernelBlock(_Rated, EventBlock):
         longest_step: The longest step in s that the solver may take.
         optional_inputs: Names of the inputs that are zero as long as nothing is
             connected to them and they have no value.
-        is_compiled: Whether the outputs and the rate call the kernel's functions as
-            machine code where that is installed. It pays for functions that take more
-            than a few microseconds.
+        is_compiled: Whether Drake's callbacks call the kernel's functions as machine
+            code. It pays for functions that take more than a few microseconds.
         other_events: The declarations of periodic and per-step events besides those
             of the kernel. A block with such events runs in Drake's Simulator only.
         kernel_parameters: The parameters of the kernel in Drake's Contexts.
@@ -248,8 +243,9 @@ class KernelBlock(_Rated, EventBlock):
 def _Noting(declare: Callable[..., Any]) -> Callable[..., Any]:
     """Returns a method of LeafSystem, extended to record its calls."""
 
-    @functools.wraps(declare)
+    @functools.wraps(declare, assigned=("__name__",))
     def Declare(block: KernelBlock, *arguments: Any, **options: Any) -> Any:
+        """Declares what LeafSystem's method does, and records the call."""
         if not block._is_declaring and EndStep not in arguments:
             block.other_events = (*block.other_events, declare.__name__)
         return declare(block, *arguments, **options)

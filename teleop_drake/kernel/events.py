@@ -156,7 +156,7 @@ class EventBlock(LeafSystem):
         """Declares the events of a kernel; the block has its inputs and its state."""
 
         def Read(term: Term, place: str) -> ValueIn:
-            return ContextReader(self, kernel, place, is_compiled=False).Read(term)
+            return ContextReader(self, kernel, place).Read(term)
 
         for name, transition in kernel.transitions.items():
             place = f"transitions.{name}"

@@ -96,15 +96,13 @@ class ContextReader(TermReader):
         block: The block that the kernel describes.
         kernel: The kernel.
         place: The position of the terms in the kernel, for messages.
-        is_compiled: Whether to call functions as machine code.
     """
 
-    def __init__(self, block: Any, kernel: Kernel, place: str, *, is_compiled: bool):
+    def __init__(self, block: Any, kernel: Kernel, place: str):
         self._block = block
         self._kernel = kernel
         self._is_dual = isinstance(block, LeafSystem_[AutoDiffXd])
         self._place = place
-        self._is_compiled = is_compiled
         self.tickets: set[DependencyTicket] = set()
 
     def Call(self, law: Law, arguments: Sequence[Name | int]) -> ValueIn:
@@ -112,11 +110,11 @@ class ContextReader(TermReader):
         parameters = self._kernel.parameters
         names: Any = tuple(itertools.takewhile(parameters.__contains__, arguments))
         others = [self.Read(argument) for argument in arguments[len(names) :]]
-        if not names and not self._is_compiled:
+        is_compiled = self._block.is_compiled
+        if not names and not is_compiled:
             return lambda context: law(*[other(context) for other in others])
         self.tickets.add(self._block.kernel_parameters.ticket)
         numbers_in = self._block.kernel_parameters.In
-        is_compiled = self._is_compiled
         return lambda context: numbers_in(context).Bound(law, names, is_compiled)(
             *[other(context) for other in others]
         )
@@ -156,9 +154,7 @@ class ContextReader(TermReader):
         if self._kernel.initial_mode is None:
             return mode
         self.tickets.add(block.accuracy_ticket())
-        reader = ContextReader(block, self._kernel, "initial_mode", is_compiled=False)
-        initial = reader.Read(self._kernel.initial_mode)
-        self.tickets |= reader.tickets
+        initial = self.Read(self._kernel.initial_mode)
         return lambda x: initial(x) if x.get_accuracy() is None else mode(x)
 
     def _Input(self, name: str) -> ValueIn:
