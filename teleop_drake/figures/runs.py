@@ -456,10 +456,4 @@ def _AddLegend(
     for event, (marker, label) in _EVENTS.items():
         if any(run.EventTimes(event) for run in recordings.values()):
             handles.append(style.Key(label, **style.EventStyle(marker, GREY)))
-    # One line if it fits, by the width of an average letter.
-    width = figure.get_figwidth()
-    margin = 0.5 if width >= style.WIDTH else 0.75
-    widths = [margin + 0.058 * len(str(handle.get_label())) for handle in handles]
-    fits = sum(widths) <= width
-    ncols = len(handles) if fits else max(int(width / max(widths)), 1)
-    style.AddLegend(figure, handles, ncols=ncols)
+    style.AddLegend(figure, handles)

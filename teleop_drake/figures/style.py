@@ -175,25 +175,34 @@ def AddLegend(
     figure: matplotlib.figure.Figure,
     handles: Sequence[Artist],
     *,
-    ncols: int,
     fontsize: float = FONT_SIZE,
     title: str = "",
 ) -> None:
     """Adds a legend above all panels, if there is anything to tell.
 
+    It has as many columns as fit, by the width of an average letter.
+
     Args:
         title: What the entries have in common.
     """
-    if handles:
-        figure.legend(
-            handles=handles,
-            loc="outside upper center",
-            ncols=ncols,
-            fontsize=fontsize,
-            title=title or None,
-            title_fontsize=fontsize,
-            frameon=False,
-        )
+    if not handles:
+        return
+    width = figure.get_figwidth()
+    margin = 0.5 if width >= WIDTH else 0.75
+    letter = 0.00725 * fontsize
+    widths = [margin + letter * len(str(handle.get_label())) for handle in handles]
+    ncols = len(handles)
+    while ncols > 1 and sum(map(max, np.array_split(widths, ncols))) > width:
+        ncols -= 1
+    figure.legend(
+        handles=handles,
+        loc="outside upper center",
+        ncols=ncols,
+        fontsize=fontsize,
+        title=title or None,
+        title_fontsize=fontsize,
+        frameon=False,
+    )
 
 
 class _ShortNumbers(ScalarFormatter):

@@ -8,7 +8,6 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from pydrake.systems.framework import Diagram
 
 from teleop_drake.blocks.environments.surface import (
@@ -59,11 +58,6 @@ def TimeFigure(recording: Recording, num_rows: int) -> tuple[Figure, Sequence[Ax
             for ax in axes:
                 ax.axvline(time, **BOUNDARY_STYLE)
     return figure, axes
-
-
-def _AddLegend(figure: Figure, handles: Sequence[Line2D], title: str = "") -> None:
-    ncols = len(handles) if len(handles) <= 5 else 4
-    AddLegend(figure, handles, ncols=ncols, fontsize=SMALL_FONT_SIZE, title=title)
 
 
 # Chapter 2: the loop and the stiffness of the environment.
@@ -170,7 +164,7 @@ def PlotPsi(runs: ThesisRuns, task: str) -> Figure:
         below.plot(recording.time, psi[:, k] - psi[0, k], **RunStyle(k))
     above.set_ylabel(r"$\Psi$ [1/kg]")
     below.set_ylabel(r"$\Psi - \Psi_0$ [1/kg]")
-    _AddLegend(figure, handles)
+    AddLegend(figure, handles, fontsize=SMALL_FONT_SIZE)
     return figure
 
 
@@ -208,5 +202,6 @@ def PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
     for i, y in enumerate(distances):
         label = rf"$y$ = {'±' if y else ''}{1e3 * y:.4g} mm"
         handles.append(Key(label, **Look(0, i) | {"color": "black"}))
-    _AddLegend(figure, handles, "centre of the Gaussian at")
+    title = "centre of the Gaussian at"
+    AddLegend(figure, handles, fontsize=SMALL_FONT_SIZE, title=title)
     return figure
