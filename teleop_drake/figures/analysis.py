@@ -102,7 +102,7 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
         _THICK(f"with {points[0].delay:.4g} s round trip"),
         Key("gain crossover", color="black", marker="o", ms=3, ls=""),
     ]
-    if any(point.unresolved > _BodeFrequencies(point)[0] for point in points):
+    if any(ax.patches for ax in axes.flat):
         handles.append(Patch(color=_UNRESOLVED, label="not told from neutral"))
     AddLegend(figure, [*handles, *_LocusHandles(points)])
     return figure

@@ -3,7 +3,7 @@
 import io
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib.figure
 import numpy as np
@@ -152,15 +152,17 @@ def EventStyle(marker: str, color: str) -> Look:
     }
 
 
-def NameAbove(ax: Axes, x: float, name: str) -> None:
-    """Writes a name above a panel, at an x of it."""
+def NameAbove(
+    ax: Axes, x: float, name: str, align: Literal["center", "left"] = "center"
+) -> None:
+    """Writes a name above a panel: its middle or its left end is at an x."""
     ax.annotate(
         name,
         (x, 1.0),
         xycoords=("data", "axes fraction"),
         xytext=(0, 2),
         textcoords="offset points",
-        ha="center",
+        ha=align,
         va="bottom",
         fontsize=SMALL_FONT_SIZE,
     )

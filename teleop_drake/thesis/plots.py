@@ -106,15 +106,7 @@ def _DrawStiffness(
         force += [material.Force(begin, 0.0), material.Force(end, 0.0)]
         if begin > low:
             ax.axvline(begin * 1e3, **BOUNDARY_STYLE)
-        ax.annotate(
-            material.name,
-            (begin * 1e3, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="bottom",
-            fontsize=SMALL_FONT_SIZE,
-        )
+        NameAbove(ax, begin * 1e3, material.name, align="left")
     ax.plot(np.array(x) * 1e3, np.array(force) * 1e3, color=COLORS[0])
 
 
