@@ -102,9 +102,9 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
         _THICK(f"with {points[0].delay:.4g} s round trip"),
         Key("gain crossover", color="black", marker="o", ms=3, ls=""),
     ]
-    if any(point.unresolved > _BodeFrequencies(point)[0] for point in points):
+    if any(ax.patches for ax in axes.flat):
         handles.append(Patch(color=_UNRESOLVED, label="not told from neutral"))
-    AddLegend(figure, [*handles, *_LocusHandles(points)], ncols=5)
+    AddLegend(figure, [*handles, *_LocusHandles(points)])
     return figure
 
 
@@ -168,7 +168,7 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
         Key("unit circle", **_GUIDE),
         *_LocusHandles(points),
     ]
-    AddLegend(figure, handles, ncols=6)
+    AddLegend(figure, handles)
     return figure
 
 
@@ -206,7 +206,7 @@ def PlotStableDelays(
         [f"{kind}, {point.label}" if several else point.label for kind, point in rows],
     )
     ax.set_xlabel("round-trip delay [s]")
-    AddLegend(figure, _STABILITY_KEYS, ncols=3)
+    AddLegend(figure, _STABILITY_KEYS)
     return figure
 
 
@@ -261,7 +261,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         ax.set_xlim(style.MapLimits(chart.values))
         ax.set_ylim(0, chart.max_delay)
     NameAxes(axes, label, "round-trip delay [s]")
-    AddLegend(figure, _STABILITY_KEYS, ncols=3)
+    AddLegend(figure, _STABILITY_KEYS)
     return figure
 
 
@@ -310,7 +310,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
         names = AxesOf(6)[:num_axes]
         handles += [Key(f"axis {x}", **style.RunStyle(i)) for i, x in enumerate(names)]
     handles.append(Patch(color=_ACTIVE, label=below))
-    AddLegend(figure, handles, ncols=2)
+    AddLegend(figure, handles)
     return figure
 
 
@@ -350,7 +350,7 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
     axes[0, 0].set_ylim(-1.1 * limit, 1.1 * limit)
     NameAxes(axes, "frequency of the hand [rad/s]", "felt stiffness [N/m]")
     handles = [Key(label, **style.RunStyle(i)) for i, label in enumerate(labels)]
-    AddLegend(figure, handles, ncols=4)
+    AddLegend(figure, handles)
     return figure
 
 

@@ -47,9 +47,6 @@ _MAX_OVERLAID = 3
 _MAX_BESIDE = 5
 _MAX_MULTIPLES = 10
 
-# Up to this many components of a signal have a name each in a legend.
-_MAX_NAMED_COMPONENTS = 4
-
 _EVENTS = {"puncture": ("^", "puncture"), "contact": ("s", "first contact")}
 _COMMAND_STYLE: Look = {"color": GREY, "linewidth": 0.8}
 
@@ -363,20 +360,21 @@ def _TelemetryRows(recording: Recording) -> list[SignalRow]:
     The weights of a network are a matrix, a row of which belongs to each task axis.
     """
     n = recording["tool_position"].shape[1]
-    axes = tuple(f"axis ${AxisName(k)}$" for k in range(n))
+    axes = [f"axis ${AxisName(k)}$" for k in range(n)]
+    # Matrices are recorded row by row.
+    entries = [rf"$\Psi_{{{k // n + 1}{k % n + 1}}}$" for k in range(n * n)]
     return [
         SignalRow(
             label=label,
             unit=unit,
             signal=signal,
             components=range(recording[signal].shape[1]),
-            symbol=r"\Psi",
-            groups=axes,
+            groups=groups,
         )
-        for signal, label, unit in (
-            ("psi", r"$\Psi$", "1/kg"),
-            ("weights_1", "weights $W_1$", "m/s²"),
-            ("weights_3", "weights $W_3$", "N/s"),
+        for signal, label, unit, groups in (
+            ("psi", r"$\Psi$", "1/kg", entries if n <= 2 else axes),
+            ("weights_1", "weights $W_1$", "m/s²", axes),
+            ("weights_3", "weights $W_3$", "N/s", axes),
         )
         if signal in recording.signals
     ]
@@ -385,26 +383,19 @@ def _TelemetryRows(recording: Recording) -> list[SignalRow]:
 def _Looks(row: SignalRow, run: int) -> list[Look]:
     """Returns how each component of a signal is drawn.
 
-    A single one is told apart by its run. Others, or the groups of them, are named.
+    A single one is told apart by its run. Of others the groups are named.
     """
     count = len(row.components)
     if count == 1:
         return [style.RunStyle(run)]
-    if count <= _MAX_NAMED_COMPONENTS:
-        size = math.isqrt(count)  # Matrices are recorded row by row.
-        names = [str(k + 1) for k in range(count)]
-        if size * size == count and row.signal.endswith("psi"):
-            names = [f"{i + 1}{j + 1}" for i in range(size) for j in range(size)]
-        return [
-            style.RunStyle(k) | {"label": f"${row.symbol}_{{{name}}}$"}
-            for k, name in enumerate(names)
-        ]
-    groups = row.groups or ["_"] * count
-    each = count // len(groups)
+    each = count // len(row.groups)
     looks: list[Look] = []
-    for i, name in enumerate(groups):
+    for i, name in enumerate(row.groups):
+        if each == 1:
+            looks.append(style.RunStyle(i) | {"label": name})
+            continue
         look = {"color": style.RunColor(i), "linewidth": 0.6}
-        label = f"{each} of {name}" if len(groups) > 1 else f"all {each}"
+        label = f"{each} of {name}" if len(row.groups) > 1 else f"all {each}"
         looks += [look | {"label": label}, *([look] * (each - 1))]
     return looks
 
@@ -456,10 +447,4 @@ def _AddLegend(
     for event, (marker, label) in _EVENTS.items():
         if any(run.EventTimes(event) for run in recordings.values()):
             handles.append(style.Key(label, **style.EventStyle(marker, GREY)))
-    # One line if it fits, by the width of an average letter.
-    width = figure.get_figwidth()
-    margin = 0.5 if width >= style.WIDTH else 0.75
-    widths = [margin + 0.058 * len(str(handle.get_label())) for handle in handles]
-    fits = sum(widths) <= width
-    ncols = len(handles) if fits else max(int(width / max(widths)), 1)
-    style.AddLegend(figure, handles, ncols=ncols)
+    style.AddLegend(figure, handles)

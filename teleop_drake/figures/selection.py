@@ -8,7 +8,8 @@ from teleop_drake.signals import AxesOf, AxisUnit, PartUnit, UnitOf
 from teleop_drake.tasks.panels import SignalRow
 from teleop_drake.validation import CheckNames, Refuse, Show
 
-# Up to this many components of a signal get a row each where runs are compared.
+# Up to this many components of a signal have a name each, or a row each where runs are
+# compared.
 _MAX_ROWS = 4
 
 
@@ -61,10 +62,14 @@ def _RowsOf(signal: str, recordings: Sequence[Recording]) -> list[SignalRow]:
     unit = UnitOf(signal)
     name = signal.replace("_", " ")
     if len(sizes) == 1 and size > 1 and unit is None:
-        everything = range(size)
+        named = [f"$c_{{{k + 1}}}$" for k in range(size)]
         return [
             SignalRow(
-                label=name, unit="", signal=signal, components=everything, symbol="c"
+                label=name,
+                unit="",
+                signal=signal,
+                components=range(size),
+                groups=named if size <= _MAX_ROWS else [name],
             )
         ]
     parts = recordings[0].Components(signal, size)

@@ -3,7 +3,7 @@
 import io
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import matplotlib.figure
 import numpy as np
@@ -152,15 +152,17 @@ def EventStyle(marker: str, color: str) -> Look:
     }
 
 
-def NameAbove(ax: Axes, x: float, name: str) -> None:
-    """Writes a name above a panel, at an x of it."""
+def NameAbove(
+    ax: Axes, x: float, name: str, align: Literal["center", "left"] = "center"
+) -> None:
+    """Writes a name above a panel: its middle or its left end is at an x."""
     ax.annotate(
         name,
         (x, 1.0),
         xycoords=("data", "axes fraction"),
         xytext=(0, 2),
         textcoords="offset points",
-        ha="center",
+        ha=align,
         va="bottom",
         fontsize=SMALL_FONT_SIZE,
     )
@@ -175,25 +177,34 @@ def AddLegend(
     figure: matplotlib.figure.Figure,
     handles: Sequence[Artist],
     *,
-    ncols: int,
     fontsize: float = FONT_SIZE,
     title: str = "",
 ) -> None:
     """Adds a legend above all panels, if there is anything to tell.
 
+    It has as many columns as fit, by the width of an average letter.
+
     Args:
         title: What the entries have in common.
     """
-    if handles:
-        figure.legend(
-            handles=handles,
-            loc="outside upper center",
-            ncols=ncols,
-            fontsize=fontsize,
-            title=title or None,
-            title_fontsize=fontsize,
-            frameon=False,
-        )
+    if not handles:
+        return
+    width = figure.get_figwidth()
+    margin = 0.5 if width >= WIDTH else 0.75
+    letter = 0.00725 * fontsize
+    widths = [margin + letter * len(str(handle.get_label())) for handle in handles]
+    ncols = len(handles)
+    while ncols > 1 and sum(map(max, np.array_split(widths, ncols))) > width:
+        ncols -= 1
+    figure.legend(
+        handles=handles,
+        loc="outside upper center",
+        ncols=ncols,
+        fontsize=fontsize,
+        title=title or None,
+        title_fontsize=fontsize,
+        frameon=False,
+    )
 
 
 class _ShortNumbers(ScalarFormatter):

@@ -57,7 +57,7 @@ class SweepGrid:
             self.x_key = controller.pop() if controller else ""
             kinds = axes.get(self.x_key, [result.scenario.controller.kind])
             self.x_names = [style.ValueLabel(x).replace(" ", "\n", 1) for x in kinds]
-            x = np.arange(len(kinds))
+            x = np.arange(float(len(kinds)))
         elif numeric:
             self.x_key = next((key for key in numeric if key in varied), numeric[0])
             x = np.array(axes[self.x_key], dtype=float)

@@ -174,7 +174,7 @@ def _Finish(
             handles.append(Key(label, color="black", linestyle=lines[name]))
     if notes:
         figure.supxlabel("; ".join(notes), fontsize=SMALL_FONT_SIZE)
-    style.AddLegend(figure, handles, ncols=min(len(handles), 3))
+    style.AddLegend(figure, handles)
 
 
 def _Fates(boundaries: Boundaries, limits: Interval) -> dict[str, str]:

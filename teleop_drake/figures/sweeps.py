@@ -71,8 +71,7 @@ def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
     if grid.shape[-1] > 1:
         label = "95 % interval of the median (bootstrap)"
         handles.append(Key(label, color=GREY, marker="|", linewidth=0.8))
-    ncols = min(len(lines) + len(handles), 4)
-    style.AddLegend(figure, [*lines, *handles], ncols=ncols, fontsize=SMALL_FONT_SIZE)
+    style.AddLegend(figure, [*lines, *handles], fontsize=SMALL_FONT_SIZE)
     return figure
 
 

@@ -1,6 +1,5 @@
 """The inputs of a system that have to be connected or fixed before a run."""
 
-
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
     Context,
@@ -11,7 +10,7 @@ from pydrake.systems.framework import (
 )
 
 from teleop_drake.contexts import ContextsIn
-from teleop_drake.engine.flatten import Flatten
+from teleop_drake.engine.flatten import Flatten, InputsOf
 from teleop_drake.signals import NameOf
 from teleop_drake.validation import Refuse
 

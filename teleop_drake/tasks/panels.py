@@ -24,10 +24,9 @@ class SignalRow:
         beside: Name of a signal whose components are drawn beside those of the signal;
             empty: none.
         reference: Name of a signal that is subtracted from the signal; empty: none.
-        symbol: Name of the components in a legend, if there is more than one.
         groups: Names of the groups into which the components are divided equally, such
-            as the rows of a matrix. A group has one colour. Empty: each component has a
-            colour of its own.
+            as the rows of a matrix, or of all components: needed if there is more than
+            one. A group has one colour.
     """
 
     label: str
@@ -37,7 +36,6 @@ class SignalRow:
     command: int | None = None
     beside: str = ""
     reference: str = ""
-    symbol: str = ""
     groups: Sequence[str] = ()
 
 

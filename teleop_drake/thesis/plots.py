@@ -21,9 +21,9 @@ from teleop_drake.figures.selection import SelectRows
 from teleop_drake.figures.style import (
     BOUNDARY_STYLE,
     COLORS,
-    SMALL_FONT_SIZE,
     WIDTH,
     FormatAxes,
+    NameAbove,
 )
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import AsTeleoperation, LoadScenario
@@ -82,15 +82,7 @@ def _DrawStiffness(
         force += [material.Force(begin, 0.0), material.Force(end, 0.0)]
         if begin > low:
             ax.axvline(begin * 1e3, **BOUNDARY_STYLE)
-        ax.annotate(
-            material.name,
-            (begin * 1e3, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="bottom",
-            fontsize=SMALL_FONT_SIZE,
-        )
+        NameAbove(ax, begin * 1e3, material.name, align="left")
     ax.plot(np.array(x) * 1e3, np.array(force) * 1e3, color=COLORS[0])
 
 
@@ -127,13 +119,15 @@ def PlotPsi(runs: ThesisRuns, task: str) -> Figure:
     psi = recording["psi"]
     # Psi hardly moves; the panel below magnifies by how much.
     signals = recording.signals | {"change of psi": psi - psi[0]}
+    axes = range(1, recording.scenario.num_axes + 1)
+    entries = [f"{i}{j}" for i, j in itertools.product(axes, repeat=2)]
     rows = [
         SignalRow(
             label=f"${symbol}$",
             unit="1/kg",
             signal=signal,
             components=range(psi.shape[1]),
-            symbol=symbol,
+            groups=[f"${symbol}_{{{entry}}}$" for entry in entries],
         )
         for signal, symbol in (("psi", r"\Psi"), ("change of psi", r"\Delta\Psi"))
     ]
