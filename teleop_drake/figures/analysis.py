@@ -47,6 +47,9 @@ _NOTHING = 1e-9
 _NYQUIST_RANGE = 2.5
 _NUM_NYQUIST_POINTS = 6000
 
+# Between two frequencies that are written beside a locus.
+_LABEL_DISTANCE = 0.6
+
 # What is shown of Llewellyn's parameter; less is drawn at the lower edge.
 _LLEWELLYN_RANGE = (-1.5, 3.0)
 
@@ -135,7 +138,8 @@ def _DrawLoci(top: Axes, bottom: Axes, point: PointStability, w: Array) -> list[
 def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
     """Plots the eigenloci of L(j w) e^(-j w T) near the critical point -1, w > 0.
 
-    Without delay (thin), and with the scenario's (thick). The delay turns each point
+    Without delay (thin), and with the scenario's (thick), which has frequencies in
+    rad/s beside it and an arrow towards higher ones. The delay turns each point
     about the origin by -w T and leaves its distance alone, so it is the part outside of
     the unit circle that can be turned about -1.
 
@@ -152,6 +156,7 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
             delayed = loci[:, i] * np.exp(-1j * w * point.delay)
             ax.plot(loci[:, i].real, loci[:, i].imag, **look | {"linewidth": 0.6})
             ax.plot(delayed.real, delayed.imag, **look)
+            _MarkFrequencies(ax, w, delayed, look["color"])
         # The unit circle, the axes and the critical point.
         angle = np.linspace(0, 2 * np.pi, 200)
         ax.plot(np.cos(angle), np.sin(angle), **_GUIDE)
@@ -166,10 +171,31 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
         _THICK(f"with {points[0].delay:.4g} s round trip"),
         Key("-1", color="black", marker="+", ms=7, ls=""),
         Key("unit circle", **_GUIDE),
+        Key("frequency [rad/s]", color="black", marker=".", ms=3, ls=""),
         *_LocusHandles(points),
     ]
     AddLegend(figure, handles)
     return figure
+
+
+def _MarkFrequencies(ax: Axes, w: Array, locus: ComplexArray, color: str) -> None:
+    """Writes frequencies beside a locus in the plot, and an arrow along it."""
+    points = np.column_stack([locus.real, locus.imag])
+    is_seen = (np.abs(points) < _NYQUIST_RANGE - 0.3).all(axis=1)
+    written: dict[str, complex] = {}
+    for k in np.flatnonzero(is_seen):
+        number = f"{w[k]:.2g}"
+        distances = [abs(locus[k] - place) for place in written.values()]
+        if number in written or min(distances, default=math.inf) < _LABEL_DISTANCE:
+            continue
+        written[number] = locus[k]
+        ax.plot(*points[k], ".", color=color, ms=3)
+        ax.annotate(number, points[k], (2, 2), textcoords="offset points", fontsize=5)
+        if len(written) == 1 and k + 1 < len(w):
+            # Towards higher frequencies.
+            ahead = k + np.argmax(abs(locus[k:] - locus[k]) > _LABEL_DISTANCE / 2)
+            arrow = {"arrowstyle": "->", "color": color}
+            ax.annotate("", points[ahead], points[k], arrowprops=arrow)
 
 
 def PlotStableDelays(
