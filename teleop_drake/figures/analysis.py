@@ -52,6 +52,8 @@ _LABEL_DISTANCE = 0.6
 
 # What is shown of Llewellyn's parameter; less is drawn at the lower edge.
 _LLEWELLYN_RANGE = (-1.5, 3.0)
+# Less than this below 1 is rounding.
+_LLEWELLYN_MARGIN = 1e-6
 
 # Where a hand moves: rad/s at which the stiffness that it feels is shown.
 _HAND_FREQUENCIES = np.geomspace(0.1, 30.0, 300)
@@ -291,6 +293,33 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
     return figure
 
 
+def _ExplainLlewellyn(ax: Axes, w: Array, parameter: Array) -> None:
+    """Marks where Llewellyn's parameter is below 1, and from which frequency on."""
+    low, high = _LLEWELLYN_RANGE
+    ax.set_ylim(low, high)
+    ax.axhspan(low, 1.0, color=_ACTIVE, linewidth=0, zorder=-1)
+    ax.axhline(1, **_GUIDE)
+    below = np.flatnonzero(parameter < 1 - _LLEWELLYN_MARGIN)
+    if not below.size:
+        return
+    first = float(w[below[0]])
+    text = "everywhere below 1" if below[0] == 0 else f"below 1 from {first:.2g} rad/s"
+    if below[0]:
+        ax.axvline(first, linestyle=":", **_GUIDE)
+    # Re p11 or Re p22 is negative there: the parameter is minus infinity.
+    active = np.flatnonzero(np.isneginf(parameter))
+    if active.size:
+        text += f"\ngives out energy at {w[active[0]]:.2g} rad/s"
+    ax.annotate(
+        text,
+        (0.03, 0.96),
+        xycoords="axes fraction",
+        va="top",
+        fontsize=style.SMALL_FONT_SIZE,
+        color="#404040",
+    )
+
+
 def PlotTransparency(points: Sequence[Transparency]) -> Figure:
     """Plots what the operator feels and the environment, and Llewellyn's parameter.
 
@@ -320,9 +349,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
             bottom.semilogx(
                 w, np.clip(point.llewellyn[:, i], *_LLEWELLYN_RANGE), **look
             )
-        bottom.set_ylim(_LLEWELLYN_RANGE)
-        bottom.axhspan(_LLEWELLYN_RANGE[0], 1.0, color=_ACTIVE, linewidth=0, zorder=-1)
-        bottom.axhline(1.0, **_GUIDE)
+        _ExplainLlewellyn(bottom, w, point.llewellyn.min(axis=1))
         top.set(xlim=(w[0], w[-1]), ylim=(1e-2, 1e3))
     labels = ("|impedance| [N s/m]", "Llewellyn's parameter")
     NameAxes(axes, "frequency [rad/s]", *labels)

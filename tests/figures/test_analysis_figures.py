@@ -168,8 +168,25 @@ def test_felt_stiffness_of_direct_force_is_its_closed_form():
         PlotFeltStiffness({})
 
 
-def test_the_range_below_one_is_explained():
-    scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [("direct_force", "everywhere below 1"), ("wave_variables", None)],
+)
+def test_llewellyns_parameter_is_explained(kind, text):
+    scenario = LoadScenario("one_dof", {"controller.kind": kind})
     point = OperatingPoints(scenario)[0]
-    figure = PlotTransparency([AnalyzeTransparency(scenario, point)])
+    transparency = AnalyzeTransparency(scenario, point)
+    figure = PlotTransparency([transparency])
+    texts = [note.get_text() for note in figure.axes[1].texts]
+    assert [note.split("\n")[0] for note in texts] == ([text] if text else [])
     assert "below 1: unstable with some passive operator" in DescribeFigure(figure)
+    # Made up: it drops at 3 rad/s.
+    w = transparency.frequencies
+    dropped = dataclasses.replace(
+        transparency,
+        llewellyn=np.select([w < 3, w < 9], [1.0, 0.5], -np.inf)[:, np.newaxis],
+    )
+    (note,) = PlotTransparency([dropped]).axes[1].texts
+    below, drop = note.get_text().split("\n")
+    assert below == f"below 1 from {w[w >= 3][0]:.2g} rad/s"
+    assert drop == f"gives out energy at {w[w >= 9][0]:.2g} rad/s"
