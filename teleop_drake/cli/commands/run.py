@@ -1,12 +1,18 @@
 """The command `teleop-drake run`."""
 
 import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from teleop_drake.cli import options, output
 from teleop_drake.cli.exit_codes import INTERRUPTED
 from teleop_drake.cli.progress import Simulate
 from teleop_drake.cli.tables import Headline, Table
 from teleop_drake.files import FileStem
+
+if TYPE_CHECKING:
+    from teleop_drake.recording import Recording
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -51,12 +57,10 @@ def Execute(args: argparse.Namespace) -> int:
     record = RunSummary(recording)
     written = []
     if args.out is not None:
-        from teleop_drake.figures.runs import PlotRun, SaveFigure
-
         recording.Save(recording_path)
         output.WriteText(summary_path, output.ToJson(record))
-        SaveFigure(PlotRun(recording, **drawing), *figure_paths)
         written = [recording_path, *figure_paths, summary_path]
+        written += _Draw(recording, figure_paths, drawing)
     if args.html is not None:
         from teleop_drake.figures.scene import MakeReplay
 
@@ -69,3 +73,23 @@ def Execute(args: argparse.Namespace) -> int:
     table = Table(runs, [record], is_verbose=args.verbose)
     output.Tell(args, record, Headline(recording), table, written=written)
     return INTERRUPTED if recording.termination == "interrupted" else 0
+
+
+def _Draw(
+    recording: "Recording", paths: Sequence[Path], drawing: Mapping[str, Any]
+) -> list[Path]:
+    """Draws a run, and its networks if it has any.
+
+    Returns:
+        The figures of the networks.
+    """
+    from teleop_drake.figures.network import HasNetwork, PlotNetwork
+    from teleop_drake.figures.runs import PlotRun, SaveFigure
+
+    SaveFigure(PlotRun(recording, **drawing), *paths)
+    if not HasNetwork(recording):
+        return []
+    network = PlotNetwork(recording, columns=drawing["columns"])
+    network_paths = [path.with_stem(f"{path.stem}_network") for path in paths]
+    SaveFigure(network, *network_paths)
+    return network_paths
