@@ -8,8 +8,8 @@ packet, and packets keep their order, as on one path through queues; see packet_
 The correlation time is assumed, 1 s for all of them: M. S. Borella and G. B. Brewster
 (Measurement and analysis of long-range dependent behavior of Internet packet delay,
 INFOCOM 1998) find that delays stay correlated over many time scales, of which this is
-one. Losses come in bursts (Gilbert; see packet_network.Loss). All of these are models:
-a measured `trace` is the better description of a particular network.
+one. Losses come in bursts (Gilbert and Elliott; see packet_network.Loss). All of these
+are models: a measured `trace` is the better description of a particular network.
 
 A round trip of mean m and standard deviation s is taken for two equal and independent
 ways, m / 2 and s / sqrt(2) each. What no source states is marked "assumed".

@@ -120,26 +120,32 @@ class Loss(PacketConfig):
     """Which packets never arrive.
 
     independent: each with `probability`.
-    burst:       Gilbert's model. A Markov chain is in a good or a bad state at each
-                 packet, and the packets in the bad state are lost. The chain leaves
-                 that state with 1 / burst_length, starts in its stationary
-                 distribution, and has a share `probability` of bad packets.
+    burst:       the Gilbert-Elliott model. A Markov chain is in a good or a bad state
+                 at each packet; a packet is lost with good_loss or bad_loss. The
+                 chain leaves the bad state with 1 / burst_length, starts in its
+                 stationary distribution, and has a share of bad packets such that
+                 `probability` are lost in the long run.
 
-    Source: E. N. Gilbert, Bell Syst. Tech. J. 39 (1960).
+    Source: E. N. Gilbert, Bell Syst. Tech. J. 39 (1960); E. O. Elliott, ibid. 42
+    (1963).
     """
 
     used: ClassVar = {
         "none": (),
         "independent": ("probability",),
-        "burst": ("probability", "burst_length"),
+        "burst": ("probability", "burst_length", "good_loss", "bad_loss"),
     }
 
     # One of those of `used`.
     kind: str = "none"
     # Share of packets lost in the long run, 0 to 1; below 1 for burst.
     probability: float = Number(0.0, "1", minimum=0, maximum=1)
-    # Mean length of a burst of losses, packets, >= 1; burst only.
+    # Mean length of the bad state, packets, >= 1; burst only.
     burst_length: float = Number(1.0, "packets", minimum=1)
+    # Share lost in the good state, 0 to `probability`; burst only.
+    good_loss: float = Number(0.0, "1", minimum=0, maximum=1)
+    # Share lost in the bad state, more than good_loss, `probability` to 1; burst only.
+    bad_loss: float = Number(1.0, "1", minimum=0, maximum=1)
 
 
 @dataclass(kw_only=True)
@@ -250,13 +256,23 @@ class PacketNetwork:
         """Checks the loss, and that the chain of bursts exists."""
         loss = self._loss
         loss.Check()
+        if loss.kind != "burst":
+            return
+        if not loss.good_loss < loss.bad_loss:
+            Refuse("loss.bad_loss", loss.bad_loss, f"> good_loss, {loss.good_loss:g}")
         # The chain enters the bad state with share / (1 - share) / burst_length.
-        most = loss.burst_length / (1 + loss.burst_length)
-        if loss.kind == "burst" and loss.probability > most:
+        most = loss.good_loss + (loss.bad_loss - loss.good_loss) * (
+            loss.burst_length / (1 + loss.burst_length)
+        )
+        # A chain that is always in the bad state cannot leave it and come back.
+        bad_share = loss.probability - loss.good_loss
+        is_always_bad = bad_share >= loss.bad_loss - loss.good_loss
+        if is_always_bad or not loss.good_loss <= loss.probability <= most:
             Refuse(
                 "loss.probability",
                 loss.probability,
-                f">= 0 and <= {most:g} with this burst_length",
+                f">= {loss.good_loss:g} and <= {most:g}, and less than bad_loss, with "
+                "this burst_length, good_loss and bad_loss",
             )
 
     def Arrival(self, k: int) -> float:
@@ -392,14 +408,21 @@ class PacketNetwork:
     def _Losses(self, num_blocks: int) -> NDArray[np.bool_]:
         """Returns which packets of the first blocks are lost."""
         loss = self._loss
-        if loss.kind != "burst":
-            return self._Draw("loss", num_blocks, Generator.random) < loss.probability
+        probability: float | Array = loss.probability
+        if loss.kind == "burst":
+            is_bad = self._Bursts(num_blocks)
+            probability = np.where(is_bad, loss.bad_loss, loss.good_loss)
+        return self._Draw("loss", num_blocks, Generator.random) < probability
+
+    def _Bursts(self, num_blocks: int) -> list[bool]:
+        """Returns at which packets the chain of bursts is in its bad state."""
+        loss = self._loss
+        share = (loss.probability - loss.good_loss) / (loss.bad_loss - loss.good_loss)
         leave = 1 / loss.burst_length
-        enter = leave * loss.probability / (1 - loss.probability)
+        enter = leave * share / (1 - share)
 
         def Next(is_bad: bool, step: float) -> bool:
             return step >= leave if is_bad else step < enter
 
         first, *others = self._Draw("burst", num_blocks, Generator.random).tolist()
-        is_bad = first < loss.probability
-        return np.array(list(itertools.accumulate(others, Next, initial=is_bad)))
+        return list(itertools.accumulate(others, Next, initial=first < share))

@@ -156,7 +156,7 @@ def test_bursts_have_the_rate_and_length_of_their_parameters(rate, length):
     loss = Loss(kind="burst", probability=rate, burst_length=length)
     lost = np.isinf(delays(make(loss=loss, seed=5), count))
     lengths = runs(lost)
-    # The runs are the stays in the bad state.
+    # With bad_loss 1 and good_loss 0 the runs are the stays in the bad state.
     spread = length * math.sqrt((1 - 1 / length) / len(lengths))
     assert abs(lengths.mean() - length) < 4 * spread
     # Lost packets are correlated over some burst lengths.
@@ -169,6 +169,22 @@ def test_bursts_have_the_rate_and_length_of_their_parameters(rate, length):
     longer = np.mean(lengths > 2 * length)
     expected = (1 - 1 / length) ** math.floor(2 * length)
     assert abs(longer - expected) < 4 * math.sqrt(expected / len(lengths))
+
+
+def test_losses_within_the_states():
+    loss = Loss(
+        kind="burst", probability=0.2, burst_length=50, good_loss=0.1, bad_loss=0.6
+    )
+    count = 50_000
+    lost = np.isinf(delays(make(loss=loss, seed=2), count))
+    assert lost.mean() == pytest.approx(0.2, abs=0.01)
+    # share 0.2 of the packets is bad; the covariance of neighbours has a closed form.
+    share, leave = 0.2, 1 / 50
+    enter = leave * share / (1 - share)
+    covariance = share * (1 - share) * 0.5**2 * (1 - leave - enter)
+    assert np.mean((lost[1:] - 0.2) * (lost[:-1] - 0.2)) == pytest.approx(
+        covariance, rel=0.15
+    )
 
 
 # Random numbers.
@@ -293,6 +309,9 @@ def sinusoid(**fields):
         (loss("burst", burst_length=0.5), "loss.burst_length = 0.5: must be"),
         (loss("burst", 0.9, burst_length=2),
          "loss.probability = 0.9: must be >= 0 and <= 0.666667"),
+        (loss("burst", good_loss=0.2), "loss.probability = 0.1: must be >= 0.2"),
+        (loss("burst", 0.0, good_loss=0.5, bad_loss=0.5),
+         "loss.bad_loss = 0.5: must be > good_loss"),
     ],
 )  # fmt: skip
 def test_bad_parameters(arguments, message):
