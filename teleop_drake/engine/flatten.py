@@ -76,7 +76,7 @@ def Flatten(system: System, path: str = "") -> list[Block]:
             continue
         for (target, i), (part, o) in diagram.connection_map().items():
             source, output = _OutputPort(part, int(o))
-            for block, name in _InputPorts(target, int(i)):
+            for block, name in InputsOf(target, int(i)):
                 blocks[block].inputs[name] = Source(places[source], output)
     return list(blocks.values())
 
@@ -100,9 +100,9 @@ def _OutputPort(system: System, index: int) -> tuple[System, str]:
     return _OutputPort(inner, int(i))
 
 
-def _InputPorts(system: System, index: int) -> list[tuple[System, str]]:
+def InputsOf(system: System, index: int) -> list[tuple[System, str]]:
     """Returns the blocks that an input leads to, and their ports."""
     if not isinstance(system, Diagram):
         return [(system, system.get_input_port(index).get_name())]
     inner = system.GetInputPortLocators(InputPortIndex(index))
-    return [found for part, i in inner for found in _InputPorts(part, int(i))]
+    return [found for part, i in inner for found in InputsOf(part, int(i))]

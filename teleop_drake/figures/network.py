@@ -72,7 +72,7 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
     figure.align_ylabels(axes[:, 0])
     lines = [line for ax in axes[:, 0] for line in ax.get_lines()]
     handles = [x for x in lines if x.get_label() in ("lost packet", "lost in all")]
-    style.AddLegend(figure, handles, ncols=2, fontsize=style.SMALL_FONT_SIZE)
+    style.AddLegend(figure, handles, fontsize=style.SMALL_FONT_SIZE)
     return figure
 
 
@@ -91,10 +91,13 @@ def _DrawDelays(ax: Axes, sent: Array, arrivals: Array) -> None:
     has_arrived = np.isfinite(arrivals)
     delays = 1e3 * (arrivals - sent)[has_arrived]
     ax.plot(sent[has_arrived], delays, ".", color=COLORS[0], markersize=2.5)
-    style.MarkAbove(
-        ax,
-        sent[~has_arrived],
-        1.03,
+    lost = sent[~has_arrived]
+    ax.plot(
+        lost,
+        np.full(len(lost), 1.03),
+        transform=ax.get_xaxis_transform(),
+        clip_on=False,
+        in_layout=False,
         marker="x",
         linestyle="none",
         markersize=3,
