@@ -86,21 +86,33 @@ _VELOCITY = ThesisFigure(
     title="Velocity of the tool",
     caption="Velocity of the tool with either controller, and in grey what the surgeon "
     "commands.",
-    make=partial(plots.PlotBoth, signal="tool_velocity"),
+    make=partial(
+        plots.PlotBoth, signal="tool_velocity", label="velocity $v_{axis}$", unit="m/s"
+    ),
     live=["tool_velocity"],
 )
 _SENSED_FORCE = ThesisFigure(
     title="Sensed force",
     caption="Force of the robot on its environment, as the sensor at the tool reads "
     "it.",
-    make=partial(plots.PlotBoth, signal="environment_force"),
+    make=partial(
+        plots.PlotBoth,
+        signal="environment_force",
+        label="sensed force $F_{{e,{axis}}}$",
+        unit="N",
+    ),
     live=["environment_force"],
 )
 _CONTROL_FORCE = ThesisFigure(
     title="Control force",
     caption="Force that the controller asks of the robot: the delayed haptic force "
     "under direct force, the state of the backstepping law otherwise.",
-    make=partial(plots.PlotBoth, signal="control_force"),
+    make=partial(
+        plots.PlotBoth,
+        signal="control_force",
+        label="control force $F_{{c,{axis}}}$",
+        unit="N",
+    ),
     live=["control_force"],
 )
 _WEIGHTS_1 = ThesisFigure(
@@ -133,7 +145,9 @@ _WEIGHTS_3 = ThesisFigure(
 _POSITION = ThesisFigure(
     title="Position of the tool",
     caption=("Position of the tool with either controller."),
-    make=partial(plots.PlotBoth, signal="tool_position"),
+    make=partial(
+        plots.PlotBoth, signal="tool_position", label="position ${axis}$", unit="m"
+    ),
     live=["tool_position"],
 )
 _LEARNED = [_WEIGHTS_1, _PSI, _WEIGHTS_3]

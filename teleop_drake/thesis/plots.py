@@ -17,7 +17,6 @@ from teleop_drake.blocks.environments.surface import (
 )
 from teleop_drake.figures.layout import MakePanels
 from teleop_drake.figures.runs import PlotRows, PlotRun
-from teleop_drake.figures.selection import SelectRows
 from teleop_drake.figures.style import (
     BOUNDARY_STYLE,
     COLORS,
@@ -27,7 +26,6 @@ from teleop_drake.figures.style import (
 )
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import AsTeleoperation, LoadScenario
-from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.panels import AxisName, SignalRow
 from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.thesis.runs import ADAPTIVE, ThesisRuns
@@ -97,15 +95,26 @@ def PlotTracking(runs: ThesisRuns, task: str, *, signal: str) -> Figure:
 # Chapters 4 and 5: both controllers together, and what the adaptive one learns.
 
 
-def PlotBoth(runs: ThesisRuns, task: str, *, signal: str) -> Figure:
-    """Plots a signal with direct force and adaptive, on each axis on which it acts."""
+def PlotBoth(
+    runs: ThesisRuns, task: str, *, signal: str, label: str, unit: str
+) -> Figure:
+    """Plots a signal with direct force and adaptive; the label has a place {axis}."""
     both = runs.OfBoth(task)
+    n = both.adaptive.recording.scenario.num_axes
+    rows = [
+        SignalRow(
+            label=label.format(axis=AxisName(k)),
+            unit=unit,
+            signal=signal,
+            components=[k],
+            command=n + k if signal == "tool_velocity" else None,
+        )
+        for k in range(n)
+    ]
     recordings = {
         "direct force": both.direct.recording,
         "adaptive": both.adaptive.recording,
     }
-    shown = list(recordings.values())
-    rows = SelectRows(TaskOf(shown[0].scenario).Panels(shown), shown, [signal])
     # The position is shown against time alone.
     columns = 1 if signal == "tool_position" else 2
     return PlotRows(

@@ -21,7 +21,6 @@ NUMBERS = [
 COMPARISONS = ["4.1", "5.9", "4.2", "4.3", "5.1", "5.2", "5.3", "5.7", "5.8", "5.10"]
 COMPARISONS += ["5.14", "5.15", "5.16", "5.17"]
 TIME_ONLY = ["5.9", "5.16"]
-FELT = ["4.2", "5.2", "5.8", "5.15"]
 # One of each kind.
 KINDS = ["2.4", "3.2", "4.1", "4.6", "5.5", "5.9"]
 
@@ -81,9 +80,8 @@ def test_comparisons_show_both_controllers(thesis_runs, number):
     for ax in figure.axes:
         assert len(Curves(ax)) >= 2
     columns = 1 if number in TIME_ONLY else 2
-    # Nothing is felt along the surfaces.
-    num_rows = 1 if number.startswith("4") or number in FELT else 2
-    assert len(figure.axes) == num_rows * columns
+    num_axes = 1 if number.startswith("4") else 2
+    assert len(figure.axes) == num_axes * columns
     labels = {ax.get_xlabel() for ax in figure.axes} - {""}
     assert "time [s]" in labels
     assert len(labels) == columns
