@@ -110,12 +110,13 @@ def test_reflections(damper):
 def test_an_open_end_never_rests():
     recording = wave_line.Reflecting(0.0, duration=40.0)
     force = recording["environment_force"][:, 0]
-    first, last = (
+    # The amplitude beats, so that rounding moves it at any one time by some per cent.
+    swings = [
         np.ptp(force[(recording.time > at) & (recording.time < at + 2)])
-        for at in (8.0, 38.0)
-    )
-    assert last > 0.8 * first
-    AssertTold(f"still swings by {last:.3g} N")
+        for at in (8.0, 18.0, 28.0, 38.0)
+    ]
+    assert min(swings) > 0.7
+    AssertTold("still swings by more than 0.7 N")
 
 
 def test_lines_on_a_wall():
