@@ -55,10 +55,13 @@ _REDUCED = {
     FormulaKind.Or: np.logical_or,
 }
 
+# The first operand, a number, is left out where it is this one.
+_NEUTRAL = {ExpressionKind.Add: 0.0, ExpressionKind.Mul: 1.0}
+
 # More parts take seconds to read and minutes to compile.
 _MAX_PARTS = 50_000
 
-# Powers up to this one are products, which are faster.
+# Powers up to this one are products.
 _MAX_FACTORS = 16
 
 
@@ -146,6 +149,8 @@ class _Writer:
             return self._variables[operands[0].get_id()]
         if kind == ExpressionKind.Pow:
             return self._Power(*operands)
+        if kind in _NEUTRAL and operands[0] == _NEUTRAL[kind]:
+            operands = operands[1:]
         places = map(self.Write, operands)
         if kind in _REDUCED:
             return self._Reduce(_REDUCED[kind], places)
@@ -154,13 +159,16 @@ class _Writer:
         raise UnknownExpression(f"{kind.name} is no operation of a tape")
 
     def _Power(self, base: Expression, exponent: Expression) -> int:
-        """Writes a power, as a product if the exponent is a small whole number."""
+        """Writes a power, with a whole number as exponent as a product."""
         place = self.Write(base)
         is_number = exponent.get_kind() == ExpressionKind.Constant
         number = exponent.Evaluate() if is_number else 0.0
-        if number.is_integer() and 1 <= number <= _MAX_FACTORS:
-            return self._Reduce(np.multiply, [place] * int(number))
-        return self._Row(np.power, place, self.Write(exponent))
+        if not (number.is_integer() and 1 <= abs(number) <= _MAX_FACTORS):
+            return self._Row(np.power, place, self.Write(exponent))
+        product = self._Reduce(np.multiply, [place] * int(abs(number)))
+        if number > 0:
+            return product
+        return self._Row(np.divide, self._Constant(1.0), product)
 
     def _Constant(self, value: float) -> int:
         self.constants.append(value)

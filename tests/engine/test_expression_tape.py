@@ -41,16 +41,14 @@ def test_a_tape_has_the_value_of_its_expression(expression):
 
 def test_a_common_part_is_computed_once():
     tape, _ = MakeTape([symbolic.sin(x) + y, symbolic.sin(x) * y], [x, y])
-    assert [function for function, *_ in tape.rows].count(np.sin) == 1
+    assert len(tape.rows) == 3  # No constants among them.
 
 
 def test_constants_do_not_decide_which_rows_there_are():
     one, constants = MakeTape([3 * x + 3 * y], [x, y])
     other, _ = MakeTape([3 * x + 4 * y], [x, y])
     assert one == other
-    assert constants.tolist() == [0.0, 3.0, 3.0]
-    # A sum without a number is one with 0.
-    assert MakeTape([x + y], [x, y])[0] == MakeTape([x + y + 2], [x, y])[0]
+    assert constants.tolist() == [3.0, 3.0]
 
 
 def test_what_is_no_operation_is_named():
