@@ -36,7 +36,12 @@ def DiscreteState(context: Context) -> Array:
 
 
 def SetDiscreteState(context: Context, values: Array) -> None:
-    """Sets all discrete states of a Context, which stand one after another."""
+    """Sets all discrete states of a Context, which stand one after another.
+
+    Does nothing if there are no values.
+    """
+    if len(values) == 0:
+        return
     first = 0
     for i in range(context.num_discrete_state_groups()):
         end = first + context.get_discrete_state(i).size()

@@ -213,7 +213,10 @@ class Evaluator:
         program = self.program
         contexts = ContextsIn(self.system, context)
         x = context.get_continuous_state_vector().CopyToVector()
-        m = [DiscreteState(contexts[block.system]) for block in self.blocks]
+        m = [
+            DiscreteState(contexts[block.system])[: part.stop - part.start]
+            for block, part in zip(self.blocks, program.modes, strict=True)
+        ]
         y = np.zeros(program.sizes[0])
         for (i, name), part in program.fed.items():
             block = self.blocks[i]

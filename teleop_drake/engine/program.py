@@ -10,14 +10,12 @@ Its steps are executed on arrays of floats or, to make machine code of them, on 
 of the Numbers of a graph.
 """
 
-import copy
 import itertools
 from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import System
 
 from teleop_drake.arrays import Array
 from teleop_drake.engine.flatten import (
@@ -62,12 +60,18 @@ class Program:
 
     def __init__(self, blocks: Sequence[Block], kernels: Sequence[Kernel]):
         self._blocks = blocks
-        self._TakeNumbers(kernels)
+        self.kernels = kernels
+        parameters = Parameters()
+        self.layouts = [
+            {name: parameters.Add(value) for name, value in kernel.parameters.items()}
+            for kernel in kernels
+        ]
+        self.p = np.array(parameters.numbers, np.float64)
         self.signals: dict[Source, slice] = {}
         self.fed: dict[Source, slice] = {}
         self.transitions: list[tuple[Transition, slice | None, slice, slice]] = []
         self.states = _Slices(block.system.num_continuous_states() for block in blocks)
-        self.modes = _Slices(_NumModes(block.system) for block in blocks)
+        self.modes = _Slices(map(_NumModes, blocks, kernels))
         self._num_y = 0
         # What is to be computed, and the functions that do it, in their order.
         self._terms: dict[Source, Term] = {}
@@ -92,31 +96,6 @@ class Program:
             self._CheckInputs(i, block)
         self.sizes = self._num_y, self.states[-1].stop, self.modes[-1].stop
 
-    def _TakeNumbers(self, kernels: Sequence[Kernel]) -> None:
-        """Packs the parameters of kernels."""
-        self.kernels = kernels
-        parameters = Parameters()
-        self.layouts = [
-            {name: parameters.Add(value) for name, value in kernel.parameters.items()}
-            for kernel in kernels
-        ]
-        self.p = np.array(parameters.numbers, np.float64)
-
-    def With(self, kernels: Sequence[Kernel]) -> "Program | None":
-        """Returns the program of kernels with other parameters and delays.
-
-        Args:
-            kernels: Otherwise the same; None is returned if the structure would not be.
-        """
-        program = copy.copy(self)
-        program._TakeNumbers(kernels)
-        delays = [delay for kernel in kernels for delay in kernel.delays]
-        program.delays = [
-            (delay, signal, output)
-            for delay, (_, signal, output) in zip(delays, self.delays, strict=True)
-        ]
-        return program if program.structure == self.structure else None
-
     @property
     def structure(self) -> list[Any]:
         """All but the floats and the functions.
@@ -131,7 +110,8 @@ class Program:
             ],
             self.layouts,
             self.fed,
-            self.sizes,
+            [places for _, *places in self.delays],
+            [self.states, self.modes, self.sizes],
         ]
 
     @property
@@ -306,8 +286,11 @@ def _IsCall(term: Term) -> bool:
     return isinstance(term, tuple) and callable(term[0])
 
 
-def _NumModes(system: System) -> int:
-    groups = system.AllocateDiscreteVariables().get_data()
+def _NumModes(block: Block, kernel: Kernel) -> int:
+    """Returns the size of a block's mode; a delay remembers things for Drake alone."""
+    if kernel.delays:
+        return 0
+    groups = block.system.AllocateDiscreteVariables().get_data()
     return sum(group.size() for group in groups)
 
 

@@ -243,12 +243,13 @@ class CompiledRun:
         return bool(clock[1] > _SHORTEST * max(1.0, self.time))
 
     def _MakeRoom(self) -> Memory:
-        """Doubles the room for rows and breaks; returns the memory."""
+        """Makes twice the room for rows and breaks, or more; returns the memory."""
         larger = {}
         for name in ("row_times", "row_ends", "rows", "breaks"):
             array = getattr(self.memory, name)
             # What is not written yet takes no memory.
-            larger[name] = np.empty((2 * len(array), *array.shape[1:]), array.dtype)
+            length = max(2 * len(array), _ROOM)
+            larger[name] = np.empty((length, *array.shape[1:]), array.dtype)
             larger[name][: len(array)] = array
         self.memory = self.memory._replace(**larger)
         if isinstance(self._memory, Packed):

@@ -26,6 +26,7 @@ from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.engine.check import HoldsOwnCode
 from teleop_drake.engine.evaluator import KernelOf
 from teleop_drake.engine.flatten import Block, Flatten, Source, UnsupportedSystem
+from teleop_drake.engine.program import Program
 from teleop_drake.engine.run import Visited
 from teleop_drake.kernel import Kernel
 from teleop_drake.recording import Recording
@@ -311,31 +312,31 @@ def _With(
     program = compiled.evaluator.program
     blocks = list(compiled.evaluator.blocks)
     kernels = list(program.kernels)
-    start = Visited(compiled.start.t, *(array.copy() for array in compiled.start[1:]))
+    replaced: dict[int, _Part] = {}
     for path, system in parts.items():
         inside = [f"{block.path}/".startswith(f"{path}/") for block in blocks]
         places = [i for i, is_inside in enumerate(inside) if is_inside]
         replacing = _PartsOf(system, path, places, scenario)
         if replacing is None:
             return None
-        for i, part in zip(places, replacing, strict=True):
-            state = part.context.get_continuous_state_vector().CopyToVector()
-            mode = DiscreteState(part.context)
-            if part.kernel.delays:  # What they remember is for Drake alone.
-                mode = start.m[program.modes[i]]
-            if not (
-                _IsLike(part, blocks[i], kernels[i])
-                and state.size == start.x[program.states[i]].size
-                and mode.size == start.m[program.modes[i]].size
-            ):
-                return None
-            blocks[i] = dataclasses.replace(blocks[i], system=part.block.system)
-            kernels[i] = part.kernel
-            start.x[program.states[i]] = state
-            start.m[program.modes[i]] = mode
-    changed = program.With(kernels)
-    if changed is None:
+        replaced |= dict(zip(places, replacing, strict=True))
+    for i, part in replaced.items():
+        if not _Fits(part, blocks[i]):
+            return None
+        blocks[i] = dataclasses.replace(blocks[i], system=part.block.system)
+        kernels[i] = part.kernel
+    try:
+        changed = Program(blocks, kernels)
+    except UnsupportedSystem:
         return None
+    if not changed.HasCodeOf(program):
+        return None
+    start = Visited(compiled.start.t, *(array.copy() for array in compiled.start[1:]))
+    for i, part in replaced.items():
+        state = part.context.get_continuous_state_vector()
+        start.x[program.states[i]] = state.CopyToVector()
+        if not part.kernel.delays:
+            start.m[program.modes[i]] = DiscreteState(part.context)
     for delay, _, columns in changed.delays:
         start.y[columns] = delay.initial_value
     evaluator = copy.copy(compiled.evaluator)
@@ -344,6 +345,17 @@ def _With(
     return dataclasses.replace(
         compiled, evaluator=evaluator, start=start, parts=dict(parts)
     )
+
+
+def _Fits(part: _Part, block: Block) -> bool:
+    """Returns whether a block is connected and limits steps as another one does."""
+    own, other = (
+        getattr(x, "longest_step", None) for x in (part.block.system, block.system)
+    )
+    # The longest step of a delay is for Drake alone.
+    limits_alike = len(part.kernel.delays) > 0 or own == other
+    is_connected = part.block.inputs.items() <= block.inputs.items()
+    return limits_alike and is_connected and part.block.path == block.path
 
 
 def _PartsOf(
@@ -381,26 +393,3 @@ def _PartsOf(
             return None
         parts.append(_Part(dataclasses.replace(block, inputs=inputs), kernel, own))
     return parts
-
-
-def _IsLike(part: _Part, block: Block, kernel: Kernel) -> bool:
-    """Returns whether a block differs from another one in its numbers alone."""
-    return _Structure(part.block, part.kernel) == _Structure(block, kernel) and (
-        part.block.inputs.items() <= block.inputs.items()
-    )
-
-
-def _Structure(block: Block, kernel: Kernel) -> list[Any]:
-    """Returns what a program has of a block, without its numbers."""
-    system = block.system
-    outputs = map(system.get_output_port, range(system.num_output_ports()))
-    return [
-        block.path,
-        [port.size() for port in outputs],
-        dataclasses.replace(
-            kernel, parameters=dict.fromkeys(kernel.parameters), derived={}, delays=()
-        ),
-        [(x.signal, x.output, len(x.initial_value)) for x in kernel.delays],
-        # The longest step of a delay is for Drake alone.
-        None if kernel.delays else getattr(system, "longest_step", None),
-    ]

@@ -57,6 +57,8 @@ class CompiledDiagram:
         start: Where a run begins.
         past: What was sent through delays before; None: nothing.
         longest_step: The longest step that the blocks allow, s.
+        is_checked: Whether there is no code of a user's own in it that has not been
+            compared with Drake yet.
         parts: Systems that stand in the place of the diagram's, by their paths.
     """
 
@@ -67,9 +69,9 @@ class CompiledDiagram:
     start: Visited
     past: Past | None
     longest_step: float
+    is_checked: bool
     parts: Mapping[str, System] = field(default_factory=dict)
     _lock: threading.Lock = field(default_factory=threading.Lock)
-    _is_checked: bool = False
     _problems: dict[float, Packed] = field(default_factory=dict, init=False)
 
     def Start(self, config: SimulatorConfig, end: float) -> CompiledRun:
@@ -87,7 +89,7 @@ class CompiledDiagram:
             end=end,
             accuracy=config.accuracy,
             max_step=min(config.max_step_size, self.longest_step),
-            is_checked=self._is_checked,
+            is_checked=self.is_checked,
         )
 
     def Run(self, job: Job) -> Outcome:
@@ -124,12 +126,11 @@ class CompiledDiagram:
             visited: Where it is compared, besides the start.
         """
         with self._lock:  # There is one Context.
-            if self._is_checked:
+            if self.is_checked:
                 return
-            if HoldsOwnCode(self.evaluator):
-                states = [self.start, *visited]
-                CheckVisited(self.evaluator, self.diagram, self.context, states)
-            self._is_checked = True
+            states = [self.start, *visited]
+            CheckVisited(self.evaluator, self.diagram, self.context, states)
+            self.is_checked = True
 
 
 def CompileDiagram(
@@ -170,6 +171,7 @@ def CompileDiagram(
         start=start,
         past=ReadPast(evaluator, context, start.y),
         longest_step=LongestStep(diagram, context, of_delays=False),
+        is_checked=not HoldsOwnCode(evaluator),
     )
 
 

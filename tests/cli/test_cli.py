@@ -298,7 +298,7 @@ def test_compare_values(capsys):
 def test_a_run_that_comes_no_further_ends_with_its_reason(capsys, monkeypatch):
     monkeypatch.setattr("teleop_drake.simulation.run._MOST_STEPS", 3000)
     monkeypatch.setattr("teleop_drake.simulation.run._STRETCH", 30)
-    monkeypatch.setattr("teleop_drake.engine.run._FIRST_ROOM", 30)
+    monkeypatch.setattr("teleop_drake.engine.run._ROOM", 30)
     stiff = ["--set", "controller.adaptation_rate=1e8", "--duration", "1"]
     assert main(["run", "two_dof_combined", "--quiet", *stiff]) == 2
     (line,) = capsys.readouterr().err.splitlines()

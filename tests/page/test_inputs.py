@@ -32,9 +32,17 @@ def test_another_one_has_stops():
         np.testing.assert_allclose(z, expected, rtol=1e-9, atol=1e-15)
 
 
+def test_a_delay_reaches_zero():
+    change = Change("forward_channel.delay", 0.0, 0.2, 0.1)
+    base = Make({"forward_channel.delay": 0.1}).numbers
+    for name, expected in Make({"forward_channel.delay": 0.0}).numbers.items():
+        z = change.Added(name, base[name], base[name], 0.0)
+        np.testing.assert_allclose(z, expected, rtol=1e-9, atol=1e-15)
+
+
 def test_what_changes_nothing_or_the_program_is_refused():
     with pytest.raises(ScenarioError, match="another one"):
-        Change("forward_channel.delay", 0.0, 0.2, 0.1)
+        Change("actuator.coulomb_friction", 0.0, 0.2, 0.1)
     vary = {"controller.initial_psi": (1.0, 8.0)}
     with pytest.raises(ScenarioError, match="changes something"):
         MakePage("one_dof", controllers=["direct_force"], vary=vary)

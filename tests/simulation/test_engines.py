@@ -111,7 +111,7 @@ def test_a_mistake_comes_out_as_it_is(in_python):
 
 
 def test_ctrl_c_keeps_what_there_is(in_python, monkeypatch):
-    monkeypatch.setattr(engine, "_FIRST_ROOM", 30)
+    monkeypatch.setattr(engine, "_ROOM", 30)
     times = []
 
     def interrupt(time):

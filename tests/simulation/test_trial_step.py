@@ -129,7 +129,7 @@ def test_steps_without_end_are_refused(engine, monkeypatch):
     """After a hundredth of the steps that there may be in all."""
     monkeypatch.setattr(simulation_run, "_MOST_STEPS", 3000)
     monkeypatch.setattr(simulation_run, "_STRETCH", 30)
-    monkeypatch.setattr(compiled_runs, "_FIRST_ROOM", 30)
+    monkeypatch.setattr(compiled_runs, "_ROOM", 30)
     scenario = LoadScenario("two_dof_combined", RATE | {"duration": 1.0})
     match = r"duration = 1: must be at most .* s here, which took [3-7]\d steps;"
     with pytest.raises(ScenarioError, match=match):
