@@ -13,26 +13,82 @@ _NUM_SLIDERS = 4
 # Parameters that have fields in the opened boxes of their blocks, at most.
 _MOST_FIELDS = 40
 
-# The range of a field, as multiples of the parameter's value; and those that are tried
-# where it is 0.
-_FIELD = (0.25, 4.0)
-_FIELDS_AT_ZERO = ((-1.0, 1.0), (0.0, 1.0))
+# A range reaches from a parameter's value divided by this to its value times this.
+_FACTOR_OF_SLIDER = 2
+_FACTOR_OF_FIELD = 4
 
 
-Numbers = Mapping[str, Scalar]
-"""The numbers of a diagram's Context; see ScalarsIn()."""
+def MakeDiagramInputs(
+    numbers: Mapping[str, Scalar], runs: Runs, vary: Ranges | None, notes: list[str]
+) -> list[Input]:
+    """Returns the inputs of a diagram's page: the sliders, and behind them the fields.
+
+    Args:
+        numbers: Those of the diagram's Context; see ScalarsIn().
+        runs: Those of `numbers`.
+        vary: The least and the largest value of numbers by name; see SetNumbers().
+            None: all delays, and some parameters.
+        notes: Gets what has no slider, and why.
+
+    Raises:
+        ScenarioError: If a number of `vary` does not exist or cannot be changed.
+    """
+    parameters = {
+        name: number
+        for name, number in numbers.items()
+        if name != "delay" and not number.is_state
+    }
+    ranges = _DefaultRanges(parameters, runs) if vary is None else vary
+    for key in ranges:
+        CheckChoice("vary", key, numbers)
+    sliders = [
+        _MakeInput(key, numbers[key], ends, is_wanted=vary is not None)
+        for key, ends in ranges.items()
+    ]
+    inputs = runs.FindInputs([sliders])
+    shown = {one.key for one in inputs}
+    rest = [name for name in parameters if name not in shown]
+    if len(rest) > _MOST_FIELDS:
+        more = len(rest) - _MOST_FIELDS
+        notes.append(f"{more} more parameters have no field: name them in `vary`")
+    for name in rest[:_MOST_FIELDS]:
+        for ends in _Ranges(parameters[name], _FACTOR_OF_FIELD, runs):
+            field = _MakeInput(name, parameters[name], ends, is_field=True)
+            if _CanAdd(field, inputs, runs):
+                inputs.append(field)
+                break
+    return inputs
+
+
+def _DefaultRanges(parameters: Mapping[str, Scalar], runs: Runs) -> Ranges:
+    """Returns ranges of the delays, and of the first parameters that have a size."""
+    delays = [name for name, x in parameters.items() if x.is_delay]
+    sizes = [name for name, x in parameters.items() if not x.is_delay and x.value != 0]
+    return {
+        name: _Ranges(parameters[name], _FACTOR_OF_SLIDER, runs)[0]
+        for name in delays + sizes[:_NUM_SLIDERS]
+    }
+
+
+def _Ranges(number: Scalar, factor: float, runs: Runs) -> list[Sequence[float]]:
+    """Returns ranges for a number, of which a field has the first that is possible."""
+    value = number.value
+    if number.is_delay:
+        return [runs.DelayRange(value)]
+    if value == 0:
+        return [(-1.0, 1.0), (0.0, 1.0)]
+    return [sorted((value / factor, value * factor))]
 
 
 def _MakeInput(
-    numbers: Numbers,
     key: str,
+    number: Scalar,
     ends: Sequence[float],
     *,
     is_wanted: bool = False,
     is_field: bool = False,
 ) -> Input:
     """Returns an input for a number; the box of a field has its block's path."""
-    number = numbers[key]
     low, high = RangeWith(key, ends, number.value)
     name = key.rpartition("/")[2] if is_field else key
     return Input(
@@ -48,94 +104,15 @@ def _MakeInput(
     )
 
 
-def MakeDiagramInputs(
-    numbers: Numbers, runs: Runs, vary: Ranges | None, notes: list[str]
-) -> list[Input]:
-    """Returns the inputs of a diagram's page.
-
-    Args:
-        runs: Those of `numbers`.
-        vary: The least and the largest value of numbers by name; see SetNumbers().
-            None: all delays, and some parameters.
-        notes: Gets what has no slider, and why.
-
-    Raises:
-        ScenarioError: If a number of `vary` does not exist or cannot be changed.
-    """
-    wanted = _DefaultRanges(numbers, runs) if vary is None else vary
-    for key in wanted:
-        CheckChoice("vary", key, numbers)
-    is_wanted = vary is not None
-    varied = [
-        _MakeInput(numbers, key, ends, is_wanted=is_wanted)
-        for key, ends in wanted.items()
-    ]
-    inputs = runs.FindInputs([varied])
-    return inputs + _Fields(numbers, inputs, runs, notes)
-
-
-def _DefaultRanges(numbers: Numbers, runs: Runs) -> Ranges:
-    """Returns ranges of the delays, and of the first parameters that have a size."""
-    parameters = _Parameters(numbers)
-    ranges: dict[str, Sequence[float]] = {
-        name: runs.DelayRange(x.value) for name, x in parameters.items() if x.is_delay
-    }
-    others = [name for name, x in parameters.items() if not x.is_delay and x.value != 0]
-    for name in others[:_NUM_SLIDERS]:
-        value = numbers[name].value
-        ranges[name] = sorted((0.5 * value, 2 * value))
-    return ranges
-
-
-def _Parameters(numbers: Numbers) -> dict[str, Scalar]:
-    """Returns the parameters, each by its own name."""
-    return {
-        name: number
-        for name, number in numbers.items()
-        if name != "delay" and not number.is_state
-    }
-
-
-def _Fields(
-    numbers: Numbers, inputs: Sequence[Input], runs: Runs, notes: list[str]
-) -> list[Input]:
-    """Returns the parameters that can be changed in the boxes of their blocks."""
-    known = {one.key for one in inputs}
-    rest = [
-        name
-        for name, number in _Parameters(numbers).items()
-        if name not in known and not (number.is_delay and "delay" in known)
-    ]
-    if len(rest) > _MOST_FIELDS:
-        more = len(rest) - _MOST_FIELDS
-        notes.append(f"{more} more parameters have no field: name them in `vary`")
-    fields: list[Input] = []
-    for name in rest[:_MOST_FIELDS]:
-        one = _Field(numbers, name, runs)
-        if one is None:
-            continue
-        change = one.changes[0]
-        others = [*inputs, *fields]
-        met = [other for other in others if other.changes[0].Meets(change)]
-        try:
-            if met:
-                runs.Check([*met, one])
-            fields.append(one)
-        except NotSums:
-            continue
-    return fields
-
-
-def _Field(numbers: Numbers, name: str, runs: Runs) -> Input | None:
-    """Returns the field of a parameter; None if no range has a linear effect."""
-    value = numbers[name].value
-    ranges: Sequence[Sequence[float]] = _FIELDS_AT_ZERO
-    if numbers[name].is_delay:
-        ranges = [runs.DelayRange(value)]
-    elif value != 0:
-        ranges = [sorted(share * value for share in _FIELD)]
-    for ends in ranges:
-        one = _MakeInput(numbers, name, ends, is_field=True)
-        if runs.HasChanges(one) and one.is_continuous:
-            return one
-    return None
+def _CanAdd(field: Input, inputs: Sequence[Input], runs: Runs) -> bool:
+    """Returns whether a field is linear, and adds to what other inputs change."""
+    if not (runs.HasChanges(field) and field.is_continuous):
+        return False
+    change = field.changes[0]
+    met = [one for one in inputs if one.changes[0].Meets(change)]
+    try:
+        if met:
+            runs.Check([*met, field])
+    except NotSums:
+        return False
+    return True

@@ -341,7 +341,6 @@ def _Data(
     kinds = list(dict.fromkeys(which[0] for which in runs.models))
     controllers = []
     for i, (which, model) in enumerate(runs.models.items()):
-        changes = {one.key: one.changes[i] for one in inputs}
         controllers.append(
             {
                 "kind": which[0],
@@ -350,8 +349,11 @@ def _Data(
                 "color": PageColor(kinds.index(which[0])),
                 **model.Data(),
                 "changes": {
-                    key: {"slopes": change.slopes, "stops": change.stops}
-                    for key, change in changes.items()
+                    one.key: {
+                        "slopes": one.changes[i].slopes,
+                        "stops": one.changes[i].stops,
+                    }
+                    for one in inputs
                 },
             }
         )

@@ -141,11 +141,7 @@ class ControllerConfig(BacksteppingParameters, _ChosenKind):
             section = getattr(self, item.name)
             if isinstance(section, ArchitectureConfig) and section is not chosen:
                 section.Check(f"controller.{item.name}", num_axes)
-        self.CheckParameters(
-            "controller",
-            num_axes,
-            is_needed=isinstance(chosen, AdaptiveBacksteppingConfig),
-        )
+        self.CheckParameters("controller", num_axes, is_needed=False)
         self.robust.CheckNumbers("controller.robust")
         chosen.Check(self.path, num_axes)
 

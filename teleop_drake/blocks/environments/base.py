@@ -75,9 +75,7 @@ class EnvironmentConfig(KindConfig, ABC):
         Args:
             start: p_WT in m (n).
         """
-        # To make the block takes ten times as long.
-        told = StackSlopes(self.Surfaces(start), start)
-        return told or StiffnessAndDamping(self.MakeEnvironment(start), start)
+        return StiffnessAndDamping(self.MakeEnvironment(start), start)
 
 
 def StackSlopes(

@@ -7,18 +7,22 @@ from operator import attrgetter
 
 import numpy as np
 
+from teleop_drake.analysis.stability import AnalyzeStability
+from teleop_drake.analysis.transparency import FeltStiffnessLoss
 from teleop_drake.arrays import Array, Interval
-from teleop_drake.scenario import AsTeleoperation, Scenario
+from teleop_drake.scenario import AnyScenario, AsTeleoperation, Scenario
 from teleop_drake.stations import ResolveController
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
 from teleop_drake.sweep.study import Study
-from teleop_drake.sweep.tuning.analyses import STIFFNESS_LOSS, Analyze
 from teleop_drake.sweep.values import GivenGrid
 from teleop_drake.tasks.metrics import MetricUnits
 from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
 
 Gains = dict[str, float]
 """Values of the gains by their paths."""
+
+STIFFNESS_LOSS = "felt_stiffness_loss"
+"""The name of the metric that FeltStiffnessLoss() computes."""
 
 _MAX_GAINS = 6
 
@@ -65,6 +69,29 @@ class TuningPlan:
             path: float(f"{_Between(*bounds, share):.4g}")
             for (path, bounds), share in zip(self.ranges.items(), place, strict=True)
         }
+
+    def Analyze(self, scenario: AnyScenario) -> tuple[float, str]:
+        """Performs those analyses of a scenario that the metrics or the margin need.
+
+        Returns:
+            The felt stiffness loss, 0 if it is not one of the metrics; and why a delay
+            margin is too small, empty if none is.
+        """
+        teleoperation = AsTeleoperation(scenario)
+        loss = 0.0
+        if STIFFNESS_LOSS in self.weights:
+            loss = FeltStiffnessLoss(teleoperation)
+        margin = self.margin
+        if margin is None:
+            return loss, ""
+        forward = teleoperation.forward_channel.delay
+        trip = forward + teleoperation.return_channel.delay
+        found = AnalyzeStability(teleoperation, max_delay=trip + margin + 1e-3)
+        for loop in found.Loops():
+            longest = loop.delay + margin
+            if not any(a <= loop.delay and longest <= b for a, b in loop.stable_delays):
+                return loss, f"{loop.label}: a delay margin below {margin:g} s"
+        return loss, ""
 
 
 def _Between(low: float, high: float, share: float) -> float:
@@ -132,7 +159,7 @@ def PlanTuning(
             for bound in bounds:
                 sweep.Load({**sweep.points[0], path: bound})
         # This call refuses a scenario without a linear model, if one is needed.
-        Analyze(sweep.scenario, plan.weights, margin)
+        plan.Analyze(sweep.scenario)
     return plan
 
 

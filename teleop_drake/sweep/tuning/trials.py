@@ -9,12 +9,7 @@ import numpy as np
 from teleop_drake.arrays import Array
 from teleop_drake.sweep.plan import SweepPlan
 from teleop_drake.sweep.result import SweepError, SweepResult
-from teleop_drake.sweep.tuning.analyses import (
-    STIFFNESS_LOSS,
-    Analysis,
-    Analyze,
-)
-from teleop_drake.sweep.tuning.plan import Gains, TuningPlan
+from teleop_drake.sweep.tuning.plan import STIFFNESS_LOSS, Gains, TuningPlan
 from teleop_drake.tasks.metrics import MetricUnits
 
 # Gains whose scores differ by less than this factor count as one member of a front.
@@ -106,20 +101,17 @@ def _AddAnalyses(plan: TuningPlan, sweep: SweepPlan, name: str, trial: Trial) ->
     """Adds the analyses of a sweep's runs to a trial."""
     if STIFFNESS_LOSS not in plan.weights and plan.margin is None:
         return
-    known: dict[str, Analysis] = {}
-    losses = []
-    for point in sweep.points:
+    is_loss = [metric == STIFFNESS_LOSS for metric in plan.weights]
+    known: dict[str, tuple[float, str]] = {}
+    for i, point in enumerate(sweep.points):
         # The linear model does not depend on the seed.
         given = {key: value for key, value in point.items() if key != "seed"}
         key = str(given)
         if key not in known:
-            scenario = sweep.Load({**trial.gains, **given})
-            known[key] = Analyze(scenario, plan.weights, plan.margin)
-        losses.append(known[key].stiffness_loss)
-        trial.reason = trial.reason or known[key].reason
-    if STIFFNESS_LOSS in plan.weights:
-        column = list(plan.weights).index(STIFFNESS_LOSS)
-        trial.values[name][:, column] = losses
+            known[key] = plan.Analyze(sweep.Load({**trial.gains, **given}))
+        loss, reason = known[key]
+        trial.values[name][i, is_loss] = loss
+        trial.reason = trial.reason or reason
 
 
 def FindReference(plan: TuningPlan, trials: Sequence[Trial]) -> Trial:
