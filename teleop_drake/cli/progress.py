@@ -18,6 +18,12 @@ def Notice(text: object) -> None:
     print(f"teleop-drake: {text}", file=sys.stderr, flush=True)
 
 
+def TellLine(is_quiet: bool, line: str) -> None:
+    """Prints what is made now, or what is found, on stderr, unless it is quiet."""
+    if not is_quiet:
+        print(line, file=sys.stderr, flush=True)
+
+
 def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording":
     """Returns the recording of a run; shows its progress unless it is quiet.
 

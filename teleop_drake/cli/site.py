@@ -8,7 +8,6 @@ import os
 import pkgutil
 import re
 import shutil
-import sys
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -257,8 +256,3 @@ def _TextOnSite(text: str, folder: Path, up: str, has_reference: bool) -> str:
         return name[1:-1]
 
     return re.sub(r"(?<!!)(\[[^]]+\])\(([^):#]+)(#[^)]*|)\)", Link, text)
-
-
-def PrintProgress(line: str) -> None:
-    """Prints what is made now to standard error."""
-    print(line, file=sys.stderr, flush=True)

@@ -1,10 +1,12 @@
 """The command `teleop-drake docs`: the pages, or the site with all that is live."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from teleop_drake.cli.output import PrepareFolder
-from teleop_drake.cli.site import PAGES, PARTS, PrintProgress, Title, WriteSite
+from teleop_drake.cli.progress import TellLine
+from teleop_drake.cli.site import PAGES, PARTS, Title, WriteSite
 from teleop_drake.validation import CheckChoice, Refuse
 
 
@@ -41,7 +43,7 @@ def Execute(args: argparse.Namespace) -> int:
         WriteSite(
             Path(args.out),
             parts=parts,
-            progress=(lambda line: None) if args.quiet else PrintProgress,
+            progress=partial(TellLine, args.quiet),
         )
     except ModuleNotFoundError as e:
         mended = "`pip install 'teleop-drake[docs]'` brings it"
