@@ -6,7 +6,7 @@ from pathlib import Path
 
 from teleop_drake.cli.output import PrepareFolder
 from teleop_drake.cli.progress import TellLine
-from teleop_drake.cli.site import PAGES, PARTS, Title, WriteSite
+from teleop_drake.cli.site import PAGES, PARTS, Site, Title
 from teleop_drake.validation import CheckChoice, Refuse
 
 
@@ -40,11 +40,7 @@ def Execute(args: argparse.Namespace) -> int:
         CheckChoice("--parts", part, PARTS)
     PrepareFolder(args.out, "index.html")
     try:
-        WriteSite(
-            Path(args.out),
-            parts=parts,
-            progress=partial(TellLine, args.quiet),
-        )
+        Site(Path(args.out), parts, partial(TellLine, args.quiet)).Write()
     except ModuleNotFoundError as e:
         mended = "`pip install 'teleop-drake[docs]'` brings it"
         Refuse("--out", args.out, f"left out where {e.name} is missing ({mended})")
