@@ -26,11 +26,6 @@ from teleop_drake.jit.scalar_code import ALL, MakeCode
 from teleop_drake.kernel import Delay, Kernel, KernelBlock, KernelIn
 from teleop_drake.wiring import OutputNames
 
-_NO_KERNEL = (
-    "it offers no kernel; write it as a plain function of its inputs, or give it a "
-    'method Kernel() (guide.md, "Machine code of your own block")'
-)
-
 
 def KernelOf(system: System, context: Context) -> Kernel:
     """Returns what a block computes. Its events are not compared; see CheckEvents().
@@ -43,16 +38,11 @@ def KernelOf(system: System, context: Context) -> Kernel:
     Raises:
         UnsupportedSystem: If it offers no kernel, or one of only a part of it.
     """
-    kernel: Kernel | None
     if hasattr(system, "Kernel"):
-        kernel = _OwnKernel(system, context)
-    elif type(system) is MultibodyPlant:
-        kernel = PlantKernel(system, context)
-    else:
-        kernel = PrimitiveKernel(system, context)
-    if kernel is None:
-        raise UnsupportedSystem(system, _NO_KERNEL)
-    return kernel
+        return _OwnKernel(system, context)
+    if type(system) is MultibodyPlant:
+        return PlantKernel(system, context)
+    return PrimitiveKernel(system, context)
 
 
 def _OwnKernel(system: Any, context: Context) -> Kernel:
