@@ -135,7 +135,7 @@ def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> Non
             calls.setdefault(context.get_time(), []).append(code.co_name)
 
     simulator.set_monitor(EndAfterSomeSteps)
-    profiler = sys.getprofile()
+    profiler: Any = sys.getprofile()  # A function, or an object such as cProfile's.
     # Callbacks of the garbage collector would look like handlers of events.
     has_collector = gc.isenabled()
     gc.disable()
@@ -146,16 +146,11 @@ def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> Non
         simulator.AdvancePendingEvents()
     finally:
         sys.setprofile(None)
-        _ResumeProfiling(profiler)
+        if hasattr(profiler, "enable"):
+            profiler.enable()
+        else:
+            sys.setprofile(profiler)
         if has_collector:
             gc.enable()
         simulator.clear_monitor()
         caller = None  # This frame refers to itself, and so keeps the block.
-
-
-def _ResumeProfiling(profiler: Any) -> None:
-    """Lets a profiler go on: a function, an object such as cProfile's, or None."""
-    if hasattr(profiler, "enable"):
-        profiler.enable()
-    else:
-        sys.setprofile(profiler)
