@@ -27,6 +27,7 @@ from teleop_drake.engine.check import Compare
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.engine.primitives import KERNELS
+from teleop_drake.jit.packing import Place
 from teleop_drake.jit.scalar_code import MakeCode, TraceLaw
 from teleop_drake.jit.symbols import (
     Untraceable,
@@ -220,7 +221,7 @@ def OfFunction(function: Callable, u: np.ndarray) -> FixedBlock:
         except (TypeError, ValueError, IndexError, np.linalg.LinAlgError):
             continue  # Numpy takes something else.
         try:
-            MakeCode(TraceLaw(law, [u]))
+            MakeCode(TraceLaw(law, [Place(0, u.shape)], u.size))
         except Untraceable as error:
             refused.append(str(error))
             continue

@@ -1,6 +1,7 @@
 """Linear models of the loop and of the two-port between hand and tool."""
 
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -129,17 +130,12 @@ class Motion:
             loop: L at the point.
         """
         rates = []
-        for matrix_of in (_OpenLoopMatrix, closed_loop_matrix):
+        for matrix_of in (attrgetter("A"), closed_loop_matrix):
             here = matrix_of(loop)
             change = matrix_of(self.ahead) - matrix_of(self.behind)
             change[np.abs(change) <= _ROUNDING * np.abs(here).max(initial=0.0)] = 0.0
             rates.append(MotionRate(here, change / self.time))
         return max(rates)
-
-
-def _OpenLoopMatrix(loop: StateSpace) -> Array:
-    """Returns A of the loop that is cut open."""
-    return loop.A
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -52,7 +52,7 @@ def CheckHtml(file: str | None, option: str = "--html") -> None:
         return
     if Path(file).suffix not in (".html", ".htm") and not IsDevice(Path(file)):
         raise BadInput(f"{option} = {file!r}: must end in .html")
-    _CheckWritable(Path(file), f"{option} = {file!r}")
+    CheckFile(file, option)
 
 
 def _CheckWritable(path: Path, option: str) -> None:

@@ -18,6 +18,12 @@ def Notice(text: object) -> None:
     print(f"teleop-drake: {text}", file=sys.stderr, flush=True)
 
 
+def TellLine(is_quiet: bool, line: str) -> None:
+    """Prints what is made now, or what is found, on stderr, unless it is quiet."""
+    if not is_quiet:
+        print(line, file=sys.stderr, flush=True)
+
+
 def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording":
     """Returns the recording of a run; shows its progress unless it is quiet.
 
@@ -33,7 +39,10 @@ def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording
 
     try:
         name = f"{scenario.name}, {scenario.controller.kind}: "
-        with _Notes(), _Bar(is_quiet, "s", scenario.duration, title=name) as bar:
+        with (
+            warnings.catch_warnings(record=True, action="always") as warned,
+            _Bar(is_quiet, "s", scenario.duration, title=name) as bar,
+        ):
             recording = simulate(
                 scenario,
                 progress=lambda time: bar.update(time - bar.n),
@@ -45,20 +54,10 @@ def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording
         raise Failed(
             f"the run failed: {type(error).__name__}: {FirstLine(error)}"
         ) from error
-    for note in recording.notes:
+    notes = [x.message for x in warned if x.category is UserWarning]
+    for note in (*notes, *recording.notes):
         Notice(note)
     return recording
-
-
-@contextmanager
-def _Notes() -> Iterator[None]:
-    """Turns the package's warnings into lines on stderr."""
-    with warnings.catch_warnings(record=True) as notes:
-        warnings.simplefilter("always")
-        yield
-    for note in notes:
-        if note.category is UserWarning:
-            Notice(note.message)
 
 
 @contextmanager

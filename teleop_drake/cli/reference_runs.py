@@ -60,19 +60,18 @@ class Difference(NamedTuple):
 
 def Names() -> list[str]:
     """Returns the names of the references."""
+    return sorted(_Files())
+
+
+def _Files() -> dict[str, Path]:
+    """Returns the files with the numbers of the references, by name."""
     paths = [*FOLDER.glob("*.csv"), *_DELAYS.glob("*.csv")]
-    return sorted(path.stem for path in paths)
-
-
-def _FolderOf(name: str) -> Path:
-    """Returns the folder that has the files of a reference."""
-    return _DELAYS if (_DELAYS / f"{name}.csv").exists() else FOLDER
+    return {path.stem: path for path in paths}
 
 
 def Describe(name: str) -> dict[str, str]:
     """Returns what a reference is of: a `title` of one line, and the `task`."""
-    path = _FolderOf(name) / f"{name}.yaml"
-    return ParseFile(path)
+    return ParseFile(_Files()[name].with_suffix(".yaml"))
 
 
 def Template(name: str) -> str:
@@ -151,8 +150,7 @@ def _LikelyFault(name: str, signal: str, errors: Array) -> str:
     if not path.exists():
         return ""
     reference = _ReadReference(name).columns[signal]
-    texts_path = _DELAYS / "faults.yaml"
-    texts = ParseFile(texts_path)
+    texts = ParseFile(_DELAYS / "faults.yaml")
     best = ""
     smallest = _UNEXPLAINED
     # The share of the errors that is left once the effect of a fault is taken away.
@@ -178,7 +176,7 @@ def _LikelyFault(name: str, signal: str, errors: Array) -> str:
 
 
 def _ReadReference(name: str) -> Table:
-    return ReadTable(_FolderOf(name) / f"{name}.csv")
+    return ReadTable(_Files()[name])
 
 
 def ReadTable(path: Path) -> Table:

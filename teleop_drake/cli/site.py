@@ -8,7 +8,6 @@ import os
 import pkgutil
 import re
 import shutil
-import sys
 import warnings
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -53,7 +52,18 @@ def Title(page: Path) -> str:
 
 
 class Site:
-    """Writes a site into a folder; see WriteSite()."""
+    """The documentation as a site that needs no server and no network.
+
+    Args:
+        out: An existing folder; `index.html` in it is the first page.
+        parts: Which of PARTS it has. The notebooks are those of a repository, and
+            left out where there are none.
+        progress: Called with a line of text before each part.
+
+    Raises:
+        ModuleNotFoundError: If pdoc is not installed, or in Write() nbclient for
+            notebooks.
+    """
 
     def __init__(self, out: Path, parts: Iterable[str], progress: Progress):
         import jinja2
@@ -74,13 +84,13 @@ class Site:
         for file in (_TEMPLATES / "site.css", *_DOCS.glob("*.png")):
             shutil.copy(file, self._out)
         for page in PAGES[1:]:
-            body = _Markdown(self._WithLinks(page.read_text("utf-8"), page.parent))
+            body = _Markdown(self.WithLinks(page.read_text("utf-8"), page.parent))
             self._Save(f"{page.stem}.html", Title(page), body)
         start = self._templates.get_template("start.html").render(
             parts=self._parts, has_notebooks=bool(self._notebooks)
         )
         _, _, index = _INDEX.read_text("utf-8").partition("\n")
-        contents = _Markdown(self._WithLinks(index, _DOCS))
+        contents = _Markdown(self.WithLinks(index, _DOCS))
         self._Save("index.html", "Teleoperation under delay", start + contents)
         writers = {
             "live": self._WriteLive,
@@ -93,9 +103,29 @@ class Site:
                 self._progress(part)
                 write()
 
-    def _WithLinks(self, text: str, folder: Path, up: str = "") -> str:
-        """Returns a text in which the links to files are those of the site."""
-        return _TextOnSite(text, folder, up, "api" in self._parts)
+    def WithLinks(self, text: str, folder: Path, up: str = "") -> str:
+        """Returns a text in which the links to files are those of the site.
+
+        A link to a file of the repository that the site does not have becomes plain
+        text.
+
+        Args:
+            folder: Of the file that has the text.
+            up: What leads from the text's page to the first folder of the site.
+        """
+
+        def Link(match: re.Match[str]) -> str:
+            name, file, anchor = match.groups()
+            path = Path(os.path.normpath(folder / file))
+            if path in PAGES:
+                return f"{name}({up}{path.stem}.html{anchor})"
+            is_module = path.is_relative_to(_PACKAGE) and path.suffix in ("", ".py")
+            if is_module and "api" in self._parts:
+                module = path.relative_to(_PACKAGE.parent).with_suffix("")
+                return f"{name}({up}api/{module.as_posix()}.html{anchor})"
+            return name[1:-1]
+
+        return re.sub(r"(?<!!)(\[[^]]+\])\(([^):#]+)(#[^)]*|)\)", Link, text)
 
     def _Save(self, name: str, title: str, body: str) -> None:
         """Writes a page with the side bar, in which it is the current one."""
@@ -169,7 +199,7 @@ class Site:
             NotebookClient(notebook, timeout=600, resources=where).execute()
             for cell in notebook.cells:
                 if cell.cell_type == "markdown":
-                    cell.source = self._WithLinks(cell.source, _NOTEBOOKS, "../")
+                    cell.source = self.WithLinks(cell.source, _NOTEBOOKS, "../")
             body = "\n".join(map(_CellHtml, notebook.cells))
             title = _NotebookTitle(path)
             self._Save(f"notebooks/{path.stem}.html", title, body)
@@ -181,21 +211,6 @@ class Site:
             cards.append(f'<a class="card" href="{path.stem}.html">{image}{title}</a>')
         body = f'<h1>Notebooks</h1><div class="cards">{"".join(cards)}</div>'
         self._Save("notebooks/index.html", "Notebooks", body)
-
-
-def WriteSite(out: Path, *, parts: Iterable[str] = PARTS, progress: Progress) -> None:
-    """Writes the documentation as a site that needs no server and no network.
-
-    Args:
-        out: An existing folder; `index.html` in it is the first page.
-        parts: Which of PARTS it has. The notebooks are those of a repository, and
-            left out where there are none.
-        progress: Called with a line of text before each part.
-
-    Raises:
-        ModuleNotFoundError: If pdoc is not installed, or nbclient for notebooks.
-    """
-    Site(out, parts, progress).Write()
 
 
 def _Markdown(text: str, *extras: str) -> str:
@@ -232,33 +247,3 @@ def _OutputHtml(output: Any) -> str:
         text = output.get("text") or data.get("text/plain", "")
         rich = f"<pre>{html.escape(text)}</pre>"
     return f'<div class="output">{rich}</div>'
-
-
-def _TextOnSite(text: str, folder: Path, up: str, has_reference: bool) -> str:
-    """Returns a text in which the links to files are those of the site.
-
-    A link to a file of the repository that the site does not have becomes plain text.
-
-    Args:
-        folder: Of the file that has the text.
-        up: What leads from the text's page to the first folder of the site.
-        has_reference: Whether the site has the API reference.
-    """
-
-    def Link(match: re.Match[str]) -> str:
-        name, file, anchor = match.groups()
-        path = Path(os.path.normpath(folder / file))
-        if path in PAGES:
-            return f"{name}({up}{path.stem}.html{anchor})"
-        is_module = path.is_relative_to(_PACKAGE) and path.suffix in ("", ".py")
-        if is_module and has_reference:
-            module = path.relative_to(_PACKAGE.parent).with_suffix("")
-            return f"{name}({up}api/{module.as_posix()}.html{anchor})"
-        return name[1:-1]
-
-    return re.sub(r"(?<!!)(\[[^]]+\])\(([^):#]+)(#[^)]*|)\)", Link, text)
-
-
-def PrintProgress(line: str) -> None:
-    """Prints what is made now to standard error."""
-    print(line, file=sys.stderr, flush=True)

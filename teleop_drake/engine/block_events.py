@@ -34,11 +34,10 @@ from pydrake.systems.framework import (
     EventStatus,
     PortDataType,
     System,
-    WitnessFunction,
 )
 
 from teleop_drake.engine.flatten import UnsupportedSystem
-from teleop_drake.kernel import Kernel, KernelBlock, Transition
+from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.kernel.events import Ticks
 
 # How far the run of a block goes, s: no period and no offset is longer in practice.
@@ -58,7 +57,9 @@ def CheckEvents(system: System, kernel: Kernel, context: Context) -> None:
         UnsupportedSystem: If the block has events that the kernel does not have, or if
             they cannot be determined.
     """
-    witnesses = _Witnesses(system)
+    accurate = system.CreateDefaultContext()
+    accurate.SetAccuracy(1e-4)  # Where events are located.
+    witnesses = system.GetWitnessFunctions(accurate)
     if isinstance(system, KernelBlock):
         guards = [x for x in kernel.transitions.values() if x.guard is not None]
         unknown = [f"{name}()" for name in system.other_events]
@@ -79,24 +80,12 @@ def CheckEvents(system: System, kernel: Kernel, context: Context) -> None:
             reason = f"its events cannot be determined: {error}"
             raise UnsupportedSystem(system, reason) from error
     # The kernel of one of Drake's own has no function of Python behind its events.
-    periodic = kernel.transitions.values() if hasattr(system, "Kernel") else ()
+    known = kernel.transitions.values() if hasattr(system, "Kernel") else ()
+    periodic = [Ticks(x.period, x.offset) for x in known if x.guard is None]
     for time, handlers in calls.items():
-        if len(handlers) > sum(_IsDue(transition, time) for transition in periodic):
+        if len(handlers) > sum(ticks.At(time) is not None for ticks in periodic):
             reason = f"its kernel does not know the event {handlers[-1]}()"
             raise UnsupportedSystem(system, reason)
-
-
-def _Witnesses(system: System) -> list[WitnessFunction]:
-    """Returns the witness functions of a block where events are located."""
-    context = system.CreateDefaultContext()
-    context.SetAccuracy(1e-4)
-    return system.GetWitnessFunctions(context)
-
-
-def _IsDue(transition: Transition, time: float) -> bool:
-    """Returns whether a transition happens periodically at a time in s."""
-    ticks = Ticks(transition.period, transition.offset)
-    return transition.guard is None and ticks.At(time) is not None
 
 
 def _OwnContext(system: System, context: Context) -> Context:
@@ -146,7 +135,7 @@ def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> Non
             calls.setdefault(context.get_time(), []).append(code.co_name)
 
     simulator.set_monitor(EndAfterSomeSteps)
-    profiler = sys.getprofile()
+    profiler: Any = sys.getprofile()  # A function, or an object such as cProfile's.
     # Callbacks of the garbage collector would look like handlers of events.
     has_collector = gc.isenabled()
     gc.disable()
@@ -157,16 +146,11 @@ def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> Non
         simulator.AdvancePendingEvents()
     finally:
         sys.setprofile(None)
-        _ResumeProfiling(profiler)
+        if hasattr(profiler, "enable"):
+            profiler.enable()
+        else:
+            sys.setprofile(profiler)
         if has_collector:
             gc.enable()
         simulator.clear_monitor()
         caller = None  # This frame refers to itself, and so keeps the block.
-
-
-def _ResumeProfiling(profiler: Any) -> None:
-    """Lets a profiler go on: a function, an object such as cProfile's, or None."""
-    if hasattr(profiler, "enable"):
-        profiler.enable()
-    else:
-        sys.setprofile(profiler)

@@ -23,14 +23,8 @@ from teleop_drake.engine.primitives import IsSink, PrimitiveKernel
 from teleop_drake.engine.program import Program
 from teleop_drake.jit.native import Evaluate, Kept, Library
 from teleop_drake.jit.scalar_code import ALL, MakeCode
-from teleop_drake.jit.symbols import Untraceable
 from teleop_drake.kernel import Delay, Kernel, KernelBlock, KernelIn
 from teleop_drake.wiring import OutputNames
-
-_NO_KERNEL = (
-    "it offers no kernel; write it as a plain function of its inputs, or give it a "
-    'method Kernel() (guide.md, "Machine code of your own block")'
-)
 
 
 def KernelOf(system: System, context: Context) -> Kernel:
@@ -44,16 +38,11 @@ def KernelOf(system: System, context: Context) -> Kernel:
     Raises:
         UnsupportedSystem: If it offers no kernel, or one of only a part of it.
     """
-    kernel: Kernel | None
     if hasattr(system, "Kernel"):
-        kernel = _OwnKernel(system, context)
-    elif type(system) is MultibodyPlant:
-        kernel = PlantKernel(system, context)
-    else:
-        kernel = PrimitiveKernel(system, context)
-    if kernel is None:
-        raise UnsupportedSystem(system, _NO_KERNEL)
-    return kernel
+        return _OwnKernel(system, context)
+    if type(system) is MultibodyPlant:
+        return PlantKernel(system, context)
+    return PrimitiveKernel(system, context)
 
 
 def _OwnKernel(system: Any, context: Context) -> Kernel:
@@ -146,8 +135,6 @@ class Evaluator:
         AlgebraicLoop: If a signal would depend on itself where a delay is 0.
     """
 
-    function: Callable[..., Any]
-
     def __init__(
         self,
         system: System,
@@ -173,17 +160,12 @@ class Evaluator:
                 kernel = PassAtZero(block.system, kernel)
             kernels.append(kernel)
         self.program = Program(self.blocks, kernels)
+        self.function: Callable[..., Any] = self.program.Evaluate
         if like is not None and self.program.HasCodeOf(like.program):
             self.function = like.function
-            return
-        if not as_machine_code:
-            self.function = self.program.Evaluate
-            return
-        try:
+        elif as_machine_code:
             code = MakeCode(self.program.Trace())
-        except Untraceable as error:
-            raise UnsupportedSystem(system, str(error)) from error
-        self.function = Evaluate(Library(Kept("evaluate", code), "evaluate"))
+            self.function = Evaluate(Library(Kept("evaluate", code), "evaluate"))
 
     def Evaluate(
         self, context: Context, delayed: Array | None = None

@@ -32,13 +32,19 @@ _FAR = 1e3
 _NUM_BISECTIONS = 100
 
 
-def PrimitiveKernel(system: System, context: Context) -> Kernel | None:
-    """Returns the kernel of one of Drake's own systems, None if it has none.
+_NO_KERNEL = (
+    "it offers no kernel; write it as a plain function of its inputs, or give it a "
+    'method Kernel() (guide.md, "Machine code of your own block")'
+)
+
+
+def PrimitiveKernel(system: System, context: Context) -> Kernel:
+    """Returns the kernel of one of Drake's own systems.
 
     A subclass in Python has none, because its symbolic form is that of its base.
 
     Raises:
-        UnsupportedSystem: If only a part of what it computes can be compiled.
+        UnsupportedSystem: If it has none, or one of only a part of what it computes.
     """
     if IsSink(system, context):
         return Kernel(unused=_InputNames(system))
@@ -46,7 +52,7 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel | None:
         return KERNELS[type(system)](system)
     symbolic = system.ToSymbolicMaybe() if _IsOfDrake(system) else None
     if symbolic is None:
-        return None
+        raise UnsupportedSystem(system, _NO_KERNEL)
     if context.num_abstract_states() > 0 or context.num_abstract_parameters() > 0:
         raise UnsupportedSystem(system, "it has a state or parameter that is no vector")
     try:

@@ -153,20 +153,20 @@ class Program:
         """Computes outputs, and rates, and puts them where they belong."""
         for output in outputs:
             system = self._blocks[output.block].system
-            try:
-                value = self._values[output](arrays)
-            except Untraceable as error:
-                raise UnsupportedSystem(system, str(error)) from error
             target = arrays.dx[self.states[output.block]]
             if output in self.signals:
                 target = arrays.y[self.signals[output]]
-            if np.size(value) != len(target):
-                raise UnsupportedSystem(
-                    system,
-                    f"its kernel's {output.port} has {np.size(value)} elements instead "
-                    f"of {len(target)}",
-                )
-            target[...] = value
+            try:
+                value = self._values[output](arrays)
+                if np.size(value) != len(target):
+                    raise UnsupportedSystem(
+                        system,
+                        f"its kernel's {output.port} has {np.size(value)} elements "
+                        f"instead of {len(target)}",
+                    )
+                target[...] = value
+            except Untraceable as error:
+                raise UnsupportedSystem(system, str(error)) from error
 
     def _Declare(self, i: int, kernel: Kernel) -> None:
         """Makes room for all that a block computes."""

@@ -65,17 +65,16 @@ class CompiledLaw:
         law = cast(FunctionType, self.law.func)
         result = np.array(self.law(*arguments), dtype=float)
         samples = [*self.law.args, *(np.asarray(x, dtype=float) for x in arguments)]
+        parameters = Parameters()
+        layouts = [parameters.Add(sample) for sample in samples]
+        memory = np.array(parameters.numbers)
         try:
-            program = TraceLaw(law, samples)
+            program = TraceLaw(law, layouts, len(memory))
         except Untraceable as error:
             error.place = error.place or f"{law.__name__}()"
             _TellOnce(law, str(error))
             return self.law
         data = Kept(law.__name__.strip("<>"), MakeCode(program))
-        parameters = Parameters()
-        for sample in samples:
-            parameters.Add(sample)
-        memory = np.array(parameters.numbers)
         # The arguments come last.
         place = memory[len(memory) - sum(map(np.size, arguments)) :]
         evaluate = BoundEvaluate(Library(data, "evaluate"), memory, result)

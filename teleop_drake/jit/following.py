@@ -189,7 +189,6 @@ class _Followed(Replacement):
             if not isinstance(error, Untraceable):
                 error = Untraceable(f"{type(error).__name__}: {error}")
             error.place = error.place or f"{function.__name__}(), line {line}"
-            error.function = function
             raise error from None
 
     def _Line(self, traceback: Any) -> int:

@@ -61,7 +61,7 @@ def ObjectFile(code: str) -> bytes:
     return machine.emit_object(module)
 
 
-def Kept(name: str, code: str, make: Callable[[str], bytes] | None = None) -> bytes:
+def Kept(name: str, code: str, make: Callable[[str], bytes] = ObjectFile) -> bytes:
     """Returns the object file of LLVM's code from the cache, or makes and stores it.
 
     Several processes may do so at once. The object file is made anew if the cache
@@ -79,7 +79,7 @@ def Kept(name: str, code: str, make: Callable[[str], bytes] | None = None) -> by
             with contextlib.suppress(OSError):
                 os.utime(file)  # A file's time is the time of its last use.
             return data
-    data = (make or ObjectFile)(code)
+    data = make(code)
     with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True)
         with Replacing(file) as temporary:

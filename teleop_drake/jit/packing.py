@@ -57,6 +57,10 @@ class Group:
         return tuple(values) if self.kind is tuple else self.kind(*values)
 
 
+Layout = Place | Whole | Group
+"""Where a value is."""
+
+
 class Parameters:
     """Packs the floats of parameters one after another.
 
@@ -71,7 +75,7 @@ class Parameters:
         self.numbers: list[float] = []
         self._shared: dict[Any, Any] = {}
 
-    def Add(self, value: Any) -> Place | Whole | Group:
+    def Add(self, value: Any) -> Layout:
         """Adds a number, an array, or a (named) tuple of them; returns where it is."""
         if isinstance(value, tuple):
             kind = type(value)

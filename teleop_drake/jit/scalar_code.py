@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from teleop_drake.jit.following import Follow
-from teleop_drake.jit.packing import Parameters
+from teleop_drake.jit.packing import Layout
 from teleop_drake.jit.symbolic_arrays import (
     AsNumbers,
     Numbers,
@@ -193,16 +193,15 @@ def TraceProgram(
     return ScalarProgram(graph, stores, more)
 
 
-def TraceLaw(law: FunctionType, samples: Sequence[Any]) -> ScalarProgram:
+def TraceLaw(
+    law: FunctionType, layouts: Sequence[Layout], num_parameters: int
+) -> ScalarProgram:
     """Returns what a law computes: from p, its arguments in a row, dx, its result.
 
-    The samples are arguments like those it will get. Whole numbers and arrays of them
-    are not in p: they are part of the structure.
+    Whole numbers and arrays of them are not in p: they are part of the structure.
     """
     graph = Graph(is_given_finite=False)
-    parameters = Parameters()
-    layouts = [parameters.Add(sample) for sample in samples]
-    p = _Given(graph, "p", len(parameters.numbers))
+    p = _Given(graph, "p", num_parameters)
     arguments = [layout.In(p) for layout in layouts]
     result = np.asarray(Follow(graph, law, law.__name__)(*arguments), object)
     if not all(isinstance(x, (Number, int, float, np.generic)) for x in result.flat):

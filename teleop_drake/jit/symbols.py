@@ -16,7 +16,6 @@ import numpy as np
 class Untraceable(Exception):
     """Raised for a function that cannot be a graph of operations."""
 
-    function: Any = None  # The outermost one, if it is known.
     place: str = ""  # The function and the line that are to blame.
 
     def __str__(self) -> str:

@@ -61,12 +61,9 @@ def _Opposite(a: Any) -> Any:
     return Not(a)
 
 
-def _LogicalAnd(a: Any, b: Any) -> Any:
-    return AsBoolean(a) & AsBoolean(b)
-
-
-def _LogicalOr(a: Any, b: Any) -> Any:
-    return AsBoolean(a) | AsBoolean(b)
+def _Logical(combine: Callable[..., Any]) -> Callable[..., Any]:
+    """Returns numpy's `and` or `or` of what is zero or not."""
+    return lambda a, b: combine(AsBoolean(a), AsBoolean(b))
 
 
 def _Best(usual: Callable[..., Any], is_better: Callable[..., Any]) -> Any:
@@ -284,7 +281,8 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.less: operator.lt, np.less_equal: operator.le,
     np.greater: operator.gt, np.greater_equal: operator.ge,
     np.equal: operator.eq, np.not_equal: operator.ne,
-    np.logical_and: _LogicalAnd, np.logical_or: _LogicalOr, np.logical_not: Not,
+    np.logical_and: _Logical(operator.and_), np.logical_or: _Logical(operator.or_),
+    np.logical_not: Not,
     np.minimum: _Better(operator.lt), np.maximum: _Better(operator.gt),
     np.invert: _Opposite,
 }  # fmt: skip

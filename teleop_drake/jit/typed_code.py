@@ -62,7 +62,6 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
     )
 
 
-@functools.cache
 def CompileTyped(function: Any, types: tuple[Type, ...]) -> TypedFunction:
     """Returns a function in machine code, which is kept in the user's cache."""
     name = function.__name__

@@ -219,15 +219,12 @@ class Session:
         if self._role == 1:
             self.address = address
         self._last = packet.sequence
-        self._MeasureRoundTrip(packet, now)
-        return Opened(packet, None)
-
-    def _MeasureRoundTrip(self, packet: Any, now: int) -> None:
         self.exchanges += 1
         round_trip = float(now - packet.heard - packet.held)
         if round_trip <= self.round_trip:
             self.round_trip = round_trip
             self.offset = packet.sent + round_trip / 2 - now
+        return Opened(packet, None)
 
     def _Read(self, data: bytes) -> tuple[Any, Reason | None]:
         """Returns the packet of a datagram, if it has one, and why it does not count.

@@ -2,11 +2,24 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 from teleop_drake.link.half import Driver
 from teleop_drake.link.packets import OpenSocket, ReadKey
-from teleop_drake.link.side import Say, Side
+from teleop_drake.link.side import Side
 from teleop_drake.scenario import ScenarioLike
+
+
+class Options(TypedDict, total=False):
+    """What Side takes besides its place and its key; Side has the defaults, too."""
+
+    period: float
+    limit: float
+    fade: float
+    patience: float
+    say: Callable[[str], None]
+    step: Driver | None
+    log_file: Path | None
 
 
 def OperateRemotely(
@@ -14,13 +27,7 @@ def OperateRemotely(
     *,
     connect: str,
     key: str,
-    period: float = 0.001,
-    limit: float = 0.5,
-    fade: float = 0.1,
-    patience: float = 5.0,
-    say: Callable[[str], None] = Say,
-    step: Driver | None = None,
-    log_file: Path | None = None,
+    **options: Unpack[Options],
 ) -> Side:
     """Runs the operator's side: the operator, the device and the master side.
 
@@ -28,7 +35,7 @@ def OperateRemotely(
         scenario: Of the whole loop.
         connect: HOST:PORT of the robot's side.
         key: A file that `serve --new-key FILE` wrote, the same on both sides.
-        period: See Side, as for those that follow.
+        **options: See Options.
 
     Returns:
         The side after its end: its Recording(), Delays() and Report().
@@ -44,13 +51,7 @@ def OperateRemotely(
             ReadKey(key),
             end,
             address,
-            period=period,
-            limit=limit,
-            fade=fade,
-            patience=patience,
-            say=say,
-            step=step,
-            log_file=log_file,
+            **options,
         )
         return side.Run()
 
@@ -60,13 +61,7 @@ def ServeRobot(
     *,
     listen: str,
     key: str,
-    period: float = 0.001,
-    limit: float = 0.5,
-    fade: float = 0.1,
-    patience: float = 5.0,
-    say: Callable[[str], None] = Say,
-    step: Driver | None = None,
-    log_file: Path | None = None,
+    **options: Unpack[Options],
 ) -> Side:
     """Runs the robot's side; waits until OperateRemotely() calls.
 
@@ -74,7 +69,7 @@ def ServeRobot(
         scenario: Of the whole loop.
         listen: HOST:PORT at which it is called.
         key: A file that `serve --new-key FILE` wrote, the same on both sides.
-        period: See Side, as for those that follow.
+        **options: See Options.
 
     Returns:
         The side after its end: its Recording(), Delays() and Report().
@@ -89,13 +84,7 @@ def ServeRobot(
             "robot",
             ReadKey(key),
             end,
-            period=period,
-            limit=limit,
-            fade=fade,
-            patience=patience,
-            say=say,
-            step=step,
-            log_file=log_file,
+            **options,
         )
         host, port = end.getsockname()[:2]
         side.Say(f"listening at {host}:{port}")

@@ -10,7 +10,7 @@ from nbformat.v4 import new_code_cell, new_markdown_cell, new_output
 
 import teleop_drake
 from teleop_drake.cli import main
-from teleop_drake.cli.site import PAGES, WriteSite, _CellHtml, _TextOnSite
+from teleop_drake.cli.site import PAGES, Site, _CellHtml
 
 
 def Broken(folder: Path) -> list[str]:
@@ -62,7 +62,7 @@ def test_the_site_needs_pdoc(tmp_path, capsys, monkeypatch):
 
 def test_each_page_has_a_side_bar_with_all_titles(tmp_path):
     """A site without what takes long; it opens under any path."""
-    WriteSite(tmp_path, parts=[], progress=lambda line: None)
+    Site(tmp_path, [], print).Write()
     titles = [re.escape(html.escape(page.read_text("utf-8").splitlines()[0][2:]))
               for page in PAGES[1:]]  # fmt: skip
     for page in PAGES[1:]:
@@ -85,10 +85,11 @@ def test_a_cell_of_a_notebook_has_its_outputs():
     assert "<b>x</b>" in _CellHtml(code)
 
 
-def test_links_of_notebooks_are_those_of_the_site():
+def test_links_of_notebooks_are_those_of_the_site(tmp_path):
     folder = Path(teleop_drake.__file__).parents[1] / "notebooks"
     text = "[a](../teleop_drake/docs/learning.md#b), [c](solutions.md)"
-    assert _TextOnSite(text, folder, "../", True) == "[a](../learning.html#b), c"
+    site = Site(tmp_path, ["api"], print)
+    assert site.WithLinks(text, folder, "../") == "[a](../learning.html#b), c"
 
 
 def test_formulas_of_notebooks_are_mathml():

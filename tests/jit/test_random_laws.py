@@ -7,6 +7,7 @@ import pytest
 from random_laws import RandomLaw
 
 from teleop_drake.jit.native import BoundEvaluate, Library, ObjectFile
+from teleop_drake.jit.packing import Place
 from teleop_drake.jit.scalar_code import MakeCode, TraceLaw
 from teleop_drake.jit.symbols import Untraceable
 
@@ -23,7 +24,7 @@ def IsSame(seed):
         warnings.simplefilter("ignore")
         expected = [np.asarray(law(x.copy()), float) for x in points]
         try:
-            program = TraceLaw(law, [np.ones(6)])
+            program = TraceLaw(law, [Place(0, (6,))], 6)
         except Untraceable:
             return False
     memory, result = np.zeros(6), np.zeros(len(program.stores))

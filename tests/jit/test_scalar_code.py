@@ -16,6 +16,7 @@ from teleop_drake.jit.native import (
     Library,
     ObjectFile,
 )
+from teleop_drake.jit.packing import Place
 from teleop_drake.jit.scalar_code import (
     ALL,
     RATE,
@@ -144,7 +145,7 @@ def test_machine_code_and_python_agree(function):
 @pytest.mark.filterwarnings("ignore")
 def test_a_law_is_the_same_in_machine_code(law):
     rng = np.random.default_rng(1)
-    program = TraceLaw(law, [np.ones(6)])
+    program = TraceLaw(law, [Place(0, (6,))], 6)
     memory, result = np.zeros(6), np.zeros(len(program.stores))
     call = BoundEvaluate(
         Library(ObjectFile(MakeCode(program)), "evaluate"), memory, result
@@ -181,7 +182,7 @@ def test_whole_numbers_beyond_those_of_floats_are_nan():
     def law(x):
         return np.array([int(1e17 * x[0]) + 1, np.where(x[1] > 0, 2**52, 1) * 3])
 
-    program = TraceLaw(law, [np.ones(2)])
+    program = TraceLaw(law, [Place(0, (2,))], 2)
     memory, result = np.zeros(2), np.zeros(2)
     call = BoundEvaluate(
         Library(ObjectFile(MakeCode(program)), "evaluate"), memory, result
@@ -207,7 +208,7 @@ def test_what_would_be_wrong_is_refused_with_its_line(law):
     lines, first = inspect.getsourcelines(law)
     marked = [first + i for i, line in enumerate(lines) if "# here" in line]
     with pytest.raises(Untraceable) as error:
-        TraceLaw(law, [np.ones(6)])
+        TraceLaw(law, [Place(0, (6,))], 6)
     name, line = re.match(r"(\w+)\(\), line (\d+): ", str(error.value)).groups()
     assert name == law.__name__ or hasattr(laws, name) or hasattr(laws.Damper, name)
     assert not marked or int(line) in marked

@@ -1,10 +1,12 @@
 """The command `teleop-drake docs`: the pages, or the site with all that is live."""
 
 import argparse
+from functools import partial
 from pathlib import Path
 
 from teleop_drake.cli.output import PrepareFolder
-from teleop_drake.cli.site import PAGES, PARTS, PrintProgress, Title, WriteSite
+from teleop_drake.cli.progress import TellLine
+from teleop_drake.cli.site import PAGES, PARTS, Site, Title
 from teleop_drake.validation import CheckChoice, Refuse
 
 
@@ -38,11 +40,7 @@ def Execute(args: argparse.Namespace) -> int:
         CheckChoice("--parts", part, PARTS)
     PrepareFolder(args.out, "index.html")
     try:
-        WriteSite(
-            Path(args.out),
-            parts=parts,
-            progress=(lambda line: None) if args.quiet else PrintProgress,
-        )
+        Site(Path(args.out), parts, partial(TellLine, args.quiet)).Write()
     except ModuleNotFoundError as e:
         mended = "`pip install 'teleop-drake[docs]'` brings it"
         Refuse("--out", args.out, f"left out where {e.name} is missing ({mended})")

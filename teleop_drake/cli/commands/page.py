@@ -1,11 +1,11 @@
 """The commands `teleop-drake page` and `teleop-drake drive`."""
 
 import argparse
-import sys
 
 from teleop_drake.cli import options
 from teleop_drake.cli.exit_codes import FAILED, BadInput, Fail
 from teleop_drake.cli.output import CheckHtml, OpenInBrowser
+from teleop_drake.cli.progress import TellLine
 from teleop_drake.validation import Refuse
 
 
@@ -63,9 +63,8 @@ def Execute(args: argparse.Namespace) -> int:
     except RuntimeError as e:
         # Nothing here can lay out a diagram; the message says what to install.
         return Fail(FAILED, e)
-    if not args.quiet:
-        for note in page.notes:
-            print(f"Note: {note}", file=sys.stderr)
+    for note in page.notes:
+        TellLine(args.quiet, f"Note: {note}")
     if args.output is None:
         OpenInBrowser(page.html, f"{args.command_name}.html")
     else:

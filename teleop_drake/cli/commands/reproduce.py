@@ -1,12 +1,13 @@
 """The command `teleop-drake reproduce`."""
 
 import argparse
-import sys
+from functools import partial
 from pathlib import Path
 
 from teleop_drake.cli.exit_codes import DONE, FAILED, BadInput, Fail
 from teleop_drake.cli.options import AddFormatOption, FormatsOf
 from teleop_drake.cli.output import PrepareFolder
+from teleop_drake.cli.progress import TellLine
 from teleop_drake.cli.tables import Align
 
 
@@ -52,16 +53,12 @@ def Execute(args: argparse.Namespace) -> int:
         raise BadInput(f"--only: {e}") from None
     PrepareFolder(args.out, "report.html")
 
-    def Report(line: str) -> None:
-        if not args.quiet:
-            print(line, file=sys.stderr, flush=True)
-
     try:
         paths = Reproduce(
             Path(args.out),
             only=only,
             formats=formats,
-            progress=Report,
+            progress=partial(TellLine, args.quiet),
         )
     except RuntimeError as e:
         # Nothing here can lay out a diagram; the message says what to install.
@@ -82,8 +79,7 @@ def _Check(only: list[str] | None, is_quiet: bool) -> int:
         verdict = "ok" if claim.passes else "DIFFERS"
         row = [claim.key, claim.expected, f"{TOLERANCE:.0%}", claim.found, command]
         lines.append([*row, f"{claim.seconds:.1f}", verdict])
-        if not is_quiet:
-            print(f"{claim.key}: {verdict}", file=sys.stderr, flush=True)
+        TellLine(is_quiet, f"{claim.key}: {verdict}")
     print(Align(lines))
     print(f"{len(lines) - 1} claims, of which {num_failed} differ")
     return FAILED if num_failed else DONE

@@ -102,7 +102,9 @@ class Claim:
         ours = str(found.ours)
         if self.printed is not None:
             number = _SCALES[self.unit] * float(found.ours)
-            verdict = self._VerdictOf(number, bool(found.holds))
+            verdict = IN_KIND if found.holds else REFUTED
+            if abs(number - self.printed) <= self.width:
+                verdict = IN_KIND if self.fitted else REPRODUCED
             criterion = "the number within the tolerance"
             criterion += ", to which fields were fitted" if self.fitted else ""
             criterion += f"; in kind: {self.in_kind}"
@@ -127,12 +129,6 @@ class Claim:
         assert self.printed is not None
         size, kind = self.tolerance.split()
         return float(size) * (abs(self.printed) / 100 if kind == "%" else 1.0)
-
-    def _VerdictOf(self, number: float, is_in_kind: bool) -> str:
-        assert self.printed is not None
-        if abs(number - self.printed) <= self.width:
-            return IN_KIND if self.fitted else REPRODUCED
-        return IN_KIND if is_in_kind else REFUTED
 
 
 _SCALES = {"mm": 1e3, "mm/s": 1e3, "mN": 1e3, "%": 1e2}
