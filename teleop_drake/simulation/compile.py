@@ -47,7 +47,7 @@ from teleop_drake.simulation.compiled_run import (
 )
 from teleop_drake.simulation.compiled_system import CompiledSystem
 from teleop_drake.simulation.run import Job
-from teleop_drake.simulation.simulate import Finish, ModelFacts, ModelFactsOf
+from teleop_drake.simulation.simulate import Finish
 from teleop_drake.stations import MakeArchitecture
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.validation import Refuse
@@ -126,7 +126,6 @@ class CompiledScenario:
         self._task: Task[Any] = TaskOf(scenario)
         diagram = self._task.MakeDiagram(self._scenario)
         self._compiled = CompileDiagram(diagram, self._scenario.simulator)
-        self._facts = ModelFactsOf(diagram)
 
     @property
     def scenario(self) -> AnyScenario:
@@ -148,14 +147,10 @@ class CompiledScenario:
             KernelDisagrees: If the machine code of a user's own block does not compute
                 what the block does.
         """
-        if not changes:
-            return self._Record(self.scenario, self._compiled, self._facts)
-        scenario, compiled = self._Changed(changes)
-        return self._Record(scenario, compiled, self._FactsOf(compiled))
-
-    def _Record(
-        self, scenario: Any, compiled: CompiledDiagram, facts: ModelFacts
-    ) -> Recording:
+        scenario = self.scenario
+        compiled = self._compiled
+        if changes:
+            scenario, compiled = self._Changed(changes)
         job = Job(
             diagram=compiled.diagram,
             context=compiled.context,
@@ -164,17 +159,7 @@ class CompiledScenario:
             speed_limit=self._task.MakeSpeedLimit(scenario),
             progress=None,
         )
-        return Finish(scenario, self._task, job, compiled.Run(job), [], facts)
-
-    def _FactsOf(self, compiled: CompiledDiagram) -> ModelFacts:
-        """Returns what a recording tells of a model that is not quite this one."""
-        if compiled.diagram is not self._compiled.diagram:
-            return ModelFactsOf(compiled.diagram)
-        surfaces = self._facts.surfaces
-        if "environment" in compiled.parts:
-            surfaces = SurfacesOf(compiled.parts["environment"])
-        systems = [block.system for block in compiled.evaluator.blocks]
-        return self._facts.With(systems, surfaces)
+        return Finish(scenario, self._task, job, compiled.Run(job), [])
 
     def _Changed(self, changes: Mapping[str, Any]) -> tuple[Any, CompiledDiagram]:
         """Returns the scenario with changes, and what runs it."""
