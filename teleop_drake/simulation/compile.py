@@ -14,7 +14,7 @@ import copy
 import dataclasses
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, NamedTuple, overload
+from typing import Any, overload
 
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
@@ -276,20 +276,6 @@ def _AddSides(
         parts[f"master/{master_side.get_name() or 'master_side'}"] = master_side
 
 
-class _Part(NamedTuple):
-    """A block that takes the place of another one.
-
-    Attributes:
-        block: The block, connected as the other one.
-        kernel: What it computes.
-        context: Its Context at the start.
-    """
-
-    block: Block
-    kernel: Kernel
-    context: Context
-
-
 def _With(
     compiled: CompiledDiagram, parts: Mapping[str, System], scenario: Any
 ) -> CompiledDiagram | None:
@@ -297,31 +283,25 @@ def _With(
     program = compiled.evaluator.program
     blocks = list(compiled.evaluator.blocks)
     kernels = list(program.kernels)
-    replaced: dict[int, _Part] = {}
-    for path, system in parts.items():
-        inside = [f"{block.path}/".startswith(f"{path}/") for block in blocks]
-        places = [i for i, is_inside in enumerate(inside) if is_inside]
-        replacing = _PartsOf(system, path, places, scenario)
-        if replacing is None:
-            return None
-        replaced |= dict(zip(places, replacing, strict=True))
-    for i, part in replaced.items():
-        if not _Fits(part, blocks[i]):
-            return None
-        blocks[i] = dataclasses.replace(blocks[i], system=part.block.system)
-        kernels[i] = part.kernel
+    contexts: dict[int, Context] = {}
     try:
+        for path, system in parts.items():
+            context = _StartOfPart(system, path, scenario)
+            replaced = _Replace(blocks, kernels, path, system, context)
+            if replaced is None:
+                return None
+            contexts |= replaced
         changed = Program(blocks, kernels)
     except UnsupportedSystem:
         return None
     if not changed.HasCodeOf(program):
         return None
     start = Visited(compiled.start.t, *(array.copy() for array in compiled.start[1:]))
-    for i, part in replaced.items():
-        state = part.context.get_continuous_state_vector()
+    for i, context in contexts.items():
+        state = context.get_continuous_state_vector()
         start.x[program.states[i]] = state.CopyToVector()
-        if not part.kernel.delays:
-            start.m[program.modes[i]] = DiscreteState(part.context)
+        if not kernels[i].delays:
+            start.m[program.modes[i]] = DiscreteState(context)
     for delay, _, columns in changed.delays:
         start.y[columns] = delay.initial_value
     evaluator = copy.copy(compiled.evaluator)
@@ -332,49 +312,52 @@ def _With(
     )
 
 
-def _Fits(part: _Part, block: Block) -> bool:
-    """Returns whether a block is connected and limits steps as another one does."""
-    own, other = (
-        getattr(x, "longest_step", None) for x in (part.block.system, block.system)
-    )
-    # The longest step of a delay is for Drake alone.
-    limits_alike = len(part.kernel.delays) > 0 or own == other
-    is_connected = part.block.inputs.items() <= block.inputs.items()
-    return limits_alike and is_connected and part.block.path == block.path
+def _Replace(
+    blocks: list[Block],
+    kernels: list[Kernel],
+    path: str,
+    system: System,
+    context: Context,
+) -> dict[int, Context] | None:
+    """Puts a system in its place among blocks and kernels.
 
+    Returns:
+        The Contexts of its blocks, by their numbers; None if it does not fit.
 
-def _PartsOf(
-    system: System, path: str, places: list[int], scenario: Any
-) -> list[_Part] | None:
-    """Returns the blocks of a system; None if they are others, or have no kernels.
-
-    Args:
-        path: The system's place in the diagram.
-        places: The indices of its blocks among those of the diagram.
-        scenario: Where the tool starts.
+    Raises:
+        UnsupportedSystem: If one of its blocks has no kernel.
     """
     found = Flatten(system, path)
-    if len(found) != len(places):
+    is_inside = [f"{block.path}/".startswith(f"{path}/") for block in blocks]
+    if sum(is_inside) != len(found):
         return None
+    contexts = ContextsIn(system, context)
+    first = is_inside.index(True)
+    for i, block in enumerate(found, first):
+        kernel = KernelOf(block.system, contexts[block.system])
+        own, other = (
+            getattr(x.system, "longest_step", None) for x in (block, blocks[i])
+        )
+        # The longest step of a delay is for Drake alone.
+        if own != other and not kernel.delays:
+            return None
+        if kernel.initial_mode is not None and path != "environment":
+            return None
+        inner = {
+            port: Source(source.block + first, source.port)
+            for port, source in block.inputs.items()
+        }
+        blocks[i] = dataclasses.replace(block, inputs=blocks[i].inputs | inner)
+        kernels[i] = kernel
+    return {i: contexts[block.system] for i, block in enumerate(found, first)}
+
+
+def _StartOfPart(system: System, path: str, scenario: Any) -> Context:
+    """Returns the Context of a part at the start, where an environment has its tool."""
     context = system.CreateDefaultContext()
     if path == "environment":
         position = FactsOfConfig(scenario.robot).start  # As Drake's numbers have it.
         system.GetInputPort("tool_position").FixValue(context, position)
         system.GetInputPort("tool_velocity").FixValue(context, 0 * position)
         system.ExecuteInitializationEvents(context)
-    contexts = ContextsIn(system, context)
-    parts = []
-    for block in found:
-        own = contexts[block.system]
-        inputs = {
-            port: Source(source.block + places[0], source.port)
-            for port, source in block.inputs.items()
-        }
-        try:
-            kernel = KernelOf(block.system, own)
-        except UnsupportedSystem:
-            return None
-        if kernel.initial_mode is not None and path != "environment":
-            return None
-        parts.append(_Part(dataclasses.replace(block, inputs=inputs), kernel, own))
-    return parts
+    return context
