@@ -16,7 +16,7 @@ from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
 from teleop_drake.scenario.config import DefaultSimulator
-from teleop_drake.signals import MarkLoop, NameOf, PathsIn, SignalsOf
+from teleop_drake.signals import MarkLoop, NameOf, PathsIn
 from teleop_drake.simulation.drake_run import RunInDrake
 from teleop_drake.simulation.ending import EndAtBound
 from teleop_drake.simulation.inputs import CheckInputs
@@ -147,7 +147,9 @@ def simulate(
             given = teleoperator or task
             Refuse("teleoperator, task", given, "left out where a System is simulated")
         job = MakeJob(scenario, context, duration, simulator, progress)
-        return _SimulateSystem(job, engine)
+        CheckInputs(job.diagram, job.context)
+        run, notes = _Run(job, engine)
+        return RecordingOf(job, run, notes)
     if context is not None:
         Refuse("context", "a Context", "left out where a scenario is simulated")
     scenario = AsScenario(scenario)
@@ -231,14 +233,6 @@ def MakeJob(
         progress=progress,
         continues=context in _final_contexts,
     )
-
-
-def _SimulateSystem(job: Job, engine: str) -> Recording:
-    """Runs a System and makes the recording."""
-    CheckInputs(job.diagram, job.context)
-    SignalsOf(job.diagram)
-    run, notes = _Run(job, engine)
-    return RecordingOf(job, run, notes)
 
 
 def RecordingOf(job: Job, run: Outcome, notes: list[str]) -> Recording:
