@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.framework import Context, System
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels import ChannelConfig
@@ -27,7 +27,11 @@ from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import NameOf, PathsIn, SignalsOf, UnitOf, VectorOutputs
 from teleop_drake.simulation.compiled_run import StartOf, SystemsUnderWay
 from teleop_drake.simulation.ending import BoundsOf
-from teleop_drake.simulation.simulate import HasConstantCommand, ModelFactsOf
+from teleop_drake.simulation.simulate import (
+    HasConstantCommand,
+    SurfacesIn,
+    SystemsByPath,
+)
 from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.metrics import MetricUnits
@@ -262,7 +266,7 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
             "reasons": [bound.name for bound in bounds],
             "metrics": metrics,
             "labels": _Labels(scenario) if metrics else {},
-            "has_constant_command": HasConstantCommand(diagram),
+            "has_constant_command": HasConstantCommand(SystemsByPath(diagram, {})),
         },
     )
 
@@ -339,9 +343,7 @@ def MakeModel(
         accuracy=config.accuracy,
         max_step=max_step,
     )
-    surfaces: tuple[Surface, ...] = ()
-    if isinstance(diagram, Diagram):
-        surfaces = ModelFactsOf(diagram).surfaces or ()
+    surfaces = SurfacesIn(SystemsByPath(diagram, {})) or ()
     # Whatever is computed has to stay finite.
     width = run.evaluator.program.sizes[0]
     planes = [x for s in surfaces for x in (*s.point_W, *s.normal_W)]

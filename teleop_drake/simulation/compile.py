@@ -14,7 +14,7 @@ import copy
 import dataclasses
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, NamedTuple, overload
+from typing import Any, overload
 
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
@@ -47,7 +47,7 @@ from teleop_drake.simulation.compiled_run import (
 )
 from teleop_drake.simulation.compiled_system import CompiledSystem
 from teleop_drake.simulation.run import Job
-from teleop_drake.simulation.simulate import Finish, ModelFacts, ModelFactsOf
+from teleop_drake.simulation.simulate import Finish
 from teleop_drake.stations import MakeArchitecture
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.validation import Refuse
@@ -126,7 +126,6 @@ class CompiledScenario:
         self._task: Task[Any] = TaskOf(scenario)
         diagram = self._task.MakeDiagram(self._scenario)
         self._compiled = CompileDiagram(diagram, self._scenario.simulator)
-        self._facts = ModelFactsOf(diagram)
 
     @property
     def scenario(self) -> AnyScenario:
@@ -148,14 +147,10 @@ class CompiledScenario:
             KernelDisagrees: If the machine code of a user's own block does not compute
                 what the block does.
         """
-        if not changes:
-            return self._Record(self.scenario, self._compiled, self._facts)
-        scenario, compiled = self._Changed(changes)
-        return self._Record(scenario, compiled, self._FactsOf(compiled))
-
-    def _Record(
-        self, scenario: Any, compiled: CompiledDiagram, facts: ModelFacts
-    ) -> Recording:
+        scenario = self.scenario
+        compiled = self._compiled
+        if changes:
+            scenario, compiled = self._Changed(changes)
         job = Job(
             diagram=compiled.diagram,
             context=compiled.context,
@@ -164,17 +159,7 @@ class CompiledScenario:
             speed_limit=self._task.MakeSpeedLimit(scenario),
             progress=None,
         )
-        return Finish(scenario, self._task, job, compiled.Run(job), [], facts)
-
-    def _FactsOf(self, compiled: CompiledDiagram) -> ModelFacts:
-        """Returns what a recording tells of a model that is not quite this one."""
-        if compiled.diagram is not self._compiled.diagram:
-            return ModelFactsOf(compiled.diagram)
-        surfaces = self._facts.surfaces
-        if "environment" in compiled.parts:
-            surfaces = SurfacesOf(compiled.parts["environment"])
-        systems = [block.system for block in compiled.evaluator.blocks]
-        return self._facts.With(systems, surfaces)
+        return Finish(scenario, self._task, job, compiled.Run(job), [])
 
     def _Changed(self, changes: Mapping[str, Any]) -> tuple[Any, CompiledDiagram]:
         """Returns the scenario with changes, and what runs it."""
@@ -291,20 +276,6 @@ def _AddSides(
         parts[f"master/{master_side.get_name() or 'master_side'}"] = master_side
 
 
-class _Part(NamedTuple):
-    """A block that takes the place of another one.
-
-    Attributes:
-        block: The block, connected as the other one.
-        kernel: What it computes.
-        context: Its Context at the start.
-    """
-
-    block: Block
-    kernel: Kernel
-    context: Context
-
-
 def _With(
     compiled: CompiledDiagram, parts: Mapping[str, System], scenario: Any
 ) -> CompiledDiagram | None:
@@ -312,31 +283,25 @@ def _With(
     program = compiled.evaluator.program
     blocks = list(compiled.evaluator.blocks)
     kernels = list(program.kernels)
-    replaced: dict[int, _Part] = {}
-    for path, system in parts.items():
-        inside = [f"{block.path}/".startswith(f"{path}/") for block in blocks]
-        places = [i for i, is_inside in enumerate(inside) if is_inside]
-        replacing = _PartsOf(system, path, places, scenario)
-        if replacing is None:
-            return None
-        replaced |= dict(zip(places, replacing, strict=True))
-    for i, part in replaced.items():
-        if not _Fits(part, blocks[i]):
-            return None
-        blocks[i] = dataclasses.replace(blocks[i], system=part.block.system)
-        kernels[i] = part.kernel
+    contexts: dict[int, Context] = {}
     try:
+        for path, system in parts.items():
+            context = _StartOfPart(system, path, scenario)
+            replaced = _Replace(blocks, kernels, path, system, context)
+            if replaced is None:
+                return None
+            contexts |= replaced
         changed = Program(blocks, kernels)
     except UnsupportedSystem:
         return None
     if not changed.HasCodeOf(program):
         return None
     start = Visited(compiled.start.t, *(array.copy() for array in compiled.start[1:]))
-    for i, part in replaced.items():
-        state = part.context.get_continuous_state_vector()
+    for i, context in contexts.items():
+        state = context.get_continuous_state_vector()
         start.x[program.states[i]] = state.CopyToVector()
-        if not part.kernel.delays:
-            start.m[program.modes[i]] = DiscreteState(part.context)
+        if not kernels[i].delays:
+            start.m[program.modes[i]] = DiscreteState(context)
     for delay, _, columns in changed.delays:
         start.y[columns] = delay.initial_value
     evaluator = copy.copy(compiled.evaluator)
@@ -347,49 +312,52 @@ def _With(
     )
 
 
-def _Fits(part: _Part, block: Block) -> bool:
-    """Returns whether a block is connected and limits steps as another one does."""
-    own, other = (
-        getattr(x, "longest_step", None) for x in (part.block.system, block.system)
-    )
-    # The longest step of a delay is for Drake alone.
-    limits_alike = len(part.kernel.delays) > 0 or own == other
-    is_connected = part.block.inputs.items() <= block.inputs.items()
-    return limits_alike and is_connected and part.block.path == block.path
+def _Replace(
+    blocks: list[Block],
+    kernels: list[Kernel],
+    path: str,
+    system: System,
+    context: Context,
+) -> dict[int, Context] | None:
+    """Puts a system in its place among blocks and kernels.
 
+    Returns:
+        The Contexts of its blocks, by their numbers; None if it does not fit.
 
-def _PartsOf(
-    system: System, path: str, places: list[int], scenario: Any
-) -> list[_Part] | None:
-    """Returns the blocks of a system; None if they are others, or have no kernels.
-
-    Args:
-        path: The system's place in the diagram.
-        places: The indices of its blocks among those of the diagram.
-        scenario: Where the tool starts.
+    Raises:
+        UnsupportedSystem: If one of its blocks has no kernel.
     """
     found = Flatten(system, path)
-    if len(found) != len(places):
+    is_inside = [f"{block.path}/".startswith(f"{path}/") for block in blocks]
+    if sum(is_inside) != len(found):
         return None
+    contexts = ContextsIn(system, context)
+    first = is_inside.index(True)
+    for i, block in enumerate(found, first):
+        kernel = KernelOf(block.system, contexts[block.system])
+        own, other = (
+            getattr(x.system, "longest_step", None) for x in (block, blocks[i])
+        )
+        # The longest step of a delay is for Drake alone.
+        if own != other and not kernel.delays:
+            return None
+        if kernel.initial_mode is not None and path != "environment":
+            return None
+        inner = {
+            port: Source(source.block + first, source.port)
+            for port, source in block.inputs.items()
+        }
+        blocks[i] = dataclasses.replace(block, inputs=blocks[i].inputs | inner)
+        kernels[i] = kernel
+    return {i: contexts[block.system] for i, block in enumerate(found, first)}
+
+
+def _StartOfPart(system: System, path: str, scenario: Any) -> Context:
+    """Returns the Context of a part at the start, where an environment has its tool."""
     context = system.CreateDefaultContext()
     if path == "environment":
         position = FactsOfConfig(scenario.robot).start  # As Drake's numbers have it.
         system.GetInputPort("tool_position").FixValue(context, position)
         system.GetInputPort("tool_velocity").FixValue(context, 0 * position)
         system.ExecuteInitializationEvents(context)
-    contexts = ContextsIn(system, context)
-    parts = []
-    for block in found:
-        own = contexts[block.system]
-        inputs = {
-            port: Source(source.block + places[0], source.port)
-            for port, source in block.inputs.items()
-        }
-        try:
-            kernel = KernelOf(block.system, own)
-        except UnsupportedSystem:
-            return None
-        if kernel.initial_mode is not None and path != "environment":
-            return None
-        parts.append(_Part(dataclasses.replace(block, inputs=inputs), kernel, own))
-    return parts
+    return context

@@ -36,7 +36,7 @@ from teleop_drake.simulation.run import (
     Pace,
 )
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
-from teleop_drake.simulation.stepping import LongestStep, SystemsIn
+from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import TaskOf
 from teleop_drake.validation import ScenarioError
 
@@ -100,8 +100,7 @@ class CompiledDiagram:
         """
         run = self.Start(job.config, self.start.t + job.duration)
         outcome = _Run(run, job, self.places)
-        systems = {system.get_name(): system for system in SystemsIn(self.diagram)}
-        outcome.TakeStatistics({**systems, **self.parts}.values())
+        outcome.parts = self.parts
         if CanWritePast(self.evaluator) and not self.parts:
             outcome.make_final_context = partial(self._FinalContext, run)
         self.Check(run.visited)

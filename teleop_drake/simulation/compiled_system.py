@@ -4,6 +4,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
+from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.parameters import SetNumbers
 from teleop_drake.recording import Recording
 from teleop_drake.simulation.compiled_run import CompiledDiagram, CompileDiagram
@@ -56,9 +57,9 @@ class CompiledSystem:
         if numbers:
             job = job._replace(context=job.context.Clone())
             SetNumbers(job.diagram, job.context, numbers)
-            compiled = self._Compiled(job.context)
-            program = self._compiled.evaluator.program
-            if compiled.evaluator.program.structure != program.structure:
+            known = self._compiled.evaluator
+            compiled = self._Compiled(job.context, known)
+            if compiled.evaluator.program.structure != known.program.structure:
                 allowed = "without an influence on the structure of the program"
                 Refuse(", ".join(numbers), list(numbers.values()), allowed)
         if duration is not None:
@@ -66,13 +67,14 @@ class CompiledSystem:
         notes = NotesOnSinks(compiled.evaluator.left_out)
         return RecordingOf(job, compiled.Run(job), notes)
 
-    def _Compiled(self, context: Context) -> CompiledDiagram:
+    def _Compiled(
+        self, context: Context, like: Evaluator | None = None
+    ) -> CompiledDiagram:
         """Returns the program with the numbers of a Context."""
-        known = getattr(self, "_compiled", None)
         return CompileDiagram(
             self._job.diagram,
             self._job.config,
             context,
-            like=None if known is None else known.evaluator,
+            like=like,
             continues=self._job.continues,
         )

@@ -41,7 +41,7 @@ from teleop_drake.simulation.simulator import (
     TeleoperatorSimulator,
 )
 from teleop_drake.simulation.stale_cache_guard import HasOwnBlocks
-from teleop_drake.simulation.stepping import LongestStepOf, SystemsIn
+from teleop_drake.simulation.stepping import LongestStepOf
 from teleop_drake.validation import ScenarioError
 
 # Most steps that a block may force on a run. Each takes some milliseconds.
@@ -96,7 +96,7 @@ def RunInDrake(job: Job) -> Outcome:
     series = run.recorder.Finish()
     if ending == COMPLETED:
         series[0][-1] = job.end  # The last step ends there but for rounding.
-    outcome = Outcome(
+    return Outcome(
         engine="drake",
         series=series,
         steps=counts.steps,
@@ -106,8 +106,6 @@ def RunInDrake(job: Job) -> Outcome:
         is_too_fast=run.is_too_fast,
         make_final_context=simulator.get_context().Clone().Clone,
     )
-    outcome.TakeStatistics(SystemsIn(job.diagram))
-    return outcome
 
 
 def _MakeSimulator(job: Job) -> Simulator:

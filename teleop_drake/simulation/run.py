@@ -2,7 +2,7 @@
 
 import signal
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import FrameType
 from typing import NamedTuple
@@ -10,8 +10,6 @@ from typing import NamedTuple
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.blocks.channels.network import NetworkDelay
-from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
 from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.scenario.loading import MAX_STEPS
 from teleop_drake.tasks.base import SpeedLimit
@@ -87,7 +85,7 @@ class Outcome:
         wall_time: Real time that it took, in s.
         ending: How it has ended.
         is_too_fast: Whether it ended because the tool was faster than allowed.
-        channels: As in Recording.
+        parts: Systems that stood in the place of the diagram's, by their paths.
         make_final_context: Returns the Context at the end of the run; None if it has
             none, as in Recording.
     """
@@ -99,16 +97,8 @@ class Outcome:
     wall_time: float
     ending: Ending
     is_too_fast: bool
-    channels: dict[str, PacketStatistics] = field(default_factory=dict)
+    parts: Mapping[str, System] = field(default_factory=dict)
     make_final_context: Callable[[], Context] | None = None
-
-    def TakeStatistics(self, systems: Iterable[System]) -> None:
-        """Takes what became of the packets of network channels among systems."""
-        for system in systems:
-            if isinstance(system, NetworkDelay):
-                context = system.CreateDefaultContext()
-                context.SetTime(self.series[0][-1])
-                self.channels[system.get_name()] = system.Statistics(context)
 
 
 class Pace:

@@ -3,24 +3,25 @@
 import dataclasses
 import math
 import weakref
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, cast
 
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, System
 
+from teleop_drake.blocks.channels.network import NetworkDelay
+from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
 from teleop_drake.blocks.environments import Surface, SurfacesOf
 from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
 from teleop_drake.scenario.config import DefaultSimulator
-from teleop_drake.signals import MarkLoop, NameOf, SignalsOf
+from teleop_drake.signals import MarkLoop, NameOf, PathsIn
 from teleop_drake.simulation.drake_run import RunInDrake
 from teleop_drake.simulation.ending import EndAtBound
 from teleop_drake.simulation.inputs import CheckInputs
 from teleop_drake.simulation.run import Job, Outcome
-from teleop_drake.simulation.stepping import NotesOnSamples, SystemsIn
+from teleop_drake.simulation.stepping import NotesOnSamples
 from teleop_drake.tasks import SpeedLimit, Task, TaskOf
 from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
 
@@ -146,7 +147,9 @@ def simulate(
             given = teleoperator or task
             Refuse("teleoperator, task", given, "left out where a System is simulated")
         job = MakeJob(scenario, context, duration, simulator, progress)
-        return _SimulateSystem(job, engine)
+        CheckInputs(job.diagram, job.context)
+        run, notes = _Run(job, engine)
+        return RecordingOf(job, run, notes)
     if context is not None:
         Refuse("context", "a Context", "left out where a scenario is simulated")
     scenario = AsScenario(scenario)
@@ -179,18 +182,11 @@ def Finish(
     job: Job,
     run: Outcome,
     notes: list[str],
-    facts: "ModelFacts | None" = None,
 ) -> Recording:
-    """Makes the recording of a scenario's run, with its events.
-
-    Args:
-        facts: Those of the model; None: of the job's diagram.
-    """
+    """Makes the recording of a scenario's run, with its events."""
     _EndWhereFinite(run)
     EndAtBound(job.diagram, job.speed_limit, run)
-    return MakeRecording(
-        scenario, job.diagram, job.config, run, notes, facts, task.FindEvents
-    )
+    return MakeRecording(scenario, job.diagram, job.config, run, notes, task.FindEvents)
 
 
 class _Finite(SpeedLimit):
@@ -237,14 +233,6 @@ def MakeJob(
         progress=progress,
         continues=context in _final_contexts,
     )
-
-
-def _SimulateSystem(job: Job, engine: str) -> Recording:
-    """Runs a System and makes the recording."""
-    CheckInputs(job.diagram, job.context)
-    SignalsOf(job.diagram)
-    run, notes = _Run(job, engine)
-    return RecordingOf(job, run, notes)
 
 
 def RecordingOf(job: Job, run: Outcome, notes: list[str]) -> Recording:
@@ -319,39 +307,38 @@ def _CheckTeleoperator(
         Refuse("teleoperator.robot.num_axes", size, allowed)
 
 
-@dataclass(frozen=True)
-class ModelFacts:
-    """What a recording tells of its model.
+def SystemsByPath(diagram: System, parts: Mapping[str, System]) -> dict[str, Any]:
+    """Returns a diagram and the systems inside by their paths.
 
-    Attributes:
-        surfaces: Those of the environment; None: it tells none.
-        reporters: Systems with a method RunNotes(), which says what to note of a run.
-        has_constant_command: As in Recording.
+    Args:
+        parts: Systems that stand in the place of others, by their paths.
     """
-
-    surfaces: tuple[Surface, ...] | None
-    reporters: tuple[Any, ...]
-    has_constant_command: bool
-
-    def With(
-        self, systems: Iterable[System], surfaces: tuple[Surface, ...] | None
-    ) -> "ModelFacts":
-        """Returns the facts of a model with other systems and surfaces."""
-        reporters = _Reporters(systems)
-        return dataclasses.replace(self, surfaces=surfaces, reporters=reporters)
+    systems = {path: system for system, path in PathsIn(diagram)}
+    for place, part in parts.items():
+        systems |= {path: system for system, path in PathsIn(part, place)}
+    return systems
 
 
-def ModelFactsOf(diagram: Diagram) -> ModelFacts:
-    """Returns the facts of a scenario's diagram."""
-    surfaces: tuple[Surface, ...] | None = ()
-    if diagram.HasSubsystemNamed("environment"):
-        surfaces = SurfacesOf(diagram.GetSubsystemByName("environment"))
-    reporters = _Reporters(SystemsIn(diagram))
-    return ModelFacts(surfaces, reporters, HasConstantCommand(diagram))
+def SurfacesIn(systems: Mapping[str, System]) -> tuple[Surface, ...] | None:
+    """Returns the surfaces of the environment; None: it tells none.
+
+    Args:
+        systems: Those of the model by their paths.
+    """
+    if "environment" not in systems:
+        return ()
+    return SurfacesOf(systems["environment"])
 
 
-def _Reporters(systems: Iterable[System]) -> tuple[Any, ...]:
-    return tuple(system for system in systems if hasattr(system, "RunNotes"))
+def _Channels(systems: Iterable[System], end: float) -> dict[str, PacketStatistics]:
+    """Returns what became of the packets of network channels until a time in s."""
+    channels = {}
+    for system in systems:
+        if isinstance(system, NetworkDelay):
+            context = system.CreateDefaultContext()
+            context.SetTime(end)
+            channels[system.get_name()] = system.Statistics(context)
+    return channels
 
 
 def MakeRecording(
@@ -360,25 +347,22 @@ def MakeRecording(
     config: SimulatorConfig,
     run: Outcome,
     notes: list[str],
-    facts: ModelFacts | None = None,
     find_events: Callable[[Recording], list[Event]] = lambda recording: [],
 ) -> Recording:
     """Makes the recording of a run, whose events and notes are found when asked for.
 
     Args:
         notes: Those that are known already.
-        facts: Those of the model; None: of the diagram.
         find_events: Returns the events of a recording.
     """
-    if scenario is None:
-        reporters = _Reporters(SystemsIn(diagram))
-        facts = ModelFacts((), reporters, has_constant_command=True)
-    model = facts or ModelFactsOf(cast(Diagram, diagram))
+    systems = SystemsByPath(diagram, run.parts)
+    surfaces = () if scenario is None else SurfacesIn(systems)
+    reporters = [x for x in systems.values() if hasattr(x, "RunNotes")]
     time, signals, steps = run.series
 
     def FindNotes(recording: Recording) -> list[str]:
-        found = [_NO_SURFACES] if model.surfaces is None else []
-        for reporter in model.reporters:
+        found = [_NO_SURFACES] if surfaces is None else []
+        for reporter in reporters:
             found += reporter.RunNotes(time, signals)
         return found + notes
 
@@ -388,7 +372,7 @@ def MakeRecording(
         signals=signals,
         steps=steps,
         events=[],
-        surfaces=model.surfaces or (),
+        surfaces=surfaces or (),
         solver=SolverStatistics(
             engine=run.engine,
             scheme=config.integration_scheme,
@@ -398,16 +382,16 @@ def MakeRecording(
             wall_time_s=run.wall_time,
             real_time_factor=float(time[-1] - time[0]) / run.wall_time,
         ),
-        channels=run.channels,
+        channels=_Channels(systems.values(), time[-1]),
         termination=run.ending.termination,
         reason=run.ending.reason,
-        has_constant_command=model.has_constant_command,
+        has_constant_command=scenario is None or HasConstantCommand(systems),
     )
     recording.FindLater({"events": find_events, "notes": FindNotes})
     return recording
 
 
-def HasConstantCommand(diagram: Diagram) -> bool:
-    """Returns whether the operator in a diagram, if there is one, tells so."""
-    operators = [x for x in SystemsIn(diagram) if x.get_name() == "surgeon"]
+def HasConstantCommand(systems: Mapping[str, System]) -> bool:
+    """Returns whether the operator among systems, if there is one, tells so."""
+    operators = [x for x in systems.values() if x.get_name() == "surgeon"]
     return all(getattr(x, "has_constant_command", False) for x in operators)

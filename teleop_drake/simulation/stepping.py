@@ -27,6 +27,7 @@ from teleop_drake.kernel import KernelBlock
 from teleop_drake.kernel.delay_line import DelayLine
 from teleop_drake.kernel.events import Ticks
 from teleop_drake.numerics.instants import SAME
+from teleop_drake.signals import PathsIn
 
 # A step across a boundary as short as twice this many s is not bisected any further.
 _EVENT_WINDOW = 2e-7
@@ -90,7 +91,7 @@ class Stepping:
 
     def __init__(self, diagram: System, longest_step: float, start: float):
         # A loop announces what its parts do.
-        systems = list(SystemsIn(diagram))[1:] or [diagram]
+        systems = SystemsIn(diagram)[1:] or [diagram]
 
         def With(member: str) -> Iterator[Any]:
             return (system for system in systems if hasattr(system, member))
@@ -249,12 +250,9 @@ class Stepping:
         return time + _EVENT_WINDOW
 
 
-def SystemsIn(system: System) -> Iterator[System]:
-    """Yields a system and those inside, in the order in which rates are evaluated."""
-    yield system
-    if isinstance(system, Diagram):
-        for part in system.GetSystems():
-            yield from SystemsIn(part)
+def SystemsIn(system: System) -> list[System]:
+    """Returns a system and those inside, in the order in which rates are evaluated."""
+    return [part for part, _ in PathsIn(system)]
 
 
 def NotesOnSamples(diagram: System, context: Context) -> list[str]:

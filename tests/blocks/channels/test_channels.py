@@ -84,6 +84,19 @@ def test_statistics_are_recorded_for_each_direction(tmp_path):
     assert {f"forward_channel.{name}" for name in dataclasses.asdict(back)} < set(units)
 
 
+@pytest.mark.parametrize("engine", ["drake", "compiled"])
+def test_packets_are_counted_until_a_run_ends_early(engine):
+    scenario = LoadScenario(
+        "one_dof",
+        ["controller=direct_force", "divergence_speed_ratio=2", *network(h=0.01)],
+    )
+    scenario.forward_channel.delay = scenario.return_channel.delay = 0.4
+    recording = simulate(scenario, engine=engine)
+    assert recording.termination == "diverged"
+    sent = math.ceil(recording.time[-1] / 0.01)
+    assert recording.channels["forward_channel"].sent == sent < 200
+
+
 def test_other_channels_have_no_statistics():
     recording = run(*channels("kind: transport"))
     assert recording.channels == {} and "channels" not in RunSummary(recording)
