@@ -17,15 +17,6 @@ from teleop_drake.sweep.statistics import Bands, MedianInterval
 
 # The marks of runs that a line lacks.
 _MARKS = {"diverges": "x", "fails": "^", "has none": "o"}
-_MARK_STYLE: Look = {
-    "markersize": 3.5,
-    "markerfacecolor": "none",
-    "markeredgewidth": 0.8,
-    "linestyle": "none",
-    "clip_on": False,
-    "in_layout": False,
-}
-
 _RUN_STYLE: Look = {"marker": ".", "markersize": 3, "linestyle": "none"}
 
 
@@ -59,7 +50,7 @@ def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
     grid.AddTitles(panels, num_marks=grid.shape[1] if marked else 0)
     lines = grid.LineHandles()
     handles: list[Any] = [
-        Key(name, marker=marker, color=GREY, **_MARK_STYLE)
+        Key(name, marker=marker, color=GREY, **style.MARK_STYLE)
         for name, marker in _MARKS.items()
         if name in marked
     ]
@@ -111,14 +102,7 @@ def _DrawMetric(
             _DrawInterval(ax, grid.x, y, middle, line["color"])
         for name, where in marked.items():
             x = grid.x[where[panel, i].any(axis=1)]
-            ax.plot(
-                x,
-                np.full(len(x), 1.03 + 0.035 * i),
-                transform=ax.get_xaxis_transform(),
-                marker=_MARKS[name],
-                color=line["color"],
-                **_MARK_STYLE,
-            )
+            style.MarkAbove(ax, x, i, marker=_MARKS[name], color=line["color"])
     for ax in axes[:: grid.num_columns]:
         ax.set_ylabel(label)
     return {name for name, where in marked.items() if where.any()}
