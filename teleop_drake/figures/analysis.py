@@ -184,20 +184,21 @@ def _MarkFrequencies(ax: Axes, w: Array, locus: ComplexArray, color: str) -> Non
     """Writes frequencies beside a locus in the plot, and an arrow along it."""
     points = np.column_stack([locus.real, locus.imag])
     is_seen = (np.abs(points) < _NYQUIST_RANGE - 0.3).all(axis=1)
-    written: dict[str, complex] = {}
+    marked: dict[str, int] = {}
     for k in np.flatnonzero(is_seen):
         number = f"{w[k]:.2g}"
-        distances = [abs(locus[k] - place) for place in written.values()]
-        if number in written or min(distances, default=math.inf) < _LABEL_DISTANCE:
-            continue
-        written[number] = locus[k]
+        distances = np.abs(locus[k] - locus[list(marked.values())])
+        if number not in marked and (distances >= _LABEL_DISTANCE).all():
+            marked[number] = k
+    for number, k in marked.items():
         ax.plot(*points[k], ".", color=color, ms=3)
         ax.annotate(number, points[k], (2, 2), textcoords="offset points", fontsize=5)
-        if len(written) == 1 and k + 1 < len(w):
-            # Towards higher frequencies.
-            ahead = k + np.argmax(abs(locus[k:] - locus[k]) > _LABEL_DISTANCE / 2)
-            arrow = {"arrowstyle": "->", "color": color}
-            ax.annotate("", points[ahead], points[k], arrowprops=arrow)
+    if marked:
+        # Towards higher frequencies.
+        onward = points[min(marked.values()) :]
+        is_ahead = np.hypot(*(onward - onward[0]).T) > _LABEL_DISTANCE / 2
+        arrow = {"arrowstyle": "->", "color": color}
+        ax.annotate("", onward[np.argmax(is_ahead)], onward[0], arrowprops=arrow)
 
 
 def PlotStableDelays(
@@ -299,25 +300,19 @@ def _ExplainLlewellyn(ax: Axes, w: Array, parameter: Array) -> None:
     ax.set_ylim(low, high)
     ax.axhspan(low, 1.0, color=_ACTIVE, linewidth=0, zorder=-1)
     ax.axhline(1, **_GUIDE)
-    below = np.flatnonzero(parameter < 1 - _LLEWELLYN_MARGIN)
+    below = w[parameter < 1 - _LLEWELLYN_MARGIN]
     if not below.size:
         return
-    first = float(w[below[0]])
-    text = "everywhere below 1" if below[0] == 0 else f"below 1 from {first:.2g} rad/s"
-    if below[0]:
-        ax.axvline(first, linestyle=":", **_GUIDE)
+    text = "everywhere below 1"
+    if below[0] > w[0]:
+        text = f"below 1 from {below[0]:.2g} rad/s"
+        ax.axvline(below[0], linestyle=":", **_GUIDE)
     # Re p11 or Re p22 is negative there: the parameter is minus infinity.
-    active = np.flatnonzero(np.isneginf(parameter))
+    active = w[np.isneginf(parameter)]
     if active.size:
-        text += f"\ngives out energy at {w[active[0]]:.2g} rad/s"
-    ax.annotate(
-        text,
-        (0.03, 0.96),
-        xycoords="axes fraction",
-        va="top",
-        fontsize=style.SMALL_FONT_SIZE,
-        color="#404040",
-    )
+        text += f"\ngives out energy at {active[0]:.2g} rad/s"
+    look = {"va": "top", "fontsize": style.SMALL_FONT_SIZE, "color": "#404040"}
+    ax.text(0.03, 0.96, text, look, transform=ax.transAxes)
 
 
 def PlotTransparency(points: Sequence[Transparency]) -> Figure:

@@ -3,7 +3,6 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels import NetworkChannelConfig
 from teleop_drake.blocks.channels.packet_network import PacketNetwork, Receiver
 from teleop_drake.figures import style
@@ -18,10 +17,18 @@ _ROW_HEIGHT = 1.5  # inches
 # Spans of time over which a share of lost packets is taken.
 _NUM_SPANS = 40
 
+_LOST_STYLE: Look = {"marker": "x", "color": COLORS[1]}
+_LOSS_STYLE: Look = {"color": style.GREY, "linewidth": 0.9, "linestyle": "--"}
 
-def HasNetwork(recording: Recording) -> bool:
-    """Returns whether PlotNetwork() has something to show."""
-    return bool(_Networks(recording))
+
+def Networks(recording: Recording) -> dict[str, NetworkChannelConfig]:
+    """Returns the channels of a run that are networks, by the names of their fields."""
+    channels = TaskOf(recording.scenario).Channels(recording.scenario)
+    return {
+        name: config
+        for name, config in channels.items()
+        if isinstance(config, NetworkChannelConfig)
+    }
 
 
 def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
@@ -39,7 +46,7 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
     Raises:
         ValueError: If it has no such channel.
     """
-    networks = _Networks(recording)
+    networks = Networks(recording)
     if not networks:
         Refuse("recording", recording.scenario.name, "a run with a channel of packets")
     figure, axes = MakePanels(
@@ -51,78 +58,52 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
         share_y="row",
         padding=0.1,
     )
-    end = float(recording.time[-1])
+    # A run that was stopped at its start has no time of its own.
+    end = float(recording.time[-1]) or recording.scenario.duration
     for column, (name, config) in zip(axes.T, networks.items(), strict=True):
         network = config.Network(recording.scenario.duration, stream=name)
-        sent = np.arange(0.0, end, network.sample_period)
-        arrivals = network.Arrivals(len(sent))
-        delay, age, loss = column
-        _DrawDelays(delay, sent, arrivals)
-        age.plot(*_Age(network, config.receiver, end), color=COLORS[0], lw=0.9)
-        _DrawLoss(loss, sent, np.isinf(arrivals), end)
-        loss.set_xlim(0.0, end or 1.0)
-        for ax in column:
-            style.FormatAxes(ax)
+        _DrawPackets(column[0], column[2], network, end)
+        _DrawAge(column[1], network, config.receiver, end)
+    for ax in axes.flat:
+        style.FormatAxes(ax)
+        # Where nothing is lost a range of its own would be rounding.
+        ax.set_ylim(0.0, max(ax.get_ylim()[1], 1.0))
+    axes[0, 0].set_xlim(0.0, end)
     labels = ("delay of packets [ms]", "age of information [ms]", "packets lost [%]")
     NameColumns(axes, [name.replace("_", " ") for name in networks])
     NameAxes(axes, "time [s]", *labels)
-    for ax in axes[:, 0]:
-        # Where nothing is lost a range of its own would be rounding.
-        ax.set_ylim(0.0, max(ax.get_ylim()[1], 1.0))
     figure.align_ylabels(axes[:, 0])
-    lines = [line for ax in axes[:, 0] for line in ax.get_lines()]
-    handles = [x for x in lines if x.get_label() in ("lost packet", "lost in all")]
+    handles = [
+        style.Key("lost packet", **_LOST_STYLE, **style.MARK_STYLE),
+        style.Key("lost in all", **_LOSS_STYLE),
+    ]
     style.AddLegend(figure, handles, fontsize=style.SMALL_FONT_SIZE)
     return figure
 
 
-def _Networks(recording: Recording) -> dict[str, NetworkChannelConfig]:
-    """Returns the channels of a run that are networks, by the names of their fields."""
-    channels = TaskOf(recording.scenario).Channels(recording.scenario)
-    return {
-        name: config
-        for name, config in channels.items()
-        if isinstance(config, NetworkChannelConfig)
-    }
+def _DrawPackets(delay: Axes, loss: Axes, network: PacketNetwork, end: float) -> None:
+    """Draws the delay of each packet, and the share that is lost, in spans and in all.
 
-
-def _DrawDelays(ax: Axes, sent: Array, arrivals: Array) -> None:
-    """Draws the delay of each packet, and the lost ones above the panel."""
-    has_arrived = np.isfinite(arrivals)
-    delays = 1e3 * (arrivals - sent)[has_arrived]
-    ax.plot(sent[has_arrived], delays, ".", color=COLORS[0], markersize=2.5)
-    lost = sent[~has_arrived]
-    ax.plot(
-        lost,
-        np.full(len(lost), 1.03),
-        transform=ax.get_xaxis_transform(),
-        clip_on=False,
-        in_layout=False,
-        marker="x",
-        linestyle="none",
-        markersize=3,
-        markeredgewidth=0.7,
-        color=COLORS[1],
-        label="lost packet",
-    )
-
-
-def _Age(network: PacketNetwork, receiver: Receiver, end: float) -> tuple[Array, Array]:
-    """Returns the age of what is shown in ms, a saw tooth, and its times in s."""
-    shown, sent = network.ShownUntil(receiver, end)
-    until = np.append(shown[1:], end) if len(shown) else shown
-    times = np.column_stack([shown, until]).ravel()
-    ages = np.column_stack([shown - sent, until - sent]).ravel()
-    return times, 1e3 * ages
-
-
-def _DrawLoss(ax: Axes, sent: Array, is_lost: Array, end: float) -> None:
-    """Draws the share of packets that was lost, in spans of time and in all."""
-    edges = np.linspace(0.0, end or 1.0, _NUM_SPANS + 1)
+    Lost packets are marked above the panel of the delay.
+    """
+    sent = np.arange(0.0, end, network.sample_period)
+    arrivals = network.Arrivals(len(sent))
+    is_lost = np.isinf(arrivals)
+    delays = 1e3 * (arrivals - sent)
+    delay.plot(sent[~is_lost], delays[~is_lost], ".", color=COLORS[0], markersize=2.5)
+    style.MarkAbove(delay, sent[is_lost], **_LOST_STYLE)
+    edges = np.linspace(0.0, end, _NUM_SPANS + 1)
     number, _ = np.histogram(sent, edges)
     lost, _ = np.histogram(sent[is_lost], edges)
-    share = np.divide(100.0 * lost, number, out=np.zeros(len(lost)), where=number > 0)
-    ax.stairs(share, edges, color=COLORS[0], fill=True, alpha=0.6)
-    if len(sent):
-        dashes: Look = {"color": style.GREY, "lw": 0.9, "linestyle": "--"}
-        ax.axhline(100.0 * is_lost.mean(), **dashes, label="lost in all")
+    shares = 100.0 * lost / np.maximum(number, 1)
+    loss.stairs(shares, edges, color=COLORS[0], fill=True, alpha=0.6)
+    loss.axhline(100.0 * is_lost.mean(), **_LOSS_STYLE)
+
+
+def _DrawAge(ax: Axes, network: PacketNetwork, receiver: Receiver, end: float) -> None:
+    """Draws the age of what a receiver shows: a saw tooth."""
+    shown, sent = network.ShownUntil(receiver, end)
+    # Both sides of each jump.
+    times = np.append(np.repeat(shown, 2), end)[1:]
+    ages = times - np.repeat(sent, 2)
+    ax.plot(times, 1e3 * ages, color=COLORS[0], lw=0.9)

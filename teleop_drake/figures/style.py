@@ -44,6 +44,16 @@ BOUNDARY_STYLE: Look = {
     "zorder": 0,
 }
 
+MARK_STYLE: Look = {
+    "markersize": 3.5,
+    "markerfacecolor": "none",
+    "markeredgewidth": 0.8,
+    "linestyle": "none",
+    "clip_on": False,
+    "in_layout": False,
+}
+"""Marks above a panel."""
+
 # Keys of a sweep that are delays.
 DELAYS = ("delay", "forward_delay", "return_delay")
 
@@ -166,6 +176,12 @@ def NameAbove(
         va="bottom",
         fontsize=SMALL_FONT_SIZE,
     )
+
+
+def MarkAbove(ax: Axes, x: Array, level: int = 0, **look: Any) -> None:
+    """Marks points (N) of the horizontal axis above a panel, on one of some levels."""
+    y = np.full(len(x), 1.03 + 0.035 * level)
+    ax.plot(x, y, transform=ax.get_xaxis_transform(), **MARK_STYLE, **look)
 
 
 def Key(label: str, **line: Any) -> Line2D:

@@ -31,11 +31,12 @@ SEQUENCE = colormaps["viridis"]
 class SweepGrid:
     """Who is who among the axes of a sweep.
 
-    `Arrange` brings an array of the grid's shape into (rows, columns, lines, x,
-    seeds). Columns are controllers and lines the values of `line_key`, the last key
-    that is neither of these; where there is none, lines are controllers. The
-    `panel_points` (rows, columns) are the keys and values that a panel has. Where seeds
-    and at most controllers are varied, x are the controllers, named by `x_names`.
+    `Arrange` brings an array of the grid's shape into (panels, lines, x, seeds). Lines
+    are the values of `line_key`, the last key that is neither the controller nor the
+    delay; where there is none, lines are controllers. The `panel_points` are the keys
+    and values that each panel has, and `num_columns` panels, of one controller each,
+    stand side by side. Where seeds and at most controllers are varied, x are the
+    controllers, named by `x_names`.
 
     Raises:
         ValueError: If neither numbers nor seeds are varied, or it would take too many
@@ -68,11 +69,14 @@ class SweepGrid:
         *row_keys, self.line_key = others or controller or [""]
         column_keys = controller if others else []
         self.line_values = axes.get(self.line_key, [])
-        rows = _Points(result, row_keys)
         columns = _Points(result, column_keys)
-        self.panel_points = [[column | row for column in columns] for row in rows]
-        if len(rows) * len(columns) > MAX_PANELS:
-            needs = f"needs {len(rows)} x {len(columns)} panels"
+        self.num_columns = len(columns)
+        self.panel_points = [
+            column | row for row in _Points(result, row_keys) for column in columns
+        ]
+        num_panels = len(self.panel_points)
+        if num_panels > MAX_PANELS:
+            needs = f"needs {num_panels // len(columns)} x {len(columns)} panels"
             Refuse("result", needs, f"of {MAX_PANELS} panels at most")
         keys = [*row_keys, *column_keys, self.line_key, self.x_key, *seed]
         names = list(axes)
@@ -82,7 +86,7 @@ class SweepGrid:
         self.x = x[self._x_order]
         num_lines = max(len(self.line_values), 1)
         num_seeds = len(axes.get(SEED, [0]))
-        self.shape = (len(rows), len(columns), num_lines, len(x), num_seeds)
+        self.shape = (num_panels, num_lines, len(x), num_seeds)
 
     @property
     def has_two_keys(self) -> bool:
@@ -90,44 +94,44 @@ class SweepGrid:
         return bool(self.line_values) and not self.lines_are_controllers
 
     def Arrange(self, values: Array) -> Array:
-        """Returns an array of the grid's shape as (rows, columns, lines, x, seeds)."""
+        """Returns an array of the grid's shape as (panels, lines, x, seeds)."""
         return values.transpose(self._order).reshape(self.shape)[..., self._x_order, :]
 
     def MakePanels(self, num_metrics: int = 1) -> tuple[Figure, Panels]:
-        """Returns a figure and its panels (metrics, rows, columns).
+        """Returns a figure and its panels (metrics, panels).
 
         Metrics of one panel each stand side by side, others below each other.
         """
-        num_rows, num_columns = self.shape[:2]
-        across = min(num_metrics, 3) if num_rows == num_columns == 1 else 1
-        down = math.ceil(num_metrics / across) * num_rows
+        num_panels = self.shape[0]
+        total = num_metrics * num_panels
+        across = self.num_columns if num_panels > 1 else min(num_metrics, 3)
+        down = math.ceil(total / across)
         figure, axes = MakePanels(
             down,
-            across * num_columns,
+            across,
             height=0.8 + (2.6 if down == 1 else 1.7) * down,
             share_x="all",
             padding=0.1,
         )
-        panels = axes.reshape(-1, num_rows, num_columns)[:num_metrics]
-        for ax in axes.ravel()[panels.size :]:
+        for ax in axes.flat[total:]:
             ax.remove()
-        for ax in panels.ravel()[-axes.shape[1] :]:
+        panels = axes.flat[:total].reshape(num_metrics, num_panels)
+        for ax in panels.flat[-across:]:
             ax.set_xlabel("" if self.x_names else style.AxisLabel(self.x_key))
             ax.tick_params(labelbottom=True)
             if self.x_names:
                 ax.set_xticks(self.x, self.x_names)
                 ax.set_xlim(-0.6, len(self.x) - 0.4)
         for metric in panels:
-            for ax in metric.ravel()[1:]:
-                ax.sharey(metric[0, 0])
-            for ax in metric[:, 1:].ravel():
-                ax.tick_params(labelleft=False)
+            for i, ax in enumerate(metric[1:], start=1):
+                ax.sharey(metric[0])
+                ax.tick_params(labelleft=i % self.num_columns == 0)
         return figure, panels
 
     def AddTitles(self, panels: Panels, num_marks: int = 0) -> None:
         """Names the values of each panel, above marks on as many levels."""
-        for (_, i, j), ax in np.ndenumerate(panels):
-            point = self.panel_points[i][j]
+        for (_, i), ax in np.ndenumerate(panels):
+            point = self.panel_points[i]
             names = itertools.starmap(style.LabelOfValue, point.items())
             ax.set_title(
                 ", ".join(names) or " ",  # Also that makes room for the marks.

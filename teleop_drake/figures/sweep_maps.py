@@ -1,7 +1,7 @@
 """Maps of sweeps over two keys: pure functions of results."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,8 @@ from teleop_drake.sweep import MetricUnits, SweepResult
 from teleop_drake.sweep.boundary import Boundary
 from teleop_drake.validation import Refuse
 
-Boundaries = Mapping[tuple[int, int], Sequence[Boundary]]
-"""What is drawn over a panel, by its row and column."""
+Boundaries = Sequence[Sequence[Boundary]]
+"""What is drawn over each panel."""
 
 # So many values of a map have a tick each.
 _MOST_TICKS = 8
@@ -41,7 +41,7 @@ _OUTCOMES = {
 _ENDED = "#BBBBBB"
 
 
-def PlotStability(result: SweepResult, boundaries: Boundaries | None = None) -> Figure:
+def PlotStability(result: SweepResult, boundaries: Boundaries = ()) -> Figure:
     """Maps how the runs of a sweep end, over the delay and another varied key.
 
     A cell has the worst of its seeds. What else is varied gets panels of its own.
@@ -65,21 +65,19 @@ def PlotStability(result: SweepResult, boundaries: Boundaries | None = None) -> 
     figure, panels = grid.MakePanels()
     colors = ListedColormap(list(_OUTCOMES.values()))
     limits = {"vmin": -0.5, "vmax": len(_OUTCOMES) - 0.5}
-    for index, ax in np.ndenumerate(panels[0]):
+    for ax, cells in zip(panels[0], worst, strict=True):
         edges = {"edgecolor": "white", "linewidth": 0.3}
-        _DrawCells(ax, grid, worst[index], cmap=colors, **limits, **edges)
+        _DrawCells(ax, grid, cells, cmap=colors, **limits, **edges)
     handles = [
         Patch(color=color, label=label)
         for i, (label, color) in enumerate(_OUTCOMES.items())
         if (worst == i).any()
     ]
-    _Finish(figure, panels, grid, handles, boundaries or {})
+    _Finish(figure, panels, grid, handles, boundaries)
     return figure
 
 
-def PlotMap(
-    result: SweepResult, *metrics: str, boundaries: Boundaries | None = None
-) -> Figure:
+def PlotMap(result: SweepResult, *metrics: str, boundaries: Boundaries = ()) -> Figure:
     """Maps metrics of a sweep, over the delay and another varied key.
 
     A cell has the median of its seeds. It is grey where a run diverges or fails, and
@@ -106,11 +104,10 @@ def PlotMap(
         lacks_number |= bool((np.isnan(medians) & ~is_ended).any())
         scale, label, (low, high) = MetricScale(result, metric, medians)
         limits = {"vmin": low * scale, "vmax": high * scale}
-        for index, ax in np.ndenumerate(axes):
-            shown = medians[index] * scale
+        for ax, shown, gone in zip(axes, medians * scale, ended, strict=True):
             cells = _DrawCells(ax, grid, shown, cmap=SEQUENCE, **limits)
-            _DrawCells(ax, grid, ended[index], cmap=ListedColormap([_ENDED]))
-        bar = figure.colorbar(cells, ax=axes.ravel().tolist(), pad=0.02)
+            _DrawCells(ax, grid, gone, cmap=ListedColormap([_ENDED]))
+        bar = figure.colorbar(cells, ax=axes.tolist(), pad=0.02)
         bar.set_label(label, fontsize=FONT_SIZE)
         bar.ax.tick_params(labelsize=SMALL_FONT_SIZE)
     handles = []
@@ -119,7 +116,7 @@ def PlotMap(
     if lacks_number:
         label = "has no such number"
         handles.append(Patch(facecolor="white", edgecolor=GREY, label=label))
-    _Finish(figure, panels, grid, handles, boundaries or {})
+    _Finish(figure, panels, grid, handles, boundaries)
     return figure
 
 
@@ -149,8 +146,8 @@ def _Finish(
     limits = style.MapLimits(grid.x)
     fates = _Fates(boundaries, limits)
     lines = {name: style.LINES[i % len(style.LINES)] for i, name in enumerate(fates)}
-    for (_, i, j), ax in np.ndenumerate(panels):
-        for drawn in boundaries.get((i, j), ()):
+    for (_, panel), ax in np.ndenumerate(panels):
+        for drawn in boundaries[panel] if boundaries else ():
             # Black on white is seen on every colour.
             ax.plot(drawn.ends, y, color="white", linewidth=2.8)
             dashes = lines[drawn.point]
@@ -163,7 +160,7 @@ def _Finish(
         if y_labels is not None or len(y) <= _MOST_TICKS:
             ax.set_yticks(y, y_labels)
     grid.AddTitles(panels)
-    for ax in panels[:, :, 0].ravel():
+    for ax in panels[:, :: grid.num_columns].flat:
         ax.set_ylabel(style.AxisLabel(grid.line_key))
     notes = []
     for name, fate in fates.items():
@@ -180,7 +177,7 @@ def _Finish(
 def _Fates(boundaries: Boundaries, limits: Interval) -> dict[str, str]:
     """Returns what is said of each boundary outside the map; "" of one that crosses."""
     ends: dict[str, list[Array]] = {}
-    for boundary in itertools.chain(*boundaries.values()):
+    for boundary in itertools.chain(*boundaries):
         ends.setdefault(boundary.point, []).append(boundary.ends)
     fates = dict.fromkeys(ends, "")
     for name, parts in ends.items():

@@ -17,15 +17,6 @@ from teleop_drake.sweep.statistics import Bands, MedianInterval
 
 # The marks of runs that a line lacks.
 _MARKS = {"diverges": "x", "fails": "^", "has none": "o"}
-_MARK_STYLE: Look = {
-    "markersize": 3.5,
-    "markerfacecolor": "none",
-    "markeredgewidth": 0.8,
-    "linestyle": "none",
-    "clip_on": False,
-    "in_layout": False,
-}
-
 _RUN_STYLE: Look = {"marker": ".", "markersize": 3, "linestyle": "none"}
 
 
@@ -56,10 +47,10 @@ def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
     marked: set[str] = set()
     for metric, axes in zip(metrics, panels, strict=True):
         marked |= _DrawMetric(grid, result, metric, axes)
-    grid.AddTitles(panels, num_marks=grid.shape[2] if marked else 0)
+    grid.AddTitles(panels, num_marks=grid.shape[1] if marked else 0)
     lines = grid.LineHandles()
     handles: list[Any] = [
-        Key(name, marker=marker, color=GREY, **_MARK_STYLE)
+        Key(name, marker=marker, color=GREY, **style.MARK_STYLE)
         for name, marker in _MARKS.items()
         if name in marked
     ]
@@ -91,14 +82,14 @@ def _DrawMetric(
     # Where there are more lines, the stability map tells of them.
     found = (is_diverged, status == "failed", is_missing)
     marked = dict(zip(_MARKS, found, strict=True))
-    if values.shape[2] > MAX_NAMED_LINES:
+    if values.shape[1] > MAX_NAMED_LINES:
         marked = {}
-    for *index, i in np.ndindex(values.shape[:3]):
-        ax = axes[tuple(index)]
+    for panel, i in np.ndindex(values.shape[:2]):
+        ax = axes[panel]
         line = grid.LineStyle(i)
         if i == 0:
             style.FormatAxes(ax)
-        y = values[(*index, i)] * scale
+        y = values[panel, i] * scale
         middle = Bands(y, np.median)
         ax.plot(grid.x, middle, marker=".", markersize=3, **line)
         if grid.x_names:
@@ -110,16 +101,9 @@ def _DrawMetric(
         if y.shape[1] > 1:
             _DrawInterval(ax, grid.x, y, middle, line["color"])
         for name, where in marked.items():
-            x = grid.x[where[(*index, i)].any(axis=1)]
-            ax.plot(
-                x,
-                np.full(len(x), 1.03 + 0.035 * i),
-                transform=ax.get_xaxis_transform(),
-                marker=_MARKS[name],
-                color=line["color"],
-                **_MARK_STYLE,
-            )
-    for ax in axes[:, 0]:
+            x = grid.x[where[panel, i].any(axis=1)]
+            style.MarkAbove(ax, x, i, marker=_MARKS[name], color=line["color"])
+    for ax in axes[:: grid.num_columns]:
         ax.set_ylabel(label)
     return {name for name, where in marked.items() if where.any()}
 

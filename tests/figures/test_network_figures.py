@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from runs import Run
 
-from teleop_drake.figures.network import HasNetwork, PlotNetwork
+from teleop_drake.figures.network import Networks, PlotNetwork
 from teleop_drake.figures.saving import DescribeFigure
 
 NETWORK = (
@@ -41,6 +41,6 @@ def test_it_shows_what_the_statistics_say():
 
 def test_a_run_without_packets_has_no_such_figure():
     run = Run("one_dof", "direct_force", "duration=0.05", "simulator.accuracy=1e-4")
-    assert not HasNetwork(run)
+    assert not Networks(run)
     with pytest.raises(ValueError, match=r"must be a run with a channel of packets"):
         PlotNetwork(run)

@@ -118,9 +118,7 @@ def test_maps_have_the_boundary_over_them():
         "steel": [np.nan, 0.0],
         "bone": [np.nan, np.nan],
     }
-    boundaries = {
-        (0, 0): [Boundary(point=k, ends=np.array(x)) for k, x in ends.items()]
-    }
+    boundaries = [[Boundary(point=k, ends=np.array(x)) for k, x in ends.items()]]
     figure = PlotMap(result, "collision.peak_force", boundaries=boundaries)
     ax, bar = figure.axes
     shown, ended = (cells.get_array() for cells in ax.collections)

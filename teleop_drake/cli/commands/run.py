@@ -83,11 +83,11 @@ def _Draw(
     Returns:
         The figures of the networks.
     """
-    from teleop_drake.figures.network import HasNetwork, PlotNetwork
+    from teleop_drake.figures.network import Networks, PlotNetwork
     from teleop_drake.figures.runs import PlotRun, SaveFigure
 
     SaveFigure(PlotRun(recording, **drawing), *paths)
-    if not HasNetwork(recording):
+    if not Networks(recording):
         return []
     network = PlotNetwork(recording, columns=drawing["columns"])
     network_paths = [path.with_stem(f"{path.stem}_network") for path in paths]

@@ -283,8 +283,7 @@ def _Draw(
     metrics = list(names) or result.Metrics()
     try:
         grid = SweepGrid(result)
-        rows, columns = grid.shape[:2]
-        is_separate |= rows * columns * len(metrics) > MAX_PANELS
+        is_separate |= len(grid.panel_points) * len(metrics) > MAX_PANELS
         groups: dict[str, Sequence[str]] = {"metrics": metrics} if metrics else {}
         if is_separate:
             groups = {metric.replace(".", "_"): [metric] for metric in metrics}
@@ -312,14 +311,13 @@ def _Boundaries(grid: "SweepGrid", plan: "SweepPlan") -> tuple["Boundaries", str
     from teleop_drake.sweep.boundary import FindBoundaries
 
     try:
-        found = {
-            (i, j): FindBoundaries(
+        found = [
+            FindBoundaries(
                 plan, grid.x_key, grid.line_key, grid.line_values, others=others
             )
-            for i, row in enumerate(grid.panel_points)
-            for j, others in enumerate(row)
-        }
+            for others in grid.panel_points
+        ]
     except ValueError as error:
-        return {}, f"No boundary of stability in the maps ({error})"
-    notes = dict.fromkeys(x.note for drawn in found.values() for x in drawn if x.note)
+        return [], f"No boundary of stability in the maps ({error})"
+    notes = dict.fromkeys(x.note for drawn in found for x in drawn if x.note)
     return found, "\n".join(notes)
