@@ -1,5 +1,6 @@
 """The plan of a sweep: its grid, checked before anything runs."""
 
+import contextlib
 import hashlib
 import itertools
 import math
@@ -16,6 +17,7 @@ from teleop_drake.scenario import (
     CheckSteps,
     LoadOverridden,
     ScenarioError,
+    ScenarioLike,
 )
 from teleop_drake.scenario.loading import ReadTree
 from teleop_drake.scenario.overrides import (
@@ -107,11 +109,19 @@ def PlanSweep(
         raise SweepError(f"grid = {num_runs} runs: must be at most {MAX_RUNS}")
 
     traces: dict[str, str] = {}
+    # What the runs share is checked once if it is valid without values of the grid.
+    shared: ScenarioLike = scenario
+    shared_paths: list[str] = []
+    missing = fixed
+    with contextlib.suppress(ScenarioError):
+        shared, shared_paths = LoadOverridden(scenario, fixed)
+        missing = []
 
     def Load(point: Point) -> AnyScenario:
         """Returns the scenario of a point; error messages have the name given."""
-        checked, replaced = LoadOverridden(scenario, [*fixed, *point.items()])
-        _CheckPaths(fixed, point, replaced)
+        own = [*missing, *point.items()]
+        checked, replaced = LoadOverridden(shared, own)
+        _CheckPaths(fixed, point, [*shared_paths, *replaced])
         CheckSteps(checked)
         for file in sorted(set(ScenarioFiles(checked).values())):
             if file not in traces:
