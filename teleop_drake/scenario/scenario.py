@@ -233,8 +233,8 @@ class Scenario(_ScenarioBase):
         n = self.num_axes
         self.surgeon.Check("surgeon", n)
         self.haptic_device.Check("haptic_device")
-        for path in CHANNELS:
-            getattr(self, path).Check(path, self.duration)
+        # The channels, which need the duration.
+        self._CheckChannels()
         # The tissue and the tool in front of it.
         with Within("environment"):
             self.environment.Check()
@@ -256,6 +256,10 @@ class Scenario(_ScenarioBase):
         if has_psi:
             controller.InitialPsi(self.Facts())
         CheckSimulatorConfig(self.simulator)
+
+    def _CheckChannels(self) -> None:
+        for path in CHANNELS:
+            getattr(self, path).Check(path, self.duration)
 
 
 @Config
