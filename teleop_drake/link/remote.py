@@ -2,24 +2,11 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypedDict, Unpack
 
 from teleop_drake.link.half import Driver
 from teleop_drake.link.packets import OpenSocket, ReadKey
-from teleop_drake.link.side import Side
+from teleop_drake.link.side import Say, Side
 from teleop_drake.scenario import ScenarioLike
-
-
-class Options(TypedDict, total=False):
-    """What Side takes besides its place and its key; Side has the defaults, too."""
-
-    period: float
-    limit: float
-    fade: float
-    patience: float
-    say: Callable[[str], None]
-    step: Driver | None
-    log_file: Path | None
 
 
 def OperateRemotely(
@@ -27,7 +14,13 @@ def OperateRemotely(
     *,
     connect: str,
     key: str,
-    **options: Unpack[Options],
+    period: float = 0.001,
+    limit: float = 0.5,
+    fade: float = 0.1,
+    patience: float = 5.0,
+    say: Callable[[str], None] = Say,
+    step: Driver | None = None,
+    log_file: Path | None = None,
 ) -> Side:
     """Runs the operator's side: the operator, the device and the master side.
 
@@ -35,7 +28,7 @@ def OperateRemotely(
         scenario: Of the whole loop.
         connect: HOST:PORT of the robot's side.
         key: A file that `serve --new-key FILE` wrote, the same on both sides.
-        **options: See Options.
+        period: See Side, as for those that follow.
 
     Returns:
         The side after its end: its Recording(), Delays() and Report().
@@ -51,7 +44,13 @@ def OperateRemotely(
             ReadKey(key),
             end,
             address,
-            **options,
+            period=period,
+            limit=limit,
+            fade=fade,
+            patience=patience,
+            say=say,
+            step=step,
+            log_file=log_file,
         )
         return side.Run()
 
@@ -61,7 +60,13 @@ def ServeRobot(
     *,
     listen: str,
     key: str,
-    **options: Unpack[Options],
+    period: float = 0.001,
+    limit: float = 0.5,
+    fade: float = 0.1,
+    patience: float = 5.0,
+    say: Callable[[str], None] = Say,
+    step: Driver | None = None,
+    log_file: Path | None = None,
 ) -> Side:
     """Runs the robot's side; waits until OperateRemotely() calls.
 
@@ -69,7 +74,7 @@ def ServeRobot(
         scenario: Of the whole loop.
         listen: HOST:PORT at which it is called.
         key: A file that `serve --new-key FILE` wrote, the same on both sides.
-        **options: See Options.
+        period: See Side, as for those that follow.
 
     Returns:
         The side after its end: its Recording(), Delays() and Report().
@@ -84,7 +89,13 @@ def ServeRobot(
             "robot",
             ReadKey(key),
             end,
-            **options,
+            period=period,
+            limit=limit,
+            fade=fade,
+            patience=patience,
+            say=say,
+            step=step,
+            log_file=log_file,
         )
         host, port = end.getsockname()[:2]
         side.Say(f"listening at {host}:{port}")
