@@ -27,12 +27,16 @@ class ScenarioError(ValueError):
     """Bad input. Its text is one line: the field, its value and what is allowed."""
 
 
-def Number(default: float | None, unit: str = "", **bounds: float) -> Any:
-    """Returns a field with a unit and the bounds of CheckNumber; see FixedFields.
-
-    Args:
-        **bounds: `above`, `minimum` and `maximum`.
-    """
+def Number(
+    default: float | None,
+    unit: str = "",
+    *,
+    above: float = -math.inf,
+    minimum: float = -math.inf,
+    maximum: float = math.inf,
+) -> Any:
+    """Returns a field with a unit and the bounds of CheckNumber; see FixedFields."""
+    bounds = {"above": above, "minimum": minimum, "maximum": maximum}
     return field(default=default, metadata={_NUMBER: {"unit": unit, **bounds}})
 
 
