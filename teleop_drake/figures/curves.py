@@ -35,12 +35,6 @@ class Curve(NamedTuple):
     diverges: bool = False
 
 
-def CurveAt(run: Recording, normal_W: Array, signal: str, time: Array) -> Curve:
-    """Returns a signal at some times."""
-    x = run.Interpolate("tool_position", time) @ normal_W
-    return Curve(time, x, run.Interpolate(signal, time))
-
-
 def SampleCurve(
     run: Recording,
     normal_W: Array,

@@ -20,7 +20,7 @@ from matplotlib.ticker import MaxNLocator
 from teleop_drake.arrays import Array, Interval
 from teleop_drake.blocks.environments import CONTACT, PUNCTURE
 from teleop_drake.figures import style
-from teleop_drake.figures.curves import Curve, CurveAt, RangeOf, SampleCurve, TimeLimits
+from teleop_drake.figures.curves import Curve, RangeOf, SampleCurve, TimeLimits
 from teleop_drake.figures.layout import MakePanels
 from teleop_drake.figures.saving import SaveFigure
 from teleop_drake.figures.selection import (
@@ -335,10 +335,11 @@ class _Runs:
         for event, (marker, _) in _EVENTS.items():
             first = np.array(run.EventTimes(event)[:1])
             if first.size:
-                mark = CurveAt(run, self._normal_W, row.signal, first)
-                y = mark.y[:, row.components] * scale
+                x_first = run.Interpolate("tool_position", first) @ self._normal_W
+                y_first = run.Interpolate(row.signal, first)[:, row.components]
+                mark = Curve(first, x_first, y_first)
                 look = style.EventStyle(marker, style.RunColor(i))
-                ax.plot(place.X(mark), y, **look)
+                ax.plot(place.X(mark), mark.y * scale, **look)
         if curve.diverges:
             end_x = np.clip(x[-1:], *ax.get_xlim())
             end_y = np.clip(curve.y[-1] * scale, *ax.get_ylim())

@@ -36,7 +36,8 @@ class SweepGrid:
     delay; where there is none, lines are controllers. The `panel_points` are the keys
     and values that each panel has, and `num_columns` panels, of one controller each,
     stand side by side. Where seeds and at most controllers are varied, x are the
-    controllers, named by `x_names`.
+    controllers, named by `x_names`. `has_two_keys` tells whether two keys beside the
+    controller and the seed are varied.
 
     Raises:
         ValueError: If neither numbers nor seeds are varied, or it would take too many
@@ -65,7 +66,7 @@ class SweepGrid:
         else:
             Refuse("result", "with no key with numbers", "of one such key or more")
         others = [k for k in varied if k not in (self.x_key, *controller, *seed)]
-        self.lines_are_controllers = not others
+        self.has_two_keys = bool(others)
         *row_keys, self.line_key = others or controller or [""]
         column_keys = controller if others else []
         self.line_values = axes.get(self.line_key, [])
@@ -87,11 +88,6 @@ class SweepGrid:
         num_lines = max(len(self.line_values), 1)
         num_seeds = len(axes.get(SEED, [0]))
         self.shape = (num_panels, num_lines, len(x), num_seeds)
-
-    @property
-    def has_two_keys(self) -> bool:
-        """Whether two keys beside the controller and the seed are varied."""
-        return bool(self.line_values) and not self.lines_are_controllers
 
     def Arrange(self, values: Array) -> Array:
         """Returns an array of the grid's shape as (panels, lines, x, seeds)."""
@@ -131,8 +127,7 @@ class SweepGrid:
     def AddTitles(self, panels: Panels, num_marks: int = 0) -> None:
         """Names the values of each panel, above marks on as many levels."""
         for (_, i), ax in np.ndenumerate(panels):
-            point = self.panel_points[i]
-            names = itertools.starmap(style.LabelOfValue, point.items())
+            names = itertools.starmap(style.LabelOfValue, self.panel_points[i].items())
             ax.set_title(
                 ", ".join(names) or " ",  # Also that makes room for the marks.
                 fontsize=FONT_SIZE,
@@ -144,7 +139,7 @@ class SweepGrid:
         """Returns how line i is drawn; nothing joins controllers."""
         if self.x_names:
             return {"color": style.COLORS[0], "linestyle": "none"}
-        if self.lines_are_controllers:
+        if not self.has_two_keys:
             return style.RunStyle(i)
         share = i / max(len(self.line_values) - 1, 1)
         return {"color": SEQUENCE(0.92 * share), "linewidth": 1.1}
