@@ -185,7 +185,7 @@ def _MarkFrequencies(ax: Axes, w: Array, locus: ComplexArray, color: str) -> Non
     points = np.column_stack([locus.real, locus.imag])
     is_seen = (np.abs(points) < _NYQUIST_RANGE - 0.3).all(axis=1)
     marked: dict[str, int] = {}
-    for k in np.flatnonzero(is_seen):
+    for k in np.flatnonzero(is_seen).tolist():
         number = f"{w[k]:.2g}"
         distances = np.abs(locus[k] - locus[list(marked.values())])
         if number not in marked and (distances >= _LABEL_DISTANCE).all():

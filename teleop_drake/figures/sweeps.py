@@ -1,5 +1,6 @@
 """Figures of sweeps, with lines and dots: pure functions of results."""
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -9,7 +10,6 @@ from matplotlib.patches import Patch
 
 from teleop_drake.arrays import Array
 from teleop_drake.figures import style
-from teleop_drake.figures.layout import Panels
 from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Key, Look
 from teleop_drake.figures.sweep_grid import MAX_NAMED_LINES, MetricScale, SweepGrid
 from teleop_drake.sweep import SweepResult
@@ -67,7 +67,7 @@ def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
 
 
 def _DrawMetric(
-    grid: SweepGrid, result: SweepResult, metric: str, axes: Panels
+    grid: SweepGrid, result: SweepResult, metric: str, axes: Sequence[Axes]
 ) -> set[str]:
     """Draws a metric into its panels; returns the names of the marks there."""
     values = grid.Arrange(result.Values(metric))
