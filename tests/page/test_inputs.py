@@ -32,11 +32,12 @@ def test_another_one_has_stops():
         np.testing.assert_allclose(z, expected, rtol=1e-9, atol=1e-15)
 
 
-def test_a_delay_reaches_zero():
-    change = Change("forward_channel.delay", 0.0, 0.2, 0.1)
-    base = Make({"forward_channel.delay": 0.1}).numbers
-    for name, expected in Make({"forward_channel.delay": 0.0}).numbers.items():
-        z = change.Added(name, base[name], base[name], 0.0)
+@pytest.mark.parametrize(("own", "other"), [(0.1, 0.0), (0.0, 0.1)])
+def test_a_delay_reaches_zero(own, other):
+    change = Change("forward_channel.delay", 0.0, 0.2, own)
+    base = Make({"forward_channel.delay": own}).numbers
+    for name, expected in Make({"forward_channel.delay": other}).numbers.items():
+        z = change.Added(name, base[name], base[name], other)
         np.testing.assert_allclose(z, expected, rtol=1e-9, atol=1e-15)
 
 
