@@ -147,10 +147,10 @@ class CompiledScenario:
             KernelDisagrees: If the machine code of a user's own block does not compute
                 what the block does.
         """
-        scenario = self.scenario
-        compiled = self._compiled
         if changes:
             scenario, compiled = self._Changed(changes)
+        else:
+            scenario, compiled = self.scenario, self._compiled
         job = Job(
             diagram=compiled.diagram,
             context=compiled.context,
