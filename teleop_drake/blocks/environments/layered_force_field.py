@@ -90,6 +90,12 @@ class LayersEnvironmentConfig(EnvironmentConfig):
             axis_point=start,
         )
 
+    def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
+        """Returns the surfaces that the block tells."""
+        return LayerSurfaces(
+            self.layers, np.size(start), self._StartsInside(start), self.direction
+        )
+
     def _StartsInside(self, start: ArrayLike) -> bool:
         """Returns whether the tool starts in a layer."""
         x = np.asarray(start, dtype=float) @ UnitNormal(self.direction, np.size(start))
