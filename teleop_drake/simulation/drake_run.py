@@ -10,7 +10,6 @@ from pydrake.systems.analysis import (
     Simulator,
 )
 from pydrake.systems.framework import Context, EventStatus, System
-from scipy.interpolate import CubicHermiteSpline
 
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.numerics.instants import same_within
@@ -54,9 +53,11 @@ _STRIDE = 64
 _REPORT_PERIOD = 0.1
 
 # Where samples are taken within a step, as shares of it, and the weights of a cubic
-# polynomial there: of its values at both ends and of its rates times the step.
-_INSIDE = shares(DEGREE)[1:-1].tolist()
-_WEIGHTS = CubicHermiteSpline([0, 1], *np.eye(4).reshape(2, 2, 4))(_INSIDE)
+# polynomial there: of its values at both ends and of its rates times the step. They are
+# powers of the share times Hermite's coefficients.
+_INSIDE = shares(DEGREE)[1:-1]
+_HERMITE = [[1, 0, 0, 0], [0, 0, 1, 0], [-3, 3, -2, -1], [2, -2, 1, 1]]
+_WEIGHTS = np.vander(_INSIDE, 4, increasing=True) @ _HERMITE
 
 
 def RunInDrake(job: Job) -> Outcome:
@@ -220,7 +221,7 @@ class Recorder:
         begin = self._rows[-1][0]
         h = end - begin
         ends = [self._state, state, h * self._rate, h * rate]
-        for share, inside in zip(_INSIDE, _WEIGHTS @ ends, strict=True):
+        for share, inside in zip(_INSIDE.tolist(), _WEIGHTS @ ends, strict=True):
             self._SampleAt(begin + share * h, inside)
 
     def _SampleAt(self, time: float, state: np.ndarray) -> None:
