@@ -19,6 +19,15 @@ import teleop_drake as dut
 from teleop_drake.teleoperator import AddTeleoperator
 
 
+def test_a_sweep_starts_without_scipy():
+    """Which takes longer to import than the runs of a short sweep."""
+    code = "import sys, teleop_drake.sweep; print('scipy' in sys.modules)"
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert run.stdout.strip() == "False"
+
+
 def test_import_is_light():
     """The package imports no room of its own; a name imports what it needs."""
     code = (
