@@ -48,7 +48,7 @@ def CanWritePast(evaluator: Evaluator) -> bool:
     """Returns whether a Context can have all that a run has sent through delays."""
     for block, kernel in zip(evaluator.blocks, evaluator.program.kernels, strict=True):
         lines = getattr(block.system, "delays", ())
-        is_own = len(kernel.delays) > 0 and not isinstance(block.system, KernelBlock)
+        is_own = kernel.delays and not isinstance(block.system, KernelBlock)
         if is_own or any(isinstance(line, PacketLine) for line in lines):
             return False
     return True
@@ -68,8 +68,7 @@ def ReadPast(evaluator: Evaluator, context: Context, y: Array) -> Past | None:
     ends = _Distinct(np.concatenate([each.times for each in sent]))
     if len(ends) < 2:
         return None
-    begins = ends[:-1, np.newaxis]
-    times = begins + np.diff(ends)[:, np.newaxis] * NODES
+    times = ends[:-1, np.newaxis] + np.diff(ends)[:, np.newaxis] * NODES
     times[:, -1] = ends[1:]
     rows = np.tile(y, (*times.shape, 1))
     for each, (_, _, signal) in zip(sent, lines, strict=True):
@@ -98,7 +97,7 @@ def WritePast(evaluator: Evaluator, context: Context, memory: Memory) -> None:
     times = memory.row_times[:num_rows]
     # A step ends where any line has a jump or a bend: one of them has to have all.
     bends = memory.breaks[: memory.counts[BREAKS], 0].tolist()
-    lines = _LinesIn(evaluator, context)
-    for line, own, signal in sorted(lines, key=lambda x: x.line.is_constant)[::-1]:
+    lines = sorted(_LinesIn(evaluator, context), key=lambda x: x.line.is_constant)
+    for line, own, signal in lines[::-1]:
         line.SetSent(own, times, memory.rows[:num_rows, signal], bends)
         bends = []

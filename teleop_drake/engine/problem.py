@@ -171,6 +171,7 @@ def make_memory(
     gone = np.where(transitions.guards < 0, time - transitions.offsets, 0.0)
     gone -= same_within(time)
     ticks = np.where(periods < np.inf, np.ceil(gone / periods), gone > 0)
+    num_arrivals = 0 if past is None else len(past.arrivals)
     memory = Memory(
         clock=np.array([time, first_step, time]),
         counts=np.zeros(6, np.int64),
@@ -186,7 +187,7 @@ def make_memory(
         next_packets=problem.delays.packet_ranges[:, 0].copy(),
         ticks=np.maximum(ticks, 0).astype(np.int64),
         guards=np.zeros((len(ticks), 2)),
-        breaks=np.zeros((1024, 2)),
+        breaks=np.zeros((1024 + num_arrivals, 2)),
         row_times=np.empty(room),
         row_ends=np.empty(room, np.int64),
         rows=np.empty((room, len(y))),
@@ -205,6 +206,7 @@ def _put_past(past: Past, memory: Memory) -> None:
     memory.counts[ROWS] = num
     memory.counts[END] = num - 1
     memory.clock[2] = past.times[0]
-    for time in past.arrivals:
-        memory.breaks[memory.counts[BREAKS]] = time, 1
-        memory.counts[BREAKS] += 1
+    num_breaks = len(past.arrivals)
+    memory.breaks[:num_breaks, 0] = past.arrivals
+    memory.breaks[:num_breaks, 1] = 1
+    memory.counts[BREAKS] = num_breaks

@@ -4,7 +4,9 @@ import numpy as np
 
 from teleop_drake.engine import problem
 from teleop_drake.engine.problem import (
+    BREAKS,
     Delays,
+    Past,
     Problem,
     Transitions,
     make_memory,
@@ -48,3 +50,26 @@ def test_there_is_room_for_what_is_kept():
     assert memory.next_packets.tolist() == [0, 0]
     # With a guard; every 0.3 s; once and gone; once and to come.
     assert memory.ticks.tolist() == [0, 7, 1, 0]
+
+
+def test_all_jumps_under_way_have_room():
+    """More than a run has room for at first."""
+    empty = np.empty(0)
+    none = np.empty(0, np.int64)
+    delays = Delays(empty, none, none, none, none, empty, none, empty, empty)
+    delays = delays._replace(packet_ranges=np.empty((0, 2), np.int64))
+    transitions = Transitions(*[none] * 4, empty, empty, none)
+    past = Past(np.arange(5.0), np.ones((5, 1)), np.arange(5.0, 3000.0))
+    memory = make_memory(
+        Problem(empty, delays, transitions),
+        x=empty,
+        m=empty,
+        y=np.zeros(1),
+        time=4.0,
+        past=past,
+    )
+    num = memory.counts[BREAKS]
+    assert memory.breaks[:num, 0].tolist() == past.arrivals.tolist()
+    assert num < len(memory.breaks)
+    assert memory.row_ends[:5].tolist() == [0, 0, 0, 0, 1]
+    assert memory.clock[2] == 0.0
