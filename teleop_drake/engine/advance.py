@@ -80,8 +80,8 @@ def _evaluate(
     memory.counts[EVALUATIONS] += 1
 
 
-def _add_rates(weights: Array, h: float, stages: Array, target: Array) -> None:
-    """Adds what the weighted rates of all stages change in a step.
+def _move(start: Array, weights: Array, h: float, stages: Array, target: Array) -> None:
+    """Writes a state plus the change by the weighted rates of all stages in a step.
 
     There is a variable for each row: the processor adds several elements at once.
     """
@@ -100,14 +100,8 @@ def _add_rates(weights: Array, h: float, stages: Array, target: Array) -> None:
     w5 = h * weights[5]
     w6 = h * weights[6]
     for i in range(len(target)):
-        target[i] += w0 * k0[i] + w1 * k1[i] + w2 * k2[i] + w3 * k3[i]
-        target[i] += w4 * k4[i] + w5 * k5[i] + w6 * k6[i]
-
-
-def _move(weights: Array, h: float, memory: Memory, result: Array) -> None:
-    """Writes the state that the weighted rates of the stages reach in a step."""
-    _copy(memory.x, result)
-    _add_rates(weights, h, memory.stages, result)
+        first = w0 * k0[i] + w1 * k1[i] + w2 * k2[i] + w3 * k3[i]
+        target[i] = start[i] + first + (w4 * k4[i] + w5 * k5[i] + w6 * k6[i])
 
 
 def _set_weights(share: float, weights: Array) -> None:
@@ -137,7 +131,7 @@ def _evaluate_with(
     memory: Memory,
 ) -> None:
     """Evaluates all signals at a share of the step, given the weights of its stages."""
-    _move(weights, h, memory, memory.x_stage)
+    _move(memory.x, weights, h, memory.stages, memory.x_stage)
     t = memory.clock[0] + share * h
     _evaluate(SIGNALS, evaluate, t, memory.x_stage, problem, memory, memory.dx)
 
@@ -304,12 +298,12 @@ def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> flo
         if is_last:
             target = memory.x_next
             wanted = ALL
-        _move(A[s], h, memory, target)
+        _move(memory.x, A[s], h, stages, target)
         _evaluate(wanted, evaluate, t + C[s] * h, target, problem, memory, stages[s])
     error = 0.0
     errors = memory.dx
     _clear(errors)
-    _add_rates(E, h, stages, errors)
+    _move(errors, E, h, stages, errors)
     for i in range(len(errors)):
         # Not a number is larger than any.
         if not abs(errors[i]) <= error:
@@ -465,7 +459,7 @@ def _end_step(
         length = h * _locate(evaluate, h, share, problem, memory)
         if length < h:
             _set_weights(length / h, memory.weights)
-            _move(memory.weights, h, memory, memory.x_next)
+            _move(memory.x, memory.weights, h, memory.stages, memory.x_next)
     if has_come or is_searched:
         _evaluate(
             SIGNALS, evaluate, t + length, memory.x_next, problem, memory, memory.dx
