@@ -34,7 +34,7 @@ from teleop_drake.numerics.step_polynomials import DEGREE
 _NO_PIECES = Pieces(np.empty((0, 2)), np.empty((0, NUM_COEFFICIENTS)))
 
 # Rows for which there is memory at first. What is not written takes none.
-_ROOM = 8192
+_ROOM = 32768
 
 # The room of a run whose states are compared with Drake: where it has no more, a state
 # is seen that a short run comes through.
