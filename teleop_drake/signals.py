@@ -152,6 +152,11 @@ def PathsIn(system: System, path: str = "") -> Iterator[tuple[System, str]]:
             yield from PathsIn(part, f"{path}/{own}" if path else own)
 
 
+def SystemsByPath(system: System, path: str = "") -> dict[str, System]:
+    """Returns a system and all systems in it by their paths; see PathsIn()."""
+    return {own: part for part, own in PathsIn(system, path)}
+
+
 def _HasName(system: System) -> bool:
     name = system.get_name()
     return bool(name) and not _ADDRESS.search(name)

@@ -13,6 +13,7 @@ from teleop_drake.blocks.robots.facts import FactsOfRobot
 from teleop_drake.engine.run import CompiledRun
 from teleop_drake.laws.task_space import displacement
 from teleop_drake.scenario import Scenario
+from teleop_drake.signals import SystemsByPath
 from teleop_drake.simulation.compiled_run import StartFed
 from teleop_drake.teleoperator import AddTeleoperator
 from teleop_drake.validation import Refuse
@@ -109,7 +110,7 @@ class Half:
         if side == "robot":
             inputs["force"] = self._AddHold(builder)
         diagram = builder.Build()
-        self.model = (scenario, diagram, scenario.simulator)
+        self.systems = SystemsByPath(diagram)
         # A driver has one signal only, and feeds itself.
         self._driver = step
         self.run: CompiledRun | None = None

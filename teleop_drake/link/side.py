@@ -356,11 +356,12 @@ class Side(Half):
         signals = self.measured.Signals() | self.Signals(len(time))
         outcome = OutcomeOf(
             self.run,
+            self.systems,
             (time, signals, straight_steps(time)),
             max(float(np.ptp(time)), 1e-9),
             Ending(self._termination, self.reason or ""),
         )
-        return MakeRecording(*self.model, outcome, [])
+        return MakeRecording(self.scenario, self.scenario.simulator, outcome, [])
 
     def Report(self) -> dict[str, Any]:
         """Returns what was measured, times in s, as JSON has it."""

@@ -24,13 +24,19 @@ from teleop_drake.page.levels import Levels
 from teleop_drake.page.plants import PlantsIn
 from teleop_drake.page.wasm import ConstantsOf, MakeModule
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
-from teleop_drake.signals import NameOf, PathsIn, SignalsOf, UnitOf, VectorOutputs
+from teleop_drake.signals import (
+    NameOf,
+    PathsIn,
+    SignalsOf,
+    SystemsByPath,
+    UnitOf,
+    VectorOutputs,
+)
 from teleop_drake.simulation.compiled_run import StartOf, SystemsUnderWay
 from teleop_drake.simulation.ending import BoundsOf
 from teleop_drake.simulation.simulate import (
     HasConstantCommand,
     SurfacesIn,
-    SystemsByPath,
 )
 from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import Task, TaskOf
@@ -266,7 +272,7 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
             "reasons": [bound.name for bound in bounds],
             "metrics": metrics,
             "labels": _Labels(scenario) if metrics else {},
-            "has_constant_command": HasConstantCommand(SystemsByPath(diagram, {})),
+            "has_constant_command": HasConstantCommand(SystemsByPath(diagram)),
         },
     )
 
@@ -343,7 +349,7 @@ def MakeModel(
         accuracy=config.accuracy,
         max_step=max_step,
     )
-    surfaces = SurfacesIn(SystemsByPath(diagram, {})) or ()
+    surfaces = SurfacesIn(SystemsByPath(diagram)) or ()
     # Whatever is computed has to stay finite.
     width = run.evaluator.program.sizes[0]
     planes = [x for s in surfaces for x in (*s.point_W, *s.normal_W)]

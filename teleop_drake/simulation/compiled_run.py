@@ -4,7 +4,7 @@ import threading
 import time as clock
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
@@ -24,7 +24,7 @@ from teleop_drake.kernel.packet_line import PacketLine
 from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.scenario import AnyScenario
-from teleop_drake.signals import NameOf, SignalsOf
+from teleop_drake.signals import NameOf, SignalsOf, SystemsByPath
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
 from teleop_drake.simulation.run import (
     COMPLETED,
@@ -74,6 +74,19 @@ class CompiledDiagram:
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _problems: dict[float, Packed] = field(default_factory=dict, init=False)
 
+    @cached_property
+    def systems(self) -> dict[str, System]:
+        """The systems of the model by their paths."""
+        systems = SystemsByPath(self.diagram)
+        for path, part in self.parts.items():
+            systems |= SystemsByPath(part, path)
+        return systems
+
+    @cached_property
+    def _has_final_context(self) -> bool:
+        """Whether a Context of the diagram can have all that a run ends with."""
+        return CanWritePast(self.evaluator) and not self.parts
+
     def Start(self, config: SimulatorConfig, end: float) -> CompiledRun:
         """Returns a run until a time in s; it has not begun."""
         problem = self._problems.get(end)
@@ -99,9 +112,8 @@ class CompiledDiagram:
             KernelDisagrees: If the machine code does not compute what the diagram does.
         """
         run = self.Start(job.config, self.start.t + job.duration)
-        outcome = _Run(run, job, self.places)
-        outcome.parts = self.parts
-        if CanWritePast(self.evaluator) and not self.parts:
+        outcome = _Run(run, job, self.places, self.systems)
+        if self._has_final_context:
             outcome.make_final_context = partial(self._FinalContext, run)
         self.Check(run.visited)
         return outcome
@@ -253,11 +265,17 @@ def WhyNotCompiled(scenario: AnyScenario) -> str:
     return ""
 
 
-def _Run(run: CompiledRun, job: Job, places: dict[str, slice]) -> Outcome:
+def _Run(
+    run: CompiledRun,
+    job: Job,
+    places: Mapping[str, slice],
+    systems: Mapping[str, System],
+) -> Outcome:
     """Runs to the end of a job, or less far.
 
     Args:
-        places: Where in a row the signals are that are recorded, by their names.
+        places: The columns of each recorded signal in a row, by its name.
+        systems: The systems of the model by their paths.
     """
     limit = job.speed_limit
     begin = run.start.t
@@ -291,7 +309,7 @@ def _Run(run: CompiledRun, job: Job, places: dict[str, slice]) -> Outcome:
     signals = {name: rows[:, place] for name, place in places.items()}
     series = times, signals, run.Steps()
     wall_time = clock.monotonic() - start
-    return OutcomeOf(run, series, wall_time, ending, is_too_fast)
+    return OutcomeOf(run, systems, series, wall_time, ending, is_too_fast)
 
 
 def _Norms(rows: Array) -> Array:
@@ -302,6 +320,7 @@ def _Norms(rows: Array) -> Array:
 
 def OutcomeOf(
     run: CompiledRun | None,
+    systems: Mapping[str, System],
     series: Series,
     wall_time: float,
     ending: Ending,
@@ -317,6 +336,7 @@ def OutcomeOf(
         wall_time=wall_time,
         ending=ending,
         is_too_fast=is_too_fast,
+        systems=systems,
     )
 
 

@@ -19,7 +19,7 @@ from teleop_drake.numerics.step_polynomials import (
     shares,
     straight_steps,
 )
-from teleop_drake.signals import SignalsOf
+from teleop_drake.signals import SignalsOf, SystemsByPath
 from teleop_drake.simulation.failures import (
     IsDivergence,
     NamingBlocks,
@@ -105,6 +105,7 @@ def RunInDrake(job: Job) -> Outcome:
         wall_time=wall_time,
         ending=ending,
         is_too_fast=run.is_too_fast,
+        systems=SystemsByPath(job.diagram),
         make_final_context=simulator.get_context().Clone().Clone,
     )
 

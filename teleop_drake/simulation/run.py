@@ -3,7 +3,7 @@
 import signal
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import FrameType
 from typing import NamedTuple
 
@@ -85,7 +85,7 @@ class Outcome:
         wall_time: Real time that it took, in s.
         ending: How it has ended.
         is_too_fast: Whether it ended because the tool was faster than allowed.
-        parts: Systems that stood in the place of the diagram's, by their paths.
+        systems: The systems of the model by their paths.
         make_final_context: Returns the Context at the end of the run; None if it has
             none, as in Recording.
     """
@@ -97,7 +97,7 @@ class Outcome:
     wall_time: float
     ending: Ending
     is_too_fast: bool
-    parts: Mapping[str, System] = field(default_factory=dict)
+    systems: Mapping[str, System]
     make_final_context: Callable[[], Context] | None = None
 
 

@@ -16,7 +16,7 @@ from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
 from teleop_drake.scenario.config import DefaultSimulator
-from teleop_drake.signals import MarkLoop, NameOf, PathsIn
+from teleop_drake.signals import MarkLoop, NameOf
 from teleop_drake.simulation.drake_run import RunInDrake
 from teleop_drake.simulation.ending import EndAtBound
 from teleop_drake.simulation.inputs import CheckInputs
@@ -186,7 +186,7 @@ def Finish(
     """Makes the recording of a scenario's run, with its events."""
     _EndWhereFinite(run)
     EndAtBound(job.diagram, job.speed_limit, run)
-    return MakeRecording(scenario, job.diagram, job.config, run, notes, task.FindEvents)
+    return MakeRecording(scenario, job.config, run, notes, task.FindEvents)
 
 
 class _Finite(SpeedLimit):
@@ -245,7 +245,7 @@ def RecordingOf(job: Job, run: Outcome, notes: list[str]) -> Recording:
     make_final = run.make_final_context
     if make_final is None:
         notes.append(_NO_FINAL_CONTEXT)
-    recording = MakeRecording(None, job.diagram, job.config, run, notes)
+    recording = MakeRecording(None, job.config, run, notes)
     if make_final is not None:
         recording.FindLater({"final_context": lambda _: _FinalContext(make_final)})
     return recording
@@ -307,18 +307,6 @@ def _CheckTeleoperator(
         Refuse("teleoperator.robot.num_axes", size, allowed)
 
 
-def SystemsByPath(diagram: System, parts: Mapping[str, System]) -> dict[str, Any]:
-    """Returns a diagram and the systems inside by their paths.
-
-    Args:
-        parts: Systems that stand in the place of others, by their paths.
-    """
-    systems = {path: system for system, path in PathsIn(diagram)}
-    for place, part in parts.items():
-        systems |= {path: system for system, path in PathsIn(part, place)}
-    return systems
-
-
 def SurfacesIn(systems: Mapping[str, System]) -> tuple[Surface, ...] | None:
     """Returns the surfaces of the environment; None: it tells none.
 
@@ -343,7 +331,6 @@ def _Channels(systems: Iterable[System], end: float) -> dict[str, PacketStatisti
 
 def MakeRecording(
     scenario: AnyScenario | None,
-    diagram: System,
     config: SimulatorConfig,
     run: Outcome,
     notes: list[str],
@@ -355,9 +342,8 @@ def MakeRecording(
         notes: Those that are known already.
         find_events: Returns the events of a recording.
     """
-    systems = SystemsByPath(diagram, run.parts)
-    surfaces = () if scenario is None else SurfacesIn(systems)
-    reporters = [x for x in systems.values() if hasattr(x, "RunNotes")]
+    surfaces = () if scenario is None else SurfacesIn(run.systems)
+    reporters = [x for x in run.systems.values() if hasattr(x, "RunNotes")]
     time, signals, steps = run.series
 
     def FindNotes(recording: Recording) -> list[str]:
@@ -382,10 +368,10 @@ def MakeRecording(
             wall_time_s=run.wall_time,
             real_time_factor=float(time[-1] - time[0]) / run.wall_time,
         ),
-        channels=_Channels(systems.values(), time[-1]),
+        channels=_Channels(run.systems.values(), time[-1]),
         termination=run.ending.termination,
         reason=run.ending.reason,
-        has_constant_command=scenario is None or HasConstantCommand(systems),
+        has_constant_command=scenario is None or HasConstantCommand(run.systems),
     )
     recording.FindLater({"events": find_events, "notes": FindNotes})
     return recording
