@@ -212,9 +212,19 @@ class DelayLine:
             state.get_mutable_abstract_state(self._history).set_value(longer)
 
     def _HistoryNow(self, context: Context) -> SampleHistory:
-        """Returns the history with a sample at the time of the Context."""
+        """Returns the history with a sample at the time of the Context.
+
+        Raises:
+            ScenarioError: If the delay was changed while a signal is under way.
+        """
         history = self._GetHistory(context)
         key, now = self._Keys(context)
+        if self.is_constant and history.times:
+            delay = history.times[-1] - history.now
+            if abs(key - now - delay) > CLOSE:
+                allowed = f"{delay:g} s while a signal is under way"
+                name = f"{self._block.get_name()}.{self._parameter}"
+                Refuse(name, round(key - now, 12), allowed)
         if now <= history.now:
             return history
         if history.times and key <= history.times[-1]:
