@@ -114,8 +114,9 @@ class Recording:
         has_constant_command: Whether the operator commands scenario.surgeon.velocity
             until contact, as its block told; metrics compare with it.
         final_context: A Context of the Diagram at the end of the run, from which
-            simulate() goes on. None for compiled runs with channels of packets, for
-            runs of scenarios, and for a recording that was read from a file or copied.
+            simulate() goes on. None for compiled runs of a block with delays that is
+            no KernelBlock, for runs of scenarios, and for a recording that was read
+            from a file or copied.
     """
 
     scenario: AnyScenario

@@ -5,6 +5,7 @@ polynomial through the five rows of each step.
 """
 
 from collections.abc import Iterator
+from functools import partial
 from itertools import zip_longest
 from typing import NamedTuple
 
@@ -20,18 +21,19 @@ from teleop_drake.engine.problem import BREAKS, ROWS, Memory, Past
 from teleop_drake.kernel import KernelBlock
 from teleop_drake.kernel.delay_line import CLOSE, DelayLine
 from teleop_drake.kernel.packet_line import PacketLine
+from teleop_drake.numerics.step_polynomials import interpolate, steps_of
 
 
 class _Line(NamedTuple):
-    """A continuous delay: its line, its block's Context, its signal's place in y."""
+    """A delay: its line, its block's Context, its signal's place in y."""
 
-    line: DelayLine
+    line: DelayLine | PacketLine
     context: Context
     signal: slice
 
 
 def _LinesIn(evaluator: Evaluator, context: Context) -> Iterator[_Line]:
-    """Yields the continuous delays of a diagram."""
+    """Yields the delays of a diagram that have a line."""
     contexts = ContextsIn(evaluator.system, context)
     program = evaluator.program
     signals = iter([signal for _, signal, _ in program.delays])
@@ -40,18 +42,18 @@ def _LinesIn(evaluator: Evaluator, context: Context) -> Iterator[_Line]:
         lines = getattr(block.system, "delays", ())
         for line, _ in zip_longest(lines, kernel.delays):
             signal = next(signals)
-            if isinstance(line, DelayLine):
+            if line is not None:
                 yield _Line(line, contexts[block.system], signal)
 
 
 def CanWritePast(evaluator: Evaluator) -> bool:
     """Returns whether a Context can have all that a run has sent through delays."""
-    for block, kernel in zip(evaluator.blocks, evaluator.program.kernels, strict=True):
-        lines = getattr(block.system, "delays", ())
-        is_own = kernel.delays and not isinstance(block.system, KernelBlock)
-        if is_own or any(isinstance(line, PacketLine) for line in lines):
-            return False
-    return True
+    return not any(
+        kernel.delays and not isinstance(block.system, KernelBlock)
+        for block, kernel in zip(
+            evaluator.blocks, evaluator.program.kernels, strict=True
+        )
+    )
 
 
 def ReadPast(evaluator: Evaluator, context: Context, y: Array) -> Past | None:
@@ -75,7 +77,14 @@ def ReadPast(evaluator: Evaluator, context: Context, y: Array) -> Past | None:
         for step, instants in enumerate(times):
             for node, time in enumerate(instants):
                 rows[step, node, signal] = each.At(time, is_after=node == 0)
-    arrivals = _Distinct([x for line, own, _ in lines for x in line.JumpsAhead(own)])
+    arrivals = _Distinct(
+        [
+            time
+            for line, own, _ in lines
+            if isinstance(line, DelayLine)
+            for time in line.JumpsAhead(own)
+        ]
+    )
     return Past(times.ravel(), rows.reshape(-1, len(y)), arrivals)
 
 
@@ -95,9 +104,14 @@ def WritePast(evaluator: Evaluator, context: Context, memory: Memory) -> None:
     """
     num_rows = memory.counts[ROWS]
     times = memory.row_times[:num_rows]
+    steps = steps_of(memory.row_ends[:num_rows])
     # A step ends where any line has a jump or a bend: one of them has to have all.
     bends = memory.breaks[: memory.counts[BREAKS], 0].tolist()
     lines = sorted(_LinesIn(evaluator, context), key=lambda x: x.line.is_constant)
     for line, own, signal in lines[::-1]:
-        line.SetSent(own, times, memory.rows[:num_rows, signal], bends)
+        rows = memory.rows[:num_rows, signal]
+        if isinstance(line, PacketLine):
+            line.SetSent(own, times[0], partial(interpolate, times, rows, steps))
+            continue
+        line.SetSent(own, times, rows, bends)
         bends = []

@@ -171,6 +171,12 @@ def make_memory(
     gone = np.where(transitions.guards < 0, time - transitions.offsets, 0.0)
     gone -= same_within(time)
     ticks = np.where(periods < np.inf, np.ceil(gone / periods), gone > 0)
+    # Packets that were shown before are shown in the first row.
+    delays = problem.delays
+    next_packets = [
+        begin + np.searchsorted(delays.packets[begin:end, 0], time - same_within(time))
+        for begin, end in delays.packet_ranges
+    ]
     num_arrivals = 0 if past is None else len(past.arrivals)
     memory = Memory(
         clock=np.array([time, first_step, time]),
@@ -184,7 +190,7 @@ def make_memory(
         x_stage=np.zeros(n),
         x_next=np.zeros(n),
         dx=np.zeros(n),
-        next_packets=problem.delays.packet_ranges[:, 0].copy(),
+        next_packets=np.array(next_packets, np.int64),
         ticks=np.maximum(ticks, 0).astype(np.int64),
         guards=np.zeros((len(ticks), 2)),
         breaks=np.zeros((1024 + num_arrivals, 2)),

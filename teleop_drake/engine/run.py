@@ -29,7 +29,7 @@ from teleop_drake.kernel import Delay, Packet
 from teleop_drake.kernel.packet_line import PacketsUntil
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.piecewise import NUM_COEFFICIENTS, Pieces, fit_pieces
-from teleop_drake.numerics.step_polynomials import DEGREE
+from teleop_drake.numerics.step_polynomials import steps_of
 
 _NO_PIECES = Pieces(np.empty((0, 2)), np.empty((0, NUM_COEFFICIENTS)))
 
@@ -225,9 +225,7 @@ class CompiledRun:
     def Steps(self) -> Indices:
         """Returns the rows of each step so far (s, 5)."""
         part = slice(self._first_row, self.memory.counts[ROWS])
-        ends = np.flatnonzero(self.memory.row_ends[part])
-        steps: Indices = ends[:, np.newaxis] + np.arange(-DEGREE, 1)
-        return steps
+        return steps_of(self.memory.row_ends[part])
 
     def _MakesStepShorter(self, error: Exception) -> bool:
         """Rejects the step that has raised an error; returns whether it was too long.

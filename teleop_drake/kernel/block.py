@@ -221,10 +221,6 @@ class KernelBlock(_Rated, EventBlock):
             look(simulator)
         super().DoCalcTimeDerivatives(context, derivatives)
 
-    def IsUnderWay(self, context: Context) -> bool:
-        """Returns whether a delay of the block has anything to deliver."""
-        return any(line.IsUnderWay(context) for line in self.delays)
-
     def LongestStep(self, context: Context) -> float:
         """Returns the longest step in s that the solver may take; infinity: any."""
         steps = [line.LongestStep(context) for line in self.delays]

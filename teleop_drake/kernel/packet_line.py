@@ -1,6 +1,7 @@
 """Packets in Drake: delayed samples of a signal, made from a Delay of a kernel."""
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,19 +9,28 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from teleop_drake.arrays import Array
+from teleop_drake.kernel.delay_line import SentSignal
 from teleop_drake.kernel.events import DeclareTicks, Ticks, Weakly
 from teleop_drake.kernel.kernel import Delay, Packet
-from teleop_drake.numerics.instants import same_within
+from teleop_drake.numerics.instants import SAME, same_within
+from teleop_drake.numerics.sample_history import SampleHistory
 
 
 def PacketsUntil(delay: Delay, end: float) -> list[Packet]:
     """Returns the packets that are shown until a time in s, by ascending `shown`."""
+    return [packet for packet in _SentUntil(delay, end) if packet.shown <= end]
+
+
+def _SentUntil(delay: Delay, end: float) -> list[Packet]:
+    """Returns the packets that are sent until a time in s, by ascending `shown`.
+
+    Those that are lost, or overtaken by another one of them, are left out.
+    """
     assert delay.shown is not None
     packets: list[Packet] = []
     for k in range(math.floor(end / delay.period) + 1):
         shown = delay.shown(k)
-        if shown > end:
-            # A packet that is lost or never shown overtakes no other packet.
+        if shown == math.inf:  # A lost packet overtakes no other packet.
             continue
         while packets and packets[-1].shown >= shown:
             packets.pop()
@@ -37,15 +47,20 @@ def PacketsUntil(delay: Delay, end: float) -> list[Packet]:
 
 
 class _Sent(NamedTuple):
-    """A packet under way: the times in s when it is shown and was sent, and its value.
+    """A packet under way.
 
-    The signal continues from it at a rate per s; None: the value is held.
+    Attributes:
+        shown: The time when it is shown, s.
+        sent: The time when it was sent, s; -infinity for the initial value.
+        value: Its value.
+        earlier: Time and value of the earlier packet through which the signal continues
+            along a line; None: the value is held.
     """
 
     shown: float
     sent: float
     value: Array
-    rate: Array | None = None
+    earlier: tuple[float, Array] | None = None
 
 
 class _Packets(NamedTuple):
@@ -81,6 +96,7 @@ class PacketLine:
 
     Attributes:
         tickets: The prerequisites of the output.
+        is_constant: Whether the delay does not vary in a run: never.
 
     Args:
         block: The block, which has declared its inputs.
@@ -88,17 +104,19 @@ class PacketLine:
         parameter: Not used: packets have no constant delay.
     """
 
+    is_constant = False
+
     def __init__(self, block: LeafSystem, delay: Delay, parameter: str):
         assert delay.shown is not None
         self._delay = delay
         self._shown = delay.shown
         self._signal = block.GetInputPort(delay.signal)
-        nothing = _Sent(
+        self._nothing = _Sent(
             shown=-math.inf,
             sent=-math.inf,
             value=np.array(delay.initial_value, float),
         )
-        packets = AbstractValue.Make(_Packets(0, (nothing,)))
+        packets = AbstractValue.Make(_Packets(0, (self._nothing,)))
         self._packets = block.DeclareAbstractState(packets)
         self.tickets = {
             block.time_ticket(),
@@ -133,9 +151,52 @@ class PacketLine:
         # A packet that arrives now is shown only after the step has ended here.
         packet = self._PacketsIn(context).NewestBefore(time - same_within(time))
         value = packet.value.copy()
-        if packet.rate is not None:
-            value += packet.rate * (time - packet.shown)
+        if packet.earlier is not None:
+            sent, earlier = packet.earlier
+            value += (value - earlier) / (packet.sent - sent) * (time - packet.shown)
         return value
+
+    def Sent(self, context: Context) -> SentSignal:
+        """Returns what has been sent until the time of a Context."""
+        samples = {context.get_time(): self._signal.Eval(context)}
+        for packet in self._PacketsIn(context).packets:
+            samples[packet.sent] = packet.value
+            if packet.earlier is not None:
+                sent, value = packet.earlier
+                samples[sent] = value
+        samples.pop(-math.inf, None)
+        times = sorted(samples)
+        values = tuple(samples[time] for time in times)
+        return SentSignal(SampleHistory(times=tuple(times), values=values), shift=0.0)
+
+    def SetSent(
+        self, context: Context, begin: float, signal: Callable[[Array], Array]
+    ) -> None:
+        """Sets what was sent before the time of a Context.
+
+        Args:
+            begin: The time from which on packets were sent, s.
+            signal: Returns the signal (k, size) at times in s (k), before jumps.
+        """
+        time = context.get_time()
+        end = time - same_within(time)
+        sent = [x for x in _SentUntil(self._delay, end) if x.sent > begin - SAME]
+        values = signal(np.array([x.sent for x in sent]))
+        earlier = signal(np.array([x.previous for x in sent]))
+        packets = [self._nothing]
+        for i, packet in enumerate(sent):
+            has_earlier = packet.previous > -math.inf
+            new = _Sent(
+                shown=packet.shown,
+                sent=packet.sent,
+                value=values[i],
+                earlier=(packet.previous, earlier[i]) if has_earlier else None,
+            )
+            if packet.shown < end:
+                packets.clear()
+            packets.append(new)
+        number = math.floor(end / self._delay.period) + 1
+        context.SetAbstractState(self._packets, _Packets(number, tuple(packets)))
 
     def _PacketsIn(self, context: Context) -> _Packets:
         return context.get_abstract_state(self._packets).get_value()
@@ -150,8 +211,7 @@ class PacketLine:
         )
         previous = packets.NewestBefore(packet.shown)
         if self._delay.extrapolates and previous.sent > -math.inf:
-            rate = (packet.value - previous.value) / (packet.sent - previous.sent)
-            packet = packet._replace(rate=rate)
+            packet = packet._replace(earlier=(previous.sent, previous.value))
         new = [packet] if packet.shown < math.inf else []
         packets = _Packets(k + 1, (*packets.packets, *new))
         state.get_mutable_abstract_state(self._packets).set_value(packets)

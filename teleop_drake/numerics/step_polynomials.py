@@ -46,6 +46,17 @@ def products_of_values(degree: int) -> Array:
     return to_powers(degree).T @ hilbert @ to_powers(degree)
 
 
+def steps_of(row_ends: Indices) -> Indices:
+    """Returns the steps (S, 5) of a run.
+
+    Args:
+        row_ends: (N,) 1 for each row at the end of a step, else 0.
+    """
+    ends = np.flatnonzero(row_ends)
+    steps: Indices = ends[:, np.newaxis] + np.arange(-DEGREE, 1)
+    return steps
+
+
 def straight_steps(times: Array) -> Indices:
     """Returns steps (S, 2) from each row to the next one, jumps left out.
 

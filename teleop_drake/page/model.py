@@ -18,21 +18,22 @@ from teleop_drake.blocks.environments.surface import Surface
 from teleop_drake.blocks.operators.hand import HandOperator
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import AlgebraicLoop, InputsOf, OutputOf, Source
-from teleop_drake.engine.run import CompiledRun
+from teleop_drake.engine.past import ReadPast
+from teleop_drake.engine.problem import BREAKS, ROWS, Memory
+from teleop_drake.engine.run import CompiledRun, Visited
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.plants import PlantsIn
 from teleop_drake.page.wasm import ConstantsOf, MakeModule
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import (
-    NameOf,
     PathsIn,
     SignalsOf,
     SystemsByPath,
     UnitOf,
     VectorOutputs,
 )
-from teleop_drake.simulation.compiled_run import StartOf, SystemsUnderWay
+from teleop_drake.simulation.compiled_run import StartOf
 from teleop_drake.simulation.ending import BoundsOf
 from teleop_drake.simulation.simulate import (
     HasConstantCommand,
@@ -42,13 +43,15 @@ from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.metrics import MetricUnits
 from teleop_drake.teleoperator import MakeTeleoperator
-from teleop_drake.validation import Refuse
 
 # Of a port table's row in a block's docstring: the port's name and its unit.
 _ROW = re.compile(r"^\s*\|\s*(?:in|out)\s*\|\s*(\w+)\s*\|[^|]*\|\s*([^|]*?)\s*\|", re.M)
 
-# Of Memory: what does not begin as zeros.
-_START = ("clock", "x", "m", "m_before", "y", "next_packets", "ticks")
+# The arrays of Memory that do not begin as zeros.
+_START = (
+    *("clock", "counts", "x", "m", "m_before", "y", "next_packets", "ticks"),
+    *("breaks", "row_times", "row_ends", "rows"),
+)
 
 PERIOD = 0.02
 """Time between two packets that are drawn, s."""
@@ -312,11 +315,22 @@ def _Lags(channel: ChannelConfig, name: str, duration: float) -> Array:
     return np.array([channel.delay]) if is_constant else lags
 
 
+def _Begun(memory: Memory) -> dict[str, Array]:
+    """Returns what does not begin as zeros, the filled part of arrays that grow."""
+    num_rows = memory.counts[ROWS]
+    filled = dict.fromkeys(("row_times", "row_ends", "rows"), num_rows)
+    filled["breaks"] = memory.counts[BREAKS]
+    fields = Fields(memory)
+    return {f"memory.{name}": fields[name][: filled.get(name)] for name in _START}
+
+
 def MakeModel(
     diagram: System,
     config: SimulatorConfig,
     duration: float,
     context: Context | None = None,
+    *,
+    continues: bool = False,
 ) -> Model:
     """Returns the run of a diagram, of which nothing is measured.
 
@@ -325,15 +339,12 @@ def MakeModel(
         config: How accurately.
         duration: How long, s.
         context: Where the run begins; it is not changed. None: the default Context.
+        continues: Whether the initialization events have happened already.
 
     Raises:
         UnsupportedSystem: If a block of it has no kernel; it is named.
-        ScenarioError: If a signal is under way in a delay of the Context.
     """
-    context = StartOf(diagram, context)
-    for system in SystemsUnderWay(diagram, context):
-        allowed = f"without a signal under way in {NameOf(system)}, as a page begins"
-        Refuse("context", "a Context", allowed)
+    context = StartOf(diagram, context, continues=continues)
     try:
         evaluator = Evaluator(diagram, context, has_zero_delays=True)
         has_zero_delays = True
@@ -342,9 +353,12 @@ def MakeModel(
         has_zero_delays = False
     end = context.get_time() + duration
     max_step = min(config.max_step_size, LongestStep(diagram, context, of_delays=False))
+    start = Visited(context.get_time(), *evaluator.ReadContext(context))
     run = CompiledRun(
         evaluator,
-        context,
+        None,
+        start=start,
+        past=ReadPast(evaluator, context, start.y),
         end=end,
         accuracy=config.accuracy,
         max_step=max_step,
@@ -355,11 +369,7 @@ def MakeModel(
     planes = [x for s in surfaces for x in (*s.point_W, *s.normal_W)]
     numbers: dict[str, ArrayLike] = {
         **{f"problem.{name}": x for name, x in Fields(run.problem).items()},
-        **{
-            f"memory.{name}": x
-            for name, x in Fields(run.memory).items()
-            if name in _START
-        },
+        **_Begun(run.memory),
         "run": [end, config.accuracy, max_step],
         "bounds": [0.0, width, -_LARGEST, _LARGEST],
         "surfaces": planes,

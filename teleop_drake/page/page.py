@@ -27,13 +27,13 @@ from teleop_drake.scenario import (
     LoadOverridden,
     Scenario,
 )
-from teleop_drake.scenario.config import DefaultSimulator
 from teleop_drake.scenario.overrides import Overrides
 from teleop_drake.signals import NameOf
 from teleop_drake.simulation.inputs import CheckInputs
+from teleop_drake.simulation.simulate import MakeJob
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.insertion_metrics import FirstNormal
-from teleop_drake.validation import CheckChoice, CheckNames, CheckNumber, Refuse
+from teleop_drake.validation import CheckChoice, CheckNames, Refuse
 
 DURATION = 10.0
 """How long the runs of a diagram are, s."""
@@ -189,15 +189,14 @@ def _OfDiagram(
     system = source if isinstance(source, System) else source()
     if not isinstance(system, System):
         Refuse("scenario_or_diagram", source, "a function that returns a System")
-    CheckNumber("duration", duration, "s", above=0)
-    start = context or system.CreateDefaultContext()
-    CheckInputs(system, start)
+    job = MakeJob(system, context, duration, None)
+    CheckInputs(system, job.context)
 
     def Make(values: Mapping[str, float]) -> Model:
         """Returns the run at values of inputs."""
-        changed = start.Clone()
+        changed = job.context.Clone()
         SetNumbers(system, changed, values)
-        return MakeModel(system, DefaultSimulator(), duration, changed)
+        return MakeModel(system, job.config, duration, changed, continues=job.continues)
 
     title = NameOf(system)
     runs = Runs({(title,): Make}, notes)
@@ -205,7 +204,7 @@ def _OfDiagram(
     left_out = ", ".join(model.run.evaluator.left_out)
     if left_out:
         notes.append(f"{left_out}: left out, as nothing depends on them")
-    inputs = MakeDiagramInputs(ScalarsIn(system, start), runs, vary, notes)
+    inputs = MakeDiagramInputs(ScalarsIn(system, job.context), runs, vary, notes)
     return {
         **_Data(title.replace("_", " "), inputs, {}, runs),
         "view": ViewOf(model.plants),

@@ -19,12 +19,10 @@ from teleop_drake.engine.past import CanWritePast, ReadPast, WritePast
 from teleop_drake.engine.problem import EVALUATIONS, ROWS, STEPS, TRIES, Past
 from teleop_drake.engine.run import CompiledRun, MakeProblem, Visited
 from teleop_drake.jit.native import Packed
-from teleop_drake.kernel import KernelBlock
-from teleop_drake.kernel.packet_line import PacketLine
 from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.scenario import AnyScenario
-from teleop_drake.signals import NameOf, SignalsOf, SystemsByPath
+from teleop_drake.signals import SignalsOf, SystemsByPath
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
 from teleop_drake.simulation.run import (
     COMPLETED,
@@ -119,7 +117,7 @@ class CompiledDiagram:
         return outcome
 
     def _FinalContext(self, run: CompiledRun) -> Context:
-        """Returns the Context at the end of a run without packets."""
+        """Returns the Context at the end of a run."""
         context: Context = self.context.Clone()
         context.SetTime(run.time)
         context.SetContinuousState(run.memory.x)
@@ -194,28 +192,12 @@ def StartOf(
     Args:
         context: Where it begins; it is not changed. None: the default Context.
         continues: Whether the initialization events have happened already.
-
-    Raises:
-        CannotCompile: If a packet is under way in a delay.
     """
     start = diagram.CreateDefaultContext() if context is None else context.Clone()
     start.SetAccuracy(EVENT_ACCURACY)
-    for system in SystemsUnderWay(diagram, start):
-        if any(isinstance(line, PacketLine) for line in system.delays):
-            name = NameOf(system)
-            raise CannotCompile(f"in the Context a packet is under way in {name}")
     if not continues:
         diagram.ExecuteInitializationEvents(start)
     return start
-
-
-def SystemsUnderWay(diagram: System, context: Context) -> list[KernelBlock]:
-    """Returns the blocks in whose delays something is under way in a Context."""
-    return [
-        system
-        for system, own in ContextsIn(diagram, context).items()
-        if isinstance(system, KernelBlock) and system.IsUnderWay(own)
-    ]
 
 
 def StartFed(

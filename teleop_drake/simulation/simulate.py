@@ -33,8 +33,8 @@ _NO_SURFACES = (
 )
 
 _NO_FINAL_CONTEXT = (
-    "The compiled engine does not hand over packets that are under way: a run that is "
-    'to be continued from its final_context needs engine="drake".'
+    "A block with a kernel of its own has delays, whose signals under way no Context "
+    "stores: the run has no final_context."
 )
 
 

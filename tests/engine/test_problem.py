@@ -47,7 +47,8 @@ def test_there_is_room_for_what_is_kept():
     assert memory.clock.tolist() == [2.0, 1e-3, 2.0]
     assert memory.rows.shape == (30, 10)
     assert memory.stages.shape == (7, 4)
-    assert memory.next_packets.tolist() == [0, 0]
+    # Both packets were shown before.
+    assert memory.next_packets.tolist() == [0, 2]
     # With a guard; every 0.3 s; once and gone; once and to come.
     assert memory.ticks.tolist() == [0, 7, 1, 0]
 

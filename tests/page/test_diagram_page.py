@@ -12,7 +12,9 @@ from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain
 from wasm_runs import DataOf
 
 from teleop_drake import Compile, Explore, TransportDelay, WritePage, simulate
+from teleop_drake.blocks.channels.sampled import SampledDelay
 from teleop_drake.cli import main
+from teleop_drake.numerics.step_polynomials import interpolate
 from teleop_drake.page.page import MakePage
 from teleop_drake.page.plants import PlantsIn, ViewOf
 from teleop_drake.parameters import SetNumbers
@@ -72,6 +74,34 @@ def test_numbers_of_a_context_are_inputs(look, tmp_path):
         recording = simulate(diagram, context=context, duration=5.0)
         expected = recording.Interpolate("state", np.array([0.5, 1.0, 2.0, 4.0]))
         np.testing.assert_allclose(np.transpose(states), expected, atol=2e-6)
+
+
+def test_a_page_goes_on_where_a_run_has_ended(look, tmp_path):
+    """The delay's signal and packets are under way, and a sample is held."""
+    builder = DiagramBuilder()
+    pendulum = builder.AddNamedSystem("pendulum", MakePendulum())
+    packets = builder.AddNamedSystem(
+        "packets", SampledDelay(size=2, delay=0.3, sample_period=0.1)
+    )
+    builder.Connect(pendulum.get_output_port(), packets.get_input_port())
+    builder.ExportOutput(pendulum.get_output_port(), "state")
+    builder.ExportOutput(packets.get_output_port(), "shown")
+    diagram = builder.Build()
+    first = simulate(diagram, duration=0.72)
+    context = first.final_context
+    notes = WritePage(diagram, tmp_path / "page.html", context=context, duration=2.0)
+    (found,) = look(tmp_path / "page.html", "rows.js")
+    second = simulate(diagram, context=context, duration=2.0)
+    assert found["time"][0] == 0.72
+    assert found["time"][-1] == pytest.approx(2.72, abs=1e-12)
+    times = np.linspace(0.72, 2.72, 40)[1:-1] + 1e-6
+    for name in ("state", "shown"):
+        values = np.array(found["signals"][name])
+        steps = np.array(found["ends"])[:, np.newaxis] + np.arange(-4, 1)
+        shown = interpolate(np.array(found["time"]), values, steps, times)
+        np.testing.assert_allclose(shown, second.Interpolate(name, times), atol=1e-9)
+    reason = "sensor.delay = 0.005: must be 0.05 s while a signal is under way"
+    assert notes == [f"pendulum/sensor.delay has no slider: {reason}"]
 
 
 def test_without_ranges_delays_and_four_parameters_have_sliders():

@@ -1,5 +1,7 @@
 """A run begins where its Context is, and another one goes on where it has ended."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from pydrake.examples import PendulumPlant, RimlessWheel
@@ -25,10 +27,17 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from teleop_drake import WritePage
+from teleop_drake.blocks.channels.network import NetworkDelay
+from teleop_drake.blocks.channels.packet_network import (
+    Jitter,
+    Loss,
+    PacketNetwork,
+    Receiver,
+)
 from teleop_drake.blocks.channels.sampled import SampledDelay
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid, VariableDelay
+from teleop_drake.kernel import Delay, Kernel
 from teleop_drake.parameters import SetNumbers
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.scenario.config import DefaultSimulator
@@ -192,15 +201,6 @@ def test_jumps_under_way_arrive_in_the_second_half(split):
     assert {x.solver.engine for x in (whole, first, last, again)} == {"compiled"}
 
 
-def test_no_page_begins_with_a_signal_under_way(tmp_path):
-    diagram = decay(0.3)
-    context = diagram.CreateDefaultContext()
-    diagram.GetInputPort("u").FixValue(context, 0.5)
-    first = simulate(diagram, context=context, duration=0.2)
-    with pytest.raises(ScenarioError, match="without a signal under way in delay"):
-        WritePage(diagram, tmp_path / "page.html", context=first.final_context)
-
-
 def test_no_run_makes_the_diagram_a_part_of_another_one():
     diagram = decay(0.3)
     context = diagram.CreateDefaultContext()
@@ -316,9 +316,83 @@ def test_a_logger_is_left_out_of_a_compiled_run_with_a_note():
     np.testing.assert_allclose(log.data()[0, -1], recording["plant.y0"][-1], rtol=1e-6)
 
 
-@pytest.mark.parametrize("split", [0.9, 1.0])
-def test_packets_under_way_arrive_in_the_second_half(split):
-    """A packet is due to be sent at the end of the first half, 0.9 s. In Drake only."""
+def loop_with_packets(packets):
+    """x' = u - x as packets have it; u is a delayed sine."""
+    parts = {
+        "sine": Sine(1.0, 2.0, 0.0, 1),
+        "delay": TransportDelay(delay=0.13, size=1),
+        "sum": Adder(2, 1),
+        "there": packets,
+        "plant": Integrator([1.0]),
+        "minus": Gain(-1.0, 1),
+    }
+    builder = DiagramBuilder()
+    for name, part in parts.items():
+        builder.AddNamedSystem(name, part)
+    names = list(parts)
+    for source, target in pairwise(names):
+        into = parts[target].get_input_port(0)
+        builder.Connect(parts[source].get_output_port(0), into)
+    builder.Connect(parts["minus"].get_output_port(), parts["sum"].get_input_port(1))
+    builder.ExportOutput(parts["plant"].get_output_port(), "x")
+    builder.ExportOutput(packets.get_output_port(), "shown")
+    return builder.Build()
+
+
+def lossy(receiver):
+    network = PacketNetwork(
+        profile=DelayProfile(delay=0.2),
+        sample_period=0.05,
+        jitter=Jitter(kind="uniform", std=0.06),
+        loss=Loss(kind="independent", probability=0.2),
+        seed=3,
+    )
+    return NetworkDelay(network, 1, receiver=receiver)
+
+
+@pytest.mark.parametrize(
+    ("split", "former", "latter"),
+    [
+        (0.55, "compiled", "compiled"),
+        (0.9, "compiled", "compiled"),
+        (0.9, "compiled", "drake"),
+        (0.9, "drake", "compiled"),
+        (0.9, "drake", "drake"),
+        (1.234, "compiled", "compiled"),
+    ],
+)
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: SampledDelay(size=1, delay=0.5, sample_period=0.3),
+        lambda: lossy(Receiver()),
+        lambda: lossy(Receiver(policy="playout", depth=0.1)),
+        lambda: lossy(Receiver(policy="extrapolate")),
+    ],
+    ids=["sampled", "newest", "playout", "extrapolate"],
+)
+def test_packets_under_way_arrive_in_later_parts(make, split, former, latter):
+    """A packet of the sampled delay is due to be sent where the first part ends."""
+    diagram = loop_with_packets(make())
+    config = DefaultSimulator()
+    config.accuracy = 1e-10
+    config.max_step_size = 0.05
+    first = simulate(diagram, duration=split, simulator=config, engine=former)
+    parts = [first]
+    for duration in (0.3, 1.7 - split):
+        context = parts[-1].final_context
+        kinds = {"duration": duration, "simulator": config, "engine": latter}
+        parts.append(simulate(diagram, context=context, **kinds))
+    whole = simulate(diagram, duration=2.0, simulator=config)
+    for part in parts:
+        inner = np.linspace(part.time[0], part.time[-1], 50)[1:-1] + 1e-6
+        for name in ("x", "shown"):
+            np.testing.assert_allclose(
+                part.Interpolate(name, inner), whole.Interpolate(name, inner), atol=1e-9
+            )
+
+
+def test_packets_under_way_arrive_as_on_paper():
     builder = DiagramBuilder()
     source = builder.AddSystem(Sine(1.0, 2.0, 0.0, 1))
     hold = builder.AddSystem(SampledDelay(size=1, delay=0.5, sample_period=0.3))
@@ -327,12 +401,48 @@ def test_packets_under_way_arrive_in_the_second_half(split):
     builder.Connect(hold.get_output_port(), plant.get_input_port())
     builder.ExportOutput(plant.get_output_port(), "x")
     diagram = builder.Build()
-    compiled = simulate(diagram, duration=split)
-    assert compiled.final_context is None
-    assert any('needs engine="drake"' in note for note in compiled.notes)
-    first = simulate(diagram, duration=split, engine="drake")
-    second = simulate(diagram, context=first.final_context, duration=2.0 - split)
-    assert "a packet is under way in SampledDelay" in second.notes[0]
+    first = simulate(diagram, duration=0.9)
+    second = simulate(diagram, context=first.final_context, duration=1.1)
+    assert {x.solver.engine for x in (first, second)} == {"compiled"}
     sent = np.arange(0, 1.5, 0.3)
     held = np.diff(np.append(sent + 0.5, 2.0))
     assert second["x"][-1, 0] == pytest.approx(np.sin(2 * sent) @ held, abs=1e-9)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_another_delay_is_refused_while_a_signal_is_under_way(engine):
+    diagram = decay(0.3)
+    context = diagram.CreateDefaultContext()
+    diagram.GetInputPort("u").FixValue(context, 0.5)
+    first = simulate(diagram, context=context, duration=0.2, engine=engine)
+    changed = first.final_context
+    SetNumbers(diagram, changed, {"delay.delay": 0.2})
+    with pytest.raises(ScenarioError, match=r"delay.delay = 0.2: must be 0.3 s while"):
+        simulate(diagram, context=changed, duration=0.2, engine=engine)
+
+
+class Late(LeafSystem):
+    """Delays its input by 0.3 s, and is only run until then."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareVectorInputPort("signal", 1)
+        self.DeclareVectorOutputPort("late", 1, self._Calc, {self.nothing_ticket()})
+
+    def _Calc(self, context, output):
+        output.SetZero()
+
+    def Kernel(self):
+        delay = Delay(output="late", signal="signal", time=0.3, initial_value=[0.0])
+        return Kernel(delays=[delay])
+
+
+def test_a_run_without_final_context_has_a_note():
+    builder = DiagramBuilder()
+    source = builder.AddSystem(ConstantVectorSource([1.0]))
+    late = builder.AddSystem(Late())
+    builder.Connect(source.get_output_port(), late.get_input_port())
+    recording = simulate(builder.Build(), duration=0.2)
+    assert recording.solver.engine == "compiled"
+    assert recording.final_context is None
+    assert any("signals under way no Context stores" in x for x in recording.notes)

@@ -90,8 +90,9 @@ export class Loop {
   // The number of rows of an array, and the number of elements in each.
   shapeOf([size, ...rest], values, grows) {
     const width = rest.reduce((a, b) => a * b, 1);
-    if (grows) return [this.room, width];
-    return [values && width ? values.length / width : size, width];
+    const given = values && width ? values.length / width : 0;
+    if (grows) return [given + this.room, width];
+    return [values && width ? given : size, width];
   }
 
   // Writes values to a place in memory; without values zeros.

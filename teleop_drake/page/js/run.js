@@ -40,9 +40,11 @@ export class Run {
     this.reason = ""; // Why it ended early.
     this.events = [];
     this.metrics = {};
-    this.checked = 0; // Rows whose bounds are known to hold.
     [this.duration, this.accuracy, this.longest] = z.run;
     [this.headers, this.places] = loop.layOut(z);
+    // The first row of the run, after those of signals that are under way in delays.
+    this.first = this.array("counts", Int32Array)[ROWS];
+    this.checked = this.first; // Rows whose bounds are known to hold.
     this.take();
   }
 
@@ -103,12 +105,14 @@ export class Run {
 
   // Looks at the rows in memory; of a run that is over, copies and measures them.
   take(isOver) {
-    const count = this.array("counts", Int32Array)[ROWS];
+    const end = this.array("counts", Int32Array)[ROWS];
     const flags = this.array("row_ends", Int32Array);
-    this.time = this.array("row_times", Float64Array, count);
-    this.rows = this.array("rows", Float64Array, count * this.width);
+    this.time = this.array("row_times").subarray(this.first, end);
+    this.rows = this.array("rows").subarray(this.first * this.width, end * this.width);
     this.ends = [];
-    for (let row = 0; row < count; ++row) if (flags[2 * row]) this.ends.push(row);
+    for (let row = this.first; row < end; ++row) {
+      if (flags[2 * row]) this.ends.push(row - this.first);
+    }
     if (!isOver) return;
     this.time = this.time.slice();
     this.rows = this.rows.slice();
