@@ -154,12 +154,14 @@ class AdaptiveBackstepping(LawBlock):
             )
         self._n = n
         self._psi_min = gains.Psi_min
+        # The parameters, in the order in which the law's functions take them.
         constants: dict[str, Any] = {} if bounds is None else {"bounds": bounds}
         constants |= {"gains": gains.as_numbers(), "network": network.as_numbers()}
         taken = (
             *constants, "state", "tool_position", "tool_velocity", "velocity_command",
             "environment_force", "haptic_force",
         )  # fmt: skip
+        # Places where W1, Psi and W3 begin in the state.
         W1 = n
         Psi = n + n * N
         W3 = n + n * N + n * n

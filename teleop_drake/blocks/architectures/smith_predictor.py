@@ -83,6 +83,7 @@ class SmithPredictorMaster(Diagram):
         CheckNumber("delay", delay, "s", minimum=0)
         nothing = np.zeros((n, n))
         one = np.eye(n)
+        # The state is [y; v_model], the input F_h and the output v_model.
         model = LinearSystem(
             np.block([[nothing, one], [-M_inverse @ K, -M_inverse @ B]]),
             np.vstack([nothing, M_inverse]),
@@ -100,6 +101,7 @@ class SmithPredictorMaster(Diagram):
             "felt": Adder(3, n),
             "pack": Multiplexer([n, n]),
         }
+        # `felt` adds up v_felt = v_ret + v_model(t) - v_model(t - T).
         Wire(
             self,
             "smith_predictor_master",

@@ -99,6 +99,7 @@ class PassivityMaster(_Idle, MasterSide):
     def __init__(self, config: "TimeDomainPassivityConfig", *, num_axes: int):
         names = ("horizon", "maximum_mobility", "initial_energy")
         n = num_axes
+        # The tool's velocity v_ret. `stored` is E_in in J, `reaction` is -F_h.
         v: Name = ("return_packet", n, 2 * n)
         MasterSide.__init__(
             self,
@@ -220,6 +221,7 @@ class PassivitySlave(_Idle, SlaveSide):
     def __init__(self, config: "TimeDomainPassivityConfig", *, num_axes: int):
         n = num_axes
         names = ("horizon", "maximum_damping", "initial_energy")
+        # The force F_hd. `stored` is E_in in J, and `passive_force` is F.
         F: Name = ("forward_packet", 0, n)
         SlaveSide.__init__(
             self,

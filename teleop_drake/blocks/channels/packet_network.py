@@ -87,8 +87,8 @@ class Jitter(PacketConfig):
     """The random part of the delays of packets.
 
     uniform: within sqrt(3) std on either side of the mean.
-    normal:  the density of N(mean, std^2) above `minimum`, truncated below and
-             normalized again. Mean and std are the values before the truncation.
+    normal:  the density of N(mean, std^2), truncated below `minimum` and normalized
+             again. Mean and std are the values before the truncation.
     gamma:   minimum + Gamma(shape, scale) with shape = ((mean - minimum) / std)^2 and
              scale = std^2 / (mean - minimum).
 
@@ -170,7 +170,8 @@ class Receiver(PacketConfig):
 
     # One of the keys of `used`.
     policy: str = "newest"
-    # Time by which the playout exceeds `delay`, s, >= 0; playout only, else 0.
+    # Time from sending to showing a packet in excess of `delay`, s, >= 0; playout only,
+    # else 0.
     depth: float = Number(0.0, "s", minimum=0)
 
 
@@ -229,6 +230,7 @@ class PacketNetwork:
         jitter = self._jitter
         mean = self.profile.delay
         jitter.Check()
+        # The smallest jitter of each kind, and then the smallest delay.
         least = 0.0
         if jitter.kind == "uniform":
             least = -math.sqrt(3) * jitter.std
@@ -390,7 +392,7 @@ class PacketNetwork:
             of = (excess / std) ** 2, std**2 / excess
             return self._Draw("jitter", num_blocks, Generator.gamma, *of) - excess
 
-        from scipy.special import gammaincinv, ndtr, ndtri  # It takes a tenth of a s.
+        from scipy.special import gammaincinv, ndtr, ndtri  # The import takes 0.1 s.
 
         u = np.clip(self._Shares(num_blocks), 2.0**-53, 1 - 2.0**-53)
         jitters: Array

@@ -16,8 +16,8 @@ class PacketStatistics:
     """Statistics of the packets of one channel until the end of a run.
 
     The delays are those of the packets received, and are None if there are none. The
-    age of information is the time since the packet that is shown was sent. It counts
-    from the first packet shown, and is None if no packet is shown.
+    age of information is the time since the packet that is shown was sent. Its mean and
+    maximum begin with the first packet shown, and are None if no packet is shown.
 
     Attributes:
         sent: Number of packets sent.

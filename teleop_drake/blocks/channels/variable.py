@@ -28,10 +28,10 @@ from teleop_drake.validation import (
     Within,
 )
 
-# Number of times at which Arrivals() evaluates the delay, to interpolate between them.
+# Number of instants at which Arrivals() evaluates the delay; it interpolates linearly.
 _NUM_TIMES = 2000
 
-# Number of times at which a varying delay is evaluated to compute its mean.
+# Number of instants at which a varying delay is evaluated to compute its mean.
 _NUM_MEAN_TIMES = 20001
 
 

@@ -180,11 +180,13 @@ class LayeredForceField(FixedBlock):
         CheckLayers("layers", layers)
         self._surfaces = LayerSurfaces(layers, num_axes, starts_inside, direction)
         point = np.zeros(num_axes) if axis_point is None else axis_point
+        # Element 0 of each array belongs to the empty space before the layers, mode 0.
         columns = LayerColumns(layers)
         starts = columns["start"]
         names = ("empty", *(str(layer.name) for layer in layers))
         self.element_names = dict.fromkeys(self.numeric_parameters, names)
         ends = np.array([*starts[1:], math.inf])
+        # The mode is the layer at the tool's position; it changes when the tool leaves.
         here: Term = (layer_at, "layers", "axis", "tool_position")
         guard = (outside, "before", "ends", "axis", "mode", "tool_position")
         leaves = {"leaves_layer": Transition(guard=guard, mode=here)}

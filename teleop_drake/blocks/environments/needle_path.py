@@ -112,6 +112,7 @@ class NeedleInTissue(FixedBlock):
             Refuse("environment.kind", config.kind, f"another one for {n} task axes")
         normal_W = UnitNormal(config.direction, n)
         self._surface = PlaneSurface("entry", config.start, normal_W)
+        # Two layers as in LayeredForceField: empty space, mode 0, and tissue, mode 1.
         starts = np.array([-math.inf, config.start])
         law = (needle_wrench, "path", "mode", "tool_position", "tool_velocity")
         here: Term = (layer_at, "layers", "axis", "tool_position")

@@ -198,6 +198,7 @@ class ModalOperator(FixedBlock):
         if contact_surface is not None:
             CheckVector("contact_surface.point_W", contact_surface.point_W, n, "m")
         self._contact_force = np.array(force, dtype=float)
+        # Initially, contact is not perceived and the operator is not stopped.
         self._mode = np.append([0.0, 0.0], memory)
         self.contact_surface = None if contact_force is None else contact_surface
         self.jump_times: list[float] = []
@@ -215,6 +216,7 @@ class ModalOperator(FixedBlock):
             CheckNumber("stop_time", stop_time, "s", minimum=0)
             self.jump_times = [stop_time]
             switches["stops"] = Transition(mode=(with_stop, "mode"), offset=stop_time)
+        # The commands follow from the mode and from the intended velocity and force.
         outputs: dict[str, Term] = {
             "intended_velocity": intention,
             "velocity_command": (velocity_command, "mode", "intended_velocity"),

@@ -92,6 +92,7 @@ class HumanHand(ModalOperator):
     ):
         CheckChoice("goal", goal, GOALS)
         n = human.velocity.size
+        # The state is [v_i, y, w], followed by e if the goal is a velocity.
         inputs = ("perceived_motion", "haptic_force", "human")
         rate: Term = (rate_to_velocity, "state", *inputs)
         num_states = 4 * n

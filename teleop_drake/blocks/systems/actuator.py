@@ -124,6 +124,7 @@ class Actuator(Diagram):
             systems["force_lag"] = LinearSystem(-w, w, np.eye(n), np.zeros((n, n)))
             connections["force_lag"] = force
             force = "force_lag"
+        # The input port exists even if there is no friction that depends on it.
         systems["tool_velocity"] = PassThrough(n)
         if config.has_friction:
             systems["gear_friction"] = GearFriction(

@@ -92,6 +92,7 @@ class HapticDevice(Diagram):
         A, B, C, D = realize_transfer_function(
             numerator, denominator, num_axes=num_axes
         )
+        # From the fourth axis on, the output is lever^2 H(s).
         scale = np.append(np.ones(3), np.full(3, lever**2))[:num_axes, np.newaxis]
         C = scale * C
         D = scale * D

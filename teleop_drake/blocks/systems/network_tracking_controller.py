@@ -80,6 +80,7 @@ class NetworkTrackingController(FixedBlock):
                 "network.num_inputs", network.num_inputs, f"{n}, one for each task axis"
             )
         motion = ("tool_position", "tool_velocity", *_DESIRED[:2])
+        # The arguments that the force and the rate of the weights have in common.
         law = ("gains", "dynamics", "state", "basis", "auxiliary_error")
         num_weights = n * network.num_functions
         FixedBlock.__init__(

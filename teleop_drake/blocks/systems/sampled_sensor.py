@@ -65,6 +65,7 @@ class SampledSensor(FixedBlock):
         if seed < 0:
             Refuse("seed", seed, "a whole number >= 0")
         n = len(initial_value)
+        # Two seeds for each axis, from 1 to 2147483398, as next_random() takes them.
         sequence = np.random.SeedSequence(seed, spawn_key=tuple(stream.encode()))
         generator = 1 + sequence.generate_state(2 * n, np.uint64) % 2147483398
         law = {
@@ -90,6 +91,7 @@ class SampledSensor(FixedBlock):
             ),
             inputs={"signal": n},
             outputs={"sample": n, "rate": n},
+            # Number of samples, sample, rate and generators.
             mode=[0.0, *initial_value, *[0.0] * n, *generator.astype(float)],
         )
 
