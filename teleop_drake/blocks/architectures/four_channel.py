@@ -194,10 +194,10 @@ class LocalController(FixedFields):
     """C = damping + stiffness / s of a four-channel station."""
 
     # N s/m, >= 0. Null: 2 M w with the mass M of the handle and the bandwidth w, which
-    # is critical damping; 0 at a station that receives no motion. It is equal at both
-    # stations, so that a constant force is transmitted unchanged.
+    # is critical damping; 0 at a station that receives no motion in the variant. It is
+    # equal at both stations, so that a constant force is transmitted unchanged.
     damping: Gains | None = GainField(None, may_be_zero=True)
-    # N/m, >= 0. Null: M w^2; 0 at a station that receives no motion.
+    # N/m, >= 0. Null: M w^2; 0 at a station that receives no motion in the variant.
     stiffness: Gains | None = GainField(None, may_be_zero=True)
 
     def Derived(self, mass: Any, bandwidth: float, num_axes: int) -> "LocalController":
@@ -205,8 +205,8 @@ class LocalController(FixedFields):
 
         Args:
             mass: M in kg, a number or (n, n).
-            num_axes: n, number of task axes.
             bandwidth: w in rad/s; 0: the station receives no motion.
+            num_axes: n, number of task axes.
         """
         derived = replace(self)
         if self.damping is None:

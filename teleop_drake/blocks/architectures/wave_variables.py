@@ -38,8 +38,8 @@ class WaveMaster(MasterSide):
         v_m = (b + D)^-1 (F_h + (2 b)^(1/2) w)
         u   = (2 b)^(1/2) v_m - w
 
-    with the wave impedance b, a damper D in parallel with the line, and w = f
-    w_received, f being the scaling. The force on the line is F_h - D v_m. With D = b, u
+    with the wave impedance b, a damper D in parallel with the line, and the wave as
+    received times the scaling, w. The force on the line is F_h - D v_m. With D = b, u
     does not depend on w: no wave is reflected at this end. The law is
     `teleop_drake.laws.wave_variables`.
 
@@ -137,7 +137,7 @@ class WaveSlave(SlaveSide):
         F_c = (2 b)^(1/2) u - b v
         w   = (2 b)^(1/2) v - u
 
-    with the wave impedance b and u = f u_received, f being the scaling. The tool's
+    with the wave impedance b and the wave as received times the scaling, u. The tool's
     position is the integral of a velocity that the waves transmit: if waves are lost,
     it drifts away from x_m. The law is `teleop_drake.laws.wave_variables`.
 

@@ -198,7 +198,6 @@ class ModalOperator(FixedBlock):
         if contact_surface is not None:
             CheckVector("contact_surface.point_W", contact_surface.point_W, n, "m")
         self._contact_force = np.array(force, dtype=float)
-        # Initially, contact is not perceived and the operator is not stopped.
         self._mode = np.append([0.0, 0.0], memory)
         self.contact_surface = None if contact_force is None else contact_surface
         self.jump_times: list[float] = []

@@ -69,9 +69,9 @@ def SolveInverseKinematics(
         R_WT: Required rotation of the tool (3, 3); None: any.
 
     Raises:
-        ScenarioError: If the tool cannot reach the point, or if the plant is singular
-            there. The message calls the point `start`; it has the smallest distance of
-            the tool from the point.
+        ScenarioError: If the tool cannot reach the point; the message has the smallest
+            distance of the tool from it. Also if the plant is singular there. The
+            message calls the point `start`.
     """
     posture = np.array(posture, dtype=float)
     target = _Target(plant, np.array(p_WT, dtype=float), R_WT, posture)

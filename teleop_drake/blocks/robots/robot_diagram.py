@@ -105,8 +105,6 @@ def MakeRobotDiagram(
         "tool_motion": "tool_interface.tool_kinematics",
         "joint_torques": "tool_interface.joint_torques",
     }
-    # Without a drive, the motors apply the task's torques tau, and the only other
-    # torques are the environment's, tau_e.
     applied = "joint_torques.y0"
     reaction = "joint_torques.y1"
     if drive is not None and drive != JointDrive():
