@@ -1,8 +1,8 @@
-"""The blocks of a loop and what they take, as one imports pydrake.systems.primitives.
+"""The blocks of a teleoperation loop, and the classes that configure them.
 
     from teleop_drake.blocks import DirectForce, TransportDelay
 
-They are imported on first use, all of them together: a run needs most of them.
+The first use of a name imports all of them, because a run needs most of them.
 """
 
 from importlib import import_module
@@ -90,7 +90,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Imports the names when one of them is first used."""
+    """Returns a name of the package; imports all names on the first call."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     names = import_module("teleop_drake.blocks.names")
@@ -99,5 +99,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Returns the names, imported or not."""
+    """Returns all names, including those that are not imported yet."""
     return list(__all__)

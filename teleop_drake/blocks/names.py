@@ -1,4 +1,4 @@
-"""The names of teleop_drake.blocks, each from the module that defines it."""
+"""Imports the names of teleop_drake.blocks from the modules that define them."""
 
 from teleop_drake.blocks.architectures.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.blocks.architectures.base import (

@@ -42,13 +42,13 @@ ARCHITECTURE_KINDS = KindTable(
     noun="controller",
     adapt=LawConfig,
 )
-"""Every kind of control architecture, the thesis's two first."""
+"""Every kind of control architecture; the first two are those of the thesis."""
 
 CONTROLLERS = ("direct_force", "adaptive_backstepping")
-"""The thesis's two controllers, the baseline first."""
+"""The two controllers of the thesis, the baseline first."""
 
 ARCHITECTURES = ARCHITECTURE_KINDS.names
-"""The names of all kinds, the thesis's two first."""
+"""The names of all kinds; the first two are those of the thesis."""
 
 __all__ = [
     "ARCHITECTURES",

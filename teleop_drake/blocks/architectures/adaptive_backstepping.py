@@ -1,4 +1,4 @@
-"""The thesis's controller: adaptive backstepping with neural networks."""
+"""The controller of the thesis: adaptive backstepping with neural networks."""
 
 import math
 from collections.abc import Mapping
@@ -38,7 +38,8 @@ from teleop_drake.validation import (
     Within,
 )
 
-# The solver stays away from the limit of Psi by its own error; that is far less.
+# Relative distance from its limit at which Psi counts as being there. The solver's own
+# error, which keeps Psi away from the limit, is far smaller.
 _AT_LIMIT = 1e-5
 
 
@@ -57,11 +58,11 @@ class AdaptiveBackstepping(LawBlock):
         dPsi/dt = beta2 proj[g (F_c - F_e)^T + Upsilon (Psi0 - Psi)]      (4.52, 5.51)
         dW3/dt  = -beta3 (z Phi^T + nu3 W3)                               (4.52, 5.51)
 
-    with proj[] of (4.53, 5.53), which keeps Psi invertible. The proof, and why the sign
-    of dW3/dt is not the printed one, are in `teleop_drake.laws.backstepping`. F_hd =
-    F_h(t - T_f) and v_dd = v_d(t - T_f) are what arrives over the forward channel. Both
-    networks have the tool's position as their input, or [r; v]; see
-    `laws.backstepping.known` for what the law then takes for dPhi/dt.
+    with proj[] of (4.53, 5.53), which keeps Psi invertible. The proof, and the reason
+    why the sign of dW3/dt is not the printed one, are in
+    `teleop_drake.laws.backstepping`. F_hd = F_h(t - T_f) and v_dd = v_d(t - T_f) are
+    received over the forward channel. The input of both networks is the tool's position
+    r, or [r; v]; see `laws.backstepping.known` for the dPhi/dt that the law then uses.
 
     | port | name                | size  | unit  | is                       |
     |------|---------------------|-------|-------|--------------------------|
@@ -100,19 +101,20 @@ class AdaptiveBackstepping(LawBlock):
     Direct feedthrough: none to control_force, psi, weights_1 and weights_3; from all
     inputs to auxiliary_error and control_force_error.
 
-    It neither limits the control force nor knows the robot: n comes from the gains.
-    A jump of an input (a puncture, a command) makes s and z jump, not F_c.
+    It neither limits the control force nor has a model of the robot; n is that of the
+    gains. If an input jumps (at a puncture, or with a command), s and z jump, but F_c
+    does not.
 
     Args:
         gains: The constants of the law.
         network: The basis functions of both networks, with n inputs in m, or 2n in m
             and m/s.
-        bounds: Those of the terms that RobustBackstepping adds; None: it adds none.
+        bounds: The bounds of the terms that RobustBackstepping adds; None: no terms.
     """
 
     is_compiled = True
-    # Its name, and the laws of dx/dt and of [s; z]. They take the bounds first if the
-    # law has some, then the gains and the network.
+    # The block's name, and the functions that compute dx/dt and [s; z]. Their first
+    # arguments are the bounds, if there are any, the gains and the network.
     law: ClassVar[tuple[str, Law, Law]] = (
         "adaptive_backstepping",
         adaptive_rate,
@@ -152,12 +154,14 @@ class AdaptiveBackstepping(LawBlock):
             )
         self._n = n
         self._psi_min = gains.Psi_min
+        # The parameters, in the order in which the law's functions take them.
         constants: dict[str, Any] = {} if bounds is None else {"bounds": bounds}
         constants |= {"gains": gains.as_numbers(), "network": network.as_numbers()}
         taken = (
             *constants, "state", "tool_position", "tool_velocity", "velocity_command",
             "environment_force", "haptic_force",
         )  # fmt: skip
+        # Places where W1, Psi and W3 begin in the state.
         W1 = n
         Psi = n + n * N
         W3 = n + n * N + n * n
@@ -186,13 +190,14 @@ class AdaptiveBackstepping(LawBlock):
         )
 
     def RunNotes(self, time: Array, signals: Mapping[str, Array]) -> list[str]:
-        """Returns whether Psi came to its limit in a run; a recording notes that."""
+        """Returns a note for the recording if Psi came to its limit in a run."""
         if "psi" not in signals:
             return []
         n = self._n
         limit = (1 + _AT_LIMIT) * self._psi_min
         psi = signals["psi"].reshape(-1, n, n)
-        # 1/sigma_min <= |Psi^-1|, of which most are found without a decomposition.
+        # Because 1/sigma_min <= |Psi^-1|, most samples are ruled out without a singular
+        # value decomposition.
         is_at_limit = ~(np.linalg.norm(np.linalg.inv(psi), axis=(1, 2)) * limit < 1)
         smallest = np.linalg.norm(psi[is_at_limit], -2, axis=(1, 2))
         is_at_limit[is_at_limit] = smallest <= limit
@@ -205,14 +210,14 @@ class AdaptiveBackstepping(LawBlock):
         ]
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
-        """Returns that only F_c, the first part of the state, is one of the model."""
+        """Returns that F_c, the first part of the state, is the state of the model."""
         return LinearPart(
             num_states=self._n, state=estimates, assumption=FROZEN_WEIGHTS
         )
 
 
 NETWORK_INPUTS = ("position", "position_velocity")
-"""What the input of the networks may be."""
+"""The possible inputs of the networks."""
 
 MAX_BASIS_FUNCTIONS = 10_000
 """Largest lattice that a network may have, so that a typing error cannot exhaust the
@@ -232,9 +237,9 @@ class NetworkConfig(FixedFields):
     upper: np.ndarray = REQUIRED
     # Means along each axis, n entries, >= 1.
     count: list[int] = REQUIRED
-    # Largest speed of the lattice of position_velocity, m/s, > 0; along each axis it
-    # reaches from minus this to this. Assumed: twice the commanded speed is a good
-    # choice. Position alone has no use for it.
+    # Largest speed of the lattice, m/s, > 0, for position_velocity only. Each axis of
+    # velocity reaches from minus this speed to this speed. Assumed: twice the commanded
+    # speed is a good choice.
     velocity_range: float | None = Number(None, "m/s", above=0)
     # Means along each axis of velocity, >= 1.
     velocity_count: int = 3
@@ -243,7 +248,7 @@ class NetworkConfig(FixedFields):
 
     @property
     def is_given(self) -> bool:
-        """Whether any of the fields that have no default is there."""
+        """Whether any of the fields without a default is given."""
         return any(item is not None for item in (self.lower, self.upper, self.count))
 
     def Check(self, path: str, num_axes: int) -> None:
@@ -297,7 +302,7 @@ _GAINS = ("Lambda", "G1", "G2", "P")
 class BacksteppingParameters(FixedFields):
     """The parameters of chapters 4 and 5.
 
-    In a scenario they stand in `controller` itself. A gain is a number (times the
+    In a scenario they are fields of `controller` itself. A gain is a number (times the
     identity) or an n x n matrix.
     """
 
@@ -311,10 +316,11 @@ class BacksteppingParameters(FixedFields):
     G2: Gains = REQUIRED
     # Weight of s in the Lyapunov function; symmetric positive definite (eq. 5.10).
     P: Gains = 1.0
-    # beta of every update law that has none of its own below, >= 0 (eq. 4.52, 5.51).
+    # beta of every update law for which none is given below, >= 0 (eq. 4.52, 5.51).
     adaptation_rate: float = Number(0.1, minimum=0)
-    # beta of W1, Psi and W3, >= 0; null: adaptation_rate. Their units differ: where
-    # forces are f times as large, what they multiply is f^2, f^4 and 1 times as large.
+    # beta of W1, Psi and W3, >= 0; null: adaptation_rate. Their units differ: if forces
+    # are f times as large, the terms that they multiply are f^2, f^4 and 1 times as
+    # large, in proportion to the estimates.
     beta1: float | None = Number(None, minimum=0)
     beta2: float | None = Number(None, minimum=0)
     beta3: float | None = Number(None, minimum=0)
@@ -331,13 +337,14 @@ class BacksteppingParameters(FixedFields):
     network: NetworkConfig = field(default_factory=NetworkConfig)
 
     def CheckParameters(self, path: str, num_axes: int, *, is_needed: bool) -> None:
-        """Checks every field for itself.
+        """Checks each field.
 
         Args:
-            path: Their place in a scenario, for messages.
-            is_needed: Whether fields without a default must be there. What another
-                kind of controller does not use may be missing, but not wrong, so
-                that `kind` alone changes one into the other.
+            path: The field of the parameters in a scenario, for messages.
+            num_axes: n, number of task axes.
+            is_needed: Whether fields without a default must be given. If another kind
+                of controller is selected, they may be missing but must not be wrong, so
+                that a change of `kind` is enough to select this one.
         """
         gains = {}
         for key in _GAINS:
@@ -362,9 +369,10 @@ class BacksteppingParameters(FixedFields):
     def InitialPsi(self, facts: Facts, path: str = "controller") -> Array:
         """Returns Psi at time 0 in 1/kg (n, n).
 
-        For `auto` that is (I + Lambda D_e) M_r^-1 at the start pose. The thesis
-        estimates M_r^-1 for zero joint angles (eq. 5.52), where the planar arm is
-        singular. A Psi that cannot be inverted, or would not stay so, is refused.
+        For `auto` it is (I + Lambda D_e) M_r^-1 at the start pose. The thesis estimates
+        M_r^-1 for zero joint angles (eq. 5.52), where the planar arm is singular. A Psi
+        is refused unless its determinant is positive and its singular values are larger
+        than minimum_psi.
         """
         n = facts.num_axes
         given = self.initial_psi
@@ -408,11 +416,11 @@ class AdaptiveBacksteppingConfig(ControlLawConfig, BacksteppingParameters):
         )
 
     def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field for itself."""
+        """Checks each field."""
         self.CheckParameters(path, num_axes, is_needed=True)
 
     def Resolve(self, facts: Facts, path: str) -> BacksteppingGains:
-        """Returns the gains with Psi at time 0."""
+        """Returns the gains of the law, with Psi at time 0."""
         n = facts.num_axes
         beta = self.adaptation_rate
         return BacksteppingGains(

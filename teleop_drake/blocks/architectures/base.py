@@ -1,9 +1,9 @@
-"""Base of the control architectures, and the facts that their defaults derive from.
+"""Bases of the control architectures, and the facts from which their defaults derive.
 
 An architecture is a pair: a master side, which stands between the operator and the
-channels, and a slave side, which is the station at the robot. They speak in packets,
-which is all that the channels carry. What a packet holds is the architecture's own
-affair; those of the thesis are
+channels, and a slave side, which is the station at the robot. The channels carry
+packets between them and nothing else. Each architecture defines the contents of its
+packets; those of the thesis are
 
     forward packet [F_h; v_d] (2n)      return packet [p_WT; v_WT] (2n)
 """
@@ -32,22 +32,24 @@ from teleop_drake.wiring import OutputNames, Wire
 
 @dataclass(frozen=True, kw_only=True)
 class Facts:
-    """What the defaults of an architecture derive from.
+    """The facts about a loop from which the defaults of an architecture derive.
 
-    Robot and environment tell their part themselves, so that it holds for those of a
-    user's own as well. What they cannot tell is None, and a default that would derive
-    from it is refused.
+    The facts of robot and environment are computed from their blocks, and so exist for
+    user-defined blocks as well. A fact that a block does not provide is None; a default
+    that would derive from it is refused.
 
     Attributes:
         start: p_WT at time 0 in m (n).
-        velocity: v_d, what the operator commands at first, in m/s (n).
+        velocity: v_d, the nominal velocity command of the operator, in m/s (n).
         haptic_device: The device in the operator's hand.
         forward_channel: The channel from master to slave.
-        return_channel: The channel back.
-        duration: How long the simulation lasts, in s.
+        return_channel: The channel from slave to master.
+        duration: Duration of the simulation, in s.
         inertia: M_r of the robot at its start pose (2.8) in kg (n, n), or None.
-        robot_damping: Of the robot itself at its start pose in N s/m (n, n), or None.
-        environment_stiffness: Of the environment at the start in N/m (n, n), or None.
+        robot_damping: Damping of the robot itself at its start pose in N s/m (n, n), or
+            None.
+        environment_stiffness: Stiffness of the environment at the start in N/m (n, n),
+            or None.
         environment_damping: D_e at the start in N s/m (n, n), or None.
     """
 
@@ -74,7 +76,7 @@ class Facts:
 
     @property
     def has_no_delay(self) -> bool:
-        """Whether both channels pass their signals straight through."""
+        """Whether both channels pass their signals through without delay."""
         return (
             self.forward_channel.IsPassThrough() and self.return_channel.IsPassThrough()
         )
@@ -84,10 +86,10 @@ class Facts:
 
         Args:
             fact: inertia, robot_damping, environment_stiffness or environment_damping.
-            path: The field, for the message.
+            path: The field, for messages.
 
         Raises:
-            ScenarioError: If robot or environment does not tell it.
+            ScenarioError: If the block of robot or environment does not provide it.
         """
         value = getattr(self, fact)
         if value is None:
@@ -102,17 +104,24 @@ class Facts:
         return robot + self.Told("environment_damping", path)
 
     def OperatorResistance(self, path: str) -> float:
-        """Returns b of H = K/s + b + O(s) in N s/m; refuses one that is not > 0."""
+        """Returns b of H = K/s + b + O(s) in N s/m; refuses a b that is not > 0."""
         return self._AtLowFrequency(path, [], "resistance", "N s/m")
 
     def OperatorStiffness(self, path: str) -> float:
-        """Returns K of H = K/s + b + O(s) in N/m; refuses one that is not > 0."""
+        """Returns K of H = K/s + b + O(s) in N/m; refuses a K that is not > 0."""
         return self._AtLowFrequency(path, [0.0], "stiffness", "N/m")
 
     def _AtLowFrequency(
         self, path: str, factor: list[float], name: str, unit: str
     ) -> float:
-        """Returns the resistance of H, or of s H."""
+        """Returns the constant term of H, or of s H, at low frequency.
+
+        Args:
+            path: The field with the default, for messages.
+            factor: Coefficients appended to the numerator of H: [] for H, [0] for s H.
+            name: Name of the constant term in a message.
+            unit: Unit of the constant term in a message.
+        """
         if self.num_axes == 6:
             Refuse(path, None, "given, because six axes have no one default")
         device = self.haptic_device
@@ -129,7 +138,7 @@ class Facts:
         return value
 
     def DeviceGain(self) -> float:
-        """Returns h = s H(s) for s to infinity, in N/m."""
+        """Returns h, the limit of s H(s) for s to infinity, in N/m."""
         device = self.haptic_device
         _, B, C, _ = realize_transfer_function(device.numerator, device.denominator)
         return float((C @ B).sum())
@@ -140,7 +149,7 @@ class Facts:
         return float(np.abs(poles).max(initial=0.0))
 
     def CheckStrictlyProper(self, kind: str) -> None:
-        """Refuses a device whose force answers at once to the velocity it feels."""
+        """Refuses a haptic device with direct feedthrough from velocity to force."""
         device = self.haptic_device
         numerator = np.trim_zeros(np.asarray(device.numerator, dtype=float), "f")
         if len(numerator) >= len(device.denominator):
@@ -158,16 +167,18 @@ LAW_INPUTS = (
     "tool_velocity",
     "environment_force",
 )
-"""The inputs of every control law, n wide each."""
+"""The inputs of every control law, each of width n."""
 
 
 class _Part(FixedBlock):
-    """A part of an architecture that is a kernel.
+    """A part of an architecture that is defined by a kernel.
 
     Args:
+        name: Name of the block.
+        kernel: The kernel; its outputs without an entry in `sizes` are ports.
         n: Number of task axes, and width of the ports.
-        state: The continuous state at first.
-        widths: Width of each port that has another one.
+        state: The initial continuous state.
+        widths: Width of each port whose width is not n, by name.
     """
 
     inputs: Names = ()
@@ -187,25 +198,25 @@ class _Part(FixedBlock):
 
 
 class LawBlock(_Part):
-    """A control law that is a kernel; see MakeSlaveStation."""
+    """A control law defined by a kernel; see MakeSlaveStation."""
 
     inputs = LAW_INPUTS
 
 
 class MasterSide(_Part):
-    """A master side that is a kernel; see Architecture."""
+    """A master side defined by a kernel; see Architecture."""
 
     inputs = ("haptic_force", "velocity_command", "return_packet")
 
 
 class SlaveSide(_Part):
-    """A slave side that is a kernel; see Architecture."""
+    """A slave side defined by a kernel; see Architecture."""
 
     inputs = ("forward_packet", *LAW_INPUTS[2:])
 
 
 def CheckStart(start: ArrayLike) -> Array:
-    """Returns a position as a vector, or refuses it."""
+    """Returns a position as a vector; refuses one that is not a finite vector."""
     vector = np.array(start, dtype=float)
     if vector.ndim != 1 or not np.all(np.isfinite(vector)):
         Refuse("start", start, "finite numbers (m)")
@@ -214,21 +225,22 @@ def CheckStart(start: ArrayLike) -> Array:
 
 @dataclass(kw_only=True)
 class Architecture:
-    """A master side and a slave side which understand each other's packets.
+    """A master side and a slave side that exchange packets.
 
-    The widths of the packets, m_f forward and m_r back, are those of the ports.
+    The widths of the packets, m_f forward and m_r back, are those of the ports. Further
+    outputs of either side are recorded under their names.
 
     Attributes:
-        master_side: In haptic_force (n, N), velocity_command (n, m/s) and
-            return_packet (m_r); out felt_position (n, m), felt_velocity (n, m/s) and
-            forward_packet (m_f). The operator perceives contact when felt_position
-            reaches the surface. None: the thesis's; see stations.MakeMasterStation.
-        slave_side: In forward_packet (m_f), tool_position (n, m), tool_velocity
-            (n, m/s) and environment_force (n, N); out control_force (n, N) and
-            return_packet (m_r). Outputs beyond these, of either side, are recorded
-            under their names.
-        initial_forward_packet: What the slave side receives at first (m_f).
-        initial_return_packet: What the master side receives at first (m_r).
+        master_side: A system with the inputs haptic_force (n, N), velocity_command
+            (n, m/s) and return_packet (m_r), and the outputs felt_position (n, m),
+            felt_velocity (n, m/s) and forward_packet (m_f). The operator perceives
+            contact when felt_position reaches the surface. None: the master side of
+            the thesis; see stations.MakeMasterStation.
+        slave_side: A system with the inputs forward_packet (m_f), tool_position (n, m),
+            tool_velocity (n, m/s) and environment_force (n, N), and the outputs
+            control_force (n, N) and return_packet (m_r).
+        initial_forward_packet: The packet that the slave side receives at first (m_f).
+        initial_return_packet: The packet that the master side receives at first (m_r).
     """
 
     master_side: System | None = None
@@ -239,19 +251,19 @@ class Architecture:
 
 @Config
 class ArchitectureConfig(KindConfig, ABC):
-    """A control architecture as plain data.
+    """The kind and the parameters of a control architecture.
 
     A null stands for a default that derives from the rest of the loop by the rule in
-    the field's comment; Resolve() applies it. An architecture of your own derives from
-    this class and can be named in a scenario: `kind: my_module:MyArchitecture`, its
-    fields in the mapping `parameters`.
+    the field's comment; Resolve() applies the rule. An architecture of your own derives
+    from this class. A scenario selects it by the name of its class,
+    `kind: my_module:MyArchitecture`, and has its fields in the mapping `parameters`.
 
     Attributes:
         forward_parts: Names of the vectors (n each) in a forward packet, for tables;
-            empty: they are numbered.
+            empty: the vectors are numbered.
         return_parts: Names of the vectors (n each) in a return packet.
-        derives_from_channels: Whether MakeArchitecture() reads the channels, or the
-            duration, of its facts.
+        derives_from_channels: Whether MakeArchitecture() uses the channels or the
+            duration in its facts.
     """
 
     forward_parts: ClassVar[Names] = ()
@@ -264,10 +276,10 @@ class ArchitectureConfig(KindConfig, ABC):
         return False
 
     def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field for itself; here those of GainField() and of Number().
+        """Checks each field; by default, those declared by GainField() or Number().
 
         Args:
-            path: The config's place in a scenario, for messages.
+            path: The field of the config in a scenario, for messages.
         """
         self.CheckGains(path, num_axes)
         self.CheckNumbers(path)
@@ -275,8 +287,8 @@ class ArchitectureConfig(KindConfig, ABC):
     def Resolve(self, facts: Facts, path: str) -> Any:
         """Returns the config with every default derived.
 
-        Gains are matrices then, and no null is left that stands for a default. What
-        cannot be derived is refused.
+        Its gains are matrices, and none of its nulls stands for a default. A default
+        that cannot be derived is refused.
         """
         config = replace(self)
         config.MakeMatrices(facts.num_axes)
@@ -286,9 +298,10 @@ class ArchitectureConfig(KindConfig, ABC):
         return config
 
     def DeriveDefaults(self, facts: Facts) -> None:
-        """Replaces each null that stands for a default; here nothing derives.
+        """Replaces each null that stands for a default.
 
-        Gains that are given are matrices; a derived one may be a number.
+        The gains that are given are matrices at this point. A derived gain may be a
+        number. This method of the base class derives nothing.
         """
 
     @abstractmethod
@@ -298,7 +311,7 @@ class ArchitectureConfig(KindConfig, ABC):
 
 @Config
 class ControlLawConfig(ArchitectureConfig):
-    """An architecture with the thesis's packets: all of it is the law at the slave.
+    """An architecture with the packets of the thesis, defined by the law at the slave.
 
     A control law of your own derives from this class.
     """
@@ -311,18 +324,19 @@ class ControlLawConfig(ArchitectureConfig):
         """Makes the law; see MakeSlaveStation for its ports."""
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
-        """Makes the slave side out of the law; the master side is the thesis's."""
+        """Makes the slave side from the law; the master side is that of the thesis."""
         return MakeLawArchitecture(
             self.MakeControlLaw(facts, path), facts.start.tolist()
         )
 
 
 def MakeLawArchitecture(control_law: System, start: Sequence[float]) -> Architecture:
-    """Makes an architecture with the thesis's packets out of a control law.
+    """Makes an architecture with the packets of the thesis from a control law.
 
-    Neither a force nor a command arrives at first, and the tool is felt at rest.
+    The initial packets have no force and no velocity, and the position `start`.
 
     Args:
+        control_law: The law; see MakeSlaveStation.
         start: p_WT at time 0 in m (n).
 
     Raises:
@@ -337,7 +351,7 @@ def MakeLawArchitecture(control_law: System, start: Sequence[float]) -> Architec
 
 
 def MakeSlaveStation(control_law: System) -> Diagram:
-    """Makes the slave side of the thesis out of a control law, named `controller`.
+    """Makes the slave side of the thesis, named `controller`, from a control law.
 
     | port | name              | size | unit     |
     |------|-------------------|------|----------|
@@ -348,7 +362,7 @@ def MakeSlaveStation(control_law: System) -> Diagram:
     | out  | control_force     | n    | N        |
     | out  | return_packet     | 2n   | [m; m/s] |
 
-    and every further output of the control law (its telemetry), by its own name.
+    and every further output of the control law (its telemetry), under its own name.
 
     Args:
         control_law: A system with the inputs haptic_force, velocity_command,

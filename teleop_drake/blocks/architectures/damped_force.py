@@ -18,7 +18,7 @@ from teleop_drake.validation import (
 )
 
 AGAINST = ("ground", "command")
-"""What the damper acts against: the ground, or the commanded velocity."""
+"""The reference of the damper: the ground, or the commanded velocity."""
 
 
 class DampedForce(LawBlock):
@@ -37,8 +37,8 @@ class DampedForce(LawBlock):
 
         F_c = F_e - Psi^-1 G1 (v - v_dd) - Psi^-1 G1 Lambda (F_e - F_hd),
 
-    and with Psi^-1 G1 Lambda = 1 the sensed force cancels. What is left is (2) with
-    B = Psi^-1 G1 = Lambda^-1.
+    and with Psi^-1 G1 Lambda = 1 the sensed force cancels. The remaining law is (2)
+    with B = Psi^-1 G1 = Lambda^-1.
 
     | port | name              | size | unit | is                                |
     |------|-------------------|------|------|-----------------------------------|
@@ -109,16 +109,16 @@ class DampedForceConfig(ControlLawConfig):
     # space, to rest without an oscillation in any direction. That is 2 N s/m for the
     # thesis's slider and 2.4 N s/m for its arm. Assumed.
     damping: Gains | None = GainField(None, may_be_zero=True)
-    # What the damper acts against: `ground` damps v, `command` damps v - v_d(t - T_f).
+    # Reference of the damper: `ground` damps v, `command` damps v - v_d(t - T_f).
     against: str = "ground"
 
     def Check(self, path: str, num_axes: int) -> None:
-        """Checks the damping and what it acts against."""
+        """Checks the damping and its reference."""
         super().Check(path, num_axes)
         CheckChoice(f"{path}.against", self.against, AGAINST)
 
     def DeriveDefaults(self, facts: Facts) -> None:
-        """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
+        """Derives the damping if it is null; see ArchitectureConfig.DeriveDefaults."""
         if self.damping is None:
             mass = np.linalg.eigvalsh(facts.Told("inertia", "damping"))[-1]
             self.damping = 2 * math.sqrt(facts.OperatorStiffness("damping") * mass)

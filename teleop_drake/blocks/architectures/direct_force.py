@@ -1,4 +1,4 @@
-"""The thesis's baseline: the haptic force acts on the tool as it arrives."""
+"""The baseline of the thesis: the haptic force acts on the tool as it arrives."""
 
 from teleop_drake.blocks.architectures.base import (
     ControlLawConfig,

@@ -1,4 +1,4 @@
-"""Lawrence's architecture: position and force travel both ways."""
+"""Lawrence's four-channel architecture: motion and force are sent both ways."""
 
 from dataclasses import field, replace
 from typing import Any, ClassVar
@@ -35,15 +35,16 @@ _STATION_UNITS = {
 
 
 class FourChannelMaster(MasterSide):
-    """A handle with mass that sends and gets motion and force.
+    """A handle with mass that exchanges motion and force with the slave.
 
         (M s + B) V_m = F_h (1 + C6) - C_m V_m - C2 F_e - C4 V_s
         C_m = B_c + K_c / s,   C4 = -c4 (B + C_m)
 
-    F_e and V_s are the slave's, as they arrive. Positions count from `start`. At low
-    frequency, where the masses count for nothing, the operator feels the environment
-    itself, Z_to = Z_e, if there is no delay, c4 = 1, C2 = 1 + C6 and the slave has
-    c1 = 1 and C3 = 1 + C5.
+    F_e and V_s are those of the slave, as received. Positions are relative to `start`.
+    At low frequency, where the masses are negligible, the operator feels the impedance
+    of the environment, Z_to = Z_e, if there is no delay, c4 = 1, C2 = 1 + C6 and the
+    slave has c1 = 1 and C3 = 1 + C5. The parameters are M, K_c, B_c, B, c4, C2 and C6,
+    in the order of the table.
 
     Sources: D. A. Lawrence, "Stability and transparency in bilateral teleoperation",
     IEEE Trans. Robotics and Automation 9 (1993); with C5 and C6, K. Hashtrudi-Zaad and
@@ -75,10 +76,10 @@ class FourChannelMaster(MasterSide):
 
     Direct feedthrough: haptic_force to forward_packet, return_packet to felt_position.
 
-    Nothing in it accounts for the delay, under which its ideal gains are not passive.
+    The law does not account for the delay, with which its ideal gains are not passive.
 
     Args:
-        config: Without nulls, as Resolve() makes it.
+        config: The config without nulls, as returned by Resolve().
         start: x_m at time 0 in m (n).
     """
 
@@ -115,10 +116,11 @@ class FourChannelSlave(SlaveSide):
         F_c = C1 V_m + C3 F_h - C_s V_s - C5 F_e
         C_s = B_c + K_c / s,   C1 = c1 (B + C_s)
 
-    V_m and F_h are the master's, as they arrive, and B is that of the robot. Positions
-    count from `start`. At low frequency and without delay, V_s = V_m and F_e = F_h if
-    c1 = 1, C3 = 1 + C5 and the master has c4 = 1 and C2 = 1 + C6. FourChannelMaster
-    names the sources.
+    V_m and F_h are those of the master, as received. B is the damping in the model of
+    the robot. Positions are relative to `start`. At low frequency and without delay,
+    V_s = V_m and F_e = F_h if c1 = 1, C3 = 1 + C5 and the master has c4 = 1 and
+    C2 = 1 + C6. The parameters are K_c, B_c, B, c1, C3 and C5, in the order of the
+    table. See FourChannelMaster for the sources.
 
     | port | name              | size  | unit               | is                      |
     |------|-------------------|-------|--------------------|-------------------------|
@@ -143,10 +145,10 @@ class FourChannelSlave(SlaveSide):
     Direct feedthrough: all inputs to control_force; all but forward_packet to
     return_packet.
 
-    It does not know the robot beyond B, and nothing in it accounts for the delay.
+    B is its only model of the robot. The law does not account for the delay.
 
     Args:
-        config: Without nulls, as Resolve() makes it.
+        config: The config without nulls, as returned by Resolve().
         start: p_WT at time 0 in m (n).
     """
 
@@ -179,10 +181,11 @@ FOUR_CHANNEL_VARIANTS = {
     "position_force": (1.0, 1.0, 0.0, 0.0),
     "force_force": (0.0, 1.0, 1.0, 0.0),
 }
-"""Variants of the four-channel architecture, by what goes forward and comes back."""
+"""Variants of the architecture, named by the signals sent forward and back."""
 
 
-# Local controller, and shares of the other end's motion, of its force, of the own one.
+# The fields of each end: its local controller, and the shares of the other end's
+# motion, of the other end's force and of the local force.
 _ENDS = {"master": ("C_m", "C4", "C2", "C6"), "slave": ("C_s", "C1", "C3", "C5")}
 
 
@@ -191,10 +194,10 @@ class LocalController(FixedFields):
     """C = damping + stiffness / s of a four-channel station."""
 
     # N s/m, >= 0. Null: 2 M w with the mass M of the handle and the bandwidth w, which
-    # is critical; 0 at a station to which no motion comes. Equal at both stations, so
-    # that a lasting force arrives as it was sent.
+    # is critical damping; 0 at a station that receives no motion in the variant. It is
+    # equal at both stations, so that a constant force is transmitted unchanged.
     damping: Gains | None = GainField(None, may_be_zero=True)
-    # N/m, >= 0. Null: M w^2; 0 at a station to which no motion comes.
+    # N/m, >= 0. Null: M w^2; 0 at a station that receives no motion in the variant.
     stiffness: Gains | None = GainField(None, may_be_zero=True)
 
     def Derived(self, mass: Any, bandwidth: float, num_axes: int) -> "LocalController":
@@ -202,7 +205,8 @@ class LocalController(FixedFields):
 
         Args:
             mass: M in kg, a number or (n, n).
-            bandwidth: w in rad/s; 0: no motion comes to the station.
+            bandwidth: w in rad/s; 0: the station receives no motion.
+            num_axes: n, number of task axes.
         """
         derived = replace(self)
         if self.damping is None:
@@ -220,29 +224,30 @@ class FourChannelConfig(ArchitectureConfig):
     kind = "four_channel"
     forward_parts = ("x_m", "v_m", "F_h")
     return_parts = ("p_WT", "v_WT", "F_e")
-    # One of FOUR_CHANNEL_VARIANTS. It decides what null means in C1 to C4.
+    # One of FOUR_CHANNEL_VARIANTS, which has the values of C1 to C4 if these are null.
     variant: str = "four_channel"
     # Mass of the handle, kg, > 0. Assumed: that of the slider (thesis eq. 2.12).
     master_mass: Gains = GainField(0.5)
     # Damping of the handle, N s/m, >= 0. Assumed: that of the slider.
     master_damping: Gains = GainField(0.1, may_be_zero=True)
     # Damping in the model of the robot, N s/m, >= 0, which C1 compensates. Null: the
-    # robot's own in four_channel, none in the other variants.
+    # robot's own damping in the variant four_channel, 0 in the others.
     slave_damping: Gains | None = GainField(None, may_be_zero=True)
-    # w of the local controllers, rad/s, > 0. Null: 1 / (T_f + T_r), at which the round
-    # trip turns the phase by 1 rad, but at most the fastest pole of the haptic device.
+    # w of the local controllers, rad/s, > 0. Null: 1 / (T_f + T_r), at which the phase
+    # lag of the round trip is 1 rad, but at most the fastest pole of the haptic device.
     bandwidth: float | None = Number(None, "rad/s", above=0)
-    # C_m and C_s.
+    # Local controllers of the master and of the slave.
     C_m: LocalController = field(default_factory=LocalController)
     C_s: LocalController = field(default_factory=LocalController)
-    # Motion forward and back, in units of B_s + C_s and -(B_m + C_m).
+    # Gains on the motion sent forward and back, in units of B_s + C_s and -(B_m + C_m).
+    # Null: those of the variant.
     C1: float | None = Number(None)
     C4: float | None = Number(None)
-    # Force back and forward.
+    # Gains on the force sent back and forward. Null: those of the variant.
     C2: float | None = Number(None)
     C3: float | None = Number(None)
-    # Local force at the slave and at the master. Null: C3 - 1 and C2 - 1 where that
-    # force is exchanged, which transparency needs, else 0.
+    # Gains on the local force at the slave and at the master. Null: C3 - 1 and C2 - 1
+    # if that force is exchanged, as transparency requires; otherwise 0.
     C5: float | None = Number(None)
     C6: float | None = Number(None)
 
@@ -252,15 +257,16 @@ class FourChannelConfig(ArchitectureConfig):
         return self.bandwidth is None
 
     def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field for itself, those of the local controllers too."""
+        """Checks each field, also those of the local controllers."""
         CheckChoice(f"{path}.variant", self.variant, FOUR_CHANNEL_VARIANTS)
         super().Check(path, num_axes)
         self.C_m.CheckGains(f"{path}.C_m", num_axes)
         self.C_s.CheckGains(f"{path}.C_s", num_axes)
 
     def DeriveDefaults(self, facts: Facts) -> None:
-        """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
-        # The variant decides what is exchanged, and so the local force.
+        """Derives the fields that are null; see ArchitectureConfig.DeriveDefaults."""
+        # The variant determines the signals that are exchanged, and with them the gains
+        # on the local forces.
         C1, C2, C3, C4 = FOUR_CHANNEL_VARIANTS[self.variant]
         if self.C1 is None:
             self.C1 = C1
@@ -278,7 +284,7 @@ class FourChannelConfig(ArchitectureConfig):
             self.slave_damping = 0.0
             if self.variant == "four_channel":
                 self.slave_damping = facts.Told("robot_damping", "slave_damping")
-        # The bandwidth leaves the round trip a phase of 1 rad.
+        # At the bandwidth, the phase lag of the round trip is at most 1 rad.
         if self.bandwidth is None:
             self.bandwidth = facts.DevicePole()
             T = facts.round_trip
@@ -290,7 +296,7 @@ class FourChannelConfig(ArchitectureConfig):
         self.C_s = self.C_s.Derived(self.master_mass, self.bandwidth if C1 else 0.0, n)
 
     def MakeStation(self, end: str, start: ArrayLike) -> Station:
-        """Returns what one end is, master or slave; refuses what it cannot be."""
+        """Returns the parameters of one end, `master` or `slave`; refuses bad ones."""
         start = CheckStart(start)
         n = start.size
         local, *factors = (getattr(self, name) for name in _ENDS[end])

@@ -1,4 +1,4 @@
-"""Control laws of a user's own: a class of systems, or a plain function.
+"""User-defined control laws: a class of systems, or a plain function.
 
 Both can be named in a scenario as `kind: my_module:MyLaw`. The keywords of the class's
 constructor, or the arguments of the function beyond LAW_INPUTS, are the fields in the
@@ -48,17 +48,18 @@ class FunctionLaw(LawBlock):
 
     Direct feedthrough: from all inputs.
 
-    The function is the block's kernel: it runs as machine code and in a page if it
-    computes with NumPy's functions. It must return the same for the same arguments.
+    The function is the block's kernel. It can be compiled to machine code and run in a
+    page if it computes with NumPy's functions. Its result must depend only on its
+    arguments.
 
     Args:
         function: Takes the five inputs in the order of the ports, arrays of n entries,
             and then its gains. Returns F_c in N (n).
         start: p_WT at time 0 in m (n).
-        gains: Further arguments by their names; those left out have their defaults.
+        gains: Values of the gains by name; the others have their default values.
 
     Raises:
-        ScenarioError: If the function takes or returns something else.
+        ScenarioError: If the arguments or the result of the function are not as above.
     """
 
     def __init__(
@@ -101,7 +102,7 @@ class _OwnLawConfig(ControlLawConfig):
                 Refuse(f"{path}.{name}", value, "given: the law has no default for it")
 
     def MakeControlLaw(self, facts: Facts, path: str) -> System:
-        """Makes the law, or refuses what its constructor does."""
+        """Makes the law; any error of its constructor becomes a ScenarioError."""
         if not isinstance(self.law, type):
             return FunctionLaw(self.law, facts.start, vars(self))
         arguments = dict(vars(self))
@@ -118,7 +119,7 @@ class _OwnLawConfig(ControlLawConfig):
 
 @functools.cache
 def LawConfig(law: Any) -> type[Any] | None:
-    """Returns the config of a class of systems or of a function, None of all else.
+    """Returns the config of a class of systems or of a function, otherwise None.
 
     Raises:
         ScenarioError: If a parameter of the law cannot be a field of a scenario.
@@ -128,7 +129,7 @@ def LawConfig(law: Any) -> type[Any] | None:
         return None
     fields = []
     for name, kind, default in _FieldsOf(law):
-        # Each config has an array of its own.
+        # The default is made anew for each config, so that no two share an array.
         make = functools.partial(_Value, kind, default)
         fields.append((name, kind, dataclasses.field(default_factory=make)))
     place = f"{law.__module__}:{law.__qualname__}"
@@ -145,8 +146,8 @@ def LawConfig(law: Any) -> type[Any] | None:
 def _FieldsOf(law: Any) -> list[tuple[str, Any, Any]]:
     """Returns the fields that a law has in a scenario: name, type and default.
 
-    Those are the parameters of the constructor but for `num_axes`, or those of the
-    function but for its first five. The default is REQUIRED if there is none.
+    They are the parameters of the constructor except `num_axes`, or those of the
+    function after the first five. The default is REQUIRED if the law has none.
     """
     try:
         signature = inspect.signature(law, eval_str=True)
@@ -210,9 +211,9 @@ def _Gains(function: Law, given: Mapping[str, Any]) -> Record:
 
 
 def _FieldType(law: Any, parameter: inspect.Parameter) -> Any:  # noqa: RET503
-    """Returns the type of a field: the annotation, else that of the default value.
+    """Returns the type of a field: its annotation, or the type of its default value.
 
-    A number without an annotation may have a fraction.
+    A number without an annotation is a float.
     """
     default = parameter.default
     if parameter.annotation in _FIELD_TYPES:
@@ -238,7 +239,7 @@ def _Value(kind: Any, value: Any) -> Any:
 
 
 def _CheckForce(law: Law, position: Array, parameters: Mapping[str, Any]) -> None:
-    """Refuses a function whose force at the start has not one entry for each axis."""
+    """Refuses a function whose force at the start does not have n entries."""
     at_rest = np.zeros(position.size)
     with np.errstate(all="ignore"):
         force = law(at_rest, at_rest, position, at_rest, at_rest, *parameters.values())
@@ -248,6 +249,6 @@ def _CheckForce(law: Law, position: Array, parameters: Mapping[str, Any]) -> Non
 
 
 def _NameOf(law: Any) -> str:
-    """Returns the name of a law, and of a lambda what it is."""
+    """Returns the name of a law; that of a lambda is control_law."""
     name: str = getattr(law, "__name__", type(law).__name__)
     return name if name.isidentifier() else "control_law"

@@ -27,7 +27,7 @@ from teleop_drake.validation import (
 
 
 class ProportionalMaster(MasterSide):
-    """A handle with mass, tied to where the tool was by a spring and braked.
+    """A damped handle with mass, coupled to the delayed tool position by a spring.
 
         M dv_m/dt = F_h - K (x_m - x_s) - B v_m,   dx_m/dt = v_m
 
@@ -64,7 +64,7 @@ class ProportionalMaster(MasterSide):
     It compensates neither the mass nor the damping: the operator feels both.
 
     Args:
-        config: Without nulls, as Resolve() makes it.
+        config: The config without nulls, as returned by Resolve().
         start: x_m at time 0 in m (n).
     """
 
@@ -107,12 +107,12 @@ class ProportionalMaster(MasterSide):
 
 
 class ProportionalSlave(SlaveSide):
-    """Ties the tool to where the master was by a spring, and brakes it.
+    """Couples the tool to the delayed master position by a spring, and damps it.
 
         F_c = K (x_m - p_WT) - B v
 
-    with x_m(t - T_f) as it arrives. See ProportionalMaster for the other end, for the
-    sources and for when the two are stable.
+    with x_m as received, x_m(t - T_f). See ProportionalMaster for the master, the
+    sources and the condition of stability.
 
     | port | name              | size | unit | is      |
     |------|-------------------|------|------|---------|
@@ -133,10 +133,10 @@ class ProportionalSlave(SlaveSide):
     Direct feedthrough: all inputs but environment_force to control_force; tool_position
     to return_packet.
 
-    It has no integral action: a force that lasts leaves a position error.
+    It has no integral action: a constant force leaves a position error.
 
     Args:
-        config: Without nulls, as Resolve() makes it.
+        config: The config without nulls, as returned by Resolve().
     """
 
     numeric_parameters: ClassVar = {
@@ -179,16 +179,16 @@ class ProportionalDampingConfig(ArchitectureConfig):
     # Mass of the handle, kg, > 0. Assumed: that of the slider (thesis eq. 2.12).
     master_mass: Gains = GainField(0.5)
     # B_m, damping of the handle, N s/m, >= 0. Null: the resistance of the haptic device
-    # at low frequency, so that the operator feels no more of it than of his own.
+    # at low frequency, so that the handle adds as much damping as the device has.
     master_damping: Gains | None = GainField(None, may_be_zero=True)
-    # B_s, damping of the tool, N s/m, >= 0. Null: as B_m.
+    # B_s, damping of the tool, N s/m, >= 0. Null: B_m.
     slave_damping: Gains | None = GainField(None, may_be_zero=True)
-    # By how much the dampings exceed what stability needs, > 1, for the null below:
-    # 4 B_m B_s = margin (T_f + T_r)^2 K^2. Assumed.
+    # Factor by which 4 B_m B_s exceeds the limit of stability, > 1. It determines the
+    # stiffness if that is null: 4 B_m B_s = margin (T_f + T_r)^2 K^2. Assumed.
     margin: float = Number(2.0, above=1)
     # K, N/m, >= 0. Null: from the margin and the nominal delays, with the smallest
-    # dampings, but at most what makes the handle as fast as the fastest pole p of the
-    # haptic device, K = M |p|^2.
+    # eigenvalues of the dampings, but at most K = M |p|^2, which makes the handle as
+    # fast as the fastest pole p of the haptic device.
     stiffness: Gains | None = GainField(None, may_be_zero=True)
 
     @property
@@ -197,7 +197,7 @@ class ProportionalDampingConfig(ArchitectureConfig):
         return self.stiffness is None
 
     def DeriveDefaults(self, facts: Facts) -> None:
-        """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
+        """Derives the fields that are null; see ArchitectureConfig.DeriveDefaults."""
         if self.master_damping is None:
             self.master_damping = facts.OperatorResistance("master_damping")
         if self.slave_damping is None:

@@ -21,15 +21,16 @@ from teleop_drake.validation import CheckNumber, Config, FixedFields, Number, Re
 
 
 class RobustBackstepping(AdaptiveBackstepping):
-    """AdaptiveBackstepping with terms that dominate what its networks do not learn.
+    """AdaptiveBackstepping with terms that dominate the errors of its networks.
 
-        damping of s    G1 s + rho1 P s/sqrt(|P s|^2 + eps1^2)
-        off dF_c/dt     rho1 Psi^-1 H w/sqrt(|w|^2 + eps1^2)
-                        + rho3 z/sqrt(|z|^2 + eps3^2)
+        damping of s            G1 s + rho1 P s/sqrt(|P s|^2 + eps1^2)
+        subtracted from dF_c/dt rho1 Psi^-1 H w/sqrt(|w|^2 + eps1^2)
+                                + rho3 z/sqrt(|z|^2 + eps3^2)
 
     The law, with w and H and the proof of its ultimate bound, is
     `teleop_drake.laws.robust_backstepping`. Ports, state, initial value and direct
-    feedthrough are those of AdaptiveBackstepping. With rho1 = rho3 = 0 so is the law.
+    feedthrough are those of AdaptiveBackstepping. With rho1 = rho3 = 0, the law is that
+    of AdaptiveBackstepping as well.
 
     | parameter | name      | unit    |
     |-----------|-----------|---------|
@@ -52,7 +53,7 @@ class RobustBackstepping(AdaptiveBackstepping):
 
     Args:
         gains: The constants of the law of chapters 4 and 5.
-        bounds: Those of the robust terms.
+        bounds: The bounds and the widths of the robust terms.
         network: The basis functions of both networks, with n inputs in m.
     """
 
@@ -83,20 +84,22 @@ class RobustBackstepping(AdaptiveBackstepping):
 class RobustTermsConfig(FixedFields):
     """The bounds of the robust terms; all of their defaults are assumed.
 
-    The scale of s is the commanded speed |v_d|, that of z the force |v_d|/Lambda which
-    weighs as much in s. A null width of smoothing is that size.
+    The scale of s is the commanded speed |v_d|. The scale of z is |v_d|/Lambda, the
+    force that has the same weight in s. A null width of smoothing takes the scale of
+    its variable.
     """
 
-    # rho1, bound of what the networks miss in ds/dt, m/s^2, >= 0. 0 leaves its terms
-    # out, which over a delay do harm, as a larger G1 does. Assumed.
+    # rho1, bound of the networks' error in ds/dt, m/s^2, >= 0. 0 leaves the terms with
+    # rho1 out. With a delay they do harm, as a larger G1 does. Assumed.
     acceleration_bound: float = Number(0.0, "m/s^2", minimum=0)
-    # eps1, of P s (with P = 1 in m/s), > 0. Null: |v_d| times the largest eigenvalue
-    # of P. Assumed.
+    # eps1, width of smoothing of P s (in m/s if P = 1), > 0. Null: |v_d| times the
+    # largest eigenvalue of P. Assumed.
     velocity_width: float | None = Number(None, "m/s", above=0)
-    # rho3, bound of what the networks miss in dF_e/dt, N/s, >= 0. Null: what G2 answers
-    # to a z of that size, its least eigenvalue times |v_d|/Lambda. Assumed.
+    # rho3, bound of the networks' error in dF_e/dt, N/s, >= 0. Null: the smallest
+    # eigenvalue of G2 times |v_d|/Lambda, the response of G2 to a z of that scale.
+    # Assumed.
     force_rate_bound: float | None = Number(None, "N/s", minimum=0)
-    # eps3, of z, N, > 0. Null: |v_d|/Lambda. Assumed.
+    # eps3, width of smoothing of z, N, > 0. Null: |v_d|/Lambda. Assumed.
     force_width: float | None = Number(None, "N", above=0)
 
     def Bounds(self, gains: BacksteppingGains, facts: Facts, path: str) -> RobustBounds:
@@ -127,7 +130,7 @@ class RobustBacksteppingConfig(AdaptiveBacksteppingConfig):
     robust: RobustTermsConfig = field(default_factory=RobustTermsConfig)
 
     def Check(self, path: str, num_axes: int) -> None:
-        """Checks every field for itself."""
+        """Checks each field, also those of the robust terms."""
         super().Check(path, num_axes)
         self.robust.CheckNumbers(f"{path}.robust")
 

@@ -35,16 +35,16 @@ from teleop_drake.wiring import Wire
 
 
 class SmithPredictorMaster(Diagram):
-    """Lets the operator feel a model of the tool now and the tool's error later.
+    """Feeds back a model of the tool at once, and the model's error after the delay.
 
         v_felt = v_ret + v_model(t) - v_model(t - T)
         M dv_model/dt = F_h - B v_model - K y,   dy/dt = v_model
 
     for a slave that applies F_h(t - T_f) and returns its velocity, T = T_f + T_r. If
-    model and delay are exact, v_ret = v_model(t - T): the operator feels the model
-    alone, F_h is that of the loop without delay, and the tool does what it would do
-    there, T_f later. What the model does not know, such as a puncture or the bone,
-    comes back through the whole delay as without a predictor.
+    model and delay are exact, v_ret = v_model(t - T), and the operator feels only the
+    model. F_h is then that of the loop without delay, and the tool moves as in that
+    loop, T_f later. Effects that are not in the model, such as a puncture or the bone,
+    are felt after the whole delay, as without a predictor.
 
     Source: O. J. M. Smith, "Closer control of loops with dead time", Chemical
     Engineering Progress 53 (1957).
@@ -67,10 +67,10 @@ class SmithPredictorMaster(Diagram):
     Direct feedthrough: haptic_force and velocity_command to forward_packet,
     return_packet to felt_position and felt_velocity.
 
-    The model is linear and has no layers. Its delay does not follow one that varies.
+    The model is linear and has no layers. Its delay is constant.
 
     Args:
-        config: Without nulls, as Resolve() makes it.
+        config: The config without nulls, as returned by Resolve().
     """
 
     def __init__(self, config: "SmithPredictorConfig", *, num_axes: int):
@@ -83,6 +83,7 @@ class SmithPredictorMaster(Diagram):
         CheckNumber("delay", delay, "s", minimum=0)
         nothing = np.zeros((n, n))
         one = np.eye(n)
+        # The state is [y; v_model], the input F_h and the output v_model.
         model = LinearSystem(
             np.block([[nothing, one], [-M_inverse @ K, -M_inverse @ B]]),
             np.vstack([nothing, M_inverse]),
@@ -92,7 +93,7 @@ class SmithPredictorMaster(Diagram):
         systems = {
             "unpack": Demultiplexer([n, n]),
             "model": model,
-            # The steps of the solver are what limits the error.
+            # One sample for each step of the solver; its steps determine the error.
             "model_delay": TransportDelay(
                 delay=delay, size=n, max_sample_interval=math.inf
             ),
@@ -100,6 +101,7 @@ class SmithPredictorMaster(Diagram):
             "felt": Adder(3, n),
             "pack": Multiplexer([n, n]),
         }
+        # `felt` adds up v_felt = v_ret + v_model(t) - v_model(t - T).
         Wire(
             self,
             "smith_predictor_master",
@@ -135,18 +137,19 @@ class SmithPredictorConfig(ArchitectureConfig):
 
     # M of the model, kg, > 0. Null: the apparent mass of the robot at its start.
     mass: Gains | None = GainField(None)
-    # B, N s/m, >= 0. Null: that of the robot, of the local damper and, along x, of the
-    # layer at the start.
+    # B, N s/m, >= 0. Null: the sum of the dampings of robot, local damper and
+    # environment at the start.
     damping: Gains | None = GainField(None, may_be_zero=True)
-    # K, N/m, >= 0. Null: that of the layer at the start, along x.
+    # K, N/m, >= 0. Null: the stiffness of the environment at the start.
     stiffness: Gains | None = GainField(None, may_be_zero=True)
     # T, s, >= 0. Null: T_f + T_r, the nominal round trip.
     delay: float | None = Number(None, "s", minimum=0)
-    # Local damper at the tool, N s/m, >= 0; see DampedForce. Smith's has none.
+    # Local damper at the tool, N s/m, >= 0; see DampedForce. Smith's own scheme has
+    # none.
     local_damping: Gains = GainField(0.0, may_be_zero=True)
 
     def DeriveDefaults(self, facts: Facts) -> None:
-        """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
+        """Derives the fields that are null; see ArchitectureConfig.DeriveDefaults."""
         if self.mass is None:
             self.mass = facts.Told("inertia", "mass")
         if self.damping is None:
@@ -156,7 +159,7 @@ class SmithPredictorConfig(ArchitectureConfig):
         if self.delay is None:
             self.delay = facts.round_trip
         if np.any(GainMatrix(self.stiffness, facts.num_axes)[3:]):
-            # y is no rotation: it is the integral of an angular velocity.
+            # About an axis, y is the integral of an angular velocity and no rotation.
             Refuse("stiffness", self.stiffness, "0 about axes: a model has no pose")
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:

@@ -29,31 +29,31 @@ from teleop_drake.validation import (
     Refuse,
 )
 
-# Energy that leaves a budget ample, in units of the scale or of E_0.
+# A budget that a linear model never uses up, in units of the scale or of E_0.
 _AMPLE = 1e9
 
 
 class _Idle:
-    """What a passivity controller tells that is not to act: no energy has left."""
+    """The linear model of a passivity controller that does not act."""
 
     def ForLinearModel(self, estimates: np.ndarray | None) -> LinearPart:
-        """Returns that the budget is ample and stays so."""
+        """Returns constant energies with an ample budget."""
         num_states = self.num_continuous_states()  # type: ignore[attr-defined]
         energies = np.repeat([0.0, -_AMPLE], num_states // 2)
         return LinearPart(num_states=0, state=energies, assumption=IDLE_PASSIVITY)
 
 
 class PassivityMaster(_Idle, MasterSide):
-    """Lets the operator feel the tool's velocity as long as that is passive.
+    """Feeds back the tool's velocity, changed as far as passivity requires.
 
         v_m = v_ret + beta F_h,   0 <= beta <= maximum_mobility
         dE_in/dt = max(F_h v_m, 0),   dE_out/dt = max(-F_h v_m, 0)
         W_m = E_in of the slave as received - E_out
 
-    on each axis. beta is 0 as long as -F_h v_ret, the power that would leave for the
-    operator's hand, can be paid for out of W_m for the next `horizon`; else it is what
-    brings that power down to W_m / horizon. F_h goes out unchanged. The law is
-    `teleop_drake.laws.passivity`.
+    on each axis. Without the controller, the power -F_h v_ret would flow to the
+    operator's hand. beta is 0 as long as the budget W_m suffices for this power during
+    the next `horizon`. Otherwise, beta reduces the power to W_m / horizon. F_h is sent
+    unchanged. The law is `teleop_drake.laws.passivity`.
 
     | port | name             | size | unit        | is                              |
     |------|------------------|------|-------------|---------------------------------|
@@ -79,14 +79,17 @@ class PassivityMaster(_Idle, MasterSide):
     Direct feedthrough: haptic_force to felt_velocity, forward_packet and master_power;
     return_packet to all but forward_packet.
 
-    The maximum keeps the loop through the operator from becoming infinitely fast. What
-    leaves beyond the budget because of it is seen in master_budget < 0 and paid back.
+    The maximum of beta keeps the loop through the operator from becoming infinitely
+    fast. At the maximum, more energy than the budget may flow out. The budget is then
+    negative, and incoming energy first makes up for the deficit.
 
-    It needs no delay and no model, and a channel that loses, holds or reorders packets
-    errs on the safe side, because E_in only grows; one that extrapolates does not.
+    The law requires neither the delay nor a model. Because E_in only grows, it is
+    conservative with a channel that loses, holds or reorders packets, but not with one
+    that extrapolates.
 
     Args:
-        config: Without nulls, as Resolve() makes it. Its initial_energy is the scale.
+        config: The config without nulls, as returned by Resolve(). Its initial_energy
+            is the unit of the state.
     """
 
     numeric_parameters: ClassVar = {
@@ -96,6 +99,7 @@ class PassivityMaster(_Idle, MasterSide):
     def __init__(self, config: "TimeDomainPassivityConfig", *, num_axes: int):
         names = ("horizon", "maximum_mobility", "initial_energy")
         n = num_axes
+        # The tool's velocity v_ret. `stored` is E_in in J, `reaction` is -F_h.
         v: Name = ("return_packet", n, 2 * n)
         MasterSide.__init__(
             self,
@@ -133,7 +137,7 @@ class PassivityMaster(_Idle, MasterSide):
 
 
 def _Positive(config: "TimeDomainPassivityConfig", *names: str) -> dict[str, float]:
-    """Returns fields by their names; refuses those that are not > 0, or null."""
+    """Returns fields by name; refuses values that are null or not > 0."""
     numbers = {name: getattr(config, name) for name in names}
     for name, value in numbers.items():
         for x in value if isinstance(value, np.ndarray) else [value]:
@@ -142,7 +146,15 @@ def _Positive(config: "TimeDomainPassivityConfig", *names: str) -> dict[str, flo
 
 
 def _Extreme(matrix: np.ndarray, which: int) -> Any:
-    """Returns an eigenvalue, ascending; of six axes those of both halves (n)."""
+    """Returns an eigenvalue of a symmetric matrix.
+
+    With six axes, it is that of the translational and of the rotational block, each
+    repeated for the three axes (n).
+
+    Args:
+        matrix: The matrix (n, n).
+        which: Index of the eigenvalue in ascending order.
+    """
     if len(matrix) < 6:
         return float(np.linalg.eigvalsh(matrix)[which])
     halves = matrix[:3, :3], matrix[3:, 3:]
@@ -150,19 +162,19 @@ def _Extreme(matrix: np.ndarray, which: int) -> Any:
 
 
 class PassivitySlave(_Idle, SlaveSide):
-    """Applies the haptic force that arrives as long as that is passive.
+    """Applies the haptic force that arrives, changed as far as passivity requires.
 
         F = F_hd - alpha v,   0 <= alpha <= maximum_damping
         dE_out/dt = max(F v, 0),   dE_in/dt = max(-F v, 0)
         F_c = F - B v
         W_s = E_0 + E_in of the master as received - E_out
 
-    on each axis. alpha is 0 as long as F_hd v, the power that would leave for the
-    tool, can be paid for out of W_s for the next `horizon`; else it is the damping that
-    brings that power down to W_s / horizon. E_0 lets the tool begin to
-    move: the operator's first power comes a round trip later, because he feels the
-    tool at rest. The law is `teleop_drake.laws.passivity`. B is a local damper behind
-    the port, which no budget pays for but that of F.
+    on each axis. Without the controller, the power F_hd v would flow to the tool. alpha
+    is 0 as long as the budget W_s suffices for this power during the next `horizon`.
+    Otherwise, the damping alpha reduces the power to W_s / horizon. E_0 allows the tool
+    to start: the operator feels the tool at rest for a round trip, and supplies no
+    power before. The law is `teleop_drake.laws.passivity`. B is a local damper behind
+    the port; the power that it dissipates is part of F v.
 
     | port | name              | size | unit        | is                             |
     |------|-------------------|------|-------------|--------------------------------|
@@ -189,14 +201,16 @@ class PassivitySlave(_Idle, SlaveSide):
     Direct feedthrough: forward_packet and tool_velocity to all but return_packet;
     tool_position and tool_velocity to return_packet.
 
-    The maximum keeps the tool from stopping infinitely fast. What leaves beyond the
-    budget because of it is seen in slave_budget < 0 and paid back.
+    The maximum of alpha keeps the tool from stopping infinitely fast. At the maximum,
+    more energy than the budget may flow out. The budget is then negative, and incoming
+    energy first makes up for the deficit.
 
-    What flows back from the tool is never limited here but at the master. A tool whose
-    budget is spent gets no power until the operator has moved against a force.
+    Energy that flows back from the tool is limited at the master, not here. When the
+    budget is used up, the tool gets no power until the operator has moved against a
+    force.
 
     Args:
-        config: Without nulls, as Resolve() makes it.
+        config: The config without nulls, as returned by Resolve().
     """
 
     numeric_parameters: ClassVar = {
@@ -207,6 +221,7 @@ class PassivitySlave(_Idle, SlaveSide):
     def __init__(self, config: "TimeDomainPassivityConfig", *, num_axes: int):
         n = num_axes
         names = ("horizon", "maximum_damping", "initial_energy")
+        # The force F_hd. `stored` is E_in in J, and `passive_force` is F.
         F: Name = ("forward_packet", 0, n)
         SlaveSide.__init__(
             self,
@@ -257,27 +272,30 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
 
     # With six axes each null below is derived for translation and for rotation.
     #
-    # Time for which the energy must last at the present power, s, > 0. It plays the
-    # part of the sample period of the customary controllers, 1 ms; the shorter, the
-    # more exactly passive and the slower to simulate. Assumed.
+    # Time for which the budget must suffice at the present power, s, > 0. It
+    # corresponds to the sample period of the customary controllers, 1 ms. A shorter
+    # horizon is more exactly passive and takes longer to simulate. Assumed.
     horizon: float = Number(0.01, "s", above=0)
     # Largest damping at the tool, N s/m, > 0. Null: m / horizon, with the smallest
-    # apparent mass m at the start pose: the tool stops within a horizon at the fastest.
+    # apparent mass m at the start pose, so that it stops the tool with a time constant
+    # of at least a horizon.
     maximum_damping: float | None = Number(None, "N s/m", above=0)
-    # Largest mobility at the hand, m/(N s), > 0. Null: 1 / (h horizon), with h = s H(s)
-    # for s to infinity: the haptic force falls within a horizon at the fastest.
+    # Largest mobility at the hand, m/(N s), > 0. Null: 1 / (h horizon), with the limit
+    # h of s H(s) for s to infinity, so that the haptic force falls with a time constant
+    # of at least a horizon.
     maximum_mobility: float | None = Number(None, "m/(N s)", above=0)
-    # E_0, energy that the tool may take on each axis before the operator has given any,
-    # J, > 0. Null: what brings it to the commanded speed v_d and keeps it there for a
-    # round trip T, m |v_d|^2 / 2 + d |v_d|^2 T, with the largest apparent mass m at
-    # the start pose and the damping d of rail, first layer and local damper.
+    # E_0, energy that the tool may receive on each axis before the operator has
+    # supplied any, J, > 0. Null: the energy that brings the tool to the commanded speed
+    # v_d and keeps it there for a round trip T, m |v_d|^2 / 2 + d |v_d|^2 T, with the
+    # largest apparent mass m and the largest damping d of robot, environment and local
+    # damper at the start pose.
     initial_energy: float | None = Number(None, "J", above=0)
     # Local damper at the tool, N s/m, >= 0; see DampedForce. The customary scheme has
     # none.
     local_damping: Gains = GainField(0.0, may_be_zero=True)
 
     def DeriveDefaults(self, facts: Facts) -> None:
-        """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
+        """Derives the fields that are null; see ArchitectureConfig.DeriveDefaults."""
         if self.maximum_damping is None:
             inertia = facts.Told("inertia", "maximum_damping")
             self.maximum_damping = _Extreme(inertia, 0) / self.horizon

@@ -1,4 +1,4 @@
-"""Wave variables: the channels carry waves, which delay cannot make active."""
+"""Wave variables: the channels carry waves, and stay passive under constant delays."""
 
 from typing import ClassVar
 
@@ -33,14 +33,15 @@ from teleop_drake.validation import (
 
 
 class WaveMaster(MasterSide):
-    """Turns the operator's force and the returning wave into velocity and a wave.
+    """Computes the felt velocity and the forward wave from force and returning wave.
 
         v_m = (b + D)^-1 (F_h + (2 b)^(1/2) w)
         u   = (2 b)^(1/2) v_m - w
 
-    with the wave impedance b, a damper D beside the line, and w = f w_received. The
-    line gets F_h - D v_m. With D = b, u does not depend on w: nothing is reflected at
-    this end. The law is `teleop_drake.laws.wave_variables`.
+    with the wave impedance b, a damper D in parallel with the line, and the wave as
+    received times the scaling, w. The force on the line is F_h - D v_m. With D = b, u
+    does not depend on w: no wave is reflected at this end. The law is
+    `teleop_drake.laws.wave_variables`.
 
     | port | name             | size | unit          | is                         |
     |------|------------------|------|---------------|----------------------------|
@@ -59,8 +60,8 @@ class WaveMaster(MasterSide):
     | 1         | damping   | N s/m |
     | 2         | scaling   | -     |
 
-    State (continuous): x_m (n); with six axes its rotation is no pose, but the integral
-    of an angular velocity, which nothing uses.
+    State (continuous): x_m (n). With six axes its last three entries are the integral
+    of an angular velocity. They are no rotation vector, and are not used.
 
     Initial value: start.
 
@@ -68,11 +69,11 @@ class WaveMaster(MasterSide):
     return_packet to felt_position, felt_velocity, master_power and, unless D = b,
     forward_packet.
 
-    It knows no delay and no energy: what is passive is the line as a whole. The
-    position that the operator feels is where the tool was, not x_m.
+    It uses neither the delay nor an energy: only the line as a whole is passive. The
+    position that the operator feels is the tool's as received, not x_m.
 
     Args:
-        config: Without a null that stands for a default, as Resolve() makes it.
+        config: The config with all defaults derived, as returned by Resolve().
         start: x_m at time 0 in m (n).
     """
 
@@ -89,8 +90,8 @@ class WaveMaster(MasterSide):
         D = config.Gain("master_damping", n)
         CheckNumber("return_scaling", config.return_scaling, above=0, maximum=1)
         is_matched = np.allclose(D, b, rtol=1e-12, atol=0)
-        # Where nothing is reflected the arriving wave must not be looked at: without a
-        # delay it depends on this very output.
+        # If no wave is reflected, the outgoing wave must not depend on the arriving one
+        # even formally: without delay, that would be an algebraic loop.
         seen = "nothing" if is_matched else "received"
         MasterSide.__init__(
             self,
@@ -131,14 +132,14 @@ class WaveMaster(MasterSide):
 
 
 class WaveSlave(SlaveSide):
-    """Turns the arriving wave and the tool's velocity into a force and a wave.
+    """Computes the force and the returning wave from arriving wave and velocity.
 
         F_c = (2 b)^(1/2) u - b v
         w   = (2 b)^(1/2) v - u
 
-    with the wave impedance b and u = f u_received. The tool's position is the integral
-    of what arrives: where waves are lost it drifts from x_m. The law is
-    `teleop_drake.laws.wave_variables`.
+    with the wave impedance b and the wave as received times the scaling, u. The tool's
+    position is the integral of a velocity that the waves transmit: if waves are lost,
+    it drifts away from x_m. The law is `teleop_drake.laws.wave_variables`.
 
     | port | name              | size | unit         | is                        |
     |------|-------------------|------|--------------|---------------------------|
@@ -161,7 +162,7 @@ class WaveSlave(SlaveSide):
     to return_packet.
 
     Args:
-        config: Without a null that stands for a default, as Resolve() makes it.
+        config: The config with all defaults derived, as returned by Resolve().
     """
 
     numeric_parameters: ClassVar = {
@@ -210,14 +211,14 @@ class WaveVariablesConfig(ArchitectureConfig):
     # Damper at the master's end of the line, N s/m, >= 0. Null: b, which absorbs the
     # returning wave whatever the operator does; 0 is the bare line.
     master_damping: Gains | None = GainField(None, may_be_zero=True)
-    # Factor on the arriving forward wave, 0 to 1. Null: sqrt(1 - largest dT/dt) of a
-    # variable channel that grows, which keeps it passive; 1 for all others.
+    # Factor on the arriving forward wave, > 0 to 1. Null: sqrt(1 - largest dT/dt) if
+    # the delay of the channel grows, which keeps the channel passive; otherwise 1.
     forward_scaling: float | None = Number(None, above=0, maximum=1)
-    # Factor on the arriving returning wave, 0 to 1. Null: as for the forward wave.
+    # Factor on the arriving returning wave, > 0 to 1. Null: as for the forward wave.
     return_scaling: float | None = Number(None, above=0, maximum=1)
 
     def DeriveDefaults(self, facts: Facts) -> None:
-        """Derives what is null; see ArchitectureConfig.DeriveDefaults."""
+        """Derives the fields that are null; see ArchitectureConfig.DeriveDefaults."""
         if self.impedance is None:
             self.impedance = facts.OperatorResistance("impedance")
         if self.master_damping is None:
@@ -230,7 +231,7 @@ class WaveVariablesConfig(ArchitectureConfig):
             self.return_scaling = passive_scaling(slope)
 
     def MakeArchitecture(self, facts: Facts, path: str) -> Architecture:
-        """Makes both sides; refuses a wave that would go round in no time."""
+        """Makes both sides; refuses waves that form an algebraic loop."""
         line = self.Resolve(facts, path)
         facts.CheckStrictlyProper(self.kind)
         is_open = np.allclose(line.master_damping, line.impedance, rtol=1e-12, atol=0)
@@ -241,7 +242,7 @@ class WaveVariablesConfig(ArchitectureConfig):
                 "null without delay: the wave would go round in no time",
             )
         start: list[float] = facts.start.tolist()
-        # No waves under way, and both at the start.
+        # At first there are no waves, and both positions are the start.
         packet = [*[0.0] * len(start), *start]
         return Architecture(
             master_side=WaveMaster(line, start=start),

@@ -1,4 +1,4 @@
-"""Base of the configs of channels."""
+"""Base classes of the channels' configs and blocks."""
 
 import math
 from abc import ABC, abstractmethod
@@ -15,8 +15,8 @@ from teleop_drake.kinds import KindConfig
 from teleop_drake.validation import CheckNumber, Config, Refuse
 
 SHORTEST_TIME = 1e-6
-"""Shortest non-zero delay and sample period in s. The simulation steps at least as
-often, and would never end."""
+"""Shortest non-zero delay and sample period in s. No step of a simulation is longer
+than these times, so a run with shorter ones would practically never end."""
 
 
 def CheckDelay(path: str, delay: float) -> None:
@@ -27,11 +27,11 @@ def CheckDelay(path: str, delay: float) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class ConstantDelay:
-    """A constant delay in the place of a channel.
+    """The constant delay by which a linear analysis replaces a channel.
 
     Attributes:
-        delay: In s.
-        note: A sentence that says what it stands for; None: for itself.
+        delay: The delay in s.
+        note: A sentence on how it approximates the channel; None: it is exact.
     """
 
     delay: float
@@ -43,10 +43,11 @@ class ChannelConfig(KindConfig, ABC):
     """One direction of the communication (thesis section 2.1, Fig. 2.1).
 
     A channel of your own derives from this class, adds its fields, and makes its block
-    in MakeChannel. It can be named in a scenario: `kind: my_module:MyChannel`.
+    in MakeChannel. A scenario selects it by the name of its class:
+    `kind: my_module:MyChannel`.
 
     Attributes:
-        draws_random_numbers: Whether runs with other seeds differ.
+        draws_random_numbers: Whether runs with different seeds differ.
         has_packet_statistics: Whether its block has a method Statistics(context), which
             returns PacketStatistics.
     """
@@ -54,10 +55,11 @@ class ChannelConfig(KindConfig, ABC):
     draws_random_numbers: ClassVar[bool] = False
     has_packet_statistics: ClassVar[bool] = False
 
-    # Delay, s, >= 0. Kinds whose delay varies add to it. Default: thesis section 4.2.
+    # Delay, s, >= 0. Kinds with a varying delay add the variation to it. Default:
+    # thesis section 4.2.
     delay: float = 0.1
-    # Seed of the random numbers, a whole number >= 0. With one seed the two directions
-    # still have different numbers. Without effect where none are drawn.
+    # Seed of the random numbers, a whole number >= 0. The two directions draw different
+    # numbers even if their seeds are equal. No effect on kinds that draw none.
     seed: int = 0
 
     def Check(self, path: str, duration: float) -> None:
@@ -65,7 +67,7 @@ class ChannelConfig(KindConfig, ABC):
 
         Args:
             path: The channel's field in a scenario, for messages.
-            duration: How long the simulation lasts, s.
+            duration: Duration of the simulation, s.
 
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
@@ -86,64 +88,66 @@ class ChannelConfig(KindConfig, ABC):
         """Makes the block: input `signal`, output `delayed_signal` (size each).
 
         Args:
-            initial_value: What arrives before the first packet does (size).
-            duration: How long the simulation lasts, s.
-            stream: Name of the random numbers; another one gives other numbers.
+            initial_value: The output before the first packet or sample arrives (size).
+            duration: Duration of the simulation, s.
+            stream: Name of the channel; each name has random numbers of its own.
 
         Raises:
             ScenarioError: If a parameter is not allowed.
         """
 
     def LongestStep(self, duration: float) -> float:
-        """Returns the longest step in s that the solver may take, infinity if any.
+        """Returns the longest step in s that the solver may take, or infinity.
 
         Args:
-            duration: How long the simulation lasts, s.
+            duration: Duration of the simulation, s.
         """
         return math.inf
 
     def PacketPeriod(self) -> float:
-        """Returns the time in s between packets, infinity if there are none.
+        """Returns the period of the packets in s; infinity: there are no packets.
 
-        The solver stops at each of them.
+        A step of the solver ends at each packet.
         """
         return math.inf
 
     def IsPassThrough(self) -> bool:
-        """Returns whether the signal comes out at the instant at which it goes in."""
+        """Returns whether the output is the input itself, without delay."""
         return False
 
     def LargestSlope(self, duration: float) -> float:
         """Returns an upper bound of dT/dt of the delay T.
 
         Args:
-            duration: How long the simulation lasts, s.
+            duration: Duration of the simulation, s.
         """
         return 0.0
 
     def AsConstantDelay(self, path: str, duration: float) -> ConstantDelay:
         """Returns the constant delay with which a linear analysis replaces the channel.
 
-        Here the field `delay`, which is right for a delay that is constant and exact.
+        By default, this is the field `delay`, which is right for a channel that delays
+        by a constant time.
 
         Args:
             path: The channel's field in a scenario, for messages.
-            duration: How long the simulation lasts, s.
+            duration: Duration of the simulation, s.
 
         Raises:
-            ScenarioError: If the channel is no delay.
+            ScenarioError: If no constant delay can stand for the channel.
         """
         return ConstantDelay(delay=self.delay)
 
     def Arrivals(self, sent: ArrayLike, duration: float, stream: str = "") -> Array:
-        """Returns when what is sent at given times arrives, s; lost: infinity.
+        """Returns the arrival times of signals sent at given times, s; lost: infinity.
 
-        Here the delay is constant; pictures of a user's own channel show that.
+        By default, the delay is constant. A page shows a channel of your own in this
+        way unless it overrides this method.
 
         Args:
-            sent: Times in s, 0 to `duration` (N,).
-            duration: How long the simulation lasts, s.
-            stream: Name of the random numbers, as in MakeChannel.
+            sent: Times when the signals are sent, s, 0 to `duration` (N,).
+            duration: Duration of the simulation, s.
+            stream: Name of the channel, as in MakeChannel.
 
         Raises:
             ScenarioError: If a field is not allowed.
@@ -152,7 +156,7 @@ class ChannelConfig(KindConfig, ABC):
 
 
 class ChannelBlock(FixedBlock):
-    """Base of the channels' blocks: a vector that comes out later.
+    """Base of the channels' blocks, which deliver a vector signal later.
 
     | port | name           | size | unit      |
     |------|----------------|------|-----------|
@@ -160,15 +164,15 @@ class ChannelBlock(FixedBlock):
     | out  | delayed_signal | size | of signal |
 
     Attributes:
-        initial_value: What is delivered at first (size).
+        initial_value: The output before the first sample arrives (size).
 
     Args:
-        delay: In s, finite and >= 0.
+        delay: The delay in s, finite and >= 0.
         size: Width of the signal, >= 1.
-        initial_value: What is delivered at first (size); zeros if None.
+        initial_value: The output before the first sample arrives (size); zeros if None.
 
     Raises:
-        ScenarioError: If one of them is refused.
+        ScenarioError: If an argument is not allowed.
     """
 
     def __init__(self, delay: float, size: int, initial_value: Sequence[float] | None):
@@ -179,11 +183,11 @@ class ChannelBlock(FixedBlock):
         self.initial_value = [0.0] * size if initial_value is None else initial_value
 
     def DeclarePassThrough(self) -> None:
-        """Declares the ports; the output is the signal itself."""
+        """Declares the ports of a block whose output is the signal itself."""
         self._Declare(Kernel(outputs={"delayed_signal": "signal"}))
 
     def DeclareDelay(self, **line: Any) -> None:
-        """Declares the ports; the output is delayed.
+        """Declares the ports of a block whose output is the delayed signal.
 
         Args:
             line: Further fields of the Delay from `signal` to `delayed_signal`.

@@ -1,4 +1,4 @@
-"""Drake's own delay: whole periods of a sampled signal, held in between."""
+"""A channel that is Drake's DiscreteTimeDelay, which samples and holds the signal."""
 
 import math
 from collections.abc import Sequence
@@ -18,13 +18,13 @@ from teleop_drake.wiring import Wire
 class DiscreteChannelConfig(ChannelConfig):
     """Drake's DiscreteTimeDelay(h, n), with h = sample_period and n h = delay.
 
-    It samples the signal every h, also at t = 0. A sample comes out n h later and is
+    It samples the signal every h, also at t = 0. A sample is delivered n h later and
     held for h. The mean delay is (n + 1/2) h. With n = 0 it only samples and holds.
     """
 
     kind = "discrete"
 
-    # h, s, > 0. The delay is a whole number of these. Assumed.
+    # h, s, > 0. The delay is a multiple of it. Assumed.
     sample_period: float = 0.01
 
     def Check(self, path: str, duration: float) -> None:
@@ -49,8 +49,8 @@ class DiscreteChannelConfig(ChannelConfig):
     ) -> System:
         """Makes the block; see ChannelConfig.MakeChannel.
 
-        Drake's block delivers zeros at first. Where the initial value is another one,
-        the block delays the difference to it.
+        Drake's block delivers zeros at first. If the initial value is not zero, the
+        block delays the difference of the signal from it.
         """
         self.Check("channel", duration)
         num_periods = round(self.delay / self.sample_period)
@@ -75,7 +75,7 @@ class DiscreteChannelConfig(ChannelConfig):
 
 
 def _DelayOfDifference(delay: DiscreteTimeDelay, initial_value: np.ndarray) -> Diagram:
-    """Returns a diagram: initial_value + delayed (signal - initial_value)."""
+    """Returns a diagram of initial_value + delayed (signal - initial_value)."""
     size = initial_value.size
     return Wire(
         Diagram(),

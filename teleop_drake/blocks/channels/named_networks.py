@@ -11,8 +11,9 @@ INFOCOM 1998) find that delays stay correlated over many time scales, of which t
 one. Losses come in bursts (Gilbert and Elliott; see packet_network.Loss). All of these
 are models: a measured `trace` is the better description of a particular network.
 
-A round trip of mean m and standard deviation s is taken for two equal and independent
-ways, m / 2 and s / sqrt(2) each. What no source states is marked "assumed".
+A round trip of mean m and standard deviation s is taken to consist of two equal and
+independent ways, with the mean m / 2 and the standard deviation s / sqrt(2) each.
+Values that no source states are marked "assumed".
 """
 
 from dataclasses import field
@@ -35,7 +36,7 @@ class WifiChannelConfig(NetworkChannelConfig):
     operational networks, MobiSys 2016: round trips of 3 ms, read as the median, and of
     20 ms at the 90th percentile, over 47 000 devices. The gamma distribution with these
     two has a mean of 7.2 ms and a standard deviation of 10.8 ms. Its 99th percentile is
-    51 ms; that of the source is 250 ms.
+    51 ms; the source reports 250 ms.
     """
 
     kind = "wifi"

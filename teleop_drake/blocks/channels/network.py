@@ -1,4 +1,4 @@
-"""Packets with fates of their own: jitter, loss, reordering, and a receiver."""
+"""A channel of packets with jitter, loss and reordering, and its receiver."""
 
 import math
 from collections.abc import Sequence
@@ -34,34 +34,35 @@ class NetworkDelay(ChannelBlock):
     """Delays a vector signal in packets which a network delays, loses and reorders.
 
     Packet k carries signal(k h), h = sample period of the network, and arrives at
-    network.Arrival(k), if ever. With the newest packet k that has arrived before t
+    network.Arrival(k) unless it is lost. With k the newest packet shown before t
 
         delayed_signal(t) = signal(k h)                          newest, playout
                           = signal(k h) + slope (t - arrival)    extrapolate
 
-    See Receiver for the policies. With a constant delay and no loss, `newest` is
-    SampledDelay.
+    See Receiver for the policies. With a constant delay and no loss, the policy
+    `newest` gives the output of SampledDelay.
 
     | port | name           | size | unit      |
     |------|----------------|------|-----------|
     | in   | signal         | size | any       |
     | out  | delayed_signal | size | of signal |
 
-    State, jumps: those of PacketLine. The random numbers are no state: they are
-    functions of the packet's number.
+    State and treatment of jumps: those of PacketLine. The random numbers are not part
+    of the state, because they are functions of the packet's number.
 
     Initial value: `initial_value` is delivered until the first packet is shown.
 
-    Direct feedthrough: none, not even without delay: then the signal is sampled.
+    Direct feedthrough: none, not even without delay, because the signal is sampled.
 
-    It neither limits the rate nor queues packets, and extrapolates however long the
-    next one takes.
+    It neither limits the rate of packets nor queues them. It extrapolates for as long
+    as no newer packet arrives.
 
     Args:
-        network: What happens to the packets.
+        network: The network, which determines when each packet arrives.
         size: Width of the signal, >= 1.
-        initial_value: What is delivered at first (size); zeros if None.
-        receiver: What the receiver does with them; holds the newest one if None.
+        initial_value: The output before the first packet is shown (size); zeros if
+            None.
+        receiver: The policy of the receiver; None: it holds the newest packet.
 
     Raises:
         ValueError: If a parameter is outside its range.
@@ -90,7 +91,7 @@ class NetworkDelay(ChannelBlock):
         )
 
     def Statistics(self, context: Context) -> PacketStatistics:
-        """Returns what has become of the packets sent before now."""
+        """Returns the statistics of the packets sent before the time of a Context."""
         return ComputePacketStatistics(
             self._network, self._receiver, context.get_time()
         )
@@ -98,7 +99,7 @@ class NetworkDelay(ChannelBlock):
 
 @Config
 class NetworkChannelConfig(VaryingDelayConfig):
-    """Sends a packet each sample period through a network that has its ways with it."""
+    """Sends a packet each sample period through a network with jitter and loss."""
 
     kind = "network"
     draws_random_numbers = True
@@ -121,10 +122,11 @@ class NetworkChannelConfig(VaryingDelayConfig):
     def Network(
         self, duration: float, *, stream: str = "", path: str = "channel"
     ) -> PacketNetwork:
-        """Returns what happens to the packets.
+        """Returns the network, which determines when each packet arrives.
 
         Args:
-            duration: How long packets are sent, s.
+            duration: The time until which packets are sent, s.
+            stream: Name of the channel, as in MakeChannel.
             path: The channel's field in a scenario, for messages.
         """
         profile, trace = self.Read(duration, path)
@@ -160,16 +162,16 @@ class NetworkChannelConfig(VaryingDelayConfig):
         return self.sample_period
 
     def Arrivals(self, sent: ArrayLike, duration: float, stream: str = "") -> Array:
-        """Returns when the packets sent nearest to given times arrive."""
+        """Returns the arrival times in s of the packets sent nearest to given times."""
         network = self.Network(duration, stream=stream)
         arrivals = network.Arrivals(math.floor(duration / self.sample_period) + 1)
         numbers = np.round(np.asarray(sent, dtype=float) / self.sample_period)
         return arrivals[np.minimum(numbers.astype(int), len(arrivals) - 1)]
 
     def AsConstantDelay(self, path: str, duration: float) -> ConstantDelay:
-        """Returns the mean age of information behind the receiver.
+        """Returns the mean age of information at the output of the receiver.
 
-        It is that of this network's own packets: their delays, losses, order and seed.
+        It is computed from the packets that this network delivers with its seed.
 
         Raises:
             ScenarioError: If the receiver extrapolates, which is no delay, or no

@@ -2,26 +2,27 @@
 
     d_k  = T(k h) + jitter_k          delay of packet k, sent at k h; infinite if lost
 
-Jitter is independent from packet to packet, or correlated: then a first-order
-autoregressive sequence g is put through the distribution function F of the jitter,
+Jitter is independent from packet to packet, or correlated. Correlated jitter is a
+first-order autoregressive sequence g, transformed to the distribution function F of the
+jitter,
 
     g_k  = a g_(k-1) + sqrt(1 - a^2) n_k,  n_k ~ N(0, 1),  a = exp(-h/correlation_time)
-    jitter_k = F^-1(Phi(g_k))         Phi that of N(0, 1)
+    jitter_k = F^-1(Phi(g_k))         Phi: distribution function of N(0, 1)
 
-so that every packet has the same distribution as without correlation. Rank correlation
-is 6/pi asin(a^m/2) between packets m apart. D. A. Vivanco and A. P. Jayasumana (A
-measurement-based modeling approach for network-induced packet delay, LCN 2007) find
-autoregressive models in measured delays. Where packets keep their order, one that is
-faster than its predecessor waits for it:
+so that every packet has the same distribution as without correlation. The rank
+correlation between packets m apart is 6/pi asin(a^m/2). D. A. Vivanco and A. P.
+Jayasumana (A measurement-based modeling approach for network-induced packet delay, LCN
+2007) find autoregressive models in measured delays. If packets keep their order, a
+packet that is faster than its predecessor waits for it:
 
-    arrival_k = max(k h + d_k, arrival_(k-1))       the latest that is not lost
+    arrival_k = max(k h + d_k, arrival_j)       packet j: the last before k not lost
 
-Every random number is a pure function of (seed, stream, impairment, k), from numpy's
-counter-based Philox generator: nothing depends on who asks first or how often, and the
-parameters of one impairment leave the numbers of the others alone.
+Every random number is a pure function of (seed, stream, impairment, k), computed by
+NumPy's counter-based Philox generator. It depends neither on the order of evaluation
+nor on the parameters of other impairments.
 
 A ValueError names the parameter by its place in a channel ("jitter.std"), its value
-and what is allowed.
+and the allowed values.
 """
 
 import itertools
@@ -47,23 +48,24 @@ from teleop_drake.validation import (
 
 Array = np.ndarray
 
+# Number of packets whose random numbers are drawn together.
 _BLOCK = 1024
 
 
 @dataclass(kw_only=True)
 class PacketConfig(FixedFields):
-    """Base of what happens to packets: one of its fields says which others count.
+    """Base of the configs in which one field decides which others have an effect.
 
     Attributes:
-        choice: Name of that field.
-        used: By each of its values, the fields that have an effect.
+        choice: Name of the field that decides.
+        used: The fields that have an effect, keyed by the value of the field `choice`.
     """
 
     choice: ClassVar[str] = "kind"
     used: ClassVar[dict[str, tuple[str, ...]]] = {}
 
     def Check(self) -> None:
-        """Checks every field; those without effect have to keep their defaults.
+        """Checks every field; fields without effect must have their defaults.
 
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
@@ -82,11 +84,11 @@ class PacketConfig(FixedFields):
 
 @dataclass(kw_only=True)
 class Jitter(PacketConfig):
-    """How the delays of the packets scatter.
+    """The random part of the delays of packets.
 
     uniform: within sqrt(3) std on either side of the mean.
-    normal:  the density of N(mean, std^2) above `minimum`, zero below and normalized
-             again. Mean and std are those before this truncation.
+    normal:  the density of N(mean, std^2), truncated below `minimum` and normalized
+             again. Mean and std are the values before the truncation.
     gamma:   minimum + Gamma(shape, scale) with shape = ((mean - minimum) / std)^2 and
              scale = std^2 / (mean - minimum).
 
@@ -100,31 +102,33 @@ class Jitter(PacketConfig):
         "gamma": ("std", "minimum", "correlation_time", "keeps_order"),
     }
 
-    # One of those of `used`.
+    # One of the keys of `used`.
     kind: str = "none"
     # Standard deviation, s, >= 0.
     std: float = Number(0.0, "s", minimum=0)
-    # Least delay, s, 0 to `delay`; normal and gamma only, else 0. What varies with
-    # time comes on top.
+    # Smallest delay, s, 0 to `delay`; normal and gamma only, else 0. The parts of the
+    # delay that vary with time are added to it.
     minimum: float = 0.0
-    # After which time the delay has forgotten what it was, s, >= 0. 0: each packet is
-    # independent of the others.
+    # Time constant of the correlation between the delays of packets, s, >= 0. 0: the
+    # delays are independent.
     correlation_time: float = Number(0.0, "s", minimum=0)
-    # Whether no packet overtakes another one. What waits arrives later than the mean
-    # and std say, the more so the shorter the sample period and the correlation time.
+    # Whether packets arrive in the order in which they are sent. A packet that waits
+    # for its predecessor arrives later than mean and std imply. The effect grows as the
+    # sample period and the correlation time become shorter.
     keeps_order: bool = False
 
 
 @dataclass(kw_only=True)
 class Loss(PacketConfig):
-    """Which packets never arrive.
+    """The loss of packets.
 
-    independent: each with `probability`.
+    independent: each packet is lost with `probability`.
     burst:       the Gilbert-Elliott model. A Markov chain is in a good or a bad state
-                 at each packet; a packet is lost with good_loss or bad_loss. The
-                 chain leaves the bad state with 1 / burst_length, starts in its
-                 stationary distribution, and has a share of bad packets such that
-                 `probability` are lost in the long run.
+                 at each packet; a packet is lost with the probability good_loss or
+                 bad_loss. The chain leaves the bad state with the probability
+                 1 / burst_length and starts in its stationary distribution. The share
+                 of packets in the bad state is such that the share `probability` of all
+                 packets is lost in the long run.
 
     Source: E. N. Gilbert, Bell Syst. Tech. J. 39 (1960); E. O. Elliott, ibid. 42
     (1963).
@@ -136,7 +140,7 @@ class Loss(PacketConfig):
         "burst": ("probability", "burst_length", "good_loss", "bad_loss"),
     }
 
-    # One of those of `used`.
+    # One of the keys of `used`.
     kind: str = "none"
     # Share of packets lost in the long run, 0 to 1; below 1 for burst.
     probability: float = Number(0.0, "1", minimum=0, maximum=1)
@@ -150,40 +154,43 @@ class Loss(PacketConfig):
 
 @dataclass(kw_only=True)
 class Receiver(PacketConfig):
-    """What the receiver makes of the packets; older ones than it has are discarded.
+    """The policy of the receiver. It discards packets older than the one it shows.
 
     newest:      holds the packet with the newest time stamp.
-    playout:     the same, but shows a packet no earlier than delay + depth after it
-                 was sent; one that is late is shown at once. The clocks agree.
-    extrapolate: goes on from the newest packet, from its arrival, along the line
-                 through the time stamps and values of this packet and the one it
-                 replaced.
+    playout:     like `newest`, but shows a packet no earlier than delay + depth after
+                 it was sent. A packet that arrives later is shown at once. The clocks
+                 of sender and receiver are assumed to agree.
+    extrapolate: shows the newest packet at its arrival, and then extrapolates with the
+                 slope of the line through the time stamps and values of this packet and
+                 of the one that it replaced.
     """
 
     choice = "policy"
     used: ClassVar = {"newest": (), "playout": ("depth",), "extrapolate": ()}
 
-    # One of those of `used`.
+    # One of the keys of `used`.
     policy: str = "newest"
-    # How much longer than `delay` a packet waits, s, >= 0; playout only, else 0.
+    # Time from sending to showing a packet in excess of `delay`, s, >= 0; playout only,
+    # else 0.
     depth: float = Number(0.0, "s", minimum=0)
 
 
 class PacketNetwork:
-    """A network to which a packet is given every sample period.
+    """A network through which a packet is sent every sample period.
 
     Args:
         profile: The part of the delay that is not random.
         sample_period: h in s, > 0 and at most the duration of the profile.
-        jitter: The random part of the delay.
-        loss: Which packets never arrive.
-        is_lost: Which packets, beside these, never arrive, by the times when they are
-            sent in s (N); None: no such packet.
-        seed: >= 0. The same seed and stream give the same packets.
-        stream: Name of the channel. Other names make independent networks.
+        jitter: The random part of the delay; None: there is none.
+        loss: The random losses; None: there are none.
+        is_lost: Function that returns which packets are lost as well (N), for the times
+            in s when they are sent (N). None: there are no further losses.
+        seed: Seed of the random numbers, >= 0.
+        stream: Name of the channel. Networks with equal seed and name have the same
+            random numbers; networks with different names are independent.
 
     Raises:
-        ValueError: If a parameter is outside its range or a delay might be negative.
+        ValueError: If a parameter is outside its range or a delay may be negative.
     """
 
     def __init__(
@@ -214,7 +221,7 @@ class PacketNetwork:
             Refuse("seed", seed, "a whole number >= 0")
         self._CheckJitter()
         self._CheckLoss()
-        # Those of the first packets; NaN beyond the duration of the profile.
+        # Arrival times of the first packets in s; NaN beyond the profile's duration.
         self._arrivals = np.empty(0)
         self._lock = threading.Lock()
 
@@ -223,6 +230,7 @@ class PacketNetwork:
         jitter = self._jitter
         mean = self.profile.delay
         jitter.Check()
+        # The smallest jitter of each kind, and then the smallest delay.
         least = 0.0
         if jitter.kind == "uniform":
             least = -math.sqrt(3) * jitter.std
@@ -260,11 +268,12 @@ class PacketNetwork:
             return
         if not loss.good_loss < loss.bad_loss:
             Refuse("loss.bad_loss", loss.bad_loss, f"> good_loss, {loss.good_loss:g}")
-        # The chain enters the bad state with share / (1 - share) / burst_length.
+        # The chain enters the bad state with the probability
+        # share / (1 - share) / burst_length, which must not exceed 1.
         most = loss.good_loss + (loss.bad_loss - loss.good_loss) * (
             loss.burst_length / (1 + loss.burst_length)
         )
-        # A chain that is always in the bad state cannot leave it and come back.
+        # The chain leaves the bad state, so it cannot be in that state at all packets.
         bad_share = loss.probability - loss.good_loss
         is_always_bad = bad_share >= loss.bad_loss - loss.good_loss
         if is_always_bad or not loss.good_loss <= loss.probability <= most:
@@ -276,7 +285,7 @@ class PacketNetwork:
             )
 
     def Arrival(self, k: int) -> float:
-        """Returns when packet k, sent at k h, arrives (s); infinity if it is lost.
+        """Returns the arrival time in s of packet k, sent at k h; infinity if lost.
 
         Raises:
             ValueError: If it is sent beyond the duration of the profile.
@@ -286,15 +295,16 @@ class PacketNetwork:
                 self._arrivals = self._Arrivals(2 * (k // _BLOCK + 1))
         arrival = float(self._arrivals[k])
         if math.isnan(arrival):
+            # The profile raises the ValueError.
             self.profile(k * self.sample_period)
         return arrival
 
     def Arrivals(self, count: int) -> Array:
-        """Returns when packets 0 to count - 1 arrive (s); infinity if lost."""
+        """Returns the arrival times of packets 0 to count - 1, s; lost: infinity."""
         return np.array([self.Arrival(k) for k in range(count)])
 
     def Shown(self, k: int, receiver: Receiver) -> float:
-        """Returns when a receiver shows packet k if it has no newer one (s).
+        """Returns the time in s when packet k is shown unless there is a newer one.
 
         Raises:
             ValueError: If it is sent beyond the duration of the profile.
@@ -306,10 +316,15 @@ class PacketNetwork:
         return max(arrival, float(self._Snap(np.array(due))))
 
     def ShownUntil(self, receiver: Receiver, end: float) -> tuple[Array, Array]:
-        """Returns what a receiver shows of the packets sent before a time.
+        """Returns the times when a receiver shows packets, and their time stamps.
+
+        Args:
+            receiver: The receiver.
+            end: The time in s before which packets are sent and shown.
 
         Returns:
-            When it shows something (N), ascending, and the time stamp of it (N), in s.
+            The times in s when the receiver shows a packet or discards it as outdated,
+            ascending (N), and the time stamps in s of the packets then shown (N).
         """
         sent = range(self.CountUntil(end))
         shown = np.array([self.Shown(k, receiver) for k in sent])
@@ -319,7 +334,7 @@ class PacketNetwork:
         return shown[order], np.maximum.accumulate(stamps[order])
 
     def CountUntil(self, end: float) -> int:
-        """Returns how many packets are sent before a time in s."""
+        """Returns the number of packets sent before a time in s."""
         return math.ceil(end / self.sample_period - TIE)
 
     def _Draw(
@@ -336,18 +351,19 @@ class PacketNetwork:
         key = sequence.generate_state(2, np.uint64)
         numbers = []
         for block in range(num_blocks):
-            # Of the 256 bits of the counter, the upper half tells the blocks apart.
+            # The upper half of the counter's 256 bits is the number of the block.
             bits = np.random.Philox(key=key, counter=block << 128)
             numbers.append(draw(np.random.Generator(bits), *of, _BLOCK))
         return np.concatenate(numbers)
 
     def _Arrivals(self, num_blocks: int) -> Array:
-        """Returns when the packets of the first blocks arrive (s).
+        """Returns the arrival times in s of the packets of the first blocks.
 
-        A packet that is lost arrives at infinity; beyond the duration it is NaN.
+        That of a lost packet is infinity. That of a packet sent beyond the duration of
+        the profile is NaN.
         """
         sent = np.arange(num_blocks * _BLOCK) * self.sample_period
-        # As the profile has it.
+        # The profile allows times up to its duration with the same margin.
         sent = sent[sent <= self.profile.duration * (1 + 1e-9)]
         delays = self.profile(sent) + self._Jitters(num_blocks)[: len(sent)]
         times = sent + np.maximum(delays, 0.0)
@@ -361,7 +377,7 @@ class PacketNetwork:
         return arrivals
 
     def _Snap(self, times: Array) -> Array:
-        # 0.1 + 3 * 0.1 is not 4 * 0.1.
+        # Moves times that are at a tick but for rounding: 0.1 + 3 * 0.1 is not 4 * 0.1.
         ticks = np.round(times / self.sample_period) * self.sample_period
         return np.where(np.isclose(times, ticks, rtol=2e-15, atol=SAME), ticks, times)
 
@@ -376,7 +392,7 @@ class PacketNetwork:
             of = (excess / std) ** 2, std**2 / excess
             return self._Draw("jitter", num_blocks, Generator.gamma, *of) - excess
 
-        from scipy.special import gammaincinv, ndtr, ndtri  # It takes a tenth of a s.
+        from scipy.special import gammaincinv, ndtr, ndtri  # The import takes 0.1 s.
 
         u = np.clip(self._Shares(num_blocks), 2.0**-53, 1 - 2.0**-53)
         jitters: Array
@@ -390,7 +406,7 @@ class PacketNetwork:
         return jitters
 
     def _Shares(self, num_blocks: int) -> Array:
-        """Returns where packets are in the distribution of the jitter, 0 to 1."""
+        """Returns the value of the jitter's distribution function for each packet."""
         time = self._jitter.correlation_time
         if not time:
             return self._Draw("jitter", num_blocks, Generator.random)
@@ -406,7 +422,7 @@ class PacketNetwork:
         return shares
 
     def _Losses(self, num_blocks: int) -> NDArray[np.bool_]:
-        """Returns which packets of the first blocks are lost."""
+        """Returns whether each packet of the first blocks is lost."""
         loss = self._loss
         probability: float | Array = loss.probability
         if loss.kind == "burst":
@@ -415,7 +431,7 @@ class PacketNetwork:
         return self._Draw("loss", num_blocks, Generator.random) < probability
 
     def _Bursts(self, num_blocks: int) -> list[bool]:
-        """Returns at which packets the chain of bursts is in its bad state."""
+        """Returns whether the chain of bursts is in its bad state at each packet."""
         loss = self._loss
         share = (loss.probability - loss.good_loss) / (loss.bad_loss - loss.good_loss)
         leave = 1 / loss.burst_length

@@ -1,4 +1,4 @@
-"""What a network and a receiver have made of the packets of a run."""
+"""Statistics of the packets of a run: losses, delays, age of information."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,25 +13,27 @@ _PERCENTS = {"minimum": 0, "median": 50, "p95": 95, "p99": 99, "maximum": 100}
 
 @dataclass(kw_only=True)
 class PacketStatistics:
-    """What one channel did to its packets until the end of a run.
+    """Statistics of the packets of one channel until the end of a run.
+
+    The delays are those of the packets received, and are None if there are none. The
+    age of information is the time since the packet that is shown was sent. Its mean and
+    maximum begin with the first packet shown, and are None if no packet is shown.
 
     Attributes:
         sent: Number of packets sent.
-        received: Number of those that arrived before the end.
-        lost: Number of those that never arrive. The rest were still under way.
+        received: Number of packets that arrived by the end.
+        lost: Number of packets lost. The others that were not received were still
+            under way.
         loss_rate: lost / sent.
         reordered: Number of packets that arrived after a newer one.
-        late: Number of packets that arrived after they should have been shown
-            (playout only).
-        delay_mean: Of the packets received, s; None if there are none, as for the
-            following.
+        late: Number of packets that arrived after their playout time (playout only).
+        delay_mean: Mean delay, s.
         delay_minimum: Smallest delay, s.
-        delay_median: Half of the delays are smaller, s.
-        delay_p95: 95 % of the delays are smaller, s.
-        delay_p99: 99 % of the delays are smaller, s.
+        delay_median: Median of the delays, s.
+        delay_p95: 95th percentile of the delays, s.
+        delay_p99: 99th percentile of the delays, s.
         delay_maximum: Largest delay, s.
-        age_mean: Age of information: the time since what is shown was sent; mean
-            over time from the first packet shown, s.
+        age_mean: Mean age of information over time, s.
         age_maximum: Largest age of information, s.
     """
 
@@ -54,16 +56,18 @@ class PacketStatistics:
 def ComputePacketStatistics(
     network: PacketNetwork, receiver: Receiver, end_time: float
 ) -> PacketStatistics:
-    """Returns what a network and a receiver make of the packets sent before a time.
+    """Returns the statistics of the packets sent before a time.
 
     Args:
-        end_time: In s; what arrives later has not been received.
+        network: The network, which determines the arrivals.
+        receiver: The receiver, which determines the packets that are shown.
+        end_time: The time in s; a packet that arrives later is not received.
     """
     sent = network.CountUntil(end_time)
     arrivals = network.Arrivals(sent)
     stamps = np.arange(sent) * network.sample_period
     received = np.flatnonzero(arrivals <= end_time)
-    # Two that arrive together are in order.
+    # Packets that arrive together count as being in order.
     received = received[np.argsort(arrivals[received], kind="stable")]
     is_newest = received == np.maximum.accumulate(received)
     delays = (arrivals - stamps)[received]

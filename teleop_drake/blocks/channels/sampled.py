@@ -28,13 +28,14 @@ class SampledDelay(ChannelBlock):
     | in   | signal         | size | any       |
     | out  | delayed_signal | size | of signal |
 
-    State, jumps: those of PacketLine. A step ends where a packet is delivered, too.
+    State and treatment of jumps: those of PacketLine. A step also ends at each delivery
+    of a packet.
 
     Initial value: `initial_value` is delivered until the first packet, sent at
     t = 0, arrives.
 
     Direct feedthrough: none, unless delay is 0. Then the block is a pass-through
-    with neither state nor events: no channel, and nothing is sampled.
+    with neither state nor events, which does not sample the signal.
 
     It does not interpolate, lose, reorder or jitter packets.
 
@@ -42,7 +43,7 @@ class SampledDelay(ChannelBlock):
         delay: Delay of a packet in s, >= 0.
         sample_period: h in s, > 0, at most the delay (unless the delay is 0).
         size: Width of the signal, >= 1.
-        initial_value: What is delivered at first (size); zeros if None.
+        initial_value: The output before the first packet arrives (size); zeros if None.
 
     Raises:
         ValueError: If a parameter is outside its range.
@@ -61,20 +62,20 @@ class SampledDelay(ChannelBlock):
         if delay == 0:
             self.DeclarePassThrough()
             return
-        # The margin keeps 0.1 / 0.01 at ten whole periods.
+        # With the margin, 0.1 / 0.01 is ten whole periods in spite of rounding.
         num_periods = math.floor(delay / sample_period + TIE)
         offset = delay - num_periods * sample_period
         offset = offset if offset > TIE * sample_period else 0.0
         self.DeclareDelay(
             period=sample_period,
-            # As Drake counts ticks.
+            # Rounded as Drake rounds the times of periodic events.
             shown=lambda k: offset + (k + num_periods) * sample_period,
         )
         DeclareTicks(self, Ticks(sample_period, offset), None)
 
 
 MAX_PACKETS = 100_000
-"""Most packets that may be under way in a channel."""
+"""Largest number of packets that may be under way in a channel."""
 
 
 def CheckSamplePeriod(path: str, sample_period: float, delay: float) -> None:
@@ -82,8 +83,8 @@ def CheckSamplePeriod(path: str, sample_period: float, delay: float) -> None:
 
     Args:
         path: The channel's field in a scenario, for messages.
-        sample_period: In s.
-        delay: In s.
+        sample_period: The sample period in s.
+        delay: The delay of the channel in s.
 
     Raises:
         ScenarioError: If it is not allowed.
@@ -141,9 +142,9 @@ class SampledChannelConfig(ChannelConfig):
         return self.sample_period
 
     def AsConstantDelay(self, path: str, duration: float) -> ConstantDelay:
-        """Returns the delay of a packet and half a period, for which it is held.
+        """Returns the delay of a packet plus half of the period for which it is held.
 
-        To first order in the period h, a hold is that delay:
+        To first order in the period h, a hold is a delay of h/2:
         (1 - e^(-s h))/(s h) = e^(-s h/2) (1 + (s h)^2/24 + ...).
         """
         if self.delay == 0:

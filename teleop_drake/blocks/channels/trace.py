@@ -1,14 +1,15 @@
-"""Measured delays, read from a file: CSV, or what `ping` prints.
+"""Measured delays, read from a file: CSV, or the output of `ping`.
 
-A CSV file begins with a header, `time_s,delay_s`: when a packet was sent, and how long
-it took one way. The delays may be in ms or us instead, as `delay_ms` or `delay_us`. A
-packet that was lost has `nan`, `lost` or nothing for a delay.
+A CSV file begins with the header `time_s,delay_s`. Its columns are the time when a
+packet was sent and its delay one way. The delays may be in ms or us instead, as
+`delay_ms` or `delay_us`. The delay of a lost packet is `nan`, `lost` or empty.
 
-Of ping's lines the number and the time count, with the time stamps of `ping -D` if
-they are there. A number that is left out was lost. Half of a round trip is taken for
-each way.
+From each line of ping, the sequence number and the round-trip time are read, and the
+time stamp of `ping -D` if there is one. Without time stamps, a packet is taken to be
+sent each second. A packet whose number is missing was lost. The delay one way is half
+of the round trip.
 
-Empty lines, and those that begin with `#`, are skipped.
+Empty lines, and lines that begin with `#`, are skipped.
 """
 
 import math
@@ -25,18 +26,19 @@ from teleop_drake.files import ReadNumbers, ReadRows, Replacing
 from teleop_drake.validation import Refuse, ScenarioError, Show
 
 ENDS = ("refuse", "hold", "repeat")
-"""What may be done where the simulation outlasts a trace."""
+"""The treatments of a trace that is shorter than the simulation."""
 
-# More entries than these make no channel.
+# Largest number of entries of a trace that is repeated.
 _MAX_ENTRIES = 10_000_000
 
-# The headers of a CSV file, and how many seconds a unit of its delays is.
+# The headers of a CSV file, with the unit of its delays in s.
 _HEADERS = {"time_s,delay_s": 1.0, "time_s,delay_ms": 1e-3, "time_s,delay_us": 1e-6}
 
+# The delay of a lost packet in a CSV file.
 _LOST = ("", "nan", "lost")
 
-# 64 bytes from 10.0.0.1: icmp_seq=5 ttl=64 time=12.3 ms, which `ping -D` puts a time
-# in brackets before.
+# A line such as `64 bytes from 10.0.0.1: icmp_seq=5 ttl=64 time=12.3 ms`. `ping -D`
+# prints a time stamp in brackets before it.
 _PING = re.compile(
     r"(?:\[(?P<stamp>[\d.]+)\] )?.*icmp_seq=(?P<number>\d+).*time=(?P<delay>[\d.]+) ms"
 )
@@ -47,10 +49,10 @@ class Trace:
     """Measured delays, one entry for each packet that was sent.
 
     Attributes:
-        times: When it was sent, s, ascending (N).
-        delays: How long it took, s (N); of one that was lost, between those of its
-            neighbours that arrived.
-        is_lost: Which ones were lost (N).
+        times: The times when the packets were sent, s, ascending (N).
+        delays: The delays of the packets, s (N). That of a lost packet is interpolated
+            between its neighbours that arrived.
+        is_lost: Whether each packet was lost (N).
         is_halved: Whether the delays are halves of round trips.
     """
 
@@ -60,12 +62,12 @@ class Trace:
     is_halved: bool = False
 
     def Until(self, duration: float, end: str) -> "Trace":
-        """Returns the trace from its first entry on until a duration.
+        """Returns the trace with times that count from its first entry.
 
         Args:
-            duration: How long it has to be, s.
-            end: If it is shorter: `repeat` begins again, a mean step after the last
-                entry; else it stays as long as it is.
+            duration: The time that a repeated trace has to reach, s.
+            end: The treatment of a shorter trace: with `repeat` it begins again, a mean
+                step after its last entry; otherwise it keeps its length.
         """
         times = self.times - self.times[0]
         if duration <= times[-1] or end != "repeat":
@@ -74,7 +76,8 @@ class Trace:
         count = int(duration / period) + 1
         if count * len(times) > _MAX_ENTRIES:
             Refuse("trace_end", end, f"such that there are {_MAX_ENTRIES:g} entries")
-        # Also the way back from the last entry to the first one.
+        # The first entry follows the last repetition, so that there are delays to
+        # interpolate behind its last entry.
         entries = np.append(np.tile(np.arange(len(times)), count), 0)
         begins = period * np.arange(count)
         return replace(
@@ -85,32 +88,32 @@ class Trace:
         )
 
     def IsLost(self, times: np.ndarray) -> np.ndarray:
-        """Returns whether the last entry until each of some times was lost (K).
+        """Returns whether the latest entry at each of the given times was lost (K).
 
         Args:
-            times: Since the first entry, s (K).
+            times: Times since the first entry, s (K).
         """
-        # A packet that is sent with an entry has that entry's fate, whatever the
-        # rounding of its time.
+        # With the margin, a packet that is sent at the time of an entry is assigned to
+        # that entry in spite of rounding.
         i = np.searchsorted(self.times, times + 1e-9, side="right") - 1
         return np.asarray(self.is_lost[np.maximum(i, 0)])
 
 
 def WriteTrace(path: str | os.PathLike[str], period: float, delays: ArrayLike) -> None:
-    """Writes delays in s, NaN: lost, of packets that were sent each period, as CSV."""
+    """Writes the delays in s of periodic packets as a CSV file; NaN: lost."""
     rows = np.column_stack((np.arange(np.size(delays)) * period, delays))
     with Replacing(path) as file:
         np.savetxt(file, rows, "%.9g", ",", header="time_s,delay_s", comments="")
 
 
 def ReadTrace(path: str, file: str) -> Trace:
-    """Reads measured delays from a CSV file, or from what `ping` printed.
+    """Reads measured delays from a CSV file, or from the output of `ping`.
 
     Args:
         path: The field that names the file, for messages.
 
     Returns:
-        At least two entries.
+        The trace, which has at least two entries.
 
     Raises:
         ScenarioError: If the file cannot be read or a line is not allowed.
@@ -126,22 +129,22 @@ def ReadTrace(path: str, file: str) -> Trace:
     is_lost = np.isnan(delays)
     if is_lost.all():
         raise ScenarioError(f"{origin}: must have a delay that is a number")
-    # A lost packet has a delay between those of its neighbours.
+    # The delay of a lost packet is interpolated between its neighbours that arrived.
     delays[is_lost] = np.interp(times[is_lost], times[~is_lost], delays[~is_lost])
     return Trace(times, delays, is_lost, is_halved=bool(answers))
 
 
 def _EntriesOfPing(answers: Sequence[re.Match[str]]) -> Array:
-    """Returns the packets of ping's answers, those that were lost among them."""
+    """Returns times and delays in s of the packets of ping (N, 2); NaN: lost."""
     sent: dict[int, float] = {}
     delays: dict[int, float] = {}
     for answer in answers:
         number = int(answer["number"])
         if number in sent:
-            continue  # Only the first of two answers counts.
+            continue  # Of duplicate answers, only the first is used.
         round_trip = float(answer["delay"]) * 1e-3
         delays[number] = round_trip / 2
-        # The stamp is that of the answer.
+        # The time stamp is that of the answer, a round trip after the packet was sent.
         stamp = answer["stamp"]
         sent[number] = float(stamp) - round_trip if stamp else float(number)
     known = sorted(sent)
@@ -151,7 +154,7 @@ def _EntriesOfPing(answers: Sequence[re.Match[str]]) -> Array:
 
 
 def _EntriesOfCsv(rows: Sequence[tuple[int, str]], origin: str) -> Array:
-    """Returns the packets of a CSV file, after checking each line."""
+    """Returns times and delays in s of a CSV file (N, 2), after checking each line."""
     header = "".join(rows[0][1].split()) if rows else ""
     if header not in _HEADERS:
         allowed = f"must begin with the header {' or '.join(_HEADERS)}"

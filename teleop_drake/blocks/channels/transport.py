@@ -16,7 +16,7 @@ class TransportDelay(ChannelBlock):
                           = initial_value        before
 
     where t0 is the time at which the simulation starts. The delay need not be a
-    multiple of anything. This is the block T of Fig. 2.1.
+    multiple of a step or a period. This is the block T of Fig. 2.1.
 
     | port | name           | size | unit      |
     |------|----------------|------|-----------|
@@ -27,30 +27,30 @@ class TransportDelay(ChannelBlock):
     |-----------|-----------|------|
     | 0         | delay     | s    |
 
-    State, jumps: those of DelayLine.
+    State and treatment of jumps: those of DelayLine.
 
     Initial value: `initial_value` is delivered until the first sample arrives.
 
     Direct feedthrough: none, unless delay is 0. Then the block is a pass-through
     with neither state nor events.
 
-    Steps: a periodic event that does nothing ends a step at least once per
-    `max_sample_interval`, also in a diagram that has nothing to integrate. It costs
-    steps where the integrator's own are short enough; infinity does without.
+    Steps: a periodic event without effect ends a step at least once per
+    `max_sample_interval`, also in a diagram without continuous states. It adds steps
+    needlessly if the integrator's own steps are short enough; infinity removes it.
 
     It does not extrapolate, so no step can be longer than the delay. It does not
     report derivatives and cannot vary its delay.
 
     Attributes:
-        delay: In s.
+        delay: The delay in s.
 
     Args:
         delay: Delay in s, >= 0.
         size: Width of the signal, >= 1.
-        initial_value: What is delivered at first (size); zeros if None.
+        initial_value: The output before the first sample arrives (size); zeros if None.
         max_sample_interval: Longest time between two samples in s, in (0, delay];
-            infinity: the steps are as they come. None takes 0.01 s, or the delay if
-            that is less.
+            infinity: one sample for each step of the integrator. None: 0.01 s, or the
+            delay if that is less.
 
     Raises:
         ValueError: If a parameter is outside its range.
@@ -72,7 +72,7 @@ class TransportDelay(ChannelBlock):
         self.DeclareDelay(time=self.delay, max_sample_interval=max_sample_interval)
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
-        """Returns the delay."""
+        """Returns the delay as a linear part."""
         return LinearPart(delay=self.delay)
 
 
@@ -95,12 +95,12 @@ class TransportChannelConfig(ChannelConfig):
             delay=self.delay,
             size=size,
             initial_value=initial_value,
-            # LongestStep says how the solver has to step.
+            # LongestStep() limits the steps of the solver instead.
             max_sample_interval=math.inf,
         )
 
     def LongestStep(self, duration: float) -> float:
-        """Returns the delay in s: what arrives in a step was sent before it."""
+        """Returns the delay in s; a signal that arrives in a step was sent earlier."""
         return self.delay or math.inf
 
     def IsPassThrough(self) -> bool:

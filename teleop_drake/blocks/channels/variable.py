@@ -28,10 +28,10 @@ from teleop_drake.validation import (
     Within,
 )
 
-# Times between which the delay is taken to vary linearly where arrivals are asked for.
+# Number of instants at which Arrivals() evaluates the delay; it interpolates linearly.
 _NUM_TIMES = 2000
 
-# Instants at which a delay that varies is looked at for its mean.
+# Number of instants at which a varying delay is evaluated to compute its mean.
 _NUM_MEAN_TIMES = 20001
 
 
@@ -43,7 +43,7 @@ class Sinusoid(FixedFields):
     amplitude: float = Number(0.0, "s", minimum=0)
     # rad/s, >= 0.
     frequency: float = Number(1.0, "rad/s", minimum=0)
-    # rad, -1000 to 1000: of a larger one, too few digits are left.
+    # rad, -1000 to 1000; a larger phase would leave too few significant digits.
     phase: float = Number(0.0, "rad", minimum=-1000, maximum=1000)
 
 
@@ -52,28 +52,29 @@ class DelayProfile:
 
         T(t) = delay + drift t + amplitude sin(frequency t + phase) + trace(t)
 
-    Calling it returns T(t) in s. The trace is interpolated linearly; its own time
-    counts from its first entry.
+    Calling it returns T(t) in s. The trace is interpolated linearly; its times count
+    from its first entry.
 
     Attributes:
         delay: The constant part in s.
-        duration: Until when T is defined, in s.
+        duration: The time until which T is defined, in s.
         minimum: A lower bound of T in s, the sum of the minima of its parts.
         max_slope: An upper bound of dT/dt, the sum of the maxima of its parts.
-        nonsmooth_times: Where the slope of T may jump: the times of the trace, in s.
+        nonsmooth_times: The times at which the slope of T may jump: those of the trace,
+            in s.
 
     Args:
         delay: Constant part in s, >= 0.
         drift: Change per time, s/s.
         sinusoid: Periodic part.
-        trace: (times, delays) in s, measured, at least two of each; the times ascend
+        trace: Measured (times, delays) in s, at least two of each; the times ascend
             and the delays are not negative. The last delay is held to the end. None: no
             such part.
-        duration: Until when T is needed, in s, > 0; None: the whole trace, or forever
-            without one.
+        duration: The time until which T is needed, in s, > 0; None: the length of the
+            trace, or infinity without a trace.
 
     Raises:
-        ValueError: If a parameter is outside its range, or T might be negative.
+        ValueError: If a parameter is outside its range, or T may be negative.
     """
 
     def __init__(
@@ -91,7 +92,7 @@ class DelayProfile:
         sinusoid.CheckNumbers("sinusoid")
         self.delay = float(delay)
         self._drift = float(drift)
-        # The trace counts from its first entry.
+        # The times of the trace count from its first entry.
         parts = ([0.0, math.inf], [0.0, 0.0]) if trace is None else trace
         self._times, self._delays = (np.array(part, dtype=float) for part in parts)
         self._times -= self._times[0]
@@ -100,12 +101,13 @@ class DelayProfile:
             Refuse("duration", duration, "a number > 0 (s)")
         bends = self._times[1:]
         self.nonsmooth_times: list[float] = bends[bends < self.duration].tolist()
-        # Bounds: the sums of those of the parts.
+        # The bounds of T and of its slope are the sums of the bounds of their parts.
         self.minimum = self.delay - sinusoid.amplitude + float(self._delays.min())
         if self._drift < 0:
             self.minimum += self._drift * self.duration
         slopes = np.diff(self._delays) / np.diff(self._times)
-        # The slope of each part; the last delay of a trace is held.
+        # The largest slope of each part; behind the trace, whose last delay is held, it
+        # is 0.
         self._slopes = {
             "drift": self._drift,
             "sinusoid.amplitude": sinusoid.amplitude * sinusoid.frequency,
@@ -123,14 +125,14 @@ class DelayProfile:
         )
 
     def CheckContinuous(self, least: float, trace_name: str = "trace") -> None:
-        """Checks that a signal can be delayed by T continuously and in order.
+        """Checks that T delays a signal continuously and preserves its order.
 
         Args:
-            least: Least delay in s that is allowed.
-            trace_name: What to call the trace in a message.
+            least: Smallest allowed delay in s.
+            trace_name: Name of the trace in a message.
 
         Raises:
-            ValueError: If T might be less, or rise as fast as time goes by.
+            ValueError: If T may be less than `least`, or dT/dt may reach 1.
         """
         if self.minimum < least:
             self._RefuseMinimum(f"less than {least:g} s")
@@ -152,10 +154,10 @@ class DelayProfile:
         """Returns T(t) in s.
 
         Args:
-            t: A time in s, or some (N,), 0 to `duration`.
+            t: A time in s, or an array of times (N,), 0 to `duration`.
 
         Raises:
-            ValueError: If one lies beyond the duration.
+            ValueError: If a time is beyond the duration.
         """
         if np.any(t > self.duration * (1 + 1e-9)):
             Refuse("t", t, f"at most {self.duration:g} s, the duration of the delay")
@@ -170,27 +172,28 @@ class DelayProfile:
 
 @Config
 class VaryingDelayConfig(ChannelConfig):
-    """A channel whose delay varies; `delay` is the mean, on which the rest adds."""
+    """Base of the channels with a varying delay: `delay` plus the parts below."""
 
     file_fields = ("trace",)
 
     # Growth of the delay, s/s.
     drift: float = 0.0
     sinusoid: Sinusoid = field(default_factory=Sinusoid)
-    # A file with measured delays, which are added: CSV with the header time_s,delay_s,
-    # or what ping printed; see channels.trace. It is interpolated linearly; null: none.
-    # In a scenario file the path is relative to that file.
+    # A file of measured delays, which are added: CSV with the header time_s,delay_s, or
+    # the output of ping; see channels.trace. They are interpolated linearly. Null: no
+    # trace. In a scenario file the path is relative to that file.
     trace: str | None = None
-    # One of ENDS, where the simulation outlasts it: refuse, hold, repeat.
+    # The treatment of a trace that is shorter than the simulation, one of ENDS: refuse,
+    # hold, repeat.
     trace_end: str = "refuse"
 
     def Read(
         self, duration: float, path: str = "channel"
     ) -> tuple[DelayProfile, Trace | None]:
-        """Returns how the delay varies with time, jitter apart, and the trace.
+        """Returns the delay without jitter as a function of time, and the trace.
 
         Args:
-            duration: Until when, in s.
+            duration: The time until which the delay is needed, in s.
             path: The channel's field in a scenario, for messages.
         """
         CheckChoice(f"{path}.trace_end", self.trace_end, ENDS)
@@ -218,19 +221,19 @@ class VaryingDelayConfig(ChannelConfig):
         return profile, trace
 
     def Profile(self, duration: float, path: str = "channel") -> DelayProfile:
-        """Returns how the delay varies with time, jitter apart; reads the trace."""
+        """Returns the delay without jitter as a function of time; reads the trace."""
         profile, _ = self.Read(duration, path)
         return profile
 
     def LargestSlope(self, duration: float) -> float:
-        """Returns an upper bound of dT/dt, jitter apart."""
+        """Returns an upper bound of dT/dt without jitter."""
         return self.Profile(duration).max_slope
 
     def Arrivals(self, sent: ArrayLike, duration: float, stream: str = "") -> Array:
-        """Returns when what is sent at given times arrives in s, jitter apart.
+        """Returns the arrival times of signals sent at given times, s, without jitter.
 
-        What arrives at t was sent at t - T(t). What arrives after the end is taken to
-        be delayed as at the end.
+        A signal that arrives at t was sent at t - T(t). Arrivals after the end of the
+        simulation are computed with the delay at the end.
         """
         profile = self.Profile(duration)
         sent = np.asarray(sent, dtype=float)
@@ -244,20 +247,20 @@ class VaryingDelayConfig(ChannelConfig):
 
 
 class VariableDelay(ChannelBlock):
-    """Delays a vector signal by a time that varies, continuously and without packets.
+    """Delays a vector signal by a varying time, continuously and without packets.
 
         delayed_signal(t) = signal(t - T(t))    for t - T(t) > t0
                           = initial_value       before
 
-    where t0 is the time at which the simulation starts. T changes by less than the
-    time itself, dT/dt < 1, so nothing is delivered twice or in the wrong order.
+    where t0 is the time at which the simulation starts. Because dT/dt < 1, no part of
+    the signal is delivered twice or in the wrong order.
 
     | port | name           | size | unit      |
     |------|----------------|------|-----------|
     | in   | signal         | size | any       |
     | out  | delayed_signal | size | of signal |
 
-    State, jumps: those of DelayLine.
+    State and treatment of jumps: those of DelayLine.
 
     Initial value: `initial_value` is delivered until the first sample arrives.
 
@@ -268,10 +271,10 @@ class VariableDelay(ChannelBlock):
     Args:
         profile: T(t) in s, at least SHORTEST_TIME and of slope < 1.
         size: Width of the signal, >= 1.
-        initial_value: What is delivered at first (size); zeros if None.
+        initial_value: The output before the first sample arrives (size); zeros if None.
         max_sample_interval: Longest time between two samples in s, at most the
-            smallest delay; infinity: the steps are as they come. None takes 0.01 s,
-            or the smallest delay if that is less.
+            smallest delay; infinity: one sample for each step of the integrator. None:
+            0.01 s, or the smallest delay if that is less.
 
     Raises:
         ValueError: If a parameter is outside its range.
@@ -300,7 +303,7 @@ class VariableDelay(ChannelBlock):
 
 @Config
 class VariableChannelConfig(VaryingDelayConfig):
-    """Delays the signal exactly by T(t), which is continuous and keeps the order."""
+    """Delays the signal exactly by a continuous T(t), which preserves its order."""
 
     kind = "variable"
 
@@ -331,7 +334,7 @@ class VariableChannelConfig(VaryingDelayConfig):
             profile=self.Profile(duration),
             size=size,
             initial_value=initial_value,
-            # LongestStep says how the solver has to step.
+            # LongestStep() limits the steps of the solver instead.
             max_sample_interval=math.inf,
         )
 
@@ -342,9 +345,9 @@ class VariableChannelConfig(VaryingDelayConfig):
     def AsConstantDelay(self, path: str, duration: float) -> ConstantDelay:
         """Returns the mean of T over the duration.
 
-        A constant delay says what holds while T changes slowly against the loop. A T
-        that changes fast may destabilise although each of its values, held, would not,
-        and the reverse.
+        The result is valid while T changes slowly compared with the loop. A T that
+        changes fast may destabilise a loop that is stable for each constant value of T,
+        and it may stabilise a loop that is not.
         """
         profile = self.Profile(duration, path)
         times = np.linspace(0.0, duration, _NUM_MEAN_TIMES)

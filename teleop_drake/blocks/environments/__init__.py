@@ -1,4 +1,4 @@
-"""Environments of the tool: a file for each kind."""
+"""The environments of the tool: a file for each kind."""
 
 from teleop_drake.blocks.environments.base import EnvironmentConfig
 from teleop_drake.blocks.environments.layered_force_field import (

@@ -1,4 +1,4 @@
-"""Base of the configs of environments, and their stiffness and damping at a point."""
+"""Base of the environments' configs; stiffness and damping at a point."""
 
 from abc import ABC, abstractmethod
 
@@ -16,8 +16,8 @@ from teleop_drake.kinds import KindConfig
 from teleop_drake.numerics.differences import differentiate
 from teleop_drake.validation import Config
 
-# The longest steps of the differences, in m and m/s; the first at most as a share of
-# the way to the nearest surface.
+# Largest steps of the finite differences in position, m, and in velocity, m/s. The step
+# in position is at most _STEP_SHARE of the distance to the nearest surface.
 _STEP = 1e-4
 _SPEED_STEP = 1e-3
 _STEP_SHARE = 1 / 50
@@ -25,15 +25,15 @@ _STEP_SHARE = 1 / 50
 
 @Config
 class EnvironmentConfig(KindConfig, ABC):
-    """What the tool meets (thesis section 2.4).
+    """The environment of the tool (thesis section 2.4).
 
     An environment of your own derives from this class, adds its fields, and makes its
-    block in MakeEnvironment. It can be named in a scenario:
+    block in MakeEnvironment. A scenario selects it by the name of its class:
     `kind: my_module:MyEnvironment`.
     """
 
     def Check(self) -> None:
-        """Checks every field; here those that Number() made.
+        """Checks every field; by default, the fields that are declared by Number().
 
         Raises:
             ScenarioError: Naming the first bad field, its value and what is allowed.
@@ -50,9 +50,10 @@ class EnvironmentConfig(KindConfig, ABC):
         | in   | tool_velocity     | n    | m/s                     |
         | out  | environment_force | n    | N, exerted BY the robot |
 
-        If it has a method Surfaces(), which returns Surface objects, the operator feels
-        contact where the one named `contact` is, and events and metrics are those of
-        `contact` and `puncture`. Without it they are left out.
+        The block may have a method Surfaces(), which returns Surface objects. The
+        operator then perceives contact at the surface named `contact`, and the surfaces
+        `contact` and `puncture` have events and metrics. Without the method, all of
+        these are left out.
 
         Args:
             start: p_WT at time 0 in m (n).
@@ -62,7 +63,7 @@ class EnvironmentConfig(KindConfig, ABC):
         """
 
     def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
-        """Returns the surfaces that the block tells, none if it tells none.
+        """Returns the surfaces that the block declares, or an empty tuple.
 
         Args:
             start: p_WT at time 0 in m (n).
@@ -75,7 +76,7 @@ class EnvironmentConfig(KindConfig, ABC):
         Args:
             start: p_WT in m (n).
         """
-        # To make the block takes ten times as long.
+        # The surfaces spare making the block, which takes ten times as long.
         told = StackSlopes(self.Surfaces(start), start)
         return told or StiffnessAndDamping(self.MakeEnvironment(start), start)
 
@@ -86,10 +87,11 @@ def StackSlopes(
     """Returns stiffness and damping in a stack of materials; see StackNormal.
 
     Args:
-        p_WT: Where, in m (n).
+        surfaces: The surfaces of the environment.
+        p_WT: The point in m (n).
 
     Returns:
-        K in N/m and D in N s/m (n, n), or None if the surfaces are no stack.
+        K in N/m and D in N s/m (n, n), or None if the surfaces are not a stack.
     """
     normal = StackNormal(surfaces)
     if normal is None:
@@ -104,10 +106,12 @@ def StackSlopes(
 def StiffnessAndDamping(environment: System, p_WT: ArrayLike) -> tuple[Array, Array]:
     """Returns dF_e/dp and dF_e/dv of an environment, at rest.
 
-    From what its surfaces tell, or else by differences of its force.
+    They follow from the materials if the surfaces are a stack, and otherwise from
+    finite differences of the force.
 
     Args:
-        p_WT: Where, in m (n).
+        environment: A block with the ports of EnvironmentConfig.MakeEnvironment.
+        p_WT: The point in m (n).
 
     Returns:
         K in N/m and D in N s/m (n, n).
@@ -131,8 +135,8 @@ def ForceAt(environment: System, p_WT: Array, v_WT: Array) -> Array:
     """Returns the force on an environment in N (n), in its default state.
 
     Args:
-        p_WT: Where the tool is, in m (n).
-        v_WT: Its velocity in m/s (n).
+        p_WT: Position of the tool in m (n).
+        v_WT: Velocity of the tool in m/s (n).
     """
     context = environment.CreateDefaultContext()
     environment.GetInputPort("tool_position").FixValue(context, p_WT)

@@ -38,24 +38,26 @@ from teleop_drake.validation import (
 
 @Config
 class LayerConfig(FixedFields):
-    """One layer of the environment, from its start to the next one's (eq. 2.14).
+    """One layer of the environment, from its start to that of the next (eq. 2.14).
 
-    force = stiffness (x - reference) + damping v_x along the direction of the layers,
-    and lateral_stiffness times the distance of the tool from its axis across it.
+    force = stiffness (x - reference) + damping v_x along the direction of the layers.
+    Across that direction the force is lateral_stiffness times the distance of the tool
+    from the axis.
     """
 
-    # Unique, letters, digits and _ only: overrides address a layer by it.
+    # Unique name of letters, digits and _, by which overrides address the layer.
     name: str = REQUIRED
-    # Where the layer begins, m, ascending; the first may be -.inf.
+    # Position at which the layer begins, m, larger than that of the previous layer. The
+    # first may be -.inf.
     start: float = REQUIRED
     # N/m, >= 0.
     stiffness: float = Number(0.0, "N/m", minimum=0)
     # N s/m, >= 0.
     damping: float = Number(0.0, "N s/m", minimum=0)
-    # Where the spring is relaxed, m.
+    # Position at which the spring is relaxed, m.
     reference: float = Number(0.0, "m")
-    # N/m, >= 0, across the direction of the layers; assumed: the thesis has none. It
-    # pulls to the line through the tool's start along that direction.
+    # Stiffness across the direction of the layers, N/m, >= 0. It pulls the tool to the
+    # line through its start along that direction. Assumed: the thesis has none.
     lateral_stiffness: float = Number(0.0, "N/m", minimum=0)
 
 
@@ -66,8 +68,8 @@ class LayersEnvironmentConfig(EnvironmentConfig):
     kind = "layers"
 
     layers: list[LayerConfig] = field(default_factory=list)
-    # Into the layers, n entries, of any length but 0. What a layer calls x, its start
-    # and its reference, are measured along it from the origin. Null: along x.
+    # Direction into the layers, n entries, of any length but 0. The x of a layer, its
+    # start and its reference are measured along it from the origin. Null: along x.
     direction: np.ndarray | None = None
 
     def Check(self) -> None:
@@ -91,7 +93,7 @@ class LayersEnvironmentConfig(EnvironmentConfig):
         )
 
     def Surfaces(self, start: ArrayLike) -> tuple[Surface, ...]:
-        """Returns the surfaces that the block tells."""
+        """Returns the surfaces that the block declares."""
         return LayerSurfaces(
             self.layers, np.size(start), self._StartsInside(start), self.direction
         )
@@ -103,15 +105,15 @@ class LayersEnvironmentConfig(EnvironmentConfig):
 
 
 class LayeredForceField(FixedBlock):
-    """Force of the tool on layered material, as the sensor reads it.
+    """Force of the tool on layered material, as the force sensor measures it.
 
         F_e = (k_e (x - reference) + d_e v_x) a + k_l (p - p_axis)   (2.14) to (2.16)
 
     with x = a . p along the unit vector a, the first axis if no direction is given, and
-    the stiffness k_e, damping d_e and reference of the layer at x. The last term is not
-    the thesis's: p_axis is the point of an axis along a that is nearest to the tool,
-    and k_l the layer's lateral stiffness, 0 unless given. It stands for the tissue that
-    holds a needle on its way. Before the first layer there is no force.
+    the stiffness k_e, damping d_e and reference of the layer at x. Before the first
+    layer there is no force. The last term is not from the thesis. It models tissue that
+    guides a needle along an axis parallel to a. p_axis is the point of that axis that
+    is nearest to the tool, and k_l the layer's lateral stiffness, 0 unless given.
 
     | port | name              | size | unit                                |
     |------|-------------------|------|-------------------------------------|
@@ -127,31 +129,31 @@ class LayeredForceField(FixedBlock):
     | 2         | reference         | m     |
     | 3         | lateral_stiffness | N/m   |
 
-    State (discrete, 1): the layer the tool is in, counted from 1; 0: before the first.
+    State (discrete, 1): the layer of the tool, counted from 1; 0: before the first.
     Between two layers the force jumps or bends. If the Context has an accuracy
     (context.SetAccuracy), the instant at which the tool leaves its layer is located and
     the force of a step is that of one layer throughout. A tool on a border is in the
-    layer that begins there. Without an accuracy the position alone decides, also in the
-    middle of a step: the layer is the kernel's initial mode.
+    layer that begins there. Without an accuracy, each evaluation takes the layer at the
+    current position, also within a step: the kernel's initial mode.
 
     Initial value: the layer at the initial position.
 
     Direct feedthrough: from both inputs to environment_force; from tool_position to
     layer.
 
-    It knows no friction, its lateral spring does not stiffen with the depth of the
-    needle, and tissue that was punctured is whole again if the tool comes back.
+    It models no friction, and its lateral spring does not stiffen with the depth of the
+    needle. Punctured tissue is intact again when the tool comes back.
 
     Args:
         layers: The layers, by ascending start: LayerConfig(name="bone", start=1.1,
             stiffness=150.0, reference=1.1), for instance.
         num_axes: n, number of task axes.
-        starts_inside: Whether the tool starts in a layer. The first layer is then
-            nothing that it can collide with.
-        direction: Along which the layers follow each other, of any length but 0 (n);
-            None: along x.
-        axis_point: A point in m (n) on the axis that the lateral springs pull to; None:
-            the origin.
+        starts_inside: Whether the tool starts in a layer. The start of the first layer
+            is then not a surface that it can hit.
+        direction: Direction in which the layers follow each other, of any length but 0
+            (n); None: along x.
+        axis_point: A point in m (n) on the axis to which the lateral springs pull;
+            None: the origin.
 
     Raises:
         ValueError: If the starts do not ascend or a value is not allowed.
@@ -178,11 +180,13 @@ class LayeredForceField(FixedBlock):
         CheckLayers("layers", layers)
         self._surfaces = LayerSurfaces(layers, num_axes, starts_inside, direction)
         point = np.zeros(num_axes) if axis_point is None else axis_point
+        # Element 0 of each array belongs to the empty space before the layers, mode 0.
         columns = LayerColumns(layers)
         starts = columns["start"]
         names = ("empty", *(str(layer.name) for layer in layers))
         self.element_names = dict.fromkeys(self.numeric_parameters, names)
         ends = np.array([*starts[1:], math.inf])
+        # The mode is the layer at the tool's position; it changes when the tool leaves.
         here: Term = (layer_at, "layers", "axis", "tool_position")
         guard = (outside, "before", "ends", "axis", "mode", "tool_position")
         leaves = {"leaves_layer": Transition(guard=guard, mode=here)}
@@ -194,7 +198,7 @@ class LayeredForceField(FixedBlock):
                 parameters={
                     **columns,
                     "axis": np.array([UnitNormal(direction, num_axes), point], float),
-                    # The last number before each layer, and where the next one begins.
+                    # The largest number below each layer, and the end of each layer.
                     "before": np.nextafter(starts, -math.inf),
                     "ends": ends,
                 },
@@ -212,7 +216,7 @@ class LayeredForceField(FixedBlock):
         )
 
     def Surfaces(self) -> tuple[Surface, ...]:
-        """Returns where the layers begin, in their order; see LayerSurfaces."""
+        """Returns the surfaces at which layers begin, in order; see LayerSurfaces."""
         return self._surfaces
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
@@ -223,7 +227,7 @@ class LayeredForceField(FixedBlock):
 def force_in_layer(
     layers: Array, axis: Array, mode: Array, p_WT: Array, v_WT: Array
 ) -> Array:
-    """Returns layered_force() in the layer that is the mode, 0 for the empty space."""
+    """Returns layered_force() in the layer of a mode; mode 0 is the empty space."""
     return layered_force(layers[int(mode[0])], axis, p_WT, v_WT)
 
 
@@ -233,16 +237,16 @@ def index_of_layer(mode: Array) -> Array:
 
 
 def layer_at(layers: Array, axis: Array, p_WT: Array) -> Array:
-    """Returns the mode where the tool is; a start belongs to the layer behind it."""
+    """Returns the mode at a position of the tool; a layer includes its start."""
     x = np.sum(p_WT * axis[0])
     return np.array([np.searchsorted(layers[:, 0], x, side="right") - 1.0])
 
 
 def outside(before: Array, ends: Array, axis: Array, mode: Array, p_WT: Array) -> Array:
-    """Returns how far the tool is outside of the layer that is the mode, m.
+    """Returns the distance of the tool from the layer of the mode, m (1).
 
-    Not negative from the end on, and from the last number before the begin back: at
-    the begin, the tool is inside.
+    It is negative inside. The layer includes its start but not its end: the distance is
+    0 at the end, and at the largest number below the start.
     """
     x = np.sum(p_WT * axis[0])
     layer = int(mode[0])
@@ -257,16 +261,17 @@ def LayerSurfaces(
 ) -> tuple[Surface, ...]:
     """Returns the surfaces at which layers begin, in their order.
 
-    Where the stiffest layer begins behind a softer one or behind empty space is
-    CONTACT; where the first layer ends that a softer one follows is PUNCTURE. The other
-    surfaces have the name of the layer that begins there. A layer with lateral
-    stiffness is more than the one spring and damper that a Material is.
+    CONTACT is the start of the stiffest layer, if it follows a softer layer or empty
+    space. PUNCTURE is the end of the first layer that is followed by a softer one. The
+    other surfaces have the name of the layer that begins there. A layer with lateral
+    stiffness has no Material, because it is more than one spring and damper.
 
     Args:
         layers: By ascending start.
+        num_axes: n, number of task axes.
         starts_inside: Whether the tool starts in a layer, so that there is no empty
             space in front of the first one.
-        direction: Along which they follow each other (n); None: along x.
+        direction: Direction in which the layers follow each other (n); None: along x.
     """
     starts_inside |= bool(layers) and layers[0].start == -math.inf
     behind = [] if starts_inside else [LayerConfig(name=EMPTY, start=-math.inf)]
@@ -292,9 +297,9 @@ def LayerSurfaces(
 
 
 def LayerColumns(layers: Sequence[LayerConfig]) -> dict[str, Array]:
-    """Returns the numbers of layers by their names, see LAYER_COLUMNS.
+    """Returns the parameters of layers as arrays, keyed by LAYER_COLUMNS.
 
-    The first entry is that of the empty space before the layers.
+    The first entry of each array belongs to the empty space before the layers.
 
     Args:
         layers: By ascending start.
@@ -309,9 +314,9 @@ def LayerColumns(layers: Sequence[LayerConfig]) -> dict[str, Array]:
 
 
 def ContactPosition(layers: Sequence[LayerConfig]) -> float | None:
-    """Returns where the tool meets a hard surface (m), None if nowhere.
+    """Returns the position of the hard surface in m; None: there is none.
 
-    That is the start of the stiffest layer, if the layer before it is softer.
+    It is the start of the stiffest layer, if the layer before it is softer.
     """
     if not layers:
         return None
@@ -322,9 +327,9 @@ def ContactPosition(layers: Sequence[LayerConfig]) -> float | None:
 
 
 def PuncturePosition(layers: Sequence[LayerConfig]) -> float | None:
-    """Returns where the tool leaves the first layer that yields (m), or None.
+    """Returns the position in m at which the tool punctures a layer, or None.
 
-    That is the end of the first layer which is followed by a softer one.
+    It is the end of the first layer that is followed by a softer one.
     """
     for before, after in itertools.pairwise(layers):
         if after.stiffness < before.stiffness:
@@ -333,10 +338,10 @@ def PuncturePosition(layers: Sequence[LayerConfig]) -> float | None:
 
 
 def CheckLayers(path: str, layers: Sequence[LayerConfig]) -> None:
-    """Checks layers, as a scenario has them.
+    """Checks the layers of a scenario.
 
     Args:
-        path: Their field in a scenario, for messages.
+        path: The field of the layers in a scenario, for messages.
         layers: By ascending start.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Tissue that holds a needle on a path that bends: where the tool's rotation counts."""
+"""Tissue that holds a needle on a curved path, so that the tool's rotation matters."""
 
 import math
 from dataclasses import field
@@ -20,25 +20,27 @@ from teleop_drake.validation import REQUIRED, CheckVector, Config, Number, Refus
 class NeedlePathConfig(EnvironmentConfig):
     """Tissue behind a plane, with a path that a straight needle has to follow.
 
-    The path enters where the line through the start along `direction` does. It needs
-    six axes; laws.needle has the equations. This is not the thesis's.
+    The path enters the tissue where the line through the tool's start along `direction`
+    does. Six task axes are required. See laws.needle for the equations, which are not
+    from the thesis.
     """
 
     kind = "needle_path"
 
-    # Where the surface is along `direction` from the origin, m; in front of it there is
-    # no force.
+    # Position of the surface along `direction` from the origin, m. There is no force in
+    # front of it.
     start: float = Number(REQUIRED, "m")
-    # Into the tissue, 3 entries, of any length but 0. Null: along x.
+    # Direction into the tissue, 3 entries, of any length but 0. Null: along x.
     direction: np.ndarray | None = None
-    # Along the needle, forward, where the tool is turned as at the posture, 3 entries,
-    # less than a right angle from `direction`. Null: along `direction`.
+    # Direction of the needle, toward its tip, while the tool has its rotation at the
+    # robot's posture; 3 entries, less than a right angle from `direction`. Null: along
+    # `direction`.
     needle: np.ndarray | None = None
-    # How the path bends, 1/m, 3 entries across `direction`.
+    # Curvature of the path at the surface, 1/m, 3 entries, normal to `direction`.
     bend: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    # Stiffness of the tissue beside the needle per metre of depth, N/m^2, >= 0.
+    # Stiffness of the tissue beside the needle, per metre of depth, N/m^2, >= 0.
     stiffness: float = Number(REQUIRED, "N/m^2", minimum=0)
-    # Against the needle's motion, for each metre of depth, N s/m^2, >= 0.
+    # Viscous drag on the moving needle, per metre of depth, N s/m^2, >= 0.
     drag: float = Number(0.0, "N s/m^2", minimum=0)
 
     def Check(self) -> None:
@@ -57,7 +59,7 @@ class NeedlePathConfig(EnvironmentConfig):
         return NeedleInTissue(self, start)
 
     def Path(self, start: ArrayLike) -> NeedlePath:
-        """Returns the path of a needle that starts at `start`, in m (3 or more)."""
+        """Returns the path of a needle whose tip starts at `start`, m (3 or more)."""
         inwards = UnitNormal(self.direction, 3)
         p = np.array(start, dtype=float)[:3]
         needle = self.direction if self.needle is None else self.needle
@@ -72,7 +74,7 @@ class NeedlePathConfig(EnvironmentConfig):
 
 
 class NeedleInTissue(FixedBlock):
-    """Wrench of a needle on tissue, as a sensor at its tip reads it; see laws.needle.
+    """Wrench of a needle on tissue, measured by a sensor at its tip; see laws.needle.
 
     | port | name              | size | unit                              |
     |------|-------------------|------|-----------------------------------|
@@ -88,11 +90,12 @@ class NeedleInTissue(FixedBlock):
     State (discrete, 1): whether the tip is in the tissue. The force jumps there unless
     the tip enters on the path; the instant is located, as in LayeredForceField.
 
-    Initial value: by the initial position. Direct feedthrough: from both inputs. It is
-    for needles within a right angle of the direction into the tissue.
+    Initial value: determined by the initial position. Direct feedthrough: from both
+    inputs. The needle must stay within a right angle of the direction into the tissue.
 
-    It is not cut, heals at once behind the needle, and does not rub: the drag is
-    viscous. Its path is given; the needle does not bend, and makes none of its own.
+    The tissue is not cut, and closes at once behind the needle. There is no Coulomb
+    friction: the drag is viscous. The path is given; the needle neither bends nor cuts
+    a path of its own.
     """
 
     is_compiled = True
@@ -109,6 +112,7 @@ class NeedleInTissue(FixedBlock):
             Refuse("environment.kind", config.kind, f"another one for {n} task axes")
         normal_W = UnitNormal(config.direction, n)
         self._surface = PlaneSurface("entry", config.start, normal_W)
+        # Two layers as in LayeredForceField: empty space, mode 0, and tissue, mode 1.
         starts = np.array([-math.inf, config.start])
         law = (needle_wrench, "path", "mode", "tool_position", "tool_velocity")
         here: Term = (layer_at, "layers", "axis", "tool_position")
@@ -138,5 +142,5 @@ class NeedleInTissue(FixedBlock):
         return (self._surface,)
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
-        """Returns that the tip stays in the tissue, or in front of it."""
+        """Returns that the mode stays: the tip is in the tissue, or in front of it."""
         return LinearPart(has_modes=True)

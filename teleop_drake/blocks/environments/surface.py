@@ -12,23 +12,23 @@ from teleop_drake.arrays import Array, ArrayLike, Record
 from teleop_drake.validation import CheckVector, Refuse, Show
 
 CONTACT = "contact"
-"""Name of the hard surface: where the operator perceives contact."""
+"""Name of the hard surface, at which the operator perceives contact."""
 
 PUNCTURE = "puncture"
-"""Name of the surface at which the tool leaves the material that yields."""
+"""Name of the surface at which the tool leaves the material that it punctures."""
 
 EMPTY = "empty"
-"""What the space in front of all surfaces is called."""
+"""Name of the space in front of all surfaces."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Material:
-    """One spring and damper along the normal of a surface (2.14).
+    """A material that acts as one spring and damper along a normal (2.14).
 
     The force on it is stiffness (p_WT . normal - relaxed) + damping v_WT . normal.
 
     Attributes:
-        name: What it is called.
+        name: Name of the material.
         stiffness: k_e in N/m.
         damping: d_e in N s/m.
         relaxed: p_WT . normal at which the spring is relaxed, in m.
@@ -40,7 +40,7 @@ class Material:
     relaxed: float
 
     def Force(self, position: float, velocity: float) -> float:
-        """Returns the force on it in N.
+        """Returns the force on the material in N.
 
         Args:
             position: p_WT . normal in m.
@@ -54,14 +54,14 @@ class Surface:
     """A plane at which the force of an environment jumps or is not smooth.
 
     Attributes:
-        name: What it is called: CONTACT, PUNCTURE or a user's own name.
-        point_W: A point on it in m (n).
-        normal_W: Its unit normal, which points into the material (n).
-        material: What is behind it, as far as the next surface of a stack of parallel
-            ones. None: something else than one spring and damper.
+        name: CONTACT, PUNCTURE or any other name.
+        point_W: A point on the surface in m (n).
+        normal_W: The unit normal, which points into the material (n).
+        material: The material behind the surface, up to the next surface of a stack of
+            parallel ones. None: the force is not that of one spring and damper.
 
     Raises:
-        ValueError: If the vectors do not fit together or the normal has no direction.
+        ValueError: If the sizes of the vectors differ or the normal is no unit vector.
     """
 
     name: str
@@ -70,7 +70,7 @@ class Surface:
     material: Material | None = None
 
     def __post_init__(self) -> None:
-        """Turns vectors of other types into arrays, and checks them."""
+        """Converts the vectors to arrays and checks them."""
         point_W, normal_W = (
             np.array(x, dtype=float) for x in (self.point_W, self.normal_W)
         )
@@ -89,19 +89,19 @@ class Surface:
 
     def Along(self, vector: ArrayLike) -> Any:
         """Returns the component of vectors (..., n) along the normal (...)."""
-        # Quicker than a matrix product for each piece of a run.
+        # Faster than a matrix product; it is evaluated for each piece of a run.
         return np.einsum("...i,i", np.asarray(vector, dtype=float), self.normal_W)
 
     def Depth(self, p_WT: ArrayLike) -> Any:
-        """Returns how far points (..., n) are behind the surface in m (...).
+        """Returns the depth of points (..., n) behind the surface in m (...).
 
-        It is negative in front of it.
+        It is negative in front of the surface.
         """
         return self.Along(p_WT) - self.Along(self.point_W)
 
     @classmethod
     def FromRecord(cls, record: Record) -> "Surface":
-        """Returns the surface that dataclasses.asdict() has made a record of."""
+        """Returns the surface of a record that dataclasses.asdict() has made."""
         material = record["material"]
         return cls(**{**record, "material": material and Material(**material)})
 
@@ -112,11 +112,12 @@ def UnitNormal(
     """Returns the unit vector (n) of a direction, along x for None.
 
     Args:
-        direction: Of any length but 0 (n), or None. With six axes it has three entries.
-        path: Its field in a scenario, for messages.
+        direction: A vector of any length but 0 (n); with six axes it has three entries.
+            None: along x.
+        path: The field of the direction in a scenario, for messages.
 
     Raises:
-        ScenarioError: If it is no direction.
+        ScenarioError: If the direction is not allowed.
     """
     if direction is None:
         return np.eye(num_axes)[0]
@@ -135,21 +136,23 @@ def PlaneSurface(
     """Returns the surface on which p_WT . normal is `start`.
 
     Args:
-        start: In m; may be infinite.
-        normal_W: Its unit normal (n).
+        name: Name of the surface.
+        start: Position of the plane along the normal in m; may be infinite.
+        normal_W: The unit normal (n).
+        material: The material behind the plane; see Surface.
     """
     point_W = np.zeros_like(normal_W)
-    # Not 0 times a start of -inf.
+    # The product of 0 and an infinite start would be NaN.
     is_along = normal_W != 0
     point_W[is_along] = start * normal_W[is_along]
     return Surface(name, point_W, normal_W, material)
 
 
 def SurfacesOf(system: System) -> tuple[Surface, ...] | None:
-    """Returns the surfaces that an environment tells, None if it tells none.
+    """Returns the surfaces that an environment declares; None: it declares none.
 
     Args:
-        system: A system with a method Surfaces(), or a Diagram with such systems in it.
+        system: A system with a method Surfaces(), or a Diagram of such systems.
     """
     tell: Callable[[], Sequence[Surface]] | None = getattr(system, "Surfaces", None)
     if tell is not None:
@@ -162,14 +165,15 @@ def SurfacesOf(system: System) -> tuple[Surface, ...] | None:
 
 
 def FindSurface(surfaces: Sequence[Surface], name: str) -> Surface | None:
-    """Returns the first surface of a name, None if there is none."""
+    """Returns the first surface with a given name, or None."""
     return next((surface for surface in surfaces if surface.name == name), None)
 
 
 def ShownNormal(surfaces: Sequence[Surface], num_axes: int) -> Array:
-    """Returns along which direction (n) positions are told: into a surface, else x.
+    """Returns the direction (n) along which positions are reported.
 
-    Into the contact surface if there is one, else into the puncture surface.
+    It is the normal of the contact surface. If there is none, it is the normal of the
+    puncture surface. If there is neither, it is the x axis.
     """
     for name in (CONTACT, PUNCTURE):
         surface = FindSurface(surfaces, name)
@@ -179,9 +183,10 @@ def ShownNormal(surfaces: Sequence[Surface], num_axes: int) -> Array:
 
 
 def LastPassed(surfaces: Sequence[Surface], p_WT: ArrayLike) -> Surface | None:
-    """Returns the surface which is nearest in front of a point, None if none is.
+    """Returns the nearest of the surfaces that are in front of a point, or None.
 
     Args:
+        surfaces: The surfaces; one that contains the point counts as in front of it.
         p_WT: The point in m (n).
     """
     passed = [x for x in surfaces if x.Depth(p_WT) >= 0]
@@ -189,9 +194,10 @@ def LastPassed(surfaces: Sequence[Surface], p_WT: ArrayLike) -> Surface | None:
 
 
 def MaterialAt(surfaces: Sequence[Surface], p_WT: ArrayLike) -> Material | None:
-    """Returns what is behind the surface that is nearest in front of a point.
+    """Returns the material behind the surface that LastPassed() returns, or None.
 
     Args:
+        surfaces: The surfaces.
         p_WT: The point in m (n).
     """
     surface = LastPassed(surfaces, p_WT)
@@ -201,11 +207,11 @@ def MaterialAt(surfaces: Sequence[Surface], p_WT: ArrayLike) -> Material | None:
 def StackNormal(surfaces: Sequence[Surface]) -> Array | None:
     """Returns the normal of a stack: parallel surfaces, all with a material.
 
-    Of a stack the force is known everywhere: nothing in front of the first surface, and
-    behind each of them the law of its material.
+    The force of a stack is known everywhere: it is zero in front of the first surface,
+    and follows the law of the material behind each surface.
 
     Returns:
-        The normal (n), None if they are no stack.
+        The normal (n), or None if the surfaces are not a stack.
     """
     if not surfaces or any(surface.material is None for surface in surfaces):
         return None

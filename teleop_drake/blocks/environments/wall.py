@@ -1,4 +1,4 @@
-"""Environments behind one plane: walls that push back, rub, or relax."""
+"""Environments behind one plane: walls with friction or relaxation."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -23,9 +23,9 @@ from teleop_drake.validation import REQUIRED, Config, Number
 class WallConfig(EnvironmentConfig):
     """Base of the environments behind one plane, which is the surface `contact`."""
 
-    # Where the plane is along its normal from the origin, m.
+    # Position of the plane along its normal from the origin, m.
     start: float = Number(REQUIRED, "m")
-    # Its normal, into the material, n entries, of any length but 0. Null: along x.
+    # Normal into the material, n entries, of any length but 0. Null: along x.
     direction: np.ndarray | None = None
 
     def Check(self) -> None:
@@ -45,11 +45,12 @@ class Wall(FixedBlock):
     | out  | environment_force | n    | N, exerted BY the robot |
 
     Args:
-        config: Where it is, and what it is made of.
+        config: The plane and the material.
         start: p_WT at time 0 in m (n).
-        parameters: Those of the material; the parameter `plane` has the plane.
-        force: The term of the force.
-        rate: The term of the state's rate; None: no state.
+        parameters: The parameters of the material. The parameter `plane`, a point and
+            the unit normal (2, n), is added to them.
+        force: The kernel term of the force.
+        rate: The kernel term of the state's rate; None: no state.
 
     Raises:
         ScenarioError: If a value is not allowed.
@@ -82,7 +83,7 @@ class Wall(FixedBlock):
         )
 
     def Surfaces(self) -> tuple[Surface, ...]:
-        """Returns the surface of what is behind the plane, at rest."""
+        """Returns the surface of the undeformed material."""
         return (self._surface,)
 
 
@@ -92,12 +93,12 @@ class HuntCrossleyConfig(WallConfig):
 
     kind = "hunt_crossley"
 
-    # N/m^exponent, > 0.
+    # Stiffness, N/m^exponent, > 0.
     stiffness: float = Number(REQUIRED, "N/m^exponent", above=0)
-    # >= 1; assumed: 1.5, that of a sphere by Hertz.
+    # Exponent of the depth, >= 1. Assumed: 1.5, as for a sphere in Hertz's theory.
     exponent: float = Number(1.5, minimum=1)
-    # s/m, >= 0; a body that meets the wall slowly, with v, leaves it with
-    # (1 - damping v) v.
+    # alpha, s/m, >= 0. A body that hits the wall at a small speed v leaves it at the
+    # speed (1 - damping v) v.
     damping: float = Number(0.0, "s/m", minimum=0)
 
     def MakeEnvironment(self, start: ArrayLike) -> "ContactWall":
@@ -114,29 +115,30 @@ class FrictionWallConfig(HuntCrossleyConfig):
 
     kind = "friction_wall"
 
-    # As in hunt_crossley; 1 is a linear spring.
+    # Exponent of the depth, >= 1; 1 is a linear spring.
     exponent: float = 1.0
-    # mu, >= 0; assumed: 0.3.
+    # mu, >= 0. Assumed: 0.3.
     friction: float = Number(0.3, minimum=0)
-    # v_s in m/s, > 0, below which friction grows with the speed; assumed: a hundredth
-    # of the speeds of the tasks.
+    # v_s, the speed below which friction grows with the speed, m/s, > 0. Assumed: a
+    # hundredth of the speeds of the tasks.
     creep_speed: float = Number(1e-3, "m/s", above=0)
 
 
 class ContactWall(Wall):
-    """Force of the tool on a wall, as the sensor reads it.
+    """Force of the tool on a wall, as the force sensor measures it.
 
         F_e = F_n (n + mu v_t / sqrt(v_t . v_t + v_s^2))
         F_n = max(k d^p (1 + 3/2 alpha d'), 0)   at the depth d > 0, else 0
 
     with the unit normal n into the wall, the depth d behind it, and the velocity v_t
-    along it; see laws.contact. Without friction mu is 0. This is not the thesis's.
+    along it; see laws.contact. Without friction mu is 0. The model is not from the
+    thesis.
 
     Ports: those of Wall. State: none. Direct feedthrough: from both inputs. The force
     is continuous; touching the wall needs no event.
 
-    The wall does not move or stay dented. Its friction has no stiction: whatever pulls
-    at a tool along it makes it creep.
+    The wall does not move and keeps no dent. Its friction has no stiction: any force
+    along the wall makes the tool creep.
 
     | parameter | name         | unit |
     |-----------|--------------|------|
@@ -172,7 +174,7 @@ class ContactWall(Wall):
 
 @Config
 class StandardLinearSolidConfig(WallConfig):
-    """A spring beside a Maxwell branch, a spring in line with a dashpot.
+    """A spring in parallel with a Maxwell branch: a spring and a dashpot in series.
 
     A step to the depth d gives the force
     (stiffness + branch_stiffness exp(-t/relaxation_time)) d.
@@ -180,11 +182,11 @@ class StandardLinearSolidConfig(WallConfig):
 
     kind = "standard_linear_solid"
 
-    # What is left for good, N/m, >= 0; 0 is a Maxwell body.
+    # Stiffness that remains after relaxation, N/m, >= 0; 0: a Maxwell body.
     stiffness: float = Number(REQUIRED, "N/m", minimum=0)
-    # What relaxes, N/m, > 0.
+    # Stiffness of the Maxwell branch, which relaxes, N/m, > 0.
     branch_stiffness: float = Number(REQUIRED, "N/m", above=0)
-    # s, > 0; assumed: that of soft tissue is between a second and minutes.
+    # Time constant, s, > 0. Assumed: that of soft tissue is between 1 s and minutes.
     relaxation_time: float = Number(1.0, "s", above=0)
 
     def MakeEnvironment(self, start: ArrayLike) -> "RelaxingTissue":
@@ -193,18 +195,20 @@ class StandardLinearSolidConfig(WallConfig):
 
 
 class RelaxingTissue(Wall):
-    """Force of the tool on a standard linear solid, as the sensor reads it.
+    """Force of the tool on a standard linear solid, as the force sensor measures it.
 
         F_e = (k d + k_1 (d - z)) n,    dz/dt = (d - z)/tau
 
     with the unit normal n into the tissue and the indentation d; see laws.contact.
-    The force of the Maxwell branch is k_1 (d - z). This is not the thesis's.
+    The force of the Maxwell branch is k_1 (d - z). The model is not from the thesis.
 
-    Ports: those of Wall; the velocity has no effect. State (continuous, 1): z, the way
-    of the dashpot, m. Initial value: 0, the tissue has rested. Direct feedthrough: from
-    tool_position. The force is continuous; touching the tissue needs no event.
+    Ports: those of Wall; the velocity has no effect. State (continuous, 1): z, the
+    displacement of the dashpot, m. Initial value: 0, the tissue is relaxed. Direct
+    feedthrough: from tool_position. The force is continuous; touching the tissue needs
+    no event.
 
-    It does not act along the surface, is not pierced, and does not stick to the tool.
+    The tissue exerts no force along its surface, is not punctured, and does not stick
+    to the tool.
 
     | parameter | name      | unit |
     |-----------|-----------|------|

@@ -1,4 +1,4 @@
-"""Operators of the haptic device."""
+"""The operators of the haptic device: a file for each kind."""
 
 from teleop_drake.blocks.operators.base import OperatorConfig
 from teleop_drake.blocks.operators.human import HumanConfig

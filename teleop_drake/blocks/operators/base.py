@@ -1,4 +1,4 @@
-"""Bases of the operators: of their configs, and of those that change modes."""
+"""Base classes of the operators' configs, and of the operators with modes."""
 
 import math
 from abc import ABC, abstractmethod
@@ -25,25 +25,25 @@ from teleop_drake.validation import (
     Within,
 )
 
-# Largest velocity on each axis, m/s: more than any hand reaches.
+# Largest velocity that is allowed on each axis, m/s; no hand is as fast.
 _MOST_VELOCITY = 1000.0
 
 
 @Config
 class OperatorConfig(KindConfig, ABC):
-    """Who holds the haptic device (thesis section 2.5).
+    """The operator who holds the haptic device (thesis section 2.5).
 
     An operator of your own derives from this class, adds its fields, and makes its
-    block in MakeOperator. It can be named in a scenario:
+    block in MakeOperator. A scenario selects it by the name of its class:
     `surgeon: {kind: my_module:MyOperator}`.
     """
 
-    # The velocity that is commanded at most, m/s, n entries, not all zero; of six, the
-    # last three are the angular velocity, rad/s. Limits of runs, operating points of an
-    # analysis and defaults of controllers go by it.
+    # Nominal largest velocity command, m/s, n entries, not all zero. With six entries,
+    # the last three are the angular velocity, rad/s. Limits of runs, operating points
+    # of an analysis and defaults of controllers derive from it.
     velocity: np.ndarray = REQUIRED
-    # Force once contact is perceived, N, n entries; null: keeps commanding velocity.
-    # It has no effect where the environment has no contact surface.
+    # Force command after contact is perceived, N, n entries. Null: the operator keeps
+    # commanding a velocity. No effect if the environment has no contact surface.
     contact_force: np.ndarray | None = None
     # Time of the final stop, s, >= 0; null: never.
     stop_time: float | None = Number(None, "s", minimum=0)
@@ -79,22 +79,25 @@ class OperatorConfig(KindConfig, ABC):
         | out  | force_command    | n    | N                           |
         | out  | mode             | 1    | 0 velocity, 1 force, 2 stopped |
 
-        It may leave out inputs. It may have an attribute `jump_times` (when its outputs
-        jump in any case, s), `longest_step` (no step of the solver may be longer, s),
-        `contact_surface` (where it perceives contact) and `has_constant_command`
-        (whether v_d is `velocity` as long as the mode is 0; metrics compare with the
-        command that arrives at the slave where it is not).
+        The block may leave out inputs. These attributes are optional:
+
+        * jump_times: the times known in advance at which outputs jump, s
+        * longest_step: the longest step that the solver may take, s
+        * contact_surface: the surface at which the operator perceives contact
+        * has_constant_command: whether v_d is `velocity` as long as the mode is 0. If
+          it is not, metrics compare with the command that arrives at the slave.
 
         Args:
             start: p_WT at time 0 in m (n).
-            contact_surface: Where it perceives contact; None: nowhere.
+            contact_surface: The surface at which the operator perceives contact; None:
+                contact is never perceived.
 
         Raises:
             ScenarioError: If a parameter is not allowed.
         """
 
     def Modes(self, contact_surface: Surface | None) -> dict[str, Any]:
-        """Returns what every ModalOperator takes: when it changes its mode."""
+        """Returns the arguments of ModalOperator that determine its changes of mode."""
         return {
             "contact_force": self.contact_force,
             "contact_surface": contact_surface,
@@ -106,17 +109,17 @@ class OperatorConfig(KindConfig, ABC):
     ) -> System:
         """Makes the block by which a linear analysis replaces the operator.
 
-        Here the operator's own, which is right if its states are continuous. An
-        operator without a linear model raises a ScenarioError.
+        By default, this is the operator's own block, which is right if its states are
+        continuous. An operator without a linear model raises a ScenarioError.
         """
         return self.MakeOperator(start=start, contact_surface=contact_surface)
 
     def LinearNote(self) -> str | None:
-        """Returns a sentence: what the linear model assumes; None: nothing."""
+        """Returns a sentence on the linear model's assumptions, or None."""
         return None
 
     def LongestStep(self) -> float:
-        """Returns the longest step in s that the solver may take, infinity if any."""
+        """Returns the longest step in s that the solver may take, or infinity."""
         return math.inf
 
 
@@ -125,11 +128,12 @@ class ModalOperator(FixedBlock):
 
         mode 0, velocity: v_d = intended, F_h = force of the haptic device
         mode 1, force:    v_d = 0,        F_h = contact_force
-        mode 2, stopped:  v_d = 0,        F_h = 0 if the mode was 1, otherwise the
-                                          haptic device brakes the tool
+        mode 2, stopped:  v_d = 0,        F_h = 0 if contact was perceived, otherwise
+                                          the force of the haptic device, which brakes
+                                          the tool
 
-    Contact is perceived, once and for all, when the felt tool position reaches
-    `contact_surface`; that is a return delay after the tool touched it.
+    Contact is perceived when the felt tool position reaches `contact_surface`, a return
+    delay after the tool touched it. The operator then never returns to mode 0.
 
     | port | name             | size | unit                     |
     |------|------------------|------|--------------------------|
@@ -139,34 +143,35 @@ class ModalOperator(FixedBlock):
     | out  | force_command    | n    | N                        |
     | out  | mode             | 1    | 0, 1 or 2                |
 
-    State (discrete, 2): [contact perceived, stopped], each 0 or 1. A returned
-    position that moves continuously is watched by a witness function if the Context
-    has an accuracy (context.SetAccuracy); one that jumps, as behind a sampled
-    channel, is checked at the end of every step, which is the instant of the jump
-    if an unrestricted update made it.
+    State (discrete, 2): [contact perceived, stopped], each 0 or 1. If the Context has
+    an accuracy (context.SetAccuracy), a witness function locates the instant at which
+    a continuous returned position reaches the surface. A returned position that jumps,
+    as behind a sampled channel, is checked at the end of every step. That is the
+    instant of the jump if an unrestricted update made it.
 
     Initial value: velocity mode.
 
     Direct feedthrough: haptic_force to force_command; nothing else.
 
-    It does not get tired, or let go when the tool bounces off.
+    It does not model fatigue, and the force remains when the tool bounces off.
 
     Attributes:
-        jump_times: When the outputs jump or are not smooth in any case, s.
-        contact_surface: Where the operator perceives contact; None: nowhere.
+        jump_times: The times known in advance at which the outputs jump or are not
+            smooth, s.
+        contact_surface: The surface at which contact is perceived; None: never.
 
     Args:
         num_axes: n.
-        intention: The term of v_d in m/s (n) before contact and before the stop.
-        parameters: Those of the term, and of the following.
+        intention: The kernel term of v_d in m/s (n) before contact and before the stop.
+        parameters: The parameters of this term, of `rate` and of `transitions`.
         inputs: Width of each further input by its name.
-        rate: The term of the continuous state's rate; None: no state.
+        rate: The kernel term of the continuous state's rate; None: no such state.
         state: The initial continuous state.
-        memory: What is in the discrete state behind the two, at first.
+        memory: Initial values of further discrete states, which follow the first two.
         transitions: Further changes of the discrete state.
-        contact_force: Force after contact in N (n); None: never switches.
-        contact_surface: Where contact is perceived; None: never.
-        stop_time: When the stop is commanded in s; None: never.
+        contact_force: Force after contact in N (n); None: contact is never perceived.
+        contact_surface: The surface at which contact is perceived; None: never.
+        stop_time: The time of the stop in s; None: never.
 
     Raises:
         ValueError: If a size or value is not allowed.
@@ -196,7 +201,7 @@ class ModalOperator(FixedBlock):
         self._mode = np.append([0.0, 0.0], memory)
         self.contact_surface = None if contact_force is None else contact_surface
         self.jump_times: list[float] = []
-        # What switches between the modes.
+        # The transitions between the modes.
         parameters = {"contact_force": self._contact_force, **parameters}
         switches = {}
         if self.contact_surface is not None:
@@ -210,6 +215,7 @@ class ModalOperator(FixedBlock):
             CheckNumber("stop_time", stop_time, "s", minimum=0)
             self.jump_times = [stop_time]
             switches["stops"] = Transition(mode=(with_stop, "mode"), offset=stop_time)
+        # The commands follow from the mode and from the intended velocity and force.
         outputs: dict[str, Term] = {
             "intended_velocity": intention,
             "velocity_command": (velocity_command, "mode", "intended_velocity"),
@@ -233,7 +239,7 @@ class ModalOperator(FixedBlock):
         )
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
-        """Returns that what has been perceived stays perceived, and what follows."""
+        """Returns that the mode stays as it is, and the force held after contact."""
         if self.contact_surface is None:
             return LinearPart(has_modes=True)
         return LinearPart(

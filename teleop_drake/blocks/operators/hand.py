@@ -1,4 +1,4 @@
-"""An operator whose commands come from outside while the simulation runs."""
+"""An operator whose commands enter through an input port during the simulation."""
 
 from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.environments.surface import Surface
@@ -6,22 +6,22 @@ from teleop_drake.blocks.operators.base import ModalOperator
 
 
 class HandOperator(ModalOperator):
-    """Commands a velocity that a hand gives, picture by picture.
+    """Commands the velocity of a user's hand, which a page samples frame by frame.
 
         v_d(t) = before + (after - before) (t - begin)/(end - begin)
 
-    within [begin, end], and held before and after. The page sets the input `line`
-    between two pictures, each of which ends at its `end`: v_d is continuous then, and
-    is not smooth only where a step ends.
+    within [begin, end]; v_d is held before and after. The interactive page sets the
+    input `line` before each frame of its animation, which lasts until `end`. v_d is
+    therefore continuous, and bends only where a step of the solver ends.
 
     | port | name | size   | unit                                      |
     |------|------|--------|-------------------------------------------|
     | in   | line | 2 + 2n | [begin; end; before; after], s and m/s |
 
-    As long as nothing is connected to it, and it has no value, v_d is zero. All other
-    ports, state, modes, initial value and feedthrough are those of ModalOperator.
+    v_d is zero while `line` is neither connected nor has a value. All other ports,
+    state, modes, initial value and feedthrough are those of ModalOperator.
 
-    It feels nothing by itself: that is what the hand is for.
+    It does not model a reaction to forces, which is left to the user.
     """
 
     optional_inputs = ("line",)
@@ -49,7 +49,7 @@ class HandOperator(ModalOperator):
 def velocity_on_line(time: float, line: Array) -> Array:
     """Returns v_d in m/s (n); zero if the line is zeros."""
     n = (len(line) - 2) // 2
-    # A line without a length has ended.
+    # The bound avoids a division by zero; a line of no length has ended.
     length = max(line[1] - line[0], 1e-9)
     share = min(max((time - line[0]) / length, 0.0), 1.0)
     velocity: Array = (1 - share) * line[2 : 2 + n] + share * line[2 + n :]

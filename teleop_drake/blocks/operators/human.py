@@ -1,4 +1,4 @@
-"""An operator who looks, feels and reacts: a human in the loop."""
+"""An operator who reacts to the tool's motion and force: a human in the loop."""
 
 import math
 from typing import ClassVar
@@ -24,14 +24,17 @@ from teleop_drake.validation import CheckChoice, Config, Number, Refuse
 from teleop_drake.wiring import Wire
 
 GOALS = ("position", "velocity")
-"""What a human may keep to."""
+"""The quantities that a human may track."""
 
-# Order of the reaction's model: exp(-s tau) to 0.11 % up to |s| tau = 6.
+# Order of the Pade approximation of exp(-s tau), which is right to 0.11 % up to
+# |s| tau = 6.
 _PADE_ORDER = 6
 
 
 class HumanHand(ModalOperator):
-    """The law of a human, behind the reaction delay; see laws.operator.
+    """The law of a human without the reaction delay; see laws.operator.
+
+    The inputs felt_position and perceived_motion are delayed already.
 
     | port | name             | size | unit                                     |
     |------|------------------|------|------------------------------------------|
@@ -58,14 +61,15 @@ class HumanHand(ModalOperator):
 
     Direct feedthrough: haptic_force to force_command; nothing else.
 
-    It has no remnant (the noise of a human), and does not adapt to what it holds.
+    It models no remnant (the noise of a human), and does not adapt to the dynamics of
+    the haptic device.
 
     Args:
-        human: Its numbers.
+        human: The parameters of the law.
         goal: One of GOALS.
-        contact_force: Force after contact in N (n); None: never switches.
-        contact_surface: Where contact is perceived; None: never.
-        stop_time: When the stop is commanded in s; None: never.
+        contact_force: Force after contact in N (n); None: contact is never perceived.
+        contact_surface: The surface at which contact is perceived; None: never.
+        stop_time: The time of the stop in s; None: never.
     """
 
     numeric_parameters: ClassVar = {
@@ -88,6 +92,7 @@ class HumanHand(ModalOperator):
     ):
         CheckChoice("goal", goal, GOALS)
         n = human.velocity.size
+        # The state is [v_i, y, w], followed by e if the goal is a velocity.
         inputs = ("perceived_motion", "haptic_force", "human")
         rate: Term = (rate_to_velocity, "state", *inputs)
         num_states = 4 * n
@@ -109,13 +114,13 @@ class HumanHand(ModalOperator):
 
 
 class HumanStation(Diagram):
-    """A human: a reaction delay, and the law behind it.
+    """A human: a reaction delay, followed by the law.
 
-    Ports are those of OperatorConfig.MakeOperator, all of them.
+    It has all ports of OperatorConfig.MakeOperator.
 
     Args:
         hand: The law.
-        reaction: Delays [p, v] (2n).
+        reaction: The delay of [p, v] (2n), or a linear approximation of it.
     """
 
     def __init__(self, hand: HumanHand, reaction: System):
@@ -155,22 +160,22 @@ class HumanStation(Diagram):
 class HumanConfig(OperatorConfig):
     """A human who closes the loop: crossover model, reaction delay, yielding arm.
 
-    The human makes the tool follow a goal that moves with `velocity` from its start, or
-    keep that velocity, and perceives contact a reaction delay after it is felt. See
-    laws.operator for the equations and where they are from.
+    The human makes the tool follow a goal that moves with `velocity` from the tool's
+    start, or makes it keep that velocity. Contact is perceived a reaction delay after
+    it is felt. See laws.operator for the equations and their sources.
     """
 
     kind = "human"
 
     # One of GOALS.
     goal: str = "position"
-    # omega_c, rad/s, > 0. Assumed: McRuer and Jex 1967 have 3 to 5 without delay, and
-    # a human who feels one lowers it; with 1 the adaptive controller is stable in the
-    # thesis's tasks.
+    # omega_c, rad/s, > 0. Assumed: McRuer and Jex 1967 report 3 to 5 without delay, and
+    # humans lower it if there is a delay. With 1, the adaptive controller is stable in
+    # the thesis's tasks.
     crossover_frequency: float = Number(1.0, "rad/s", above=0)
-    # tau, s, >= 0. Assumed: McRuer and Jex 1967 have 0.1 to 0.2.
+    # tau, s, >= 0. Assumed: McRuer and Jex 1967 report 0.1 to 0.2.
     reaction_delay: float = 0.15
-    # T_N, s, > 0. Assumed: McRuer and Jex 1967 have about 0.1.
+    # T_N, s, > 0. Assumed: McRuer and Jex 1967 report about 0.1.
     neuromuscular_lag: float = Number(0.1, "s", minimum=SHORTEST_TIME)
     # Mass of the arm, kg, > 0. Assumed: of the order of Tsuji et al. 1995.
     arm_mass: float = Number(1.0, "kg", above=0)
@@ -203,7 +208,7 @@ class HumanConfig(OperatorConfig):
     def MakeLinearOperator(
         self, *, start: ArrayLike, contact_surface: Surface | None = None
     ) -> HumanStation:
-        """Makes the block with an all-pass of order 6 for the reaction delay."""
+        """Makes the block with an all-pass of order 6 as the reaction delay."""
         if self.reaction_delay == 0:
             return self.MakeOperator(start=start, contact_surface=contact_surface)
         matrices = all_pass_of_delay(
@@ -213,7 +218,7 @@ class HumanConfig(OperatorConfig):
         return HumanStation(hand, LinearSystem(*matrices))
 
     def LinearNote(self) -> str | None:
-        """Returns what stands for the reaction delay."""
+        """Returns a sentence on the approximation of the reaction delay, or None."""
         if self.reaction_delay == 0:
             return None
         return (
@@ -223,7 +228,7 @@ class HumanConfig(OperatorConfig):
         )
 
     def LongestStep(self) -> float:
-        """Returns the reaction delay in s: what is perceived was felt before."""
+        """Returns the reaction delay in s, or infinity if there is none."""
         return self.reaction_delay or math.inf
 
     def _MakeHand(self, start: ArrayLike, contact_surface: Surface | None) -> HumanHand:

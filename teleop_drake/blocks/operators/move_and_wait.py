@@ -1,4 +1,4 @@
-"""An operator who moves, and waits until the move is seen to have ended."""
+"""An operator who moves, and waits until the tool is seen to have stopped."""
 
 from typing import ClassVar, NamedTuple
 
@@ -12,31 +12,32 @@ from teleop_drake.kernel import Transition
 from teleop_drake.laws.operator import operator_mode
 from teleop_drake.validation import CheckVector, Config, Number, Refuse
 
-# What the operator does: moves and looks for the motion, watches it, sees the tool at
-# rest, is at the goal.
+# The operator's phases: a move is commanded and the tool is not yet seen to move; the
+# tool is seen to move; the tool is seen at rest; the tool has reached the goal.
 _MOVES = 0.0
 _WATCHES = 1.0
 _SEES_REST = 2.0
 _IS_THERE = 3.0
 
-# A tool that covers less than this share of the tolerance in a reaction time rests.
+# A tool counts as at rest if it moves less than this share of the tolerance in a
+# reaction time.
 _REST = 0.1
 
-# The largest speed of a move of least jerk, in multiples of its mean.
+# The ratio of the largest to the mean speed of a minimum-jerk move.
 _PEAK = 1.875
 
 
 class Habits(NamedTuple):
-    """How an operator moves and waits.
+    """The parameters of an operator who moves and waits.
 
     Attributes:
-        goal: Where to, in m (n).
+        goal: Position of the goal in m (n).
         speed: Largest speed of a long move in m/s.
-        share: Part of the distance that a move covers.
-        tolerance: Distance from the goal that suffices, in m.
-        reaction_time: For how long the tool rests before the next move, in s.
+        share: Share of the remaining distance that a move covers.
+        tolerance: Distance from the goal at which the goal counts as reached, in m.
+        reaction_time: Time at rest before the next move, in s.
         shortest_move: Duration of short moves in s.
-        rest_speed: Speed below which the tool rests, in m/s.
+        rest_speed: Speed below which the tool counts as at rest, in m/s.
     """
 
     goal: Array
@@ -54,12 +55,13 @@ class MoveAndWaitOperator(ModalOperator):
         v_d = 30 d/T_m tau^2 (1 - tau)^2,   tau = (t - t_0)/T_m in [0, 1]
         d   = share (goal - p_0)
 
-    p_0 is where the tool was seen when the move began at t_0. The next move begins when
-    the tool has been seen to move faster than `rest_speed`, and then to be slower for a
-    reaction time. Within the tolerance of the goal there is no further move. A move
-    takes T_m, with the largest speed 1.875 |d|/T_m, and at least `shortest_move`.
+    p_0 is the felt position of the tool at t_0, when the move begins. The next move
+    begins after the felt speed has exceeded `rest_speed` and then has been lower for
+    a reaction time. Within the tolerance of the goal there is no further move. A move
+    takes T_m = max(1.875 |d|/speed, shortest_move), and its largest speed is
+    1.875 |d|/T_m.
 
-    Ports, modes and feedthrough are those of ModalOperator, and another input:
+    Ports, modes and feedthrough are those of ModalOperator, with a further input:
 
     | port | name          | size | unit                         |
     |------|---------------|------|------------------------------|
@@ -76,21 +78,22 @@ class MoveAndWaitOperator(ModalOperator):
     | 6         | shortest_move | s    |
     | 7         | rest_speed    | m/s  |
 
-    State (discrete, 5 + n): those of ModalOperator; what the operator does (0 moves, 1
-    watches, 2 sees the tool at rest, 3 is at the goal); t_0; since when the tool has
-    been at rest; p_0. Initial value: the first move begins at once.
+    State (discrete, 5 + n): those of ModalOperator; the phase (0 the operator moves,
+    1 the tool is seen to move, 2 it is seen at rest, 3 it has reached the goal); t_0;
+    the time at which the tool came to rest; p_0. Initial value: the first move begins
+    at once.
 
-    The operator knows nothing of the delay, and waits without end for a tool that does
-    not move.
+    The law does not use the delay. If the tool does not move, the operator waits
+    without end.
 
     Source: T. B. Sheridan and W. R. Ferrell, "Remote manipulative control with
     transmission delay", IEEE Trans. Human Factors in Electronics 4 (1963), for the
     strategy; the numbers of this operator are assumed.
 
     Args:
-        config: How the operator moves and waits.
+        config: The parameters of the operator.
         start: p_WT at time 0 in m (n).
-        contact_surface: Where contact is perceived; None: never.
+        contact_surface: The surface at which contact is perceived; None: never.
     """
 
     numeric_parameters: ClassVar = {
@@ -138,20 +141,20 @@ class MoveAndWaitOperator(ModalOperator):
 
 
 def _move(mode: Array, habits: Habits) -> tuple[Array, float]:
-    """Returns d in m (n) and T_m in s."""
+    """Returns the displacement d of a move in m (n) and its duration T_m in s."""
     d = habits.share * (habits.goal - mode[5:])
     fast = _PEAK * np.sqrt(np.sum(d * d)) / habits.speed
     return d, max(fast, habits.shortest_move)
 
 
 def _excess(felt_velocity: Array, habits: Habits) -> Array:
-    """Returns how far the tool is seen above the speed of rest, (m/s)^2 (1)."""
+    """Returns the excess of the squared felt speed over that of rest, (m/s)^2 (1)."""
     speed_squared = np.sum(felt_velocity * felt_velocity)
     return np.array([speed_squared - habits.rest_speed**2])
 
 
 def _does(mode: Array, phase: float) -> bool:
-    """Returns whether the operator commands velocities and is in a phase."""
+    """Returns whether the operator is in mode 0 and in a given phase."""
     return bool(operator_mode(mode) == 0 and mode[2] == phase)
 
 
@@ -164,38 +167,47 @@ def move_velocity(time: float, mode: Array, habits: Habits) -> Array:
 
 
 def speed_of_new_motion(mode: Array, felt_velocity: Array, habits: Habits) -> Array:
-    """Returns how far an unwatched tool is above the speed of rest; else -1 (1)."""
+    """Returns the guard of a tool that starts to move, (m/s)^2 (1); see _excess.
+
+    It is -1 in the other phases.
+    """
     if _does(mode, _MOVES) or _does(mode, _SEES_REST):
         return _excess(felt_velocity, habits)
     return np.full(1, -1.0)
 
 
 def slowness(mode: Array, felt_velocity: Array, habits: Habits) -> Array:
-    """Returns how far a watched tool is below the speed of rest; else -1 (1)."""
+    """Returns the guard of a moving tool that comes to rest, (m/s)^2 (1).
+
+    It is the negative of _excess, and -1 in the other phases.
+    """
     if _does(mode, _WATCHES):
         return -_excess(felt_velocity, habits)
     return np.full(1, -1.0)
 
 
 def rest_beyond_reaction(mode: Array, time: float, habits: Habits) -> Array:
-    """Returns by how much the rest is longer than a reaction time, s; else -1 (1)."""
+    """Returns the time at rest less the reaction time, in s (1).
+
+    It is -1 in the other phases.
+    """
     if _does(mode, _SEES_REST):
         return np.array([time - mode[4] - habits.reaction_time])
     return np.full(1, -1.0)
 
 
 def watching(mode: Array) -> Array:
-    """Returns the mode of an operator who watches the tool move."""
+    """Returns the mode after the tool is seen to move."""
     return np.concatenate((mode[:2], [_WATCHES], mode[3:]))
 
 
 def resting(mode: Array, time: float) -> Array:
-    """Returns the mode of an operator who sees the tool at rest from now on."""
+    """Returns the mode after the tool is seen to come to rest, at `time`."""
     return np.concatenate((mode[:2], [_SEES_REST, mode[3], time], mode[5:]))
 
 
 def planned(mode: Array, time: float, felt_position: Array, habits: Habits) -> Array:
-    """Returns the mode after a rest: the next move begins, or there is none."""
+    """Returns the mode after a rest: a move begins, or the goal is reached."""
     way = habits.goal - felt_position
     is_there = np.sum(way * way) <= habits.tolerance**2
     does = _IS_THERE if is_there else _MOVES
@@ -204,22 +216,23 @@ def planned(mode: Array, time: float, felt_position: Array, habits: Habits) -> A
 
 @Config
 class MoveAndWaitConfig(OperatorConfig):
-    """Moves in parts of the remaining way, and waits after each; see the operator.
+    """An operator who moves in parts of the remaining way, and waits after each.
 
-    |velocity| is the largest speed of a move. The direction has no effect where there
-    is a goal.
+    |velocity| is the largest speed of a move. If there is a goal, the direction of
+    `velocity` has no effect. See MoveAndWaitOperator.
     """
 
     kind = "move_and_wait"
 
-    # Where to, m from the start, n entries; null: where `velocity` comes in 1 s.
+    # Goal relative to the start, m, n entries. Null: the displacement of `velocity` in
+    # 1 s.
     goal: np.ndarray | None = None
-    # Distance from the goal that suffices, as a share of the whole way, > 0 to 0.99.
-    # Assumed.
+    # Distance at which the goal counts as reached, as a share of the whole way, > 0 to
+    # 0.99. Assumed.
     tolerance: float = Number(0.02, above=0, maximum=0.99)
-    # Part of the remaining way that a move covers, > 0 and <= 1. Assumed.
+    # Share of the remaining way that a move covers, > 0 and <= 1. Assumed.
     share: float = Number(0.8, above=0, maximum=1)
-    # For how long the tool is seen at rest before the next move, s, > 0. Assumed.
+    # Time for which the tool is seen at rest before the next move, s, > 0. Assumed.
     reaction_time: float = Number(0.2, "s", minimum=SHORTEST_TIME)
     # Duration of short moves, s. Assumed.
     shortest_move: float = Number(0.3, "s", minimum=SHORTEST_TIME)
@@ -235,7 +248,7 @@ class MoveAndWaitConfig(OperatorConfig):
                 Refuse(f"{path}.goal", self.goal, "non-zero on at least one axis (m)")
 
     def MakeHabits(self, start: Array) -> Habits:
-        """Returns what the operator does, from the start p_WT in m (n)."""
+        """Returns the operator's parameters; `start` is p_WT at time 0 in m (n)."""
         velocity = np.array(self.velocity, dtype=float)
         way = velocity if self.goal is None else np.array(self.goal, dtype=float)
         tolerance = float(self.tolerance * np.linalg.norm(way))
@@ -256,9 +269,9 @@ class MoveAndWaitConfig(OperatorConfig):
         return MoveAndWaitOperator(self, start, contact_surface)
 
     def LinearNote(self) -> str:
-        """Returns what the linear model leaves out."""
+        """Returns the sentence on what the linear model leaves out."""
         return "The operator moves or waits: the plan of a next move is not modelled."
 
     def LongestStep(self) -> float:
-        """Returns a quarter of the shortest move in s: no step passes over one."""
+        """Returns a quarter of the shortest move in s, so that no step skips a move."""
         return self.shortest_move / 4

@@ -1,4 +1,4 @@
-"""Operators who command what was planned beforehand, whatever they feel."""
+"""Operators whose velocity command is a function of time, planned beforehand."""
 
 import math
 from abc import abstractmethod
@@ -25,23 +25,24 @@ from teleop_drake.validation import CheckVector, Config, Number, Refuse
 MAX_FREQUENCY = 1000.0
 """Highest frequency of a sine in rad/s."""
 
-# Steps of the solver in a period, at least.
+# Least number of solver steps in a period of a sine.
 _STEPS_PER_PERIOD = 20
 
-# The shortest way between two waypoints, as a share of the longest one.
+# The shortest distance between two waypoints, as a share of the longest one.
 _SHORTEST_WAY = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
-    """A velocity as a function of time, and what a solver has to know of it.
+    """A velocity as a function of time, and the steps that it requires of a solver.
 
     Attributes:
-        velocity: Term of v_d in m/s (n); see kernel.
-        parameters: Of the term.
-        jump_times: When v_d is not smooth, s; short steps follow.
-        ends: Where steps end: (first, period) each, in s; an infinite period: once.
-        longest_step: No step may be longer, s.
+        velocity: The kernel term of v_d in m/s (n); see kernel.
+        parameters: The parameters of the term.
+        jump_times: The times at which v_d is not smooth, s; short steps follow.
+        ends: The times at which steps have to end, each entry as (first, period) in s;
+            an infinite period means once.
+        longest_step: The longest step that the solver may take, s.
     """
 
     velocity: Term
@@ -58,7 +59,7 @@ def PlanOfPieces(
     ends: Sequence[Interval] | None = None,
     longest_step: float = math.inf,
 ) -> Plan:
-    """Returns the plan of a velocity that is a polynomial of time, piece after piece.
+    """Returns the plan of a velocity that is a piecewise polynomial of time.
 
         v_d(t) = sum_i coefficients[k, i] (t - breaks[k])^i
                                              for breaks[k] <= t < breaks[k + 1]
@@ -67,9 +68,9 @@ def PlanOfPieces(
     Args:
         breaks: (K + 1,) in s, ascending; the last one may be infinite.
         coefficients: (K, d + 1, n) in m/s, m/s^2 and so on.
-        bends: When v_d is not smooth, s; short steps follow.
-        ends: Where steps end; see Plan. None: at the bends.
-        longest_step: No step may be longer, s.
+        bends: The times at which v_d is not smooth, s; short steps follow.
+        ends: The times at which steps have to end; see Plan. None: at the bends.
+        longest_step: The longest step that the solver may take, s.
 
     Raises:
         ScenarioError: If a value is not allowed.
@@ -88,18 +89,18 @@ def PlanOfPieces(
 
 
 class PlannedOperator(ModalOperator):
-    """Commands a velocity that is a function of time alone.
+    """Commands a velocity that depends on time only.
 
     Ports, state, modes, initial value and feedthrough are those of ModalOperator.
 
-    It does not react to forces, and does not know whether the tool follows.
+    It reacts neither to forces nor to the tool's motion before contact.
 
     Args:
         plan: The velocity.
         num_axes: n.
-        contact_force: Force after contact in N (n); None: never switches.
-        contact_surface: Where contact is perceived; None: never.
-        stop_time: When the stop is commanded in s; None: never.
+        contact_force: Force after contact in N (n); None: contact is never perceived.
+        contact_surface: The surface at which contact is perceived; None: never.
+        stop_time: The time of the stop in s; None: never.
     """
 
     def __init__(
@@ -134,12 +135,14 @@ class ConstantVelocityOperator(PlannedOperator):
 
         mode 0, velocity: v_d = velocity, F_h = force of the haptic device
         mode 1, force:    v_d = 0,        F_h = contact_force
-        mode 2, stopped:  v_d = 0,        F_h = 0 if the mode was 1, otherwise the
-                                          haptic device brakes the tool
+        mode 2, stopped:  v_d = 0,        F_h = 0 if contact was perceived, otherwise
+                                          the force of the haptic device, which brakes
+                                          the tool
 
     Ports, state, initial value and feedthrough are those of ModalOperator.
 
-    It does not react to forces, get tired, or let go when the tool bounces off.
+    It does not react to forces and does not model fatigue. The force remains when the
+    tool bounces off.
 
     | parameter | name          | unit |
     |-----------|---------------|------|
@@ -148,9 +151,9 @@ class ConstantVelocityOperator(PlannedOperator):
 
     Args:
         velocity: v_d in m/s (n).
-        contact_force: Force after contact in N (n); None: never switches.
-        contact_surface: Where contact is perceived; None: never.
-        stop_time: When the stop is commanded in s; None: never.
+        contact_force: Force after contact in N (n); None: contact is never perceived.
+        contact_surface: The surface at which contact is perceived; None: never.
+        stop_time: The time of the stop in s; None: never.
 
     Raises:
         ValueError: If a size or value is not allowed.
@@ -203,7 +206,7 @@ class PlannedConfig(OperatorConfig):
 
     @abstractmethod
     def MakePlan(self) -> Plan:
-        """Returns the velocity.
+        """Returns the velocity as a function of time.
 
         Raises:
             ScenarioError: If a parameter is not allowed.
@@ -219,7 +222,7 @@ class PlannedConfig(OperatorConfig):
         )
 
     def LongestStep(self) -> float:
-        """Returns the longest step in s that the solver may take, infinity if any."""
+        """Returns the longest step in s that the solver may take, or infinity."""
         return self.MakePlan().longest_step
 
 
@@ -229,18 +232,18 @@ class TrapezoidConfig(PlannedConfig):
 
     kind = "trapezoid"
 
-    # How long v_d rises, and falls, s, >= SHORTEST_TIME. Assumed.
+    # Duration of the rise, and of the fall, s, >= SHORTEST_TIME. Assumed.
     rise_time: float = Number(0.5, "s", minimum=SHORTEST_TIME)
-    # How long it stays at `velocity`, s, >= 0; null: from then on.
+    # Time for which v_d stays at `velocity`, s, >= 0; null: v_d does not fall.
     cruise_time: float | None = Number(None, "s", minimum=0)
 
     def MakePlan(self) -> Plan:
-        """Returns straight lines between the corners."""
+        """Returns the plan with straight lines between the corners."""
         rise = self.rise_time
         fall = rise + (math.inf if self.cruise_time is None else self.cruise_time)
         times = np.array([0.0, rise, fall, fall + rise])
         corners = np.outer([0.0, 1.0, 1.0, 0.0], self.velocity)
-        # It may not stay at all, or for ever.
+        # A cruise time of 0 or infinity leaves corners at equal times.
         is_later = np.append(True, times[1:] > times[:-1])
         breaks, coefficients = linear_pieces(times[is_later], corners[is_later])
         bends = breaks[1:][np.isfinite(breaks[1:])].tolist()
@@ -253,11 +256,11 @@ class SineConfig(PlannedConfig):
 
     kind = "sine"
 
-    # rad/s, > 0 to MAX_FREQUENCY. Assumed.
+    # Angular frequency, rad/s, > 0 to MAX_FREQUENCY. Assumed.
     frequency: float = Number(1.0, "rad/s", above=0, maximum=MAX_FREQUENCY)
 
     def MakePlan(self) -> Plan:
-        """Returns the sine."""
+        """Returns the plan of the sine."""
         v_d = np.asarray(self.velocity, dtype=float)
         w = float(self.frequency)
         return Plan(
@@ -275,21 +278,21 @@ def swinging_velocity(time: float, velocity: Array, frequency: float) -> Array:
 
 @Config
 class MinimumJerkConfig(PlannedConfig):
-    """v_d is that of the path of least jerk through waypoints (Flash and Hogan 1985).
+    """v_d is the velocity of a minimum-jerk path (Flash and Hogan 1985).
 
-    The path begins and ends at rest and does not stop in between. Each of its pieces
-    has a time in proportion to its length, and all of them together are such that the
-    fastest speed is |velocity|. Of `velocity` the direction has no effect, except
-    where there are no waypoints: then the path leads along it.
+    The path leads through waypoints. It begins and ends at rest and does not stop in
+    between. The duration of each piece is proportional to its length, and the largest
+    speed is |velocity|. The direction of `velocity` has no effect if there are
+    waypoints. Without waypoints the path leads along it.
     """
 
     kind = "minimum_jerk"
 
-    # Where to, m from the start, n entries each, one after another different; empty:
-    # where `velocity` would have come after `reach_time`. With six axes the last three
-    # are a rotation vector, rad, all of them about one axis.
+    # Positions relative to the start, m, n entries each; consecutive waypoints differ.
+    # Empty: one waypoint, the displacement of `velocity` in `reach_time`. With six axes
+    # the last three entries are a rotation vector, rad; all turn about one axis.
     waypoints: list[list[float]] = field(default_factory=list)
-    # Used without waypoints, s, > 0. Assumed.
+    # Sets the waypoint if none is given, s, > 0; see above. Assumed.
     reach_time: float = Number(1.0, "s", above=0)
 
     def Check(self, path: str, num_axes: int) -> None:
@@ -297,7 +300,7 @@ class MinimumJerkConfig(PlannedConfig):
         super().Check(path, num_axes)
         for i, point in enumerate(self.waypoints):
             CheckVector(f"{path}.waypoints.{i}", point, num_axes, "m")
-        # SciPy has no polynomials for pieces of all too different lengths.
+        # SciPy's polynomials fail if the lengths of the pieces differ too much.
         points = np.array([[0.0] * num_axes, *self.waypoints])
         ways = np.abs(np.diff(points, axis=0)).max(axis=1)
         for i, way in enumerate(ways):
@@ -309,18 +312,19 @@ class MinimumJerkConfig(PlannedConfig):
                     f"another point than the {name}, farther than {_SHORTEST_WAY:g} of "
                     "the longest way from it",
                 )
-        # The rate of a rotation vector is the angular velocity about a fixed axis.
+        # v_d is the derivative of the rotation vector. It is the angular velocity only
+        # if all rotations are about one axis.
         turns = np.array([point[3:] for point in self.waypoints])
         if turns.size and np.linalg.matrix_rank(turns) > 1:
             Refuse(f"{path}.waypoints", self.waypoints, "turned about one axis")
 
     def MakePlan(self) -> Plan:
-        """Returns the derivative of the path."""
+        """Returns the plan of the path's velocity."""
         breaks, position = self.Path()
         return PlanOfPieces(breaks, differentiate_pieces(position), [float(breaks[-1])])
 
     def Path(self) -> tuple[Array, Array]:
-        """Returns breaks (K + 1) in s and coefficients (K, 6, n) of p_d - start."""
+        """Returns the path p_d - start: breaks (K + 1) in s, coefficients (K, 6, n)."""
         velocity = np.asarray(self.velocity, dtype=float)
         speed = float(np.linalg.norm(velocity))
         ends: list[ArrayLike] = [*self.waypoints] or [velocity * self.reach_time]
@@ -328,7 +332,8 @@ class MinimumJerkConfig(PlannedConfig):
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         times = np.concatenate([[0.0], np.cumsum(lengths)]) / speed
         breaks, position = minimum_jerk_pieces(times, points)
-        # The path does not depend on how fast it is passed: time is stretched.
+        # The shape of the path does not depend on its speed. Scaling time makes the
+        # largest speed |velocity|.
         stretch = largest_norm(breaks, differentiate_pieces(position)) / speed
         powers = stretch ** -np.arange(6.0)
         return breaks * stretch, position * powers[np.newaxis, :, np.newaxis]

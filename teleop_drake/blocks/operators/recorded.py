@@ -1,4 +1,4 @@
-"""An operator who repeats what a hand did."""
+"""An operator who repeats a recorded velocity."""
 
 import math
 
@@ -12,18 +12,19 @@ from teleop_drake.numerics.piecewise_polynomial import linear_pieces
 from teleop_drake.validation import REQUIRED, Config, Refuse, ScenarioError, Show
 
 MAX_UNEVEN = 100
-"""Most rows of a file that are not at equal distances in time."""
+"""Largest number of rows of a file that are not at equal distances in time."""
 
 
 @Config
 class RecordedConfig(PlannedConfig):
-    """v_d(t) from a file: straight lines between its rows, zero before and after."""
+    """v_d(t) from a file: linear between its rows, zero before and after."""
 
     kind = "recorded"
     file_fields = ("file",)
 
-    # CSV of time (s, ascending) and v_d (m/s, n entries); a header line is allowed.
-    # More than MAX_UNEVEN rows are at equal distances, except for the last one.
+    # CSV file of time (s, ascending) and v_d (m/s, n entries); a header line is
+    # allowed. A file of more than MAX_UNEVEN rows must have them at equal distances in
+    # time, except for the last one.
     file: str | None = REQUIRED
 
     def Check(self, path: str, num_axes: int) -> None:
@@ -34,7 +35,7 @@ class RecordedConfig(PlannedConfig):
         ReadCommand(f"{path}.file", self.file, num_axes)
 
     def MakePlan(self) -> Plan:
-        """Returns straight lines between the rows; steps end at each of them."""
+        """Returns the plan that is linear between the rows; steps end at each row."""
         assert self.file is not None
         n = np.size(self.velocity)
         times, velocities = ReadCommand("surgeon.file", self.file, n)
@@ -75,14 +76,14 @@ def ReadCommand(path: str, file: str, num_axes: int) -> tuple[Array, Array]:
 
 
 def _IsEven(times: Array) -> bool:
-    """Returns whether all distances are equal, and the last one at most as long."""
+    """Returns whether the times are equidistant; the last distance may be shorter."""
     distances = np.diff(times)
     even = np.allclose(distances[:-1], distances[0], rtol=1e-6, atol=0)
     return bool(even and distances[-1] <= distances[0] * (1 + 1e-6))
 
 
 def _Ends(times: Array) -> list[tuple[float, float]]:
-    """Returns where steps have to end, because the lines bend there."""
+    """Returns the times of the rows, where the velocity bends; see Plan.ends."""
     if not _IsEven(times):
         return [(time, math.inf) for time in times.tolist()]
     period = float(times[1] - times[0])

@@ -1,4 +1,4 @@
-"""The robots: a file for each kind, and their place in task space."""
+"""The robots: a file for each kind, and the plants and kinematics that they share."""
 
 import dataclasses
 
@@ -72,29 +72,31 @@ def MakeRobot(
     Args:
         model: `slider`, `two_link_arm`, `arm` or `puma560`, or `module:Class`.
         start: p_WT at time 0 in m (n).
-        mass: Of a slider, kg.
-        damping: Of a slider's rail, N s/m.
-        elbow: Of a two_link_arm, up or down.
-        link_mass: Of each link of a two_link_arm, kg.
-        posture: Joint positions of an arm or a puma560 from which its own at the start
+        mass: Mass of a slider, kg.
+        damping: Damping of a slider's rail, N s/m.
+        elbow: Bend of the elbow of a two_link_arm, up or down.
+        link_mass: Mass of each link of a two_link_arm, kg.
+        posture: Joint positions of an arm or a puma560 near which those at the start
             are searched, rad or m.
-        gravity: Of an arm or a puma560, m/s^2.
-        gravity_compensation: Whether an arm or a puma560 carries its own weight.
-        payload: What an arm or a puma560 carries at its tool, kg.
-        payload_error: What the compensation of gravity takes for it beyond that, kg.
-        hold: What an arm or a puma560 keeps besides the tool's position.
-        hold_frequency: Of that, rad/s.
-        hold_damping_ratio: Of that.
-        friction: Share of the friction of a puma560's joints.
-        friction_speed: Below which it is rounded, rad/s.
+        gravity: Acceleration of gravity on an arm or a puma560, m/s^2.
+        gravity_compensation: Whether the motors of an arm or a puma560 compensate its
+            weight.
+        payload: Mass at the tool of an arm or a puma560, kg.
+        payload_error: Mass that the gravity compensation assumes beyond `payload`, kg.
+        hold: Quantity that an arm or a puma560 holds besides the tool's position.
+        hold_frequency: Natural frequency of the hold, rad/s.
+        hold_damping_ratio: Damping ratio of the hold.
+        friction: Share of the published joint friction of a puma560.
+        friction_speed: Joint speed within which the Coulomb friction of a puma560
+            changes sign, rad/s.
         file: SDFormat or URDF file of an arm.
-        add_motors: Whether the joints of an arm get motors.
+        add_motors: Whether the joints of an arm without motors get motors.
         tool_frame: Name of the body or frame of an arm that is its tool.
 
     Raises:
         ScenarioError: If a field is not allowed, or the model has no such field.
     """
-    # By their names, before there are other variables.
+    # The arguments by name; this must come before any other local variable.
     arguments = dict(locals())
     kind = ROBOT_KINDS.Find(arguments.pop("model"), "robot.model")
     given = {name: value for name, value in arguments.items() if value is not None}

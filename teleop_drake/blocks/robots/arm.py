@@ -1,6 +1,7 @@
-"""An arm from a user's own model file: (2.6, 2.7) for any open chain.
+"""An arm from a user's model file: (2.6, 2.7) for any open chain.
 
-For the two links of Appendix A it gives what (A.1) to (A.14) say, as two_link_arm does.
+A model of the two links of Appendix A has the equations (A.1) to (A.14), like
+two_link_arm.
 """
 
 import re
@@ -33,16 +34,17 @@ _SUFFIXES = (".sdf", ".urdf")
 class ArmConfig(DrivenArmConfig):
     """An open chain of driven joints, its tool moved along the first n world axes.
 
-    n is the number of entries of `start`, 1 to 3, and at most the number of joints.
-    Joints beyond n are free to move, unless `hold` says what holds them.
+    n is the number of entries of `start`, 1 to 3 or 6, and at most the number of
+    joints. Motions of the joints that the task leaves free are not controlled unless
+    `hold` is set.
     """
 
     kind = "arm"
     file_fields = ("file",)
 
-    # An SDF or URDF file with one model. One that is not joined to the world stands at
-    # its origin. Each joint has a motor: a URDF names it in a `transmission`. In a
-    # scenario file the path is relative to that file.
+    # An SDF or URDF file with one model. A model without a joint to the world is welded
+    # to the world's origin. Each joint needs a motor, which a URDF declares in a
+    # `transmission`. In a scenario file the path is relative to that file.
     file: str = REQUIRED
     # Whether joints without a motor in the file get one.
     add_motors: bool = False
@@ -81,13 +83,13 @@ class ArmConfig(DrivenArmConfig):
         if not IsGiven(self.file) or Path(self.file).suffix not in _SUFFIXES:
             Refuse("file", self.file, "the path of an .sdf or .urdf file")
         text = ReadText(self.file, f"file = {Show(self.file)}")
-        # Drake ignores what it cannot hold in a continuous plant.
+        # Drake ignores these constraints, which a continuous plant does not support.
         for constraint in ("mimic", "loop_joint"):
             if re.search(rf"<(drake:)?{constraint}\b", text):
                 Refuse("file", self.file, f"without constraints ({constraint})")
 
     def _MarkTool(self, plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
-        """Sees to it that a frame at the tool's origin is named TOOL."""
+        """Adds a frame TOOL at the tool frame's origin, unless that is its name."""
         name = self.tool_frame
         if not plant.HasFrameNamed(name, instance):
             bodies = map(plant.get_body, plant.GetBodyIndices(instance))
@@ -104,7 +106,7 @@ class ArmConfig(DrivenArmConfig):
 
 
 def _WeldBase(plant: MultibodyPlant, instance: ModelInstanceIndex) -> None:
-    """Welds a model to the world's origin that no joint connects to the world."""
+    """Welds a model to the world's origin unless a joint connects it to the world."""
     joints = [plant.get_joint(i) for i in plant.GetJointIndices(instance)]
     if any(joint.parent_body().index() == 0 for joint in joints):
         return

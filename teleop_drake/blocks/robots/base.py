@@ -1,4 +1,4 @@
-"""Bases of the configs of robots, and the plants of their model files."""
+"""Base classes of the robots' configs, and the plants of their model files."""
 
 import contextlib
 from abc import ABC, abstractmethod
@@ -24,7 +24,7 @@ from teleop_drake.kinds import KindConfig
 from teleop_drake.laws.task_space import MAX_ROTATION, rotated
 from teleop_drake.validation import REQUIRED, CheckVector, Config, Refuse, Within
 
-# What the plants made just now tell their shapes to; None: to nobody.
+# The SceneGraph with which new plants register their shapes; None: with none.
 _SCENE_GRAPH: ContextVar[SceneGraph | None] = ContextVar("scene_graph", default=None)
 
 
@@ -36,9 +36,10 @@ def ReadModel(name: str) -> ElementTree.Element:
 
 @contextlib.contextmanager
 def TellingShapes(scene_graph: SceneGraph) -> Iterator[None]:
-    """Lets the plants that are made meanwhile tell their shapes, for a picture.
+    """Makes new plants register their shapes with a SceneGraph, for a picture.
 
-    A plant that is simulated does not tell any: they would cost time and serve nobody.
+    Outside of this context, plants register none, which would only slow down a
+    simulation.
     """
     token = _SCENE_GRAPH.set(scene_graph)
     try:
@@ -49,11 +50,11 @@ def TellingShapes(scene_graph: SceneGraph) -> Iterator[None]:
 
 @contextlib.contextmanager
 def NewPlant(gravity: ArrayLike | None = None) -> Iterator[MultibodyPlant]:
-    """Gives a continuous plant named `plant`, and finalizes it at the end.
+    """Yields a new continuous plant named `plant`, and finalizes it at the end.
 
     Args:
         gravity: Acceleration of gravity along the first axes of the world, m/s^2 (1 to
-            3); None: Drake's own, across the x-y plane.
+            3); None: Drake's default, along -z.
     """
     plant = MultibodyPlant(time_step=0.0)
     plant.set_name("plant")
@@ -74,9 +75,9 @@ def LoadModel(
     """Returns the plant of an SDF model.
 
     Args:
-        model: Such as ReadModel() returns.
+        model: The root element of the model, such as ReadModel() returns.
         gravity: Acceleration of gravity along the first axes of the world, m/s^2 (1 to
-            3); None: none.
+            3); None: Drake's default, along -z.
     """
     with NewPlant(gravity) as plant:
         Parser(plant).AddModelsFromString(
@@ -90,19 +91,19 @@ class RobotConfig(KindConfig, ABC):
     """The slave robot (thesis section 2.3).
 
     A robot of your own derives from this class, or from PlantRobotConfig, adds its
-    fields, and makes its block in MakeRobot. It can be named in a scenario:
-    `model: my_module:MyRobot`.
+    fields, and makes its block in MakeRobot. A scenario selects it by the name of its
+    class: `model: my_module:MyRobot`.
     """
 
     # p_WT at time 0, m, n entries; reachable, not singular, in front of the contact
-    # surface. The robot starts at rest. With six, the last three are the rotation
-    # vector from how the tool is turned at the robot's posture, rad; see
+    # surface. The robot starts at rest. With six entries, the last three are the
+    # rotation vector relative to the tool's rotation at the robot's posture, rad; see
     # laws.task_space.
     start: np.ndarray = REQUIRED
 
     @property
     def num_axes(self) -> int:
-        """Number n of task axes, the first n axes of the world; 6: and about them."""
+        """Number n of task axes: the first n axes of the world; 6: also about them."""
         return len(self.start)
 
     def Check(self, path: str) -> None:
@@ -129,9 +130,9 @@ class RobotConfig(KindConfig, ABC):
     def MakeRobot(self) -> System:
         """Makes the block, whose default context is at rest at `start`.
 
-        Its ports are those of robot_diagram.MakeRobotDiagram, of which control_force,
-        environment_force, tool_position and tool_velocity are needed everywhere, and
-        tool_acceleration in a linear analysis.
+        Its ports are those of robot_diagram.MakeRobotDiagram. It must have
+        control_force, environment_force, tool_position and tool_velocity, and
+        tool_acceleration for a linear analysis.
 
         Raises:
             ScenarioError: If a parameter is not allowed.
@@ -140,11 +141,12 @@ class RobotConfig(KindConfig, ABC):
     def JointPositions(self, p_WT: ArrayLike) -> Array:
         """Returns q of the robot's continuous state [q; qdot] with the tool at a point.
 
-        Here the point itself, which is right for a robot whose state is [p_WT; v_WT].
+        By default, it is the point itself, which is right for a robot whose state is
+        [p_WT; v_WT].
 
         Raises:
-            ScenarioError: If the robot does not reach it, or is singular there. The
-                message begins with `start`, the field that has such a position.
+            ScenarioError: If the robot does not reach the point, or is singular there.
+                The message begins with `start`, the name of the field.
         """
         return np.array(p_WT, dtype=float)
 
@@ -153,11 +155,11 @@ class RobotConfig(KindConfig, ABC):
 class PlantRobotConfig(RobotConfig):
     """A robot that is a MultibodyPlant, driven by the forces on its tool.
 
-    A kind of your own needs LoadPlant only.
+    A robot of your own that derives from this class has to define LoadPlant only.
 
     Attributes:
-        is_frictionless: Whether the plant has n joints and nothing that damps them, as
-            the controller of chapter 3 assumes.
+        is_frictionless: Whether the plant has n joints, none of them damped, as the
+            controller of chapter 3 assumes.
     """
 
     is_frictionless: ClassVar[bool] = False
@@ -177,11 +179,11 @@ class PlantRobotConfig(RobotConfig):
         """
 
     def Posture(self, plant: MultibodyPlant) -> Array:
-        """Returns the q near which joint positions are looked for; the plant's own."""
+        """Returns the q near which joint positions are searched; here the default q."""
         return np.asarray(plant.GetDefaultPositions())
 
     def JointPositions(self, p_WT: ArrayLike) -> Array:
-        """Returns the q with the tool at a point that is nearest to the posture."""
+        """Returns the q nearest to the posture with the tool at a point."""
         plant = self.LoadPlant()
         r = np.asarray(p_WT, dtype=float)
         return SolveInverseKinematics(
@@ -189,7 +191,7 @@ class PlantRobotConfig(RobotConfig):
         )
 
     def RotationAt(self, plant: MultibodyPlant, r: Array) -> Array | None:
-        """Returns the rotation (3, 3) of the tool at a position; None: any."""
+        """Returns the rotation (3, 3) of the tool at a position; None: it is free."""
         if r.size < 6:
             return None
         CheckRotation(r)
@@ -216,7 +218,7 @@ class PlantRobotConfig(RobotConfig):
     def MakeDrive(
         self, plant: MultibodyPlant, q: Array, gravity: ArrayLike | None
     ) -> JointDrive:
-        """Returns what drives the joints beside the task; here nothing does.
+        """Returns the systems that drive the joints besides the task; by default, none.
 
         Args:
             plant: The plant of the robot.
@@ -227,7 +229,7 @@ class PlantRobotConfig(RobotConfig):
 
 
 def RotationOf(r: Array) -> Array:
-    """Returns the rotation (3, 3) of a position with six entries."""
+    """Returns the rotation (3, 3) of the rotation vector in a position (6)."""
     return np.stack([rotated(r[3:], e) for e in np.eye(3)]).T
 
 
@@ -238,6 +240,6 @@ def CheckRotation(r: Array) -> None:
 
 
 def PointOf(p_WT: ArrayLike, num_axes: int) -> Array:
-    """Returns a position of the tool as a vector, for kinds whose n is fixed."""
+    """Returns a position of the tool as a vector; refuses other sizes than n."""
     CheckVector("start", p_WT, num_axes, "m")
     return np.array(p_WT, dtype=float)

@@ -1,4 +1,4 @@
-"""An arm's own controller: weight, posture, limits."""
+"""Arms with a controller of their own, which compensates weight and holds a posture."""
 
 from abc import abstractmethod
 from typing import ClassVar
@@ -25,47 +25,49 @@ from teleop_drake.validation import (
 )
 
 HOLDS = ("none", "posture", "orientation")
-"""What an arm can do with the joints that the task leaves free."""
+"""The quantities that an arm can hold with the joints that the task leaves free."""
 
 MAX_FREQUENCY = 1000.0
-"""Highest natural frequency of what an arm holds, rad/s."""
+"""Highest natural frequency of the hold, rad/s."""
 
-# The measure det A of laws.task_space at which damping begins, and what it grows to;
-# assumed. The Puma's pose of the scenarios has 0.02.
+# The measure det A of laws.task_space below which there is damping, and the damping at
+# a singular pose. Assumed. The Puma's pose in the scenarios has det A = 0.02.
 _NEAR = 1e-3
 _DAMPING = 1e-2
 
 
 @Config
 class DrivenArmConfig(PlantRobotConfig):
-    """An arm whose own controller carries it and holds what the task leaves free.
+    """An arm whose own controller compensates its weight and holds its free joints.
 
     The equations are in laws.task_space, systems.gravity_compensation and
-    systems.joint_friction. A kind of your own needs LoadModel only.
+    systems.joint_friction. A robot of your own that derives from this class has to
+    define LoadModel only.
     """
 
     default_gravity: ClassVar[tuple[float, float, float]] = (0.0, 0.0, 0.0)
 
-    # The joint positions near which those at the start lie, rad or m, nq entries. Of
-    # several poses it chooses one. Null: the model's default, zero in most.
+    # Joint positions near which those at the start are searched, rad or m, nq entries.
+    # They select one of several poses. Null: the default of the model, usually zero.
     posture: np.ndarray | None = None
     # Acceleration of gravity along the world's axes, m/s^2, 3 entries. Null: none for
-    # an arm of your own; assumed, motors compensate the weight as they do in most arms.
+    # the model `arm`. Assumed: motors compensate the weight, as they do in most arms.
     gravity: np.ndarray | None = None
-    # Whether the motors carry the weight that they know of: of the arm and of the
-    # payload. Assumed.
+    # Whether the motors compensate the weight of the arm and of a mass
+    # payload + payload_error at the tool. Assumed.
     gravity_compensation: bool = False
     # Mass at the tool's origin, kg, >= 0.
     payload: float = Number(0.0, "kg", minimum=0)
-    # How much more than the payload the motors carry, kg; payload + payload_error >= 0.
+    # Mass that the gravity compensation assumes beyond the payload, kg;
+    # payload + payload_error >= 0.
     payload_error: float = 0.0
-    # What is done with the joints that the n axes of the task leave free, one of HOLDS:
-    # nothing, hold the posture at the start, or hold the tool's orientation at
-    # `posture`. Assumed.
+    # Quantity held with the joints that the n axes of the task leave free, one of
+    # HOLDS: nothing, the posture at the start, or the tool's orientation at `posture`.
+    # Assumed.
     hold: str = "none"
-    # Natural frequency of what is held, rad/s, 0 to MAX_FREQUENCY. Assumed.
+    # Natural frequency of the hold, rad/s, > 0 to MAX_FREQUENCY. Assumed.
     hold_frequency: float = Number(10.0, "rad/s", above=0, maximum=MAX_FREQUENCY)
-    # Its damping ratio, 0 to 100. Assumed.
+    # Damping ratio of the hold, 0 to 100. Assumed.
     hold_damping_ratio: float = Number(1.0, minimum=0, maximum=100)
 
     def Check(self, path: str) -> None:
@@ -101,16 +103,16 @@ class DrivenArmConfig(PlantRobotConfig):
         return self.gravity
 
     def Posture(self, plant: MultibodyPlant) -> Array:
-        """Returns the q near which joint positions are looked for (nq)."""
+        """Returns the q near which joint positions are searched (nq)."""
         if self.posture is None:
             return super().Posture(plant)
         CheckVector("posture", self.posture, plant.num_positions(), "rad or m")
         return np.asarray(self.posture, dtype=float)
 
     def RotationAt(self, plant: MultibodyPlant, r: Array) -> Array | None:
-        """Returns the rotation (3, 3) of the tool at a position; None: any.
+        """Returns the rotation (3, 3) of the tool at a position; None: it is free.
 
-        If the orientation is held, the tool is turned as it is at the posture.
+        If the orientation is held, it is the tool's rotation at the posture.
         """
         if self.hold != "orientation":
             return super().RotationAt(plant, r)
@@ -126,7 +128,7 @@ class DrivenArmConfig(PlantRobotConfig):
     def MakeDrive(
         self, plant: MultibodyPlant, q: Array, gravity: ArrayLike | None
     ) -> JointDrive:
-        """Returns what drives the joints beside the task; see PlantRobotConfig."""
+        """Returns the systems that drive the joints; see PlantRobotConfig.MakeDrive."""
         drive = JointDrive()
         if self.gravity_compensation:
             known = self.payload + self.payload_error
@@ -147,7 +149,7 @@ class DrivenArmConfig(PlantRobotConfig):
 
 
 def AddPayload(plant: MultibodyPlant, mass: float) -> None:
-    """Welds a point mass to the tool of a plant that is not finalized."""
+    """Welds a point mass in kg to the tool of a plant that is not finalized."""
     if mass == 0:
         return
     tool = plant.GetFrameByName(TOOL)

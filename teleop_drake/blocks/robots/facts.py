@@ -1,4 +1,4 @@
-"""Facts of a robot, read from its system in the diagram."""
+"""Facts of a robot, computed from its system in the diagram."""
 
 import functools
 import pickle
@@ -17,14 +17,14 @@ from teleop_drake.contexts import ContextsIn
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotFacts:
-    """What defaults derive from.
+    """The facts of a robot from which defaults derive.
 
     Attributes:
         start: p_WT at the start, m (n).
-        inertia: M_r = (J M^-1 J^T)^-1, (2.8): what the tool's inertia feels like at the
-            start, kg (n, n); None where the robot cannot tell.
-        damping: What the viscous damping of the joints feels like at the tool at the
-            start, N s/m (n, n); None where the robot cannot tell.
+        inertia: M_r = (J M^-1 J^T)^-1, (2.8), the apparent inertia at the tool at the
+            start, kg (n, n); None: not known.
+        damping: The apparent damping at the tool at the start due to the viscous
+            damping of the joints, N s/m (n, n); None: not known.
     """
 
     start: Array
@@ -33,10 +33,11 @@ class RobotFacts:
 
 
 def FactsOfRobot(robot: System) -> RobotFacts:
-    """Returns what a robot is at the pose of its default context.
+    """Returns the facts of a robot at the pose of its default Context.
 
-    Inertia and damping are those of the MultibodyPlant inside of the robot whose frame
-    `tool` is where tool_position says. A robot without one cannot tell.
+    Inertia and damping are computed from the MultibodyPlant inside the robot that has a
+    frame `tool` at tool_position. They are None if there is no such plant, or if its
+    pose is singular.
 
     Args:
         robot: A system with the ports of robot_diagram.MakeRobotDiagram, of which
@@ -55,9 +56,9 @@ def FactsOfRobot(robot: System) -> RobotFacts:
 def FactsOfConfig(robot: RobotConfig) -> RobotFacts:
     """Returns the facts of the robot that a config makes.
 
-    To make one takes as long as to run machine code, and a sweep asks for the same
-    robot again and again. So they are remembered, of kinds of the package that name no
-    file.
+    Making the robot takes as long as a compiled run, and a sweep needs the facts of the
+    same robot many times. They are therefore cached, but only for kinds of the package
+    and only if no field names a file.
     """
     names_file = any(getattr(robot, name) is not None for name in robot.file_fields)
     if names_file or not type(robot).__module__.startswith("teleop_drake."):
@@ -71,7 +72,7 @@ def _Remembered(robot: bytes) -> RobotFacts:
 
 
 def _IsTool(plant: MultibodyPlant, context: Context, p_WT: Array) -> bool:
-    """Returns whether the plant has one frame `tool`, and that is at this position."""
+    """Returns whether the plant has exactly one frame `tool`, and it is at p_WT."""
     frames = [plant.get_frame(FrameIndex(i)) for i in range(plant.num_frames())]
     tools = [frame for frame in frames if frame.name() == TOOL]
     if len(tools) != 1:

@@ -17,24 +17,27 @@ TOOL = "tool"
 """Name of the frame whose origin is T, which touches the environment."""
 
 _TOLERANCE = 1e-6
-"""How near to the point in m the tool has to come for the point to be reached."""
+"""Largest distance in m of the tool from a point that counts as reached."""
 
 _MINIMUM_CONDITION = 0.01
-"""Least ratio of the smallest to the largest singular value of the tool's Jacobian.
-Assumed; the two-link arm's own limit, |sin(q2)| >= 0.05, is about the same."""
+"""Smallest allowed ratio of the smallest to the largest singular value of the tool's
+Jacobian. Assumed; the limit of the two-link arm, |sin(q2)| >= 0.05, is about the
+same."""
 
-# Newton's method: most steps, how far one goes at most, and the last one, rad or m.
+# Newton's method: largest number of steps, longest step, and step at which it ends, rad
+# or m.
 _MOST_STEPS = 60
 _LONGEST_STEP = 0.3
 _SHORTEST_STEP = 1e-13
 
 _NUM_GUESSES = 12
-"""The first is the posture. The others lie around it, because a posture may be
-singular, stretched for example, where nothing says which way to bend."""
+"""Number of initial guesses. The first is the posture, and the others lie around it. If
+the posture is singular, for example stretched, it does not determine in which direction
+the joints bend."""
 
 
 def ToolJacobian(plant: MultibodyPlant, context: Context, num_axes: int) -> Array:
-    """Returns Jv_v_WT along the task axes, and Jw_WT with six of them (n, nv)."""
+    """Returns Jv_v_WT along the task axes, with Jw_WT below it for n = 6 (n, nv)."""
     J = SpatialJacobian(plant, context, plant.GetFrameByName(TOOL))
     return np.concatenate([J[3:], J[:3]])[:num_axes]
 
@@ -53,20 +56,22 @@ def SolveInverseKinematics(
     posture: ArrayLike,
     R_WT: Array | None = None,
 ) -> Array:
-    """Returns the q with the tool at a point that is nearest to a posture.
+    """Returns the q nearest to a posture with the tool at a point.
 
-    Within the limits of the joints, by Drake's InverseKinematics, then by Newton's
-    method to the last digits. With a rotation, Newton's method goes on from there.
+    Drake's InverseKinematics finds it within the limits of the joints. Newton's method
+    then refines it to the last digits. If a rotation is required, Newton's method also
+    turns the tool, beginning from the q for the point.
 
     Args:
-        plant: A finalized plant with a frame TOOL whose qdot is its velocity.
+        plant: A finalized plant with a frame TOOL, whose velocities are qdot.
         p_WT: Position of the tool along the first n axes of the world, m (n).
-        posture: q to be near (nq).
-        R_WT: Rotation that the tool has to have (3, 3); None: any.
+        posture: The q to which the result is near (nq).
+        R_WT: Required rotation of the tool (3, 3); None: any.
 
     Raises:
-        ScenarioError: If the tool does not come there, with how near it comes, or if
-            the plant is singular there. The message calls the point `start`.
+        ScenarioError: If the tool cannot reach the point; the message has the smallest
+            distance of the tool from it. Also if the plant is singular there. The
+            message calls the point `start`.
     """
     posture = np.array(posture, dtype=float)
     target = _Target(plant, np.array(p_WT, dtype=float), R_WT, posture)
@@ -84,7 +89,7 @@ def SolveInverseKinematics(
 
 
 class _Target:
-    """A point, and maybe a rotation, that the tool of a plant has to have."""
+    """A position, and optionally a rotation, that the tool of a plant has to reach."""
 
     def __init__(
         self, plant: MultibodyPlant, p: Array, R: Array | None, posture: Array
@@ -97,10 +102,12 @@ class _Target:
         self._tool = plant.GetFrameByName(TOOL)
 
     def At(self, q: Array) -> tuple[Array, Array]:
-        """Returns what is missing to the target, and the tool's Jacobian.
+        """Returns the error of the tool's pose at q, and the tool's Jacobian.
 
-        The first is in m, and in rad if a rotation is asked for; the second is
-        ToolJacobian(), with that of w_WT below it if a rotation is asked for.
+        The error is in m. If a rotation is required, the rotation vector from the
+        tool's rotation to the required one follows, in rad. The Jacobian has the rows
+        of Jv_v_WT along the task axes, and then those of Jw_WT if a rotation is
+        required.
         """
         self._plant.SetPositions(self._context, q)
         n = self._p.size
@@ -114,7 +121,7 @@ class _Target:
         return np.append(error, turn), np.vstack([Jv, J[:3]])
 
     def Solve(self, guess: Array) -> Array | None:
-        """Returns the q with the tool at the target that is nearest to the posture.
+        """Returns the q nearest to the posture with the tool at the target.
 
         None: no such q is found from this guess.
         """
@@ -130,16 +137,18 @@ class _Target:
                 break
         lower = self._plant.GetPositionLowerLimits()
         upper = self._plant.GetPositionUpperLimits()
-        # Without a rotation the solver has seen to the limits.
+        # Without a rotation, the solver has enforced the limits.
         is_within = self._R is None or ((lower <= q) & (q <= upper)).all()
         is_there = np.linalg.norm(self.At(q)[0]) < _TOLERANCE
         return q if is_within and is_there else None
 
     def _NearPoint(self, guess: Array, *, must_reach: bool) -> tuple[Array, bool]:
-        """Returns the solver's q with the tool at the point, nearest to the posture.
+        """Returns the q that the solver finds, and whether it reports success.
 
-        If it need not reach the point, it is the q with the tool as near as possible.
-        Also told is whether the solver calls it a solution.
+        Args:
+            guess: The initial guess of q (nq).
+            must_reach: Whether the tool has to be at the point; q is then nearest to
+                the posture. Otherwise the tool is as near to the point as possible.
         """
         # Few robots need it, and it imports all of Drake's planning.
         from pydrake.multibody.inverse_kinematics import InverseKinematics
@@ -166,7 +175,7 @@ class _Target:
         return np.array(result.GetSolution(problem.q())), result.is_success()
 
     def RefuseUnreachable(self, guesses: Sequence[Array]) -> NoReturn:
-        """Refuses the point, and tells how near the tool comes."""
+        """Refuses the point; the message has the smallest distance of the tool."""
         found = [self._NearPoint(guess, must_reach=False)[0] for guess in guesses]
         n = self._p.size
         distance = min(np.linalg.norm(self.At(q)[0][:n]) for q in found)
@@ -176,7 +185,7 @@ class _Target:
         Refuse("start", self._p, allowed)
 
     def RefuseSingular(self, q: Array) -> None:
-        """Refuses a q at which the tool can hardly be moved in some direction."""
+        """Refuses a q near a singular pose of the tool's Jacobian."""
         J = self.At(q)[1]
         values = np.linalg.svd(J, compute_uv=False)
         smallest = values[-1] if len(values) == len(J) else 0.0

@@ -18,14 +18,14 @@ from teleop_drake.validation import Config, Number
 # Coulomb friction at the motors while they turn forward and backward, N m: Corke and
 # Armstrong-Helouvry 1994, in the numbers of Corke's Robotics Toolbox. At the joints it
 # is the gear ratio times as much: 24.7, 13.6, 7.1, 0.85, 0.67, 0.30 N m forward.
-# Armstrong, Khatib and Burdick 1986 found that 6.3, 5.5, 2.6, 1.3, 1.0, 1.2 N m break
-# the joints of another arm away. Joints of one type differ as much.
+# Armstrong, Khatib and Burdick 1986 found break-away torques of 6.3, 5.5, 2.6, 1.3, 1.0
+# and 1.2 N m at the joints of another arm. Arms of one type differ as much.
 _COULOMB_FORWARD = (0.395, 0.126, 0.132, 11.2e-3, 9.26e-3, 3.96e-3)
 _COULOMB_BACKWARD = (0.435, 0.071, 0.105, 16.9e-3, 14.5e-3, 10.5e-3)
 
 _STANDARD_GRAVITY = 9.80665
 
-# Friction that changes its sign about a lower speed takes steps of microseconds.
+# Smallest friction_speed; with less, the solver takes steps of microseconds.
 _LEAST_SPEED = 1e-4
 
 
@@ -36,26 +36,26 @@ def _Nominal() -> np.ndarray:
 
 @Config
 class Puma560Config(DrivenArmConfig):
-    """The thesis's future work (section 6.3): six joints, gears, weight and friction.
+    """The robot of the thesis's future work (section 6.3), with weight and friction.
 
-    models/puma560.sdf names the source of every number. It stands at the world's
-    origin, z upward. The needle's tip is the tool.
+    It has six joints with gears. models/puma560.sdf names the source of every number.
+    The robot stands at the world's origin, z upward. The needle's tip is the tool.
     """
 
     kind = "puma560"
     default_gravity = (0, 0, -_STANDARD_GRAVITY)
 
-    # The joint positions near which those at the start lie, rad, 6 entries.
+    # Joint positions near which those at the start are searched, rad, 6 entries.
     posture: np.ndarray | None = field(default_factory=_Nominal)
     # Acceleration of gravity along the world's axes, m/s^2, 3 entries. Null: standard
     # gravity along -z.
     gravity: np.ndarray | None = None
     gravity_compensation: bool = True
     hold: str = "orientation"
-    # Which share of the published friction acts, viscous and Coulomb, >= 0. Less than
-    # 1: the motors compensate the rest, which is not counted in their torque.
+    # Share of the published friction, viscous and Coulomb, that acts, >= 0. If it is
+    # less than 1, the motors compensate the rest, which is not counted in their torque.
     friction: float = Number(1.0, minimum=0)
-    # Speed of a joint about which its Coulomb friction changes sign, rad/s, >= 1e-4.
+    # Joint speed within which the Coulomb friction changes sign, rad/s, >= 1e-4.
     # Assumed.
     friction_speed: float = Number(0.02, "rad/s", minimum=_LEAST_SPEED)
 
@@ -74,7 +74,7 @@ class Puma560Config(DrivenArmConfig):
     def MakeDrive(
         self, plant: MultibodyPlant, q: Array, gravity: ArrayLike | None
     ) -> JointDrive:
-        """Returns what drives the joints beside the task; see PlantRobotConfig."""
+        """Returns the systems that drive the joints; see PlantRobotConfig.MakeDrive."""
         drive = super().MakeDrive(plant, q, gravity)
         if self.friction == 0:
             return drive

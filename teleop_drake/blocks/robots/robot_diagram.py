@@ -15,15 +15,16 @@ from teleop_drake.wiring import Connections, Wire
 
 @dataclass(kw_only=True)
 class JointDrive:
-    """What acts on the joints beside the task and the environment.
+    """Systems that act on the joints besides the task and the environment.
 
-    The motors' torque is the sum of the task's, the hold's and the compensation of the
-    weight, within the effort limits of the plant's actuators.
+    The motors' torque is the sum of the torques of the task, of the hold and of the
+    gravity compensation, within the effort limits of the plant's actuators.
 
     Attributes:
-        hold: From plant_state to hold_torque (nv), such as PostureHold.
-        gravity_compensation: From plant_state to gravity_torque (nv).
-        friction: From joint_velocity to friction_torque (nv), such as JointFriction.
+        hold: A system from plant_state to hold_torque (nv), such as PostureHold.
+        gravity_compensation: A system from plant_state to gravity_torque (nv).
+        friction: A system from joint_velocity to friction_torque (nv), such as
+            JointFriction.
     """
 
     hold: System | None = None
@@ -64,17 +65,17 @@ def MakeRobotDiagram(
     |                   |      |              | dynamics, meant for recordings      |
     | joint_position    | nq   | rad or m     | none                                |
     | joint_velocity    | nv   | rad/s or m/s | none                                |
-    | joint_torque      | nv   | N m or N     | both forces, in form; it depends on |
-    |                   |      |              | control_force and `drive` alone     |
+    | joint_torque      | nv   | N m or N     | declared: both forces; the value    |
+    |                   |      |              | depends on control_force, `drive`   |
 
     Args:
         plant: A finalized, continuous plant with a frame `tool`; its actuators must be
             one for each joint, in any order.
-        num_axes: n, 1 to 3, or 6, of which the last three turn the tool; fewer than nv
-            leave the rest of the joints to themselves, or to `drive`.
+        num_axes: n, 1 to 3 or 6; the last three of six turn the tool. If n < nv, the
+            remaining motions of the joints are free, or controlled by `drive`.
         joint_positions: q at the start (nq).
         posture: q at which the rotation vector of six axes is 0 (nq); None: the start.
-        drive: What else acts on the joints; None: nothing.
+        drive: Further systems that act on the joints; None: there are none.
 
     Raises:
         ValueError: If the plant's actuators are not one for each joint.
@@ -146,9 +147,9 @@ def _AddDrive(
     """Adds a drive between the torques of the task and `torque_limits`.
 
     Returns:
-        The place of all torques but the motors'.
+        The place (see wiring) of the sum of all torques except those of the motors.
     """
-    # What the motors are to do.
+    # The places of the terms of the motors' torque, and of the other torques.
     motors = ["joint_torques.y0"]
     others = ["joint_torques.y1"]
     if drive.hold is not None:
@@ -163,7 +164,7 @@ def _AddDrive(
         systems["joint_friction"] = drive.friction
         connections["joint_friction.joint_velocity"] = "joint_state.y1"
         others.append("joint_friction.friction_torque")
-    # Within the limits of the motors.
+    # The motors' torque is within the effort limits of the actuators.
     plant = systems["plant"]
     limits = np.zeros(plant.num_velocities())
     for index in plant.GetJointActuatorIndices():
@@ -177,7 +178,7 @@ def _AddDrive(
 def _AddSum(
     systems: dict[str, System], connections: Connections, name: str, terms: list[str]
 ) -> str:
-    """Adds the sum of the torques at some places, and returns its place."""
+    """Adds the sum of the torques at the given places, and returns its place."""
     if len(terms) == 1:
         return terms[0]
     size = systems["plant"].num_velocities()
@@ -188,10 +189,11 @@ def _AddSum(
 
 
 def _AreMotorsInOrder(plant: MultibodyPlant) -> bool:
-    """Returns whether joint torques may go to the motors as they are.
+    """Returns whether joint torques can be connected to the motors directly.
 
-    If the actuation matrix B is a permutation, u = B^T tau is what tau = B u asks of
-    the motors, and they are in order only if B is the identity.
+    If the actuation matrix B is a permutation, tau = B u requires the motor torques
+    u = B^T tau, which are in the order of tau only if B is the identity. If B is no
+    permutation, ToolInterface refuses the plant.
     """
     B = plant.MakeActuationMatrix()
     identity = np.eye(plant.num_velocities())

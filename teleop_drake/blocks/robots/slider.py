@@ -1,4 +1,4 @@
-"""The thesis's robot on one axis."""
+"""The robot of the thesis with one axis."""
 
 from pydrake.multibody.plant import MultibodyPlant
 
@@ -18,16 +18,16 @@ class SliderConfig(PlantRobotConfig):
 
     kind = "slider"
 
-    # Mass, kg, > 0. Null keeps the model's own.
+    # Mass, kg, > 0. Null: that of the model file.
     mass: float | None = Number(None, "kg", above=0)
-    # Viscous damping of the rail, N s/m, >= 0. Null keeps the model's own.
+    # Viscous damping of the rail, N s/m, >= 0. Null: that of the model file.
     damping: float | None = Number(None, "N s/m", minimum=0)
 
     def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
         """Returns the plant; see PlantRobotConfig.LoadPlant."""
         self.CheckNumbers()
         model = ReadModel(self.kind)
-        # Overrides go into the model's text, and so into every context of the plant.
+        # Overrides change the model itself, and so every Context of the plant.
         for value, path in (
             (self.mass, ".//link[@name='carriage']/inertial/mass"),
             (self.damping, ".//joint[@name='rail']/axis/dynamics/damping"),
@@ -39,5 +39,5 @@ class SliderConfig(PlantRobotConfig):
         return LoadModel(model, gravity)
 
     def JointPositions(self, p_WT: ArrayLike) -> Array:
-        """Returns the position of the carriage, which is the tool's."""
+        """Returns the position of the carriage, which is that of the tool."""
         return PointOf(p_WT, 1)

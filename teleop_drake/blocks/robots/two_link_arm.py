@@ -1,12 +1,13 @@
-"""The thesis's planar arm.
+"""The planar arm of the thesis.
 
-Its model file has the masses, lengths and inertias of Appendix A, of which Drake makes
+Its model file has the masses, lengths and inertias of Appendix A, from which Drake
+computes
 
     M(q) (A.1, A.2), C(q, q') (A.3, A.4), G(q) (A.5, A.6), J(q) (A.7, A.8),
     p_WT(q) (A.13);
 
-c21 of (A.4) is misprinted in the thesis; see thesis/errata. The angles of a point,
-(A.14), stand here.
+c21 of (A.4) is misprinted in the thesis; see thesis/errata. This module has the inverse
+kinematics, (A.14).
 """
 
 import functools
@@ -25,11 +26,11 @@ from teleop_drake.blocks.robots.base import (
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL
 from teleop_drake.validation import CheckChoice, Config, Number, Refuse
 
-# Sign of q2, the bend of the elbow. Stretched forward along x, `down` puts the elbow
-# at y < 0.
+# Sign of q2, the bend of the elbow. If the tool is on the positive x axis, `down` puts
+# the elbow at y < 0.
 _ELBOW_SIGNS = {"up": -1.0, "down": 1.0}
 
-_OWN_LINK_MASS = 0.5  # kg, as the model file has it.
+_OWN_LINK_MASS = 0.5  # kg, of each link in the model file.
 
 # The arm must not start closer to a singularity than this |sin(q2)|; the determinant
 # of its Jacobian is L1 L3 sin(q2).
@@ -43,9 +44,9 @@ class TwoLinkArmConfig(PlantRobotConfig):
     kind = "two_link_arm"
     is_frictionless = True
 
-    # up (y > 0) or down (y < 0) at the start pose.
+    # Bend of the elbow at the start pose: up (y > 0) or down (y < 0).
     elbow: str | None = None
-    # Mass of each link, kg, > 0; the inertia goes with it. Null keeps the model's own.
+    # Mass of each link, kg, > 0; the inertia scales with it. Null: that of the model.
     link_mass: float | None = Number(None, "kg", above=0)
 
     def LoadPlant(self, gravity: ArrayLike | None = None) -> MultibodyPlant:
@@ -88,7 +89,7 @@ class TwoLinkArmConfig(PlantRobotConfig):
 
 @functools.cache
 def _LinkLengths() -> tuple[float, float]:
-    """Returns L1 and L3 in m, as the model file has them."""
+    """Returns the lengths L1 and L3 of the model file in m."""
     plant = TwoLinkArmConfig().LoadPlant()
     context = plant.CreateDefaultContext()
     elbow, tool = (

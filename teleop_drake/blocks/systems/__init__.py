@@ -1,1 +1,1 @@
-"""The blocks: one LeafSystem (or small Diagram) a file."""
+"""Blocks that belong to no other group: one LeafSystem or small Diagram per file."""

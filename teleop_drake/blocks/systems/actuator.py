@@ -14,26 +14,27 @@ from teleop_drake.wiring import Connections, Wire
 
 @Config
 class ActuatorConfig(FixedFields):
-    """The drive of the robot, in the task space. The thesis has an ideal one.
+    """The drive of the robot, in task space. The drive of the thesis is ideal.
 
-    Each task axis is as if it had its own drive: an arm whose joints have equal drives
-    of bandwidth w has the same, as long as it turns slowly against w.
+    Each task axis is modelled with a drive of its own. An arm whose joints have equal
+    drives of bandwidth w behaves in the same way while its joints turn slowly compared
+    with w.
     """
 
     # Bandwidth w of the first-order lag of the force, rad/s, > 0. Null: no lag.
     bandwidth: float | None = Number(None, "rad/s", above=0)
     # Largest force on each axis, N, > 0. Null: no limit.
     force_limit: float | None = Number(None, "N", above=0)
-    # Coulomb's friction of the gears F_C, N, >= 0.
+    # Coulomb friction of the gears F_C, N, >= 0.
     coulomb_friction: float = Number(0.0, "N", minimum=0)
-    # Speed v_s over which it changes its sign, m/s, > 0. Assumed.
+    # Speed v_s within which the Coulomb friction changes sign, m/s, > 0. Assumed.
     friction_speed: float = Number(1e-3, "m/s", above=0)
     # Viscous friction of the gears B, N s/m, >= 0.
     viscous_friction: float = Number(0.0, "N s/m", minimum=0)
 
     @property
     def is_ideal(self) -> bool:
-        """Whether the robot gets the force that the law asks for, as in the thesis."""
+        """Whether the drive delivers exactly the commanded force, as in the thesis."""
         return not (self.bandwidth or self.force_limit or self.has_friction)
 
     @property
@@ -43,12 +44,12 @@ class ActuatorConfig(FixedFields):
 
 
 class GearFriction(FixedBlock):
-    """Takes the friction of gears from a force.
+    """Subtracts the friction of gears from a force.
 
         F_out = F_in - F_C v/sqrt(v^2 + v_s^2) - B v          on each axis
 
-    Coulomb's friction F_C, made smooth by the speed v_s, and viscous friction B; see
-    laws.actuators.
+    with the Coulomb friction F_C, smoothed by the speed v_s, and the viscous friction
+    B; see laws.actuators.
 
     | port | name          | size | unit |
     |------|---------------|------|------|
@@ -58,9 +59,9 @@ class GearFriction(FixedBlock):
 
     State: none. Direct feedthrough: from both inputs.
 
-    It does not stick: a force below F_C moves the tool at a speed below v_s. Each task
-    axis has friction of its own, as if it had its own drive; friction in the joints of
-    an arm is another matter.
+    It models no stiction: a force below F_C moves the tool at a speed below v_s or so.
+    Each task axis has its own friction, as if it had its own drive. JointFriction
+    models friction in the joints of an arm.
 
     Args:
         coulomb: F_C in N, >= 0.
@@ -86,14 +87,15 @@ class GearFriction(FixedBlock):
 
 
 class Actuator(Diagram):
-    """Delivers the force that a control law asks for, late, limited and with losses.
+    """Delivers the commanded force with a limit, a lag and friction.
 
         F_l      = F_c between -limit and limit                  `force_limit`
         dF_m/dt  = w (F_l - F_m)                                 `force_lag`
         F        = F_m - F_C v/sqrt(v^2 + v_s^2) - B v           `gear_friction`
 
-    on each axis. The lag stands for the current loop and the motor; the limit acts on
-    its command, so that F_m keeps it as well. What the config leaves out is not there.
+    on each axis. The lag models the current loop and the motor. The limit acts on the
+    command of the lag, so that F_m does not exceed it either. The config determines
+    which of the three parts exist.
 
     | port | name            | size | unit |
     |------|-----------------|------|------|
@@ -104,15 +106,15 @@ class Actuator(Diagram):
     State: F_m (n) with a lag. Initial value: 0. Direct feedthrough: from
     commanded_force without a lag, from tool_velocity with friction.
 
-    A motor's inertia is the robot's; a limit of torques in the joints, which depends on
-    the pose, is too.
+    It models neither the inertia of motors nor limits of joint torques, which depend on
+    the pose. Both belong to the robot.
     """
 
     def __init__(self, config: ActuatorConfig, *, num_axes: int):
         Diagram.__init__(self)
         config.CheckNumbers("actuator")
         n = num_axes
-        # A chain: limit, lag, friction. `force` is the end of it so far.
+        # The chain of limit, lag and friction; `force` is its last block so far.
         limits = np.full(n, config.force_limit or math.inf)
         systems: dict[str, System] = {"force_limit": Saturation(-limits, limits)}
         connections: Connections = {}
@@ -122,6 +124,7 @@ class Actuator(Diagram):
             systems["force_lag"] = LinearSystem(-w, w, np.eye(n), np.zeros((n, n)))
             connections["force_lag"] = force
             force = "force_lag"
+        # The input port exists even if there is no friction that depends on it.
         systems["tool_velocity"] = PassThrough(n)
         if config.has_friction:
             systems["gear_friction"] = GearFriction(

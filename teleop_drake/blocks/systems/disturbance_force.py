@@ -16,7 +16,7 @@ _LAWS: dict[str, Term] = {
 
 
 class DisturbanceForce(FixedBlock):
-    """A force that depends on where the tool is and how fast it moves.
+    """A force that depends on the position and velocity of the tool.
 
         linear    F_e = K r                                                      (3.7)
         coupled   F_e = K [x + x' z + 2 z' x + z^2, z + z' x + 2 z x' + x^2]     (3.8)
@@ -31,9 +31,10 @@ class DisturbanceForce(FixedBlock):
     |-----------|-----------|------|
     | 0         | gain      | N/m  |
 
-    State: none. Direct feedthrough: of both inputs; of the position only, if linear.
+    State: none. Direct feedthrough: from both inputs; if linear, only from
+    tool_position.
 
-    It knows nothing of contact: it acts everywhere, and it may feed energy in.
+    It is not a contact model: the force acts everywhere, and may be active.
 
     Args:
         kind: linear or coupled; coupled needs two task axes.

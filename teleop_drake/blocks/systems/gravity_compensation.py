@@ -1,4 +1,4 @@
-"""The torque that carries an arm's weight."""
+"""Compensation of an arm's weight by joint torques."""
 
 from pydrake.multibody.plant import MultibodyPlant
 
@@ -8,7 +8,7 @@ from teleop_drake.laws.task_space import gravity_torque
 
 
 class GravityCompensation(FixedBlock):
-    """Torque that would keep a model of the arm at rest.
+    """Torque that balances gravity on a model of the arm.
 
         tau = g(q) = -(the generalized forces of gravity on the model)
 
@@ -19,12 +19,12 @@ class GravityCompensation(FixedBlock):
 
     State: none. Direct feedthrough: yes.
 
-    The model is what the motors' controller believes the arm to be. If it is the arm,
-    the arm floats; if it has another payload, the arm is pulled by the difference.
+    The model is that of the motors' controller. If it equals the arm, the arm floats.
+    If its payload differs from that of the arm, the difference of the weights pulls at
+    the arm.
 
     Args:
-        model: A finalized plant of revolute and prismatic joints, as many as the arm
-            has.
+        model: A finalized plant with the joints of the arm, revolute or prismatic.
     """
 
     is_compiled = True

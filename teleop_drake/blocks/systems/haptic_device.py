@@ -21,8 +21,8 @@ class HapticDeviceConfig(FixedFields):
     # Coefficients of the denominator, highest power first. The first is not zero, and
     # there are at least as many as in the numerator (H is proper).
     denominator: np.ndarray = field(default_factory=lambda: np.array([1.0, 25.0, 0.0]))
-    # Of six axes, those about which the handle turns have lever^2 H(s), m, > 0.
-    # Assumed.
+    # With six axes, the moments about the last three are lever^2 H(s) times the error
+    # of the angular velocity, m, > 0. Assumed.
     lever: float = Number(0.1, "m", above=0)
 
     def Check(self, path: str) -> None:
@@ -48,11 +48,11 @@ class HapticDeviceConfig(FixedFields):
 
 
 class HapticDevice(Diagram):
-    """Turns the velocity error which the operator feels into the haptic force.
+    """Computes the haptic force from the velocity error that the operator feels.
 
         F_h(s) = H(s) [v_d(s) - v(s)],   the same H(s) on every axis   (2.1, 2.4, 2.5)
 
-    The thesis has H(s) = (25 s + 50)/(s^2 + 25 s). It prints the error with the
+    The thesis uses H(s) = (25 s + 50)/(s^2 + 25 s). It prints the error with the
     opposite sign (2.2), which would be positive feedback.
 
     | port | name             | size | unit |
@@ -68,15 +68,16 @@ class HapticDevice(Diagram):
     Direct feedthrough: from both inputs if the degrees of numerator and denominator
     are equal, else none.
 
-    It knows neither delays nor contact: what the operator commands instead of F_h
-    after contact is not its business. An integrator in H (as in the thesis's) is not
-    reset and not limited.
+    It models neither delays nor contact. The operator may replace F_h by another
+    command after contact. An integrator in H, as in the thesis, is neither reset nor
+    limited.
 
     Args:
         numerator: Coefficients of H's numerator, highest power of s first.
         denominator: Coefficients of H's denominator, highest power first.
         num_axes: Number n of axes, >= 1.
-        lever: In m; from the fourth axis on, the force is a moment, lever^2 H(s).
+        lever: Lever arm in m. From the fourth axis on, the output is a moment, and the
+            transfer function is lever^2 H(s).
     """
 
     def __init__(
@@ -91,6 +92,7 @@ class HapticDevice(Diagram):
         A, B, C, D = realize_transfer_function(
             numerator, denominator, num_axes=num_axes
         )
+        # From the fourth axis on, the output is lever^2 H(s).
         scale = np.append(np.ones(3), np.full(3, lever**2))[:num_axes, np.newaxis]
         C = scale * C
         D = scale * D

@@ -9,7 +9,7 @@ from teleop_drake.validation import CheckNumber, Refuse
 
 
 class JointFriction(FixedBlock):
-    """Torque of Coulomb friction, regularised; see laws.actuators.
+    """Torque of smoothed Coulomb friction in the joints; see laws.actuators.
 
         tau = -s ((C_+ + C_-)/2 + (C_+ - C_-)/2 s),   s = v/sqrt(v^2 + v_s^2)
 
@@ -20,12 +20,12 @@ class JointFriction(FixedBlock):
 
     State: none. Direct feedthrough: yes.
 
-    It does not stick: a joint at rest that is pushed creeps. Viscous friction is the
-    plant's.
+    It models no stiction: a joint that is pushed creeps. Viscous friction is part of
+    the plant.
 
     Args:
-        forward: C_+ of each joint in N m or N, >= 0 (nv).
-        backward: C_- of each joint, as many.
+        forward: C_+, the friction of each joint while v > 0, in N m or N, >= 0 (nv).
+        backward: C_-, the friction of each joint while v < 0, in N m or N, >= 0 (nv).
         speed: v_s in rad/s or m/s, > 0.
     """
 

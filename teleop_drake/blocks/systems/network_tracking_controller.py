@@ -20,15 +20,15 @@ _DESIRED = ("desired_position", "desired_velocity", "desired_acceleration")
 
 
 class NetworkTrackingController(FixedBlock):
-    """Tracks a trajectory; what the model does not explain, a network learns.
+    """Tracks a trajectory; a network learns the forces that the model does not have.
 
         s     = (v - r_d') + Lambda (r - r_d)                                   (3.11)
         F_c   = W Phi + C_r v + G_r + M_r (r_d'' - Lambda (v - r_d') - G1 s)    (3.18)
         dW/dt = beta (-M_r^-T s Phi^T - nu W)                             (3.19, 3.27)
 
-    The law itself is `teleop_drake.laws.tracking`, which also says why the sign of
-    dW/dt is not the printed one. M_r, C_r and G_r are those of `plant` at the given
-    joint state: this controller knows the robot. It does not know the disturbance.
+    The law itself is `teleop_drake.laws.tracking`, which also explains why the sign of
+    dW/dt differs from the printed one. The controller has a model of the robot, but not
+    of the disturbance: M_r, C_r and G_r are those of `plant` at the given joint state.
     The network's input is the tool's position.
 
     | port | name                 | size | unit         | is                        |
@@ -47,9 +47,9 @@ class NetworkTrackingController(FixedBlock):
 
     State (continuous): W (n N), row by row; 0 at first.
 
-    Direct feedthrough: all inputs to control_force; tool_position alone to
-    disturbance_estimate; positions and velocities, but not of the joints, to
-    auxiliary_error; none to weights_1.
+    Direct feedthrough: all inputs to control_force; tool_position to
+    disturbance_estimate; the positions and velocities that are desired and of the tool
+    to auxiliary_error; none to weights_1.
 
     It neither limits the force nor avoids singular poses, where M_r is infinite.
 
@@ -58,7 +58,7 @@ class NetworkTrackingController(FixedBlock):
         network: The basis functions, with n inputs in m.
         plant: A finalized plant of revolute and prismatic joints, with the robot's
             masses and gravity.
-        tool_name: The frame whose origin is the tool T.
+        tool_name: Name of the frame whose origin is the tool T.
 
     Raises:
         ValueError: If the network does not have one input per axis.
@@ -80,6 +80,7 @@ class NetworkTrackingController(FixedBlock):
                 "network.num_inputs", network.num_inputs, f"{n}, one for each task axis"
             )
         motion = ("tool_position", "tool_velocity", *_DESIRED[:2])
+        # The arguments that the force and the rate of the weights have in common.
         law = ("gains", "dynamics", "state", "basis", "auxiliary_error")
         num_weights = n * network.num_functions
         FixedBlock.__init__(

@@ -1,4 +1,4 @@
-"""The bodies and joints of a MultibodyPlant as flat arrays."""
+"""Conversion of a MultibodyPlant to a tree of links, stored in arrays."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -19,12 +19,12 @@ _JOINTS = (multibody.WeldJoint, multibody.RevoluteJoint, multibody.PrismaticJoin
 class PlantTree(NamedTuple):
     """A plant as a tree of links: bodies welded to each other are one link.
 
-    Link i moves with the plant's q_i and v_i.
+    Joint i of the plant, with q_i and v_i, moves link i relative to its parent.
 
     Attributes:
         tree: The links.
-        poses: Which link a body belongs to (-1: the world), and its pose X_LB in that
-            link's frame, by the body's index.
+        poses: The link of each body (-1: the world) and the body's pose X_LB in the
+            frame of that link, keyed by the body's index.
     """
 
     tree: RigidBodyTree
@@ -32,15 +32,18 @@ class PlantTree(NamedTuple):
 
 
 def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
-    """Reads a plant whose joints are welds, revolute and prismatic.
+    """Returns the tree of a plant whose joints are welds, revolute or prismatic.
 
-    It has neither forces other than gravity, nor constraints, nor contact.
+    The plant must have no forces but gravity and joint damping, no constraints and no
+    contact.
 
     Args:
-        context: Its context, which has the parameters.
+        plant: The plant.
+        context: Its Context, which has the values of its parameters.
 
     Raises:
-        ScenarioError: If a joint is another one, or gravity does not act on all.
+        ScenarioError: If a joint is of another type, or gravity acts on some bodies
+            only.
     """
     for reason in NoTree(plant):
         raise ScenarioError(f"plant {plant.get_name()}: {reason}")
@@ -64,7 +67,7 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
         damping=np.zeros(n),
         gravity=gravity,
     )
-    # Of the links, the world last, which is link -1.
+    # The poses of the links; the last one is that of the world, which is link -1.
     X_WL = [RigidTransform()] * (n + 1)
     for joint in map(plant.get_joint, plant.GetJointIndices()):
         if joint.num_velocities() > 0:
@@ -74,7 +77,8 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
     poses = {}
     for body in _Bodies(plant):
         J = SpatialJacobian(plant, at_zero, body.body_frame())
-        # The joints that move the body. Drake counts them from the world outward.
+        # The joints that move the body, from the world to its link. Drake numbers them
+        # from the world outward.
         path = [-1, *np.flatnonzero(J.any(axis=0))]
         link = int(path[-1])
         X_LB = X_WL[link].inverse() @ plant.EvalBodyPoseInWorld(at_zero, body)
@@ -100,7 +104,12 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
 
 
 def ReadTool(plant: MultibodyPlant, frame_name: str, num_axes: int) -> Tool:
-    """Returns the tool at a frame's origin, which n axes of the world move.
+    """Returns the tool of a plant, as the laws of laws.task_space take it.
+
+    Args:
+        plant: The plant.
+        frame_name: Name of the frame whose origin is the tool.
+        num_axes: n, number of task axes.
 
     Raises:
         ScenarioError: If ReadPlantTree() cannot read the plant.
@@ -121,7 +130,7 @@ def SpatialJacobian(plant: Any, context: Any, frame: Any) -> Any:
 
 
 def NoTree(plant: MultibodyPlant) -> Iterator[str]:
-    """Yields what a plant has besides a tree of revolute and prismatic joints."""
+    """Yields the reasons, if any, why ReadPlantTree() cannot read a plant."""
     for index in plant.GetJointIndices():
         joint = plant.get_joint(index)
         if not isinstance(joint, _JOINTS):

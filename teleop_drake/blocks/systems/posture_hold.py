@@ -12,11 +12,11 @@ from teleop_drake.validation import CheckVector, Refuse
 
 
 class PostureHold(FixedBlock):
-    """Torque that holds a posture, or the tool's orientation, beside the task.
+    """Torque that holds a posture, or the tool's orientation, besides the task.
 
         tau = M a + J^T Lambda (y - J a),  Lambda = (J M^-1 J^T)^-1 damped
 
-    laws.task_space has what a, J and y are, and where it is from. The torque does not
+    See laws.task_space for a, J and y, and for the sources. The torque does not
     accelerate the tool along the task axes.
 
     | port | name        | size    | unit                      |
@@ -26,19 +26,20 @@ class PostureHold(FixedBlock):
 
     State: none. Direct feedthrough: yes.
 
-    It compensates neither weight nor friction nor the Coriolis forces, which move what
-    it holds a little.
+    It compensates neither weight nor friction nor Coriolis forces. These cause small
+    errors of the posture or orientation.
 
     Args:
         plant: A finalized plant of revolute and prismatic joints.
         num_axes: n, number of task axes.
-        tool_name: The frame whose origin is the tool.
-        joint_positions: q_0; with keeps_orientation, R_0 is the tool's rotation there.
-        gains: How.
-        keeps_orientation: Whether the tool's orientation is held; else the posture.
+        tool_name: Name of the frame whose origin is the tool.
+        joint_positions: q_0 in rad or m (nv); R_0 is the tool's rotation there.
+        gains: The gains of the law.
+        keeps_orientation: Whether the tool's orientation R_0 is held; else the posture.
 
     Raises:
-        ScenarioError: If the joints are fewer than what is to be held.
+        ScenarioError: If the task and the orientation take more axes than there are
+            joints.
     """
 
     is_compiled = True

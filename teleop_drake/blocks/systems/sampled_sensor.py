@@ -1,4 +1,4 @@
-"""A sensor that is read at a fixed rate."""
+"""A sensor that samples at a fixed rate."""
 
 from collections.abc import Sequence
 from dataclasses import field
@@ -10,7 +10,7 @@ from teleop_drake.laws.actuators import next_sample
 from teleop_drake.validation import CheckNumber, Config, FixedFields, Number, Refuse
 
 SHORTEST_PERIOD = 1e-6
-"""Shortest time between samples in s. The simulation steps at least as often."""
+"""Shortest sample period in s. No step of a simulation is longer than the period."""
 
 
 class SampledSensor(FixedBlock):
@@ -21,7 +21,7 @@ class SampledSensor(FixedBlock):
 
     with the sample period h and the resolution q; q = 0 does not quantise. The noise
     is normal, and independent from sample to sample and from axis to axis. `rate` is
-    how a velocity comes from an encoder; one step of the encoder is q/h of it.
+    the velocity that is computed from an encoder's positions; it is a multiple of q/h.
 
     | port | name   | size | unit            |
     |------|--------|------|-----------------|
@@ -30,22 +30,23 @@ class SampledSensor(FixedBlock):
     | out  | rate   | n    | of signal per s |
 
     State (discrete): [number of samples so far; sample; rate; random generators]
-    (1 + 4n), which changes in unrestricted updates, so blocks that record jumps see
-    them; see ticks. What it samples is what was there before other updates at the same
-    instant.
+    (1 + 4n). It changes in unrestricted updates, so that blocks that record jumps see
+    both sides of the jump; see kernel.events. The signal is sampled before the other
+    updates of the same instant.
 
     Initial value: `initial_value` and no rate, until the sample at t = 0, whose rate is
     0 as well. Direct feedthrough: none.
 
-    The noise is that of the seed and the stream, in whatever engine.
+    The noise depends on the seed and the stream only. It is the same in Drake's
+    Simulator and in a compiled run.
 
     Args:
         sample_period: h in s, > 0.
-        initial_value: What is shown before the first sample (n).
+        initial_value: The output before the first sample (n).
         resolution: q in the unit of the signal, >= 0.
         noise: Standard deviation of the noise in the unit of the signal, >= 0.
-        seed: >= 0.
-        stream: Name of the sensor. Other names make independent noise.
+        seed: Seed of the noise, >= 0.
+        stream: Name of the sensor; sensors of different names have independent noise.
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class SampledSensor(FixedBlock):
         if seed < 0:
             Refuse("seed", seed, "a whole number >= 0")
         n = len(initial_value)
+        # Two seeds for each axis, from 1 to 2147483398, as next_random() takes them.
         sequence = np.random.SeedSequence(seed, spawn_key=tuple(stream.encode()))
         generator = 1 + sequence.generate_state(2 * n, np.uint64) % 2147483398
         law = {
@@ -89,19 +91,20 @@ class SampledSensor(FixedBlock):
             ),
             inputs={"signal": n},
             outputs={"sample": n, "rate": n},
+            # Number of samples, sample, rate and generators.
             mode=[0.0, *initial_value, *[0.0] * n, *generator.astype(float)],
         )
 
 
 @Config
 class SamplingConfig(FixedFields):
-    """How one sensor is read. The thesis has ideal ones."""
+    """The sampling of one sensor. The sensors of the thesis are ideal."""
 
     # Time between samples, s, > 0. Null: the sensor is continuous and exact.
     sample_period: float | None = Number(None, "s", minimum=SHORTEST_PERIOD)
-    # Resolution of what it shows, in the unit of the signal, >= 0.
+    # Resolution of the samples, in the unit of the signal, >= 0.
     resolution: float = Number(0.0, minimum=0)
-    # Standard deviation of each sample, in the unit of the signal, >= 0.
+    # Standard deviation of the noise, in the unit of the signal, >= 0.
     noise: float = Number(0.0, minimum=0)
 
     def Check(self, path: str) -> None:
@@ -115,9 +118,10 @@ class SamplingConfig(FixedFields):
 
 @Config
 class SensorConfig(FixedFields):
-    """What the slave measures: an encoder at the tool, and the force sensor."""
+    """The sensors of the slave: an encoder at the tool, and the force sensor."""
 
-    # Position of the tool, in m; its velocity is the difference of two samples.
+    # Position of the tool, in m. Its velocity is the difference of successive samples
+    # divided by the sample period.
     encoder: SamplingConfig = field(default_factory=SamplingConfig)
     # Force on the environment, in N.
     force: SamplingConfig = field(default_factory=SamplingConfig)
@@ -126,7 +130,7 @@ class SensorConfig(FixedFields):
 
     @property
     def is_ideal(self) -> bool:
-        """Whether everything is known at once and exactly, as in the thesis."""
+        """Whether all sensors are continuous and exact, as in the thesis."""
         return all(x.sample_period is None for x in self.sampled.values())
 
     @property

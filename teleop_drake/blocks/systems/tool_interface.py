@@ -1,4 +1,4 @@
-"""The tool of a robot arm seen from outside: motion in task space, forces on it."""
+"""The interface of a robot arm at its tool: motion in task space, forces on it."""
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -15,15 +15,15 @@ from teleop_drake.validation import Refuse
 
 
 class ToolInterface(FixedBlock):
-    """Joins a MultibodyPlant to task space at its tool (2.6 to 2.13).
+    """Connects a MultibodyPlant to task space at its tool (2.6 to 2.13).
 
     The task axes are the first n axes of the world, and the tool T is the origin of
-    one of the plant's frames. With Drake's translational Jacobian J = Jv_v_WT, kept to
-    its first n rows,
+    one of the plant's frames. With the first n rows J of Drake's translational Jacobian
+    Jv_v_WT,
 
         v_WT = J qdot,    tau = J^T F_c  (2.11),    tau_e = -J^T F_e  (2.6).
 
-    tau_e is what the environment's reaction -F_e at T does to the joints. With n = 6,
+    tau_e is the joint torque due to the environment's reaction -F_e at T. With n = 6,
     position, velocity and forces are those of laws.task_space: r = [p_WT; theta], a
     twist, and wrenches; the units of their last three numbers are rad, rad/s and N m.
 
@@ -46,21 +46,21 @@ class ToolInterface(FixedBlock):
 
     `tool_kinematics` is [p_WT; v_WT; J row by row]. `joint_torques` is [tau; tau_e]:
     the first half goes to the plant's actuation, the second to its applied generalized
-    force. The two come together because each call from Drake to Python costs more than
-    its products do; the force -F_e at T as one of Drake's lists of applied spatial
-    forces would do the same, and cost as much again.
+    force. Both are one port because a call from Drake to Python costs more than the
+    products. Drake's list of applied spatial forces with -F_e at T would have the same
+    effect as tau_e, at the cost of another such call.
 
-    State: none. It applies no limit to the torque, and a moment to the tool only for
+    State: none. It does not limit the torque. It applies a moment to the tool only for
     n = 6.
 
     Args:
-        plant: A finalized plant of revolute and prismatic joints; its actuators must be
-            one for each joint, in the order of the generalized velocities.
+        plant: A finalized plant of revolute and prismatic joints, with one actuator for
+            each joint.
         num_task_axes: n, 1 to 3 or 6.
-        tool_name: The frame whose origin is T, such as that of a body.
-        is_wired_to_motors: Whether tau goes to the plant's actuation as it is. If
-            something in between puts it into the order of the actuators, that may
-            be any.
+        tool_name: Name of the frame whose origin is T, for example that of a body.
+        is_wired_to_motors: Whether tau is connected directly to the plant's actuation.
+            The actuators must then be in the order of the generalized velocities.
+            Otherwise a block in between has to reorder tau.
         R_WP: Rotation of the tool at which theta is 0 (3, 3); None: I.
 
     Raises:
@@ -83,7 +83,7 @@ class ToolInterface(FixedBlock):
         nv = plant.num_velocities()
         if n not in (1, 2, 3, 6):
             Refuse("num_task_axes", n, "1, 2, 3 or 6")
-        # Otherwise tau in the order of the velocities would drive the wrong motors.
+        # In another order of the actuators, tau would drive the wrong motors.
         B = plant.MakeActuationMatrix()
         if is_wired_to_motors and not np.array_equal(B, np.eye(len(B))):
             Refuse(
