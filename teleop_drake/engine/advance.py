@@ -1,18 +1,26 @@
-"""Integrates a system with delays and modes: Dormand-Prince 5(4) with dense output.
+"""Integrates a problem with delays and modes: Dormand-Prince 5(4) with dense output.
 
-The system is a function `evaluate(t, x, m, p, y, dx, wanted)` that fills in the rate dx
-of the state x and the signals y, as teleop_drake.engine.program describes it.
-The outputs of the delays are written into y before each evaluation.
+The equations are a function `evaluate(t, x, m, p, y, dx, wanted)`, which computes the
+rate dx of the state x and the signals y; see teleop_drake.engine.program. The outputs
+of the delays are written into y before each evaluation. advance() repeats:
 
-* A delayed signal is a polynomial in each step, through the rows that are recorded at
-  five points of the step, so that no polynomial crosses a jump. Its error is O(step^5),
-  as for the dense output.
-* No step crosses a break, which is the instant of a transition or one of its echoes
-  through the delays. The step before a break uses the values before it, and the step
-  after it the values after it.
-* A transition happens as soon as its guard is not negative, at an instant that is
-  located on the dense output. A guard that comes near to 0 is also evaluated within the
-  step, because it may have been positive for a moment.
+1. _next_stop() determines the time at which the step must end at the latest.
+2. _step() tries a step and estimates its error. If the error is too large, a shorter
+   step is tried.
+3. _end_step() accepts the step. If a guard reaches 0 within it, the step ends there.
+   Rows of signals are recorded at five points of the step.
+4. _let_happen() executes the events at the end of the step, and records another row.
+
+Conventions:
+
+* In each step, a delayed signal is the polynomial through its five rows. Its error is
+  O(step^5), as for the dense output.
+* No step, and so no polynomial, crosses a break. A break is the instant of an event, or
+  the instant at which its effect leaves a delay, called an echo. The step that ends at
+  a break uses the values before it, and the next step the values after it.
+* A transition happens as soon as its guard is at least 0. The instant is located on the
+  dense output. A guard that comes near to 0 is also evaluated within the step, because
+  it may have been positive for a moment.
 
 All functions here are in the part of Python that jit/typed_code compiles.
 """
@@ -48,18 +56,19 @@ from teleop_drake.numerics.instants import SAME, same_within
 
 Evaluate = Callable[..., None]
 
-# Each passage through an integrator makes a jump smoother by one derivative: echoes of
-# echoes beyond this are as smooth as the method needs.
+# The largest order of an echo at which a step has to end. Each passage through an
+# integrator makes a jump smoother by one derivative, so an echo of a higher order is
+# smooth enough for the method.
 _MAX_ECHO = 4
 
-# As often advance() tries at most: its caller sees whether the run comes forward, and
-# Python notices Ctrl-C.
+# The most tries of one call of advance(). Between the calls, its caller can check the
+# progress of the run, and Python handles Ctrl-C.
 _MOST_TRIES = 500
 
-# The weights of the stages in the dense output at NODES.
+# The weights of the stages in the dense output at NODES (5, 7).
 WEIGHTS_AT_NODES = (NODES[:, np.newaxis] ** np.arange(1, 5)) @ P.T
 
-# How advance() ended.
+# The results of advance().
 DONE = 0
 FULL = 1
 STUCK = 2
@@ -74,16 +83,24 @@ def _evaluate(
     memory: Memory,
     dx: Array,
 ) -> None:
-    """Evaluates what is wanted: RATE, ALL or SIGNALS."""
+    """Writes the outputs of the delays into y, and evaluates RATE, ALL or SIGNALS.
+
+    Args:
+        wanted: One of these three; see scalar_code.
+        t: The time in s.
+        x: The continuous state at this time (n).
+        dx: The array for the rate (n).
+    """
     fetch(t, problem.delays, memory)
     evaluate(t, x, memory.m, problem.p, memory.y, dx, wanted)
     memory.counts[EVALUATIONS] += 1
 
 
 def _add_rates(weights: Array, h: float, stages: Array, target: Array) -> None:
-    """Adds what the weighted rates of all stages change in a step.
+    """Adds h times the weighted sum of the stages' rates to a vector.
 
-    There is a variable for each row: the processor adds several elements at once.
+    Each row of `stages` has a variable of its own. The compiler can therefore
+    vectorise the loop, so that the processor adds several elements at once.
     """
     k0 = stages[0]
     k1 = stages[1]
@@ -105,13 +122,18 @@ def _add_rates(weights: Array, h: float, stages: Array, target: Array) -> None:
 
 
 def _move(weights: Array, h: float, memory: Memory, result: Array) -> None:
-    """Writes the state that the weighted rates of the stages reach in a step."""
+    """Writes the state plus h times the weighted sum of the rates into `result`."""
     _copy(memory.x, result)
     _add_rates(weights, h, memory.stages, result)
 
 
 def _set_weights(share: float, weights: Array) -> None:
-    """Writes the weights of the stages in the dense output at a share of the step."""
+    """Computes the weights of the stages in the dense output at a share of the step.
+
+    Args:
+        share: The share of the step's length, 0 to 1.
+        weights: The array for the weights (7).
+    """
     for s in range(NUM_STAGES):
         power = share
         weights[s] = 0.0
@@ -136,7 +158,7 @@ def _evaluate_with(
     problem: Problem,
     memory: Memory,
 ) -> None:
-    """Evaluates all signals at a share of the step, given the weights of its stages."""
+    """Evaluates all signals at a share of the step, given the stages' weights there."""
     _move(weights, h, memory, memory.x_stage)
     t = memory.clock[0] + share * h
     _evaluate(SIGNALS, evaluate, t, memory.x_stage, problem, memory, memory.dx)
@@ -150,8 +172,15 @@ def _record_step(
     problem: Problem,
     memory: Memory,
 ) -> None:
-    """Records the first part of the step: three rows, and its end, which is in y."""
+    """Records four rows of the step: three within it, and one at its end.
+
+    Args:
+        length: The length of the part of the step that is accepted, s.
+        h: The length of the step that was tried, s.
+        end: The time at the end of the accepted part, s; y has the signals there.
+    """
     row = memory.counts[ROWS]
+    # The end comes first, because the evaluations below overwrite y.
     _write(row + 3, end, memory)
     for node in range(1, 4):
         s = NODES[node] * length
@@ -177,20 +206,20 @@ def _clear(target: Array) -> None:
 
 
 def _write(row: int, t: float, memory: Memory) -> None:
-    """Writes the signals as they are at a time to a row."""
+    """Copies the signals y to a row of the recording, with their time."""
     memory.row_times[row] = t
     memory.row_ends[row] = 0
     _copy(memory.y, memory.rows[row])
 
 
 def _record(t: float, memory: Memory) -> None:
-    """Records a row that ends no step."""
+    """Records a row at a time; it does not end a step."""
     _write(memory.counts[ROWS], t, memory)
     memory.counts[ROWS] += 1
 
 
 def _add_break(t: float, order: int, memory: Memory) -> None:
-    """Adds a break, a time that no step may cross."""
+    """Adds a break of an order, a time in s that no step may cross."""
     num = memory.counts[BREAKS]
     memory.breaks[num, 0] = t
     memory.breaks[num, 1] = order
@@ -198,9 +227,15 @@ def _add_break(t: float, order: int, memory: Memory) -> None:
 
 
 def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
-    """Adds a break where the present event, whose row is the last, leaves each delay.
+    """Adds a break where the effect of the present event leaves each delay.
 
-    A jump of a signal remains a jump after any number of delays.
+    The last row has the signals after the event, and the row before it those before the
+    event. If the signal of a delay jumps, the order is 1, because a jump remains a jump
+    after any number of delays.
+
+    Args:
+        t: The time of the event, s.
+        order: The order of the event: 0, or that of the echo that arrives.
     """
     row = memory.counts[ROWS] - 1
     for d in range(len(delays.times)):
@@ -216,7 +251,7 @@ def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
 
 
 def _take_break(t: float, memory: Memory) -> int:
-    """Removes the breaks at a time; returns the least order, -1 if there is none."""
+    """Removes the breaks at a time; returns their least order, -1 if there is none."""
     breaks = memory.breaks
     order = -1
     num = 0
@@ -231,12 +266,18 @@ def _take_break(t: float, memory: Memory) -> int:
 
 
 def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) -> None:
-    """Executes a break of an order (-1: none), packets and transitions that are due."""
+    """Executes the packets and transitions that are due, and records the signals after.
+
+    Args:
+        order: The order of the break at this instant, -1 if there is none.
+    """
     t = memory.clock[0]
     if _show_packets(t, problem.delays, memory) and order < 0:
-        order = _MAX_ECHO  # A jump, but too many to follow their echoes.
+        # Packets are too many for all their echoes: this order has an echo only in a
+        # delay whose signal jumps.
+        order = _MAX_ECHO
     has_jumped = order >= 0
-    for _ in range(10):  # One transition may bring about another one.
+    for _ in range(10):  # A transition may make another one due.
         has_changed = change_modes(has_jumped, problem.transitions, memory)
         if not (has_changed or has_jumped):
             break
@@ -251,7 +292,7 @@ def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) ->
 
 
 def _show_packets(t: float, delays: Delays, memory: Memory) -> bool:
-    """Shows the packets that are due at a time; returns whether there were any."""
+    """Shows the packets that are due at a time in s; returns whether there were any."""
     has_shown = False
     for d in range(len(delays.times)):
         while memory.next_packets[d] < delays.packet_ranges[d, 1] and (
@@ -266,7 +307,9 @@ def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     """Executes the breaks, packets and transitions of this instant."""
     t = memory.clock[0]
     order = _take_break(t, memory)
-    if order >= 0:  # Transitions see what was there before a jump arrives.
+    if order >= 0:
+        # Transitions use the signals before a jump that arrives now: fetch() includes
+        # the jump only for times up to clock[0].
         memory.clock[0] = -math.inf
     _evaluate(ALL, evaluate, t, memory.x, problem, memory, memory.stages[0])
     memory.clock[0] = t
@@ -274,7 +317,11 @@ def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
 
 
 def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
-    """Returns where the step has to end at the latest."""
+    """Returns the time in s at which the step must end at the latest.
+
+    It is the next packet, break or tick of a periodic transition, or the end of the
+    run.
+    """
     stop = t_end
     delays = problem.delays
     transitions = problem.transitions
@@ -291,11 +338,15 @@ def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
 
 
 def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> float:
-    """Tries a step; returns its error, the largest of all states."""
+    """Tries a step of the length h; returns its largest error in any state.
+
+    Writes the rates at the stages 1 to 6, the state at the end of the step into x_next,
+    and the signals there into y. Stage 0 is the rate at the start of the step.
+    """
     t = memory.clock[0]
     stages = memory.stages
     for s in range(1, NUM_STAGES):
-        # A weight of 0 does not hide a rate that is no number.
+        # A rate of nan from the last step would count even with a weight of 0.
         _clear(stages[s])
     for s in range(1, NUM_STAGES):
         is_last = s == NUM_STAGES - 1
@@ -311,7 +362,7 @@ def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> flo
     _clear(errors)
     _add_rates(E, h, stages, errors)
     for i in range(len(errors)):
-        # Not a number is larger than any.
+        # This comparison is false for nan, too.
         if not abs(errors[i]) <= error:
             error = abs(errors[i])
     return error
@@ -320,7 +371,7 @@ def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> flo
 def _find_moment(
     evaluate: Evaluate, h: float, problem: Problem, memory: Memory
 ) -> float:
-    """Returns a share of the step at which a guard is due, 1 if there is none."""
+    """Returns the first of nine shares of the step at which a guard is due, or 1."""
     for node in range(1, 2 * len(NODES)):
         share = node / (2 * len(NODES))
         _evaluate_within(share, evaluate, h, problem, memory)
@@ -332,7 +383,11 @@ def _find_moment(
 def _locate(
     evaluate: Evaluate, h: float, high: float, problem: Problem, memory: Memory
 ) -> float:
-    """Returns the share of the step after which a guard is due, at most `high`."""
+    """Returns the share of the step at which a guard becomes due, by bisection.
+
+    Args:
+        high: A share at which a guard is due.
+    """
     low = 0.0
     while (high - low) * h > SAME:
         middle = (low + high) / 2
@@ -347,7 +402,7 @@ def _locate(
 
 
 def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
-    """Records the start, and executes the events of the start time."""
+    """Records the signals at the start, and executes the events of the start time."""
     clock = memory.clock
     _evaluate(ALL, evaluate, clock[0], memory.x, problem, memory, memory.stages[0])
     _record(clock[0], memory)
@@ -355,7 +410,7 @@ def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
 
 
 def is_full(delays: Delays, memory: Memory) -> bool:
-    """Returns whether there is no room for what another step records."""
+    """Returns whether there may be no room for the rows and breaks of another step."""
     counts = memory.counts
     return counts[ROWS] + 5 > len(memory.row_times) or counts[BREAKS] + len(
         delays.times
@@ -363,7 +418,13 @@ def is_full(delays: Delays, memory: Memory) -> bool:
 
 
 def _length_of_step(h: float, t: float, stop: float) -> float:
-    """Returns a step, so that one ends on a stop and the last two are alike."""
+    """Returns the length of a step of about h; the last two before a stop are equal.
+
+    Args:
+        h: The length that accuracy permits, s.
+        t: The time in s.
+        stop: The time at which a step must end, s.
+    """
     if t + 1.01 * h >= stop:
         return stop - t
     if t + 2 * h > stop:
@@ -372,7 +433,7 @@ def _length_of_step(h: float, t: float, stop: float) -> float:
 
 
 def _growth_of_step(error: float, accuracy: float) -> float:
-    """Returns by what the step changes: its error has order 5."""
+    """Returns the factor of the next step's length, 0.1 to 5; the error has order 5."""
     if error == 0.0:
         return 5.0
     if error < math.inf:
@@ -388,23 +449,26 @@ def advance(
     accuracy: float,
     max_step: float,
 ) -> int:
-    """Integrates until a time, or until there is no room, or for a number of tries.
+    """Integrates until the end time, until the memory is full, or for _MOST_TRIES.
 
     Args:
-        memory: The state, and room for what is recorded: of each step three rows within
-            it and one at its end, and another one at the same time after a break.
-            Delays take from the rows what was sent.
+        evaluate: The function of the program.
+        problem: The parameters, delays and transitions.
+        memory: The state and the recorded rows. Each step adds three rows within it and
+            one at its end, and a break adds another row at the same time. The delays
+            read the signals sent into them from these rows.
         t_end: The end time in s. Events at this very time are not executed.
-        accuracy: The largest error of a step in any state.
+        accuracy: The largest absolute error of a step in any state.
         max_step: The longest step in s.
 
     Returns:
-        DONE; FULL if advance() has to be called again; or STUCK if even the smallest
-        step is too inaccurate.
+        DONE; FULL if advance() has to be called again, with more memory or for more
+        tries; or STUCK if even the smallest step is too inaccurate.
     """
     clock = memory.clock
     counts = memory.counts
     delays = problem.delays
+    # A step must not be longer than a delay, whose signal would not be recorded yet.
     longest = max_step
     for d in range(len(delays.times)):
         if delays.times[d] > 0.0:
@@ -418,7 +482,7 @@ def advance(
         counts[TRIES] += 1
         t = clock[0]
         stop = _next_stop(t_end, problem, memory)
-        if stop - t <= SAME:  # What the call before has left, at its very end.
+        if stop - t <= SAME:  # Events at the end of the last call, left until now.
             _let_happen(evaluate, problem, memory)
             continue
         h = _length_of_step(min(clock[1], longest), t, stop)
@@ -443,17 +507,17 @@ def _end_step(
     problem: Problem,
     memory: Memory,
 ) -> None:
-    """Ends a step that is accurate enough: at its end, or where a guard is crossed.
+    """Accepts a step: to its full length, or until a guard becomes due.
 
     Args:
-        h: Length of the step in s.
-        next_h: Length that the next one may have, s.
-        stop: Where a step has to end, s.
-        t_end: When the run ends, s.
+        h: The length of the step in s.
+        next_h: The length that accuracy permits for the next step, s.
+        stop: The time at which the step must end at the latest, s.
+        t_end: The end time of the run, s.
     """
     clock = memory.clock
     t = clock[0]
-    # Whether a transition happens in the step, and at which share of it.
+    # Whether a guard becomes due in the step, and at which share of it.
     has_come = is_due(problem.transitions, memory)
     is_searched = not has_come and is_near(problem.transitions, memory)
     share = 1.0
@@ -466,22 +530,25 @@ def _end_step(
         if length < h:
             _set_weights(length / h, memory.weights)
             _move(memory.weights, h, memory, memory.x_next)
+    # The search has overwritten the signals at the end of the step.
     if has_come or is_searched:
         _evaluate(
             SIGNALS, evaluate, t + length, memory.x_next, problem, memory, memory.dx
         )
     note_guards(False, problem.transitions, memory)
-    # What the step leaves behind.
+    # The step is recorded, and its end becomes the state.
     is_at_stop = h == stop - t and length == h
     end = t + length
     if is_at_stop:
         end = stop
     _record_step(evaluate, length, h, end, problem, memory)
     _copy(memory.x_next, memory.x)
+    # A step that a stop has shortened does not shorten the next one.
     if not is_at_stop or next_h > clock[1]:
         clock[1] = next_h
     clock[0] = end
     if (has_come or is_at_stop) and end < t_end:
         _let_happen(evaluate, problem, memory)
         return
+    # Without an event, the last stage is the first stage of the next step.
     _copy(memory.stages[NUM_STAGES - 1], memory.stages[0])

@@ -135,7 +135,7 @@ def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> Non
 
     def NoteCall(frame: FrameType, event: str, _: object) -> None:
         code = frame.f_code
-        # The caller of a handler is this frame, because Drake has none in Python.
+        # Drake has no frame in Python, so the caller of its callbacks is this function.
         is_called_by_drake = event == "call" and frame.f_back is caller
         if not is_called_by_drake or code is EndAfterSomeSteps.__code__:
             return
