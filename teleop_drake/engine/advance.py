@@ -485,6 +485,7 @@ def advance(
         if stop - t <= SAME:  # Events at the end of the last call, left until now.
             _let_happen(evaluate, problem, memory)
             continue
+        # Try a step; it is repeated with a shorter length if it is not accurate.
         h = _length_of_step(min(clock[1], longest), t, stop)
         error = _step(evaluate, h, problem, memory)
         factor = _growth_of_step(error, accuracy)

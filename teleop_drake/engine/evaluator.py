@@ -159,6 +159,7 @@ class Evaluator:
         self.system = system
         contexts = ContextsIn(system, context)
         self.left_out: list[str] = []
+        # The kernels, with the parameter values of the blocks' Contexts.
         kernels = []
         for block in self.blocks:
             own = contexts[block.system]
@@ -171,6 +172,7 @@ class Evaluator:
                 kernel = PassAtZero(block.system, kernel)
             kernels.append(kernel)
         self.program = Program(self.blocks, kernels)
+        # The program, interpreted or compiled.
         self.function: Callable[..., Any] = self.program.Evaluate
         if like is not None and self.program.HasCodeOf(like.program):
             self.function = like.function

@@ -173,6 +173,7 @@ def _Continuous(
         "net_actuation": efforts,
         "generalized_acceleration": ("rate", n, 2 * n),
     }
+    # The outputs of each model instance are elements of those of the plant.
     for i in instances:
         name = plant.GetModelInstanceName(i)
         states = _StatesOf(plant, i)
@@ -202,6 +203,7 @@ def _Discrete(
 ) -> Kernel:
     """Returns the kernel of a discrete plant; see _Continuous()."""
     h = plant.time_step()
+    # The damping D of the joints acts as an inertia h D; see plant_step().
     rotors = tree.rotor_inertias + h * tree.damping
     step = Transition(
         mode=(

@@ -187,6 +187,7 @@ class _Followed(Replacement):
         raise Untraceable(f"it assigns to {name}.{attribute}")
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Any:
+        """Calls the copy; any error becomes Untraceable, with function and line."""
         function = self._function
         try:
             if self._copy is None:

@@ -78,6 +78,7 @@ class Numbers(Dispatched, Table):
     argmax = argmin = searchsorted = property(_NoType)
 
     def __setitem__(self, key: Any, value: Any) -> None:
+        """Writes elements; a symbolic mask selects by Where()."""
         keys = key if isinstance(key, tuple) else (key,)
         if any(isinstance(item, Number) for item in keys):
             raise Untraceable("it writes at an index that depends on numbers")

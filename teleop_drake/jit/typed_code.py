@@ -313,6 +313,7 @@ class _Function(ValueWriter):
     def _If(
         self, test: ast.expr, body: Sequence[ast.stmt], orelse: Sequence[ast.stmt]
     ) -> None:
+        """Writes both branches of an `if`, and the block in which they meet again."""
         yes, no, end = self._NewLabels(3)
         self._Branch(self._Truth(test), yes, no)
         ends_open = False
