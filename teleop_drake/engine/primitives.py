@@ -28,8 +28,8 @@ from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.signals import VectorOutputs
 
-# A distance from which no value is inside of a WrapToSystem's interval of angles, and
-# the number of bisections that locate the interval's end.
+# A distance greater than the length of a WrapToSystem's intervals of angles, and the
+# number of bisections that locate the end of an interval.
 _FAR = 1e3
 _NUM_BISECTIONS = 100
 

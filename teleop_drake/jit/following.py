@@ -137,7 +137,7 @@ class _Outside:
 
     def __getattribute__(self, attribute: str) -> Any:
         graph, value, name = object.__getattribute__(self, "_outside")
-        # isinstance() reads it; _CheckCode() refuses code that does.
+        # For isinstance(); _CheckCode() refuses functions that read __class__.
         if attribute == "__class__":
             return type(value)
         of_class = getattr(type(value), attribute, None)

@@ -31,7 +31,7 @@ from teleop_drake.validation import Refuse
 
 
 class _Rated:
-    """The time derivatives of a block whose kernel has a rate."""
+    """A base class with the time derivatives of a block whose kernel has a rate."""
 
     _kernel_rate: ValueIn | None = None
 
@@ -146,7 +146,7 @@ class KernelBlock(_Rated, EventBlock):
     AutoDiffXd, which support the functions of NumPy but not those of `math`.
 
     Attributes:
-        delays: The delay lines of the block, each with the samples under way.
+        delays: The delay lines of the block; their samples are in its Contexts.
         longest_step: The longest step in s that the solver may take.
         optional_inputs: Names of the inputs that are zero as long as nothing is
             connected to them and they have no value.

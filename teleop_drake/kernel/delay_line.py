@@ -80,11 +80,11 @@ class DelayLine:
     both sides of the jump, and the output jumps exactly a delay later. At that very
     instant the output keeps the value before the jump until the step that ends there is
     complete: a step that ends at NextJumpTime() is integrated on one side of the jump.
-    Drake executes all discrete updates of an instant together. This block therefore
-    records their jumps only if its own update is executed once more at that instant.
-    The Simulator of MakeSimulator() does so where a block has periodic discrete updates
-    of one period. Otherwise a jump made by a discrete update is recorded at the end of
-    the step that follows it.
+    Drake executes all discrete updates of an instant together, and the delay line's own
+    update is one of them. A jump made by another one is therefore recorded at that
+    instant only if the delay line's update is executed once more. The Simulator of
+    MakeSimulator() does so if a block has periodic discrete updates of one period.
+    Otherwise the jump is recorded at the end of the next step.
 
     The samples are stored under ascending keys, which are times in s: the time of
     arrival if the delay is constant, else the time when the sample was taken. The
@@ -102,8 +102,8 @@ class DelayLine:
     Args:
         block: The block, which has declared its inputs and its parameters.
         delay: The delay in the block's kernel.
-        parameter: The name of the block's parameter that is the constant delay; empty
-            if the delay varies.
+        parameter: The name of the block's parameter that is the constant delay; not
+            used if the delay varies.
     """
 
     def __init__(self, block: Any, delay: Delay, parameter: str):
