@@ -26,6 +26,7 @@ from teleop_drake.jit.symbols import (
 )
 from teleop_drake.jit.tracing import Graph, Node
 
+# The value, a node or a constant, of elements of arrays: by the array's name and index.
 Stores = dict[tuple[str, int], Any]
 
 # The values of `wanted`, which select the results of `evaluate`. RATE: the rate, and
@@ -160,10 +161,10 @@ class Arrays(NamedTuple):
         x: Continuous state.
         m: Discrete state.
         p: The parameters that are floats.
-        y: Outputs of the blocks, which the program fills in.
-        dx: Rate of the continuous state, which the program fills in.
-        follow: A function that returns the replacement of a law of the program: by
-            default the law itself, or the copy that records operations.
+        y: Signals, which the program computes.
+        dx: Rate of the continuous state, which the program computes.
+        follow: A function that returns what the program calls for a law: the law itself
+            or, when the program is traced, the copy that records operations.
     """
 
     t: Any
