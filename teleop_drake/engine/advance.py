@@ -4,23 +4,16 @@ The equations are a function `evaluate(t, x, m, p, y, dx, wanted)`, which comput
 rate dx of the state x and the signals y; see teleop_drake.engine.program. The outputs
 of the delays are written into y before each evaluation. advance() repeats:
 
-1. _next_stop() determines the time at which the step must end at the latest.
-2. _step() tries a step and estimates its error. If the error is too large, a shorter
-   step is tried.
-3. _end_step() accepts the step. If a guard reaches 0 within it, the step ends there.
-   Rows of signals are recorded at five points of the step.
-4. _let_happen() executes the events at the end of the step, and records another row.
-
-Conventions:
-
-* In each step, a delayed signal is the polynomial through its five rows. Its error is
-  O(step^5), as for the dense output.
-* No step, and so no polynomial, crosses a break. A break is the instant of an event, or
-  the instant at which its effect leaves a delay, called an echo. The step that ends at
-  a break uses the values before it, and the next step the values after it.
-* A transition happens as soon as its guard is at least 0. The instant is located on the
-  dense output. A guard that comes near to 0 is also evaluated within the step, because
-  it may have been positive for a moment.
+1. _next_stop() finds the latest time for the end of the step. No step crosses a break:
+   the instant of an event or of its echo, at which its effect leaves a delay.
+2. _step() tries a step. If its error is too large, a shorter step is tried.
+3. _end_step() accepts the step. If a guard reaches 0 within it, the instant is located
+   on the dense output, and the step ends there. A guard that comes near to 0 is also
+   evaluated within the step, because it may have been positive for a moment. Signals
+   are recorded at five points of the step. A delayed signal is the polynomial through
+   these rows; its error is O(step^5), as for the dense output.
+4. _let_happen() executes the events at the end of the step, and records a further row.
+   The step that ends there uses the values before the events, the next one those after.
 
 All functions here are in the part of Python that jit/typed_code compiles.
 """
@@ -56,9 +49,8 @@ from teleop_drake.numerics.instants import SAME, same_within
 
 Evaluate = Callable[..., None]
 
-# The largest order of an echo at which a step has to end. Each passage through an
-# integrator makes a jump smoother by one derivative, so an echo of a higher order is
-# smooth enough for the method.
+# Each passage through an integrator makes a jump smoother by one derivative. An echo of
+# a higher order than this is smooth enough for the method, so that no step ends there.
 _MAX_ECHO = 4
 
 # The most tries of one call of advance(). Between the calls, its caller can check the
@@ -83,25 +75,15 @@ def _evaluate(
     memory: Memory,
     dx: Array,
 ) -> None:
-    """Writes the outputs of the delays into y, and evaluates RATE, ALL or SIGNALS.
-
-    Args:
-        wanted: One of these three; see scalar_code.
-        t: The time in s.
-        x: The continuous state at this time (n).
-        dx: The array for the rate (n).
-    """
+    """Writes the outputs of the delays into y, and evaluates RATE, ALL or SIGNALS."""
     fetch(t, problem.delays, memory)
     evaluate(t, x, memory.m, problem.p, memory.y, dx, wanted)
     memory.counts[EVALUATIONS] += 1
 
 
 def _add_rates(weights: Array, h: float, stages: Array, target: Array) -> None:
-    """Adds h times the weighted sum of the stages' rates to a vector.
-
-    Each row of `stages` has a variable of its own. The compiler can therefore
-    vectorise the loop, so that the processor adds several elements at once.
-    """
+    """Adds h times the weighted sum of the stages' rates to a vector."""
+    # Each row has a variable of its own, so that the compiler can vectorise the loop.
     k0 = stages[0]
     k1 = stages[1]
     k2 = stages[2]
@@ -128,12 +110,7 @@ def _move(weights: Array, h: float, memory: Memory, result: Array) -> None:
 
 
 def _set_weights(share: float, weights: Array) -> None:
-    """Computes the weights of the stages in the dense output at a share of the step.
-
-    Args:
-        share: The share of the step's length, 0 to 1.
-        weights: The array for the weights (7).
-    """
+    """Computes the weights of the stages in the dense output at a share of the step."""
     for s in range(NUM_STAGES):
         power = share
         weights[s] = 0.0
@@ -172,15 +149,9 @@ def _record_step(
     problem: Problem,
     memory: Memory,
 ) -> None:
-    """Records four rows of the step: three within it, and one at its end.
-
-    Args:
-        length: The length of the part of the step that is accepted, s.
-        h: The length of the step that was tried, s.
-        end: The time at the end of the accepted part, s; y has the signals there.
-    """
+    """Records a step up to a length in s: three rows within it, and one at its end."""
     row = memory.counts[ROWS]
-    # The end comes first, because the evaluations below overwrite y.
+    # First the end, whose signals are in y until the evaluations below.
     _write(row + 3, end, memory)
     for node in range(1, 4):
         s = NODES[node] * length
@@ -229,13 +200,8 @@ def _add_break(t: float, order: int, memory: Memory) -> None:
 def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
     """Adds a break where the effect of the present event leaves each delay.
 
-    The last row has the signals after the event, and the row before it those before the
-    event. If the signal of a delay jumps, the order is 1, because a jump remains a jump
-    after any number of delays.
-
-    Args:
-        t: The time of the event, s.
-        order: The order of the event: 0, or that of the echo that arrives.
+    The last two rows have the signals before and after the event. The echo of a jump
+    has order 1, because a jump remains a jump after any number of delays.
     """
     row = memory.counts[ROWS] - 1
     for d in range(len(delays.times)):
@@ -266,16 +232,10 @@ def _take_break(t: float, memory: Memory) -> int:
 
 
 def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) -> None:
-    """Executes the packets and transitions that are due, and records the signals after.
-
-    Args:
-        order: The order of the break at this instant, -1 if there is none.
-    """
+    """Executes the packets and transitions due at a break of an order (-1: none)."""
     t = memory.clock[0]
     if _show_packets(t, problem.delays, memory) and order < 0:
-        # Packets are too many for all their echoes: this order has an echo only in a
-        # delay whose signal jumps.
-        order = _MAX_ECHO
+        order = _MAX_ECHO  # Only a jump of a delay's signal has an echo.
     has_jumped = order >= 0
     for _ in range(10):  # A transition may make another one due.
         has_changed = change_modes(has_jumped, problem.transitions, memory)
@@ -308,8 +268,7 @@ def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     t = memory.clock[0]
     order = _take_break(t, memory)
     if order >= 0:
-        # Transitions use the signals before a jump that arrives now: fetch() includes
-        # the jump only for times up to clock[0].
+        # With this, fetch() excludes jumps that arrive now, as transitions require.
         memory.clock[0] = -math.inf
     _evaluate(ALL, evaluate, t, memory.x, problem, memory, memory.stages[0])
     memory.clock[0] = t
@@ -317,11 +276,7 @@ def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
 
 
 def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
-    """Returns the time in s at which the step must end at the latest.
-
-    It is the next packet, break or tick of a periodic transition, or the end of the
-    run.
-    """
+    """Returns the time in s of the next packet, break or tick, or of the run's end."""
     stop = t_end
     delays = problem.delays
     transitions = problem.transitions
@@ -340,8 +295,7 @@ def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
 def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> float:
     """Tries a step of the length h; returns its largest error in any state.
 
-    Writes the rates at the stages 1 to 6, the state at the end of the step into x_next,
-    and the signals there into y. Stage 0 is the rate at the start of the step.
+    Afterwards, x_next and y have the state and the signals at the end of the step.
     """
     t = memory.clock[0]
     stages = memory.stages
@@ -383,11 +337,7 @@ def _find_moment(
 def _locate(
     evaluate: Evaluate, h: float, high: float, problem: Problem, memory: Memory
 ) -> float:
-    """Returns the share of the step at which a guard becomes due, by bisection.
-
-    Args:
-        high: A share at which a guard is due.
-    """
+    """Returns the share at which a guard becomes due; at `high`, one is due."""
     low = 0.0
     while (high - low) * h > SAME:
         middle = (low + high) / 2
@@ -418,13 +368,7 @@ def is_full(delays: Delays, memory: Memory) -> bool:
 
 
 def _length_of_step(h: float, t: float, stop: float) -> float:
-    """Returns the length of a step of about h; the last two before a stop are equal.
-
-    Args:
-        h: The length that accuracy permits, s.
-        t: The time in s.
-        stop: The time at which a step must end, s.
-    """
+    """Returns a length of about h, such that the last two before a stop are equal."""
     if t + 1.01 * h >= stop:
         return stop - t
     if t + 2 * h > stop:
@@ -452,8 +396,6 @@ def advance(
     """Integrates until the end time, until the memory is full, or for _MOST_TRIES.
 
     Args:
-        evaluate: The function of the program.
-        problem: The parameters, delays and transitions.
         memory: The state and the recorded rows. Each step adds three rows within it and
             one at its end, and a break adds another row at the same time. The delays
             read the signals sent into them from these rows.
@@ -485,7 +427,6 @@ def advance(
         if stop - t <= SAME:  # Events at the end of the last call, left until now.
             _let_happen(evaluate, problem, memory)
             continue
-        # Try a step; it is repeated with a shorter length if it is not accurate.
         h = _length_of_step(min(clock[1], longest), t, stop)
         error = _step(evaluate, h, problem, memory)
         factor = _growth_of_step(error, accuracy)
