@@ -82,8 +82,10 @@ def _evaluate(
 
 
 def _add_rates(weights: Array, h: float, stages: Array, target: Array) -> None:
-    """Adds h times the weighted sum of the stages' rates to a vector."""
-    # Each row has a variable of its own, so that the compiler can vectorise the loop.
+    """Adds what the weighted rates of all stages change in a step.
+
+    There is a variable for each row: the processor adds several elements at once.
+    """
     k0 = stages[0]
     k1 = stages[1]
     k2 = stages[2]
@@ -104,7 +106,7 @@ def _add_rates(weights: Array, h: float, stages: Array, target: Array) -> None:
 
 
 def _move(weights: Array, h: float, memory: Memory, result: Array) -> None:
-    """Writes the state plus h times the weighted sum of the rates into `result`."""
+    """Writes the state that the weighted rates of the stages reach in a step."""
     _copy(memory.x, result)
     _add_rates(weights, h, memory.stages, result)
 
@@ -135,7 +137,7 @@ def _evaluate_with(
     problem: Problem,
     memory: Memory,
 ) -> None:
-    """Evaluates all signals at a share of the step, given the stages' weights there."""
+    """Evaluates all signals at a share of the step, given the weights of its stages."""
     _move(weights, h, memory, memory.x_stage)
     t = memory.clock[0] + share * h
     _evaluate(SIGNALS, evaluate, t, memory.x_stage, problem, memory, memory.dx)
@@ -472,8 +474,8 @@ def _end_step(
         if length < h:
             _set_weights(length / h, memory.weights)
             _move(memory.weights, h, memory, memory.x_next)
-    # The search has overwritten the signals at the end of the step.
     if has_come or is_searched:
+        # The search has overwritten the signals at the end of the step.
         _evaluate(
             SIGNALS, evaluate, t + length, memory.x_next, problem, memory, memory.dx
         )
