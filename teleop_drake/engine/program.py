@@ -92,7 +92,7 @@ class Program:
         self._taken: set[tuple[int, str]] = set()
         for i, kernel in enumerate(kernels):
             self._Declare(i, kernel)
-        # First in the order: the rates, the inputs of delays, and what both depend on.
+        # First the rates, the inputs of delays, and all outputs on which they depend.
         for i in range(len(kernels)):
             self.Add(Source(i, _RATE))
         self.delays: list[tuple[Delay, slice, slice]] = [

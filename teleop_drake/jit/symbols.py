@@ -135,7 +135,7 @@ def IsSame(a: Any, b: Any) -> bool:
 
 
 def CheckPrecision(value: Any) -> None:
-    """Refuses arrays and numbers whose precision is not that of Python's floats."""
+    """Refuses arrays and numbers of another precision than Python's floats."""
     if not isinstance(value, (np.ndarray, np.generic)):
         return
     dtype = np.asarray(value).dtype

@@ -271,8 +271,8 @@ def _Plain(value: Any) -> Any:
 NUMPY["ufunc"] = _CallUfunc
 NUMPY["function"] = _CallFunction
 
-# The tables. First the operations of a graph: numpy's names, and those of `math` and of
-# the graph.
+# The tables. First the operations of a graph, by their names in numpy; the values are
+# their names in `math` and in the graph.
 _OPERATIONS = {
     "arcsin": "asin", "arccos": "acos", "arctan": "atan", "arctan2": "atan2",
     "sin": "sin", "cos": "cos", "tan": "tan", "sinh": "sinh", "cosh": "cosh",

@@ -247,7 +247,7 @@ def _Noting(declare: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(declare, assigned=("__name__",))
     def Declare(block: KernelBlock, *arguments: Any, **options: Any) -> Any:
-        """Declares what LeafSystem's method does, and records the call."""
+        """Calls the method, and records the call unless the kernel causes it."""
         if not block._is_declaring and EndStep not in arguments:
             block.other_events = (*block.other_events, declare.__name__)
         return declare(block, *arguments, **options)
@@ -327,7 +327,7 @@ class FixedBlock(KernelBlock):
         self.DeclareOutputs(**outputs)
 
     def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
+        """Returns the kernel that was given."""
         return self._kernel
 
 

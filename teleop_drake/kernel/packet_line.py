@@ -50,7 +50,7 @@ class _Sent(NamedTuple):
 
 
 class _Packets(NamedTuple):
-    """The packet that is shown and those that were sent later, in this order.
+    """The packet that is shown, followed by the packets that were sent later.
 
     `next` is the number of the next packet to be sent. A packet that is lost is left
     out. The object is immutable, so that a copy of the state shares it.
