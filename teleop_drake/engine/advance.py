@@ -1,18 +1,19 @@
-"""Integrates a system with delays and modes: Dormand-Prince 5(4) with dense output.
+"""Integrates a problem with delays and modes: Dormand-Prince 5(4) with dense output.
 
-The system is a function `evaluate(t, x, m, p, y, dx, wanted)` that fills in the rate dx
-of the state x and the signals y, as teleop_drake.engine.program describes it.
-The outputs of the delays are written into y before each evaluation.
+The equations are a function `evaluate(t, x, m, p, y, dx, wanted)`, which computes the
+rate dx of the state x and the signals y; see teleop_drake.engine.program. The outputs
+of the delays are written into y before each evaluation. advance() repeats:
 
-* A delayed signal is a polynomial in each step, through the rows that are recorded at
-  five points of the step, so that no polynomial crosses a jump. Its error is O(step^5),
-  as for the dense output.
-* No step crosses a break, which is the instant of a transition or one of its echoes
-  through the delays. The step before a break uses the values before it, and the step
-  after it the values after it.
-* A transition happens as soon as its guard is not negative, at an instant that is
-  located on the dense output. A guard that comes near to 0 is also evaluated within the
-  step, because it may have been positive for a moment.
+1. _next_stop() finds the latest time for the end of the step. No step crosses a break:
+   the instant of an event or of its echo, at which its effect leaves a delay.
+2. _step() tries a step. If its error is too large, a shorter step is tried.
+3. _end_step() accepts the step. If a guard reaches 0 within it, the instant is located
+   on the dense output, and the step ends there. A guard that comes near to 0 is also
+   evaluated within the step, because it may have been positive for a moment. Signals
+   are recorded at five points of the step. A delayed signal is the polynomial through
+   these rows; its error is O(step^5), as for the dense output.
+4. _let_happen() executes the events at the end of the step, and records a further row.
+   The step that ends there uses the values before the events, the next one those after.
 
 All functions here are in the part of Python that jit/typed_code compiles.
 """
@@ -48,18 +49,18 @@ from teleop_drake.numerics.instants import SAME, same_within
 
 Evaluate = Callable[..., None]
 
-# Each passage through an integrator makes a jump smoother by one derivative: echoes of
-# echoes beyond this are as smooth as the method needs.
+# Each passage through an integrator makes a jump smoother by one derivative. An echo of
+# a higher order than this is smooth enough for the method, so that no step ends there.
 _MAX_ECHO = 4
 
-# As often advance() tries at most: its caller sees whether the run comes forward, and
-# Python notices Ctrl-C.
+# The most tries of one call of advance(). Between the calls, its caller can check the
+# progress of the run, and Python handles Ctrl-C.
 _MOST_TRIES = 500
 
-# The weights of the stages in the dense output at NODES.
+# The weights of the stages in the dense output at NODES (5, 7).
 WEIGHTS_AT_NODES = (NODES[:, np.newaxis] ** np.arange(1, 5)) @ P.T
 
-# How advance() ended.
+# The results of advance().
 DONE = 0
 FULL = 1
 STUCK = 2
@@ -74,7 +75,7 @@ def _evaluate(
     memory: Memory,
     dx: Array,
 ) -> None:
-    """Evaluates what is wanted: RATE, ALL or SIGNALS."""
+    """Writes the outputs of the delays into y, and evaluates RATE, ALL or SIGNALS."""
     fetch(t, problem.delays, memory)
     evaluate(t, x, memory.m, problem.p, memory.y, dx, wanted)
     memory.counts[EVALUATIONS] += 1
@@ -105,7 +106,7 @@ def _move(start: Array, weights: Array, h: float, stages: Array, target: Array) 
 
 
 def _set_weights(share: float, weights: Array) -> None:
-    """Writes the weights of the stages in the dense output at a share of the step."""
+    """Computes the weights of the stages in the dense output at a share of the step."""
     for s in range(NUM_STAGES):
         power = share
         weights[s] = 0.0
@@ -144,8 +145,9 @@ def _record_step(
     problem: Problem,
     memory: Memory,
 ) -> None:
-    """Records the first part of the step: three rows, and its end, which is in y."""
+    """Records a step up to a length in s: three rows within it, and one at its end."""
     row = memory.counts[ROWS]
+    # First the end, whose signals are in y until the evaluations below.
     _write(row + 3, end, memory)
     for node in range(1, 4):
         s = NODES[node] * length
@@ -171,20 +173,20 @@ def _clear(target: Array) -> None:
 
 
 def _write(row: int, t: float, memory: Memory) -> None:
-    """Writes the signals as they are at a time to a row."""
+    """Copies the signals y to a row of the recording, with their time."""
     memory.row_times[row] = t
     memory.row_ends[row] = 0
     _copy(memory.y, memory.rows[row])
 
 
 def _record(t: float, memory: Memory) -> None:
-    """Records a row that ends no step."""
+    """Records a row at a time; it does not end a step."""
     _write(memory.counts[ROWS], t, memory)
     memory.counts[ROWS] += 1
 
 
 def _add_break(t: float, order: int, memory: Memory) -> None:
-    """Adds a break, a time that no step may cross."""
+    """Adds a break of an order, a time in s that no step may cross."""
     num = memory.counts[BREAKS]
     memory.breaks[num, 0] = t
     memory.breaks[num, 1] = order
@@ -192,9 +194,10 @@ def _add_break(t: float, order: int, memory: Memory) -> None:
 
 
 def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
-    """Adds a break where the present event, whose row is the last, leaves each delay.
+    """Adds a break where the effect of the present event leaves each delay.
 
-    A jump of a signal remains a jump after any number of delays.
+    The last two rows have the signals before and after the event. The echo of a jump
+    has order 1, because a jump remains a jump after any number of delays.
     """
     row = memory.counts[ROWS] - 1
     for d in range(len(delays.times)):
@@ -210,7 +213,7 @@ def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
 
 
 def _take_break(t: float, memory: Memory) -> int:
-    """Removes the breaks at a time; returns the least order, -1 if there is none."""
+    """Removes the breaks at a time; returns their least order, -1 if there is none."""
     breaks = memory.breaks
     order = -1
     num = 0
@@ -225,12 +228,12 @@ def _take_break(t: float, memory: Memory) -> int:
 
 
 def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) -> None:
-    """Executes a break of an order (-1: none), packets and transitions that are due."""
+    """Executes the packets and transitions due at a break of an order (-1: none)."""
     t = memory.clock[0]
     if _show_packets(t, problem.delays, memory) and order < 0:
-        order = _MAX_ECHO  # A jump, but too many to follow their echoes.
+        order = _MAX_ECHO  # Only a jump of a delay's signal has an echo.
     has_jumped = order >= 0
-    for _ in range(10):  # One transition may bring about another one.
+    for _ in range(10):  # A transition may make another one due.
         has_changed = change_modes(has_jumped, problem.transitions, memory)
         if not (has_changed or has_jumped):
             break
@@ -245,7 +248,7 @@ def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) ->
 
 
 def _show_packets(t: float, delays: Delays, memory: Memory) -> bool:
-    """Shows the packets that are due at a time; returns whether there were any."""
+    """Shows the packets that are due at a time in s; returns whether there were any."""
     has_shown = False
     for d in range(len(delays.times)):
         while memory.next_packets[d] < delays.packet_ranges[d, 1] and (
@@ -260,7 +263,8 @@ def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     """Executes the breaks, packets and transitions of this instant."""
     t = memory.clock[0]
     order = _take_break(t, memory)
-    if order >= 0:  # Transitions see what was there before a jump arrives.
+    if order >= 0:
+        # With this, fetch() excludes jumps that arrive now, as transitions require.
         memory.clock[0] = -math.inf
     _evaluate(ALL, evaluate, t, memory.x, problem, memory, memory.stages[0])
     memory.clock[0] = t
@@ -268,7 +272,7 @@ def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
 
 
 def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
-    """Returns where the step has to end at the latest."""
+    """Returns the time in s of the next packet, break or tick, or of the run's end."""
     stop = t_end
     delays = problem.delays
     transitions = problem.transitions
@@ -285,11 +289,14 @@ def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
 
 
 def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> float:
-    """Tries a step; returns its error, the largest of all states."""
+    """Tries a step of the length h; returns its largest error in any state.
+
+    Afterwards, x_next and y have the state and the signals at the end of the step.
+    """
     t = memory.clock[0]
     stages = memory.stages
     for s in range(1, NUM_STAGES):
-        # A weight of 0 does not hide a rate that is no number.
+        # A rate of nan from the last step would count even with a weight of 0.
         _clear(stages[s])
     for s in range(1, NUM_STAGES):
         is_last = s == NUM_STAGES - 1
@@ -305,7 +312,7 @@ def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> flo
     _clear(errors)
     _move(errors, E, h, stages, errors)
     for i in range(len(errors)):
-        # Not a number is larger than any.
+        # This comparison is false for nan, too.
         if not abs(errors[i]) <= error:
             error = abs(errors[i])
     return error
@@ -314,7 +321,7 @@ def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> flo
 def _find_moment(
     evaluate: Evaluate, h: float, problem: Problem, memory: Memory
 ) -> float:
-    """Returns a share of the step at which a guard is due, 1 if there is none."""
+    """Returns the first of nine shares of the step at which a guard is due, or 1."""
     for node in range(1, 2 * len(NODES)):
         share = node / (2 * len(NODES))
         _evaluate_within(share, evaluate, h, problem, memory)
@@ -326,7 +333,7 @@ def _find_moment(
 def _locate(
     evaluate: Evaluate, h: float, high: float, problem: Problem, memory: Memory
 ) -> float:
-    """Returns the share of the step after which a guard is due, at most `high`."""
+    """Returns the share at which a guard becomes due; at `high`, one is due."""
     low = 0.0
     while (high - low) * h > SAME:
         middle = (low + high) / 2
@@ -341,7 +348,7 @@ def _locate(
 
 
 def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
-    """Records the start, and executes the events of the start time."""
+    """Records the signals at the start, and executes the events of the start time."""
     clock = memory.clock
     _evaluate(ALL, evaluate, clock[0], memory.x, problem, memory, memory.stages[0])
     _record(clock[0], memory)
@@ -349,7 +356,7 @@ def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
 
 
 def is_full(delays: Delays, memory: Memory) -> bool:
-    """Returns whether there is no room for what another step records."""
+    """Returns whether there may be no room for the rows and breaks of another step."""
     counts = memory.counts
     return counts[ROWS] + 5 > len(memory.row_times) or counts[BREAKS] + len(
         delays.times
@@ -357,7 +364,7 @@ def is_full(delays: Delays, memory: Memory) -> bool:
 
 
 def _length_of_step(h: float, t: float, stop: float) -> float:
-    """Returns a step, so that one ends on a stop and the last two are alike."""
+    """Returns a length of about h, such that the last two before a stop are equal."""
     if t + 1.01 * h >= stop:
         return stop - t
     if t + 2 * h > stop:
@@ -366,7 +373,7 @@ def _length_of_step(h: float, t: float, stop: float) -> float:
 
 
 def _growth_of_step(error: float, accuracy: float) -> float:
-    """Returns by what the step changes: its error has order 5."""
+    """Returns the factor of the next step's length, 0.1 to 5; the error has order 5."""
     if error == 0.0:
         return 5.0
     if error < math.inf:
@@ -382,23 +389,24 @@ def advance(
     accuracy: float,
     max_step: float,
 ) -> int:
-    """Integrates until a time, or until there is no room, or for a number of tries.
+    """Integrates until the end time, until the memory is full, or for _MOST_TRIES.
 
     Args:
-        memory: The state, and room for what is recorded: of each step three rows within
-            it and one at its end, and another one at the same time after a break.
-            Delays take from the rows what was sent.
+        memory: The state and the recorded rows. Each step adds three rows within it and
+            one at its end, and a break adds another row at the same time. The delays
+            read the signals sent into them from these rows.
         t_end: The end time in s. Events at this very time are not executed.
-        accuracy: The largest error of a step in any state.
+        accuracy: The largest absolute error of a step in any state.
         max_step: The longest step in s.
 
     Returns:
-        DONE; FULL if advance() has to be called again; or STUCK if even the smallest
-        step is too inaccurate.
+        DONE; FULL if advance() has to be called again, with more memory or for more
+        tries; or STUCK if even the smallest step is too inaccurate.
     """
     clock = memory.clock
     counts = memory.counts
     delays = problem.delays
+    # A step must not be longer than a delay, whose signal would not be recorded yet.
     longest = max_step
     for d in range(len(delays.times)):
         if delays.times[d] > 0.0:
@@ -412,7 +420,7 @@ def advance(
         counts[TRIES] += 1
         t = clock[0]
         stop = _next_stop(t_end, problem, memory)
-        if stop - t <= SAME:  # What the call before has left, at its very end.
+        if stop - t <= SAME:  # Events at the end of the last call, left until now.
             _let_happen(evaluate, problem, memory)
             continue
         h = _length_of_step(min(clock[1], longest), t, stop)
@@ -437,17 +445,17 @@ def _end_step(
     problem: Problem,
     memory: Memory,
 ) -> None:
-    """Ends a step that is accurate enough: at its end, or where a guard is crossed.
+    """Accepts a step: to its full length, or until a guard becomes due.
 
     Args:
-        h: Length of the step in s.
-        next_h: Length that the next one may have, s.
-        stop: Where a step has to end, s.
-        t_end: When the run ends, s.
+        h: The length of the step in s.
+        next_h: The length that accuracy permits for the next step, s.
+        stop: The time at which the step must end at the latest, s.
+        t_end: The end time of the run, s.
     """
     clock = memory.clock
     t = clock[0]
-    # Whether a transition happens in the step, and at which share of it.
+    # Whether a guard becomes due in the step, and at which share of it.
     has_come = is_due(problem.transitions, memory)
     is_searched = not has_come and is_near(problem.transitions, memory)
     share = 1.0
@@ -461,21 +469,24 @@ def _end_step(
             _set_weights(length / h, memory.weights)
             _move(memory.x, memory.weights, h, memory.stages, memory.x_next)
     if has_come or is_searched:
+        # The search has overwritten the signals at the end of the step.
         _evaluate(
             SIGNALS, evaluate, t + length, memory.x_next, problem, memory, memory.dx
         )
     note_guards(False, problem.transitions, memory)
-    # What the step leaves behind.
+    # The step is recorded, and its end becomes the state.
     is_at_stop = h == stop - t and length == h
     end = t + length
     if is_at_stop:
         end = stop
     _record_step(evaluate, length, h, end, problem, memory)
     _copy(memory.x_next, memory.x)
+    # A step that a stop has shortened does not shorten the next one.
     if not is_at_stop or next_h > clock[1]:
         clock[1] = next_h
     clock[0] = end
     if (has_come or is_at_stop) and end < t_end:
         _let_happen(evaluate, problem, memory)
         return
+    # Without an event, the last stage is the first stage of the next step.
     _copy(memory.stages[NUM_STAGES - 1], memory.stages[0])

@@ -1,19 +1,19 @@
-"""Comparison of the events that a block has in Drake with those of its kernel.
+"""Comparison of a block's events in Drake with the events of its kernel.
 
-A compiled run executes the events of kernels and no others. A block that has more, for
-instance because a subclass declares a periodic update, is therefore refused.
+A compiled run executes only the events of kernels. A block that has further events, for
+example because a subclass declares a periodic update, is therefore refused.
 
 Drake reports the witness functions of a block but neither its periodic nor its per-step
 events. They are found in two ways:
 
-* A KernelBlock notes each event that is declared besides those of its kernel.
-* Any other block is run on its own in Drake's Simulator, from event to event. The
+* A KernelBlock records each declaration of an event that its kernel does not have.
+* Any other block is run by itself in Drake's Simulator, from event to event. The
   handlers of its events are the Python functions that the Simulator calls. The events
   of Drake's own primitives have no such handler. The run ends after 1000 steps, so an
   event that happens for the first time after 1000 others is not found.
 
 Initialization events need no comparison: they are executed before a compiled run. The
-handlers see a Context of their own, and are executed as in any run of Drake's.
+trial run of a block has a Context of its own, but it does execute the block's handlers.
 """
 
 import contextlib
@@ -40,10 +40,10 @@ from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.kernel.events import Ticks
 
-# How far the run of a block goes, s: no period and no offset is longer in practice.
+# The length of a block's trial run, s; in practice, periods and offsets are shorter.
 _HORIZON = 1e9
 
-# The run of a block ends after so many steps, each of which ends at an event.
+# The most steps of a block's trial run; each step ends at an event.
 _MAX_STEPS = 1000
 
 
@@ -51,14 +51,16 @@ def CheckEvents(system: System, kernel: Kernel, context: Context) -> None:
     """Checks that a kernel has all events of its block.
 
     Args:
-        context: Of the block.
+        system: The block.
+        kernel: The block's kernel.
+        context: The block's Context.
 
     Raises:
         UnsupportedSystem: If the block has events that the kernel does not have, or if
             they cannot be determined.
     """
     accurate = system.CreateDefaultContext()
-    accurate.SetAccuracy(1e-4)  # Where events are located.
+    accurate.SetAccuracy(1e-4)  # Else a KernelBlock reports no witness functions.
     witnesses = system.GetWitnessFunctions(accurate)
     if isinstance(system, KernelBlock):
         guards = [x for x in kernel.transitions.values() if x.guard is not None]
@@ -79,9 +81,10 @@ def CheckEvents(system: System, kernel: Kernel, context: Context) -> None:
         if not calls:
             reason = f"its events cannot be determined: {error}"
             raise UnsupportedSystem(system, reason) from error
-    # The kernel of one of Drake's own has no function of Python behind its events.
+    # The events of Drake's own primitives call no Python function, and add no handler.
     known = kernel.transitions.values() if hasattr(system, "Kernel") else ()
     periodic = [Ticks(x.period, x.offset) for x in known if x.guard is None]
+    # Each instant may have as many handlers as periodic transitions are due then.
     for time, handlers in calls.items():
         if len(handlers) > sum(ticks.At(time) is not None for ticks in periodic):
             reason = f"its kernel does not know the event {handlers[-1]}()"
@@ -89,14 +92,19 @@ def CheckEvents(system: System, kernel: Kernel, context: Context) -> None:
 
 
 def _OwnContext(system: System, context: Context) -> Context:
-    """Returns a Context of a block on its own, with the inputs that another one has."""
+    """Returns a Context of a block outside of its diagram.
+
+    Args:
+        context: The block's Context in the diagram. The time, the state, the parameters
+            and the inputs are copied; inputs without a value are 0.
+    """
     own = system.CreateDefaultContext()
     own.SetTimeStateAndParametersFrom(context)
     for i in range(system.num_input_ports()):
         port = system.get_input_port(i)
         if port.get_data_type() == PortDataType.kVectorValued:
             port.FixValue(own, np.zeros(port.size()))
-    # An input may depend on a port that is not connected.
+    # It raises an error if an input depends on a port that is not connected.
     with contextlib.suppress(Exception):
         system.FixInputPortsFrom(system, context, own)
     return own
@@ -106,8 +114,8 @@ def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> Non
     """Runs a block in Drake's Simulator from event to event.
 
     Args:
-        calls: Gets the names of the Python functions that handle events, by the time in
-            s of the call.
+        calls: A dictionary to which the names of the Python functions that handle
+            events are added, keyed by the time of the call in s.
     """
     simulator = Simulator(system, context)
     config = SimulatorConfig(
@@ -127,7 +135,7 @@ def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> Non
 
     def NoteCall(frame: FrameType, event: str, _: object) -> None:
         code = frame.f_code
-        # What Drake calls has this function for its caller.
+        # Drake has no frame in Python, so the caller of its callbacks is this function.
         is_called_by_drake = event == "call" and frame.f_back is caller
         if not is_called_by_drake or code is EndAfterSomeSteps.__code__:
             return
@@ -153,4 +161,4 @@ def _Run(system: System, context: Context, calls: dict[float, list[str]]) -> Non
         if has_collector:
             gc.enable()
         simulator.clear_monitor()
-        caller = None  # This frame refers to itself, and so keeps the block.
+        caller = None  # A frame that refers to itself would keep the block alive.

@@ -1,4 +1,4 @@
-"""Comparison of the machine code of a user's own blocks and laws with Drake."""
+"""Comparison of a program with Drake's callbacks, for a user's own blocks and laws."""
 
 from collections.abc import Iterable
 
@@ -11,23 +11,23 @@ from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.run import Visited
 
 # The largest difference between a kernel and its block, as a share of the largest
-# element. The order of their operations differs.
+# element (at least of 1). The order of their operations differs.
 _TOLERANCE = 1e-9
 
-# A step may end on an edge of a law, where rounding decides. Beside it, by this share
-# of the state, it does not.
+# A step may end at a discontinuity of a law, where rounding selects the side. The state
+# is then moved by this share, so that both are compared on the same side.
 _BESIDE = 1e-7
 
-# Packages whose laws and blocks are held by their own tests.
+# Packages whose own tests cover their blocks and laws.
 _TESTED = ("teleop_drake", "pydrake")
 
 
 class KernelDisagrees(ValueError):
-    """A kernel that does not compute what its block does."""
+    """Raised for a kernel whose values differ from those of its block's callbacks."""
 
 
 def HoldsOwnCode(evaluator: Evaluator) -> bool:
-    """Returns whether a program holds a user's own block or function."""
+    """Returns whether a program contains a user's own block or function."""
     blocks = [type(block.system) for block in evaluator.blocks]
     code = [*blocks, *evaluator.program.laws]
     return any(item.__module__.partition(".")[0] not in _TESTED for item in code)
@@ -36,14 +36,19 @@ def HoldsOwnCode(evaluator: Evaluator) -> bool:
 def CheckVisited(
     evaluator: Evaluator, system: System, context: Context, visited: Iterable[Visited]
 ) -> None:
-    """Compares an Evaluator with Drake's callbacks where a run has been.
+    """Compares an Evaluator with Drake's callbacks at states of a run.
+
+    A comparison that fails is repeated with a slightly different state.
 
     Args:
+        evaluator: The Evaluator of the system.
+        system: The diagram.
         context: The Context of the system, which is changed.
         visited: Times, states, modes and delayed signals of the run.
 
     Raises:
-        KernelDisagrees: If a kernel is wrong; it names the block and what differs.
+        KernelDisagrees: If a kernel is wrong; the message names the block and the
+            output.
     """
     program = evaluator.program
     contexts = ContextsIn(system, context)
@@ -55,7 +60,7 @@ def CheckVisited(
         for block, mode in zip(evaluator.blocks, program.modes, strict=True):
             own = contexts[block.system]
             SetDiscreteState(own, m[mode])
-            # What comes out of a delay is what it was in the run.
+            # An input from a delay is set to the delay's output in the run.
             for name, source in block.inputs.items():
                 part = program.signals.get(source)
                 if part is not None and part.start in delayed:
@@ -77,10 +82,11 @@ def Compare(
     """Compares outputs and rates of an Evaluator in a Context with those of Drake.
 
     Args:
-        delayed: As Evaluate() takes it. The outputs of delays are not compared then.
+        delayed: Signals y with the outputs of delays, as for Evaluator.Evaluate(). If
+            they are given, they are not compared.
 
     Raises:
-        KernelDisagrees: If anything differs; it names the block.
+        KernelDisagrees: If an output or a rate differs; the message names the block.
     """
     y, dx = evaluator.Evaluate(context, delayed)
     program = evaluator.program
@@ -88,7 +94,7 @@ def Compare(
     given = {part.start for _, _, part in program.delays if delayed is not None}
     for output, part in program.signals.items():
         block = evaluator.blocks[output.block]
-        # A signal without a port belongs to a transition.
+        # A signal without a port is a guard, a new mode or an intermediate result.
         if part.start in given or not block.system.HasOutputPort(output.port):
             continue
         port = block.system.GetOutputPort(output.port)
@@ -97,13 +103,13 @@ def Compare(
             _CompareVector(block.path, output.port, y[part], expected)
     for block, part in zip(evaluator.blocks, program.states, strict=True):
         if block.system.num_continuous_states() == 0:
-            continue  # Some of Drake's discrete systems have no such function.
+            continue  # Some of Drake's discrete systems refuse the next call.
         rate = block.system.EvalTimeDerivatives(contexts[block.system])
         _CompareVector(block.path, "rate", dx[part], rate.CopyToVector())
 
 
 def _CompareVector(path: str, name: str, value: Array, expected: Array) -> None:
-    """Raises KernelDisagrees unless two vectors agree; `path` is that of the block."""
+    """Raises KernelDisagrees, with the block's path, unless two vectors agree."""
     scale = max(1.0, np.nanmax(np.abs(expected), initial=0.0))
     tolerance = _TOLERANCE * scale
     if not np.isclose(value, expected, rtol=0, atol=tolerance, equal_nan=True).all():

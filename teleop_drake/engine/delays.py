@@ -1,7 +1,7 @@
-"""What comes out of the delays of the system that advance() integrates.
+"""The outputs of delays, interpolated between the rows that advance() has recorded.
 
-A delayed signal is a polynomial in each step, through the rows that are recorded at
-five points of the step, so that no polynomial crosses a jump.
+In each step, a signal is the polynomial of degree 4 through the rows at five points of
+the step. No step crosses a jump, so no polynomial does.
 
 All functions here are in the part of Python that jit/typed_code compiles.
 """
@@ -16,20 +16,26 @@ from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.piecewise import NUM_COEFFICIENTS
 
 NODES = np.array([0, 1 / 4, 1 / 2, 3 / 4, 1])
-"""Points of a step at which signals are recorded, as shares of the step."""
+"""The points of a step at which signals are recorded, as shares of its length."""
 
 
 def _add_past(
     s: float, is_after: bool, weight: float, d: int, delays: Delays, memory: Memory
 ) -> None:
-    """Adds a signal as it was at a time to what comes out of its delay.
+    """Adds the signal sent into delay d at a time, times a weight, to its output in y.
 
-    Before the start it is what has come out in the first row.
+    The signal sent before the first row is the delay's output in the first row.
+
+    Args:
+        s: The time in s.
+        is_after: Whether a jump at this time is included.
+        weight: The factor of the signal.
     """
     times = memory.row_times
     signal = delays.signals[d]
     output = delays.outputs[d]
-    # The last row before s, or at s, that does not end the last step.
+    # Bisection finds the last row before s (at s, too, if `is_after`). It is before the
+    # end of the last step, so that a step begins there or goes on.
     low = -1
     high = memory.counts[END] - 1
     while low < high:
@@ -42,12 +48,14 @@ def _add_past(
         for i in range(delays.sizes[d]):
             memory.y[output + i] += weight * memory.rows[0, output + i]
         return
+    # The rows of the step that contains s.
     end = low + 1
     while memory.row_ends[end] == 0:
         end += 1
     begin = end - 4
     theta = (s - times[begin]) / (times[end] - times[begin])
     theta = min(max(theta, 0.0), 1.0)
+    # Lagrange's polynomial through the five rows.
     for a in range(5):
         share = weight
         for b in range(5):
@@ -58,7 +66,8 @@ def _add_past(
 
 
 def _add_sent(s: float, weight: float, d: int, delays: Delays, memory: Memory) -> None:
-    """Adds the value of a signal before the events of an instant; see _add_past."""
+    """Adds the signal sent before the events of time s; see _add_past()."""
+    # The first row holds the signals before the events of the start.
     if abs(s - memory.clock[2]) <= SAME:
         for i in range(delays.sizes[d]):
             value = memory.rows[0, delays.signals[d] + i]
@@ -70,13 +79,14 @@ def _add_sent(s: float, weight: float, d: int, delays: Delays, memory: Memory) -
 def evaluate_pieces(
     knots: Array, coefficients: Array, first: int, end: int, x: float
 ) -> float:
-    """Returns the value at x of some pieces, beyond their ends that of the nearer end.
+    """Returns the value of piecewise polynomials at x; they are constant beyond an end.
 
     Args:
-        knots: As in piecewise.Pieces, and so are the coefficients.
+        knots: As in piecewise.Pieces.
+        coefficients: As in piecewise.Pieces.
         first: The index of the first piece.
         end: The index after the last piece.
-        x: Where.
+        x: The argument of the polynomials, in the unit of the knots.
     """
     low = first
     high = end - 1
@@ -96,7 +106,7 @@ def evaluate_pieces(
 
 
 def delay_at(t: float, d: int, delays: Delays) -> float:
-    """Returns a delay in s, infinity where packets are shown."""
+    """Returns delay d at the time t, in s; infinity for a delay of packets."""
     first = delays.piece_ranges[d, 0]
     end = delays.piece_ranges[d, 1]
     if first == end:
@@ -108,6 +118,7 @@ def arrival(s: float, d: int, delays: Delays) -> float:
     """Returns the time t in s at which a value sent at s arrives: t - T(t) = s."""
     if delays.piece_ranges[d, 0] == delays.piece_ranges[d, 1]:
         return s + float(delays.times[d])
+    # An interval in which it arrives, and then bisection down to neighbouring floats.
     low = s
     high = s + delay_at(s, d, delays)
     while high - delay_at(high, d, delays) < s:
@@ -124,10 +135,11 @@ def arrival(s: float, d: int, delays: Delays) -> float:
 
 
 def fetch(t: float, delays: Delays, memory: Memory) -> None:
-    """Writes the outputs of the delays into y.
+    """Writes the outputs of the delays at the time t into y.
 
-    A jump at the start of the step is included, a later jump is not. In the first row
-    they are what the caller has set.
+    A jump that arrives at the start of the step, memory.clock[0], is included; a jump
+    that arrives later is not. For the first row, y keeps the outputs that the caller
+    has set.
     """
     if memory.counts[ROWS] == 0:
         return
@@ -139,8 +151,10 @@ def fetch(t: float, delays: Delays, memory: Memory) -> None:
             s = t - delay_at(t, d, delays)
             _add_past(s, is_after, 1.0, d, delays, memory)
         elif memory.next_packets[d] == delays.packet_ranges[d, 0]:
+            # No packet has been shown: this adds the initial output.
             _add_sent(-math.inf, 1.0, d, delays, memory)
         else:
+            # The packet that is shown, held or continued along a line.
             k = memory.next_packets[d] - 1
             shown = delays.packets[k, 0]
             sent = delays.packets[k, 1]

@@ -7,8 +7,9 @@ Runge-Kutta formulas", Math. Comput. 46 (1986).
 
 import numpy as np
 
-# The last stage is the first one of the next step, and its row the weights. A stage has
-# the weight 0 in itself and in those after it.
+# Row s has the weights of the rates in the state of stage s; only earlier stages have a
+# weight. The last row also has the weights of the solution of order 5, so the last
+# stage of a step is the first stage of the next one.
 A = np.array(
     [
         [0, 0, 0, 0, 0, 0, 0],
@@ -20,12 +21,14 @@ A = np.array(
         [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84, 0],
     ]
 )
+# The time of each stage, as a share of the step.
 C = np.array([0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1, 1])
-# The difference of the two solutions.
+# The weights of the error estimate, the difference of the solutions of order 5 and 4.
 E = np.array(
     [-71 / 57600, 0, 71 / 16695, -71 / 1920, 17253 / 339200, -22 / 525, 1 / 40]
 )
-# Coefficients of theta, theta^2, ... of each stage in the dense output.
+# The weights of the stages in the dense output at the share theta of a step: row s has
+# the coefficients of theta, theta^2, theta^3, theta^4 for stage s.
 P = np.array(
     [
         [1, -8048581381, 8663915743, -12715105075],

@@ -1,4 +1,7 @@
-"""A diagram as one function, in Python or in machine code."""
+"""A diagram as one function of its time, states and signals, interpreted or compiled.
+
+It is the function `evaluate` of a program; see teleop_drake.engine.program.
+"""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -28,15 +31,16 @@ from teleop_drake.wiring import OutputNames
 
 
 def KernelOf(system: System, context: Context) -> Kernel:
-    """Returns what a block computes. Its events are not compared; see CheckEvents().
+    """Returns the kernel of a block, whose events are not compared: see CheckEvents().
 
     Args:
-        system: The block: one of a user's own, one of Drake's primitives, or a
-            MultibodyPlant. An instance of a subclass is not taken for one of its base.
-        context: Of the block.
+        system: The block: a system with a method Kernel(), one of Drake's primitives,
+            or a MultibodyPlant. A subclass of one of Drake's classes is refused.
+        context: The Context of the block.
 
     Raises:
-        UnsupportedSystem: If it offers no kernel, or one of only a part of it.
+        UnsupportedSystem: If the block has no kernel, or one that lacks a part of the
+            block's computation.
     """
     if hasattr(system, "Kernel"):
         return _OwnKernel(system, context)
@@ -46,9 +50,10 @@ def KernelOf(system: System, context: Context) -> Kernel:
 
 
 def _OwnKernel(system: Any, context: Context) -> Kernel:
-    """Returns the kernel that a block offers, with the numbers of its Context.
+    """Returns the kernel of a block's method Kernel(), with the Context's parameters.
 
-    A block of a user's own names a numeric parameter by its NumericParameterIndex.
+    In the kernel of a user's LeafSystem, the value of a parameter may be a
+    NumericParameterIndex, which stands for the numeric parameter of the Context.
     """
     if isinstance(system, KernelBlock):
         kernel = KernelIn(system, context)
@@ -65,7 +70,11 @@ def _OwnKernel(system: Any, context: Context) -> Kernel:
 
 
 def _CheckIsWhole(system: System, kernel: Kernel) -> None:
-    """Refuses a subclass that computes more than the kernel that it inherits."""
+    """Raises UnsupportedSystem if a block computes more than its kernel.
+
+    The block may have an output that the kernel lacks. It may also be of a subclass
+    that inherits the kernel, and that overrides a callback of Drake.
+    """
     known = {*kernel.outputs, *(delay.output for delay in kernel.delays)}
     for name in OutputNames(system):
         if name not in known:
@@ -80,17 +89,18 @@ def _CheckIsWhole(system: System, kernel: Kernel) -> None:
 
 
 def pass_at_zero(delay: float, delayed: Array, signal: Array) -> Array:
-    """Returns what comes out of a delay: the signal itself if the delay is 0 s."""
+    """Returns the output of a delay: the signal itself if the delay is 0 s."""
     passed: Array = np.where(delay > 0.0, delayed, signal)
     return passed
 
 
 def PassAtZero(system: System, kernel: Kernel) -> Kernel:
-    """Returns a block's kernel, whose constant delays pass signals on where they are 0.
+    """Returns a block's kernel, extended so that its constant delays may be 0 s.
 
-    A program takes what comes out of a delay as given, so that a signal may depend on
-    itself through a delay. Here the output is computed from the signal, which must not
-    depend on the output. It is one kernel for all delays, 0 included.
+    In a program, the output of a delay is given, so a signal may depend on itself
+    through a delay. In the extended kernel, the output is computed by pass_at_zero()
+    from the delayed signal and the signal, so the signal must not depend on it. The
+    extended kernel serves all values of a delay, including 0.
     """
     delays = list(kernel.delays)
     if isinstance(system, TransportDelay) and not delays:
@@ -116,23 +126,24 @@ class Evaluator:
     """Evaluates the time derivatives and the outputs of a diagram, without Drake.
 
     Args:
-        system: The diagram, or a block by itself.
-        context: Its context, whose parameters and fixed inputs are taken over.
-        as_machine_code: Whether to compile it.
-        like: Another one, whose machine code is used if it would be the same.
-        has_zero_delays: Whether each constant delay may become 0 in the program.
-            Otherwise those may that are 0 in the context.
+        system: The diagram, or a single block.
+        context: The Context of `system`, with the values of the parameters.
+        as_machine_code: Whether to compile the program.
+        like: An Evaluator whose machine code is reused if it is the same.
+        has_zero_delays: Whether every constant delay may be 0 in the program.
+            Otherwise, only the delays of a block that has a delay of 0 in `context`.
 
     Attributes:
         system: The diagram.
-        blocks: Of the diagram.
-        program: What they compute.
-        function: Program.Evaluate(), or the same as machine code.
-        left_out: The paths of loggers, visualizers and the like, which do nothing here.
+        blocks: The blocks of the diagram.
+        program: The program of the diagram.
+        function: The function `evaluate`: Program.Evaluate() or its machine code.
+        left_out: The paths of the blocks without effect, such as logs and visualizers.
 
     Raises:
-        UnsupportedSystem: If a block cannot be compiled; it is named.
-        AlgebraicLoop: If a signal would depend on itself where a delay is 0.
+        UnsupportedSystem: If a block cannot be compiled; the message names it.
+        AlgebraicLoop: If a signal depends on itself, for example through a delay of
+            0 s.
     """
 
     def __init__(
@@ -148,6 +159,7 @@ class Evaluator:
         self.system = system
         contexts = ContextsIn(system, context)
         self.left_out: list[str] = []
+        # The kernels, with the parameter values of the blocks' Contexts.
         kernels = []
         for block in self.blocks:
             own = contexts[block.system]
@@ -160,6 +172,7 @@ class Evaluator:
                 kernel = PassAtZero(block.system, kernel)
             kernels.append(kernel)
         self.program = Program(self.blocks, kernels)
+        # The program, interpreted or compiled.
         self.function: Callable[..., Any] = self.program.Evaluate
         if like is not None and self.program.HasCodeOf(like.program):
             self.function = like.function
@@ -170,10 +183,12 @@ class Evaluator:
     def Evaluate(
         self, context: Context, delayed: Array | None = None
     ) -> tuple[Array, Array]:
-        """Returns the outputs and the time derivatives in a context.
+        """Returns the signals and the time derivatives in a Context.
 
         Args:
-            delayed: A y with what comes out of delays; None: their initial values.
+            context: The Context of the diagram.
+            delayed: Signals y, from which the outputs of the delays are copied. None:
+                their initial values.
 
         Returns:
             y and dx; see `program`.
@@ -187,10 +202,11 @@ class Evaluator:
         return y, dx
 
     def ReadContext(self, context: Context) -> tuple[Array, Array, Array]:
-        """Returns what `evaluate` takes from a context.
+        """Returns the states and the given signals of a Context.
 
         Returns:
-            x, m, and y with what no kernel delivers.
+            x, m, and y with the values of inputs that are not connected and with the
+            initial outputs of delays. The other signals are 0.
         """
         program = self.program
         contexts = ContextsIn(self.system, context)
@@ -209,11 +225,15 @@ class Evaluator:
 
 
 def _FedValue(system: System, name: str, context: Context) -> Array:
-    """Returns the value of an input that is not connected inside of the diagram."""
+    """Returns the value of an input that is not connected inside of the diagram.
+
+    Raises:
+        UnsupportedSystem: If the input has no value and is not optional.
+    """
     port = system.GetInputPort(name)
     if port.HasValue(context) and port.get_data_type() == PortDataType.kVectorValued:
         return port.Eval(context)
-    # Of a plant: no motor, no force.
+    # All inputs of a plant are optional: no actuation, no applied force.
     optional = getattr(system, "optional_inputs", ())
     if isinstance(system, MultibodyPlant) or name in optional:
         return np.zeros(port.size())

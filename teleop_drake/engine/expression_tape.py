@@ -1,9 +1,9 @@
-"""Drake's symbolic expressions as a list of operations on numbers.
+"""Drake's symbolic expressions as a tape, which is a list of operations on numbers.
 
-The values of a tape are the elements of the given vectors, and the value of each row,
-in this order. A row is a constant, or an operation that names its operands by
-their places among the values. Expressions that differ in their constants alone have the
-same tape, and therefore the same machine code.
+A tape computes a list of values. It begins with the elements of the given vectors, and
+each row of the tape appends one value. A row is a constant, or an operation whose
+operands are indices in the list. Expressions that differ only in their constants have
+the same tape, and therefore the same machine code.
 """
 
 import functools
@@ -16,7 +16,7 @@ from pydrake.symbolic import Expression, ExpressionKind, Formula, FormulaKind, V
 
 from teleop_drake.arrays import Array
 
-# Expressions and formulas that are one function of their operands.
+# Kinds of expressions and formulas that apply one function to all their operands.
 _SAME_OPERANDS: dict[Any, Callable[..., Any]] = {
     ExpressionKind.Abs: np.absolute,
     ExpressionKind.Sqrt: np.sqrt,
@@ -47,7 +47,7 @@ _SAME_OPERANDS: dict[Any, Callable[..., Any]] = {
     FormulaKind.Not: np.logical_not,
 }
 
-# Of any number of operands, which are taken one after another.
+# Kinds with any number of operands, reduced by a function of two.
 _REDUCED = {
     ExpressionKind.Add: np.add,
     ExpressionKind.Mul: np.multiply,
@@ -55,18 +55,18 @@ _REDUCED = {
     FormulaKind.Or: np.logical_or,
 }
 
-# The first operand, a number, is left out where it is this one.
+# Drake's sums and products begin with a constant; it is left out if it has this value.
 _NEUTRAL = {ExpressionKind.Add: 0.0, ExpressionKind.Mul: 1.0}
 
-# More parts take seconds to read and minutes to compile.
+# Larger expressions take seconds to read and minutes to compile.
 _MAX_PARTS = 50_000
 
-# Powers up to this one are products.
+# Whole powers up to this exponent are written as products.
 _MAX_FACTORS = 16
 
 
 class UnknownExpression(ValueError):
-    """An expression with a part that is no operation of a tape."""
+    """Raised for an expression that is too large or has an unknown operation."""
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,9 @@ class Tape:
     """A law that computes expressions, operation by operation.
 
     Attributes:
-        rows: The function of each operation and the places of its operands, or None and
-            the index of a constant.
-        results: The place of the value of each expression.
+        rows: The function of each operation and the indices of its operands in the list
+            of values, or None and the index of a constant.
+        results: The index of each expression's value in the list of values.
     """
 
     rows: tuple[tuple[Any, ...], ...]
@@ -107,10 +107,11 @@ def MakeTape(
     """Returns the tape of expressions, and their constants.
 
     Args:
+        expressions: The expressions.
         variables: The elements of the vectors that the tape takes, one after another.
 
     Raises:
-        UnknownExpression: If a part of an expression is no operation of a tape.
+        UnknownExpression: If an expression is too large or has an unknown operation.
     """
     writer = _Writer(variables)
     results = tuple(writer.Write(expression) for expression in expressions)
@@ -118,14 +119,14 @@ def MakeTape(
 
 
 class _Writer:
-    """Writes the rows of a tape, no operation twice.
+    """Writes the rows of a tape. Equal operations share one row.
 
-    Equal constants are not shared, because which numbers are equal would decide which
-    rows there are.
+    Equal constants have separate rows. Otherwise the rows would depend on which
+    constants happen to be equal, and new values would need a new compilation.
 
     Attributes:
-        rows: The rows in their order, with the places of their values.
-        constants: The numbers that rows mention by their indices.
+        rows: The rows in their order, with the indices of their values.
+        constants: The constants, which the rows name by their indices.
     """
 
     def __init__(self, variables: Sequence[Variable]):
@@ -135,7 +136,7 @@ class _Writer:
         self._num_parts = 0
 
     def Write(self, value: Expression | Formula | float) -> int:
-        """Writes an expression or a formula; returns the place of its value."""
+        """Writes an expression or a formula; returns the index of its value."""
         self._num_parts += 1
         if self._num_parts > _MAX_PARTS:
             raise UnknownExpression(f"there are more than {_MAX_PARTS} operations")
@@ -159,7 +160,7 @@ class _Writer:
         raise UnknownExpression(f"{kind.name} is no operation of a tape")
 
     def _Power(self, base: Expression, exponent: Expression) -> int:
-        """Writes a power, with a whole number as exponent as a product."""
+        """Writes a power; a small whole exponent gives a product."""
         place = self.Write(base)
         is_number = exponent.get_kind() == ExpressionKind.Constant
         number = exponent.Evaluate() if is_number else 0.0
@@ -175,9 +176,9 @@ class _Writer:
         return self._Row(None, len(self.constants) - 1)
 
     def _Reduce(self, function: Callable[..., Any], places: Iterable[int]) -> int:
-        """Writes a function of two operands that is applied one after another."""
+        """Reduces operands from left to right by a function of two."""
         return functools.reduce(functools.partial(self._Row, function), places)
 
     def _Row(self, *row: Any) -> int:
-        """Writes a row, unless it is there; returns the place of its value."""
+        """Writes a row unless it exists; returns the index of its value."""
         return self.rows.setdefault(row, len(self._variables) + len(self.rows))

@@ -1,4 +1,4 @@
-"""A Diagram, however deeply nested, as a list of its blocks and their connections."""
+"""Flattens a nested Diagram to a list of its blocks and their connections."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,11 +14,11 @@ from teleop_drake.signals import NameOf, PathsIn
 
 
 class UnsupportedSystem(ValueError):
-    """A system that cannot be compiled; it runs in Drake's Simulator all the same.
+    """Raised for a system that cannot be compiled; Drake's Simulator can still run it.
 
     Args:
         system: The system.
-        reason: Why not, as part of a sentence.
+        reason: The reason, which ends the sentence of the message.
     """
 
     def __init__(self, system: System, reason: str):
@@ -27,14 +27,14 @@ class UnsupportedSystem(ValueError):
 
 
 class AlgebraicLoop(UnsupportedSystem):
-    """A signal that depends on itself at the same instant."""
+    """Raised for a signal that depends on itself at the same instant."""
 
 
 class Source(NamedTuple):
-    """Where a signal comes from.
+    """The source of a signal: an output port of a block.
 
     Attributes:
-        block: Index of the block.
+        block: Index of the block in the list of Flatten().
         port: Name of its output port.
     """
 
@@ -44,12 +44,12 @@ class Source(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """A system that is no Diagram.
+    """A system that is not a Diagram.
 
     Attributes:
         system: The system.
-        path: Its place, for people, as `robot/plant`.
-        inputs: What its input ports are connected to, by their names.
+        path: Its path in the Diagram, such as `robot/plant`, for messages.
+        inputs: The source of each connected input port, keyed by the port's name.
     """
 
     system: System
@@ -58,11 +58,11 @@ class Block:
 
 
 def Flatten(system: System, path: str = "") -> list[Block]:
-    """Returns the blocks of a Diagram, in the order of its state.
+    """Returns the blocks of a Diagram, in the order of their states in its Context.
 
     Args:
-        system: The Diagram, or a block by itself.
-        path: Its own place.
+        system: The Diagram, or a single block.
+        path: The path of `system`; the paths of the blocks begin with it.
     """
     walk = list(PathsIn(system, path))
     blocks = {
@@ -82,18 +82,19 @@ def Flatten(system: System, path: str = "") -> list[Block]:
 
 
 def OutputOf(blocks: list[Block], system: System, index: int) -> Source:
-    """Returns where an output of a system in the Diagram comes from.
+    """Returns the block and the port that compute an output of a system.
 
     Args:
-        blocks: Those of the Diagram, by Flatten().
-        system: A block, or a Diagram in the Diagram.
+        blocks: The blocks of the Diagram, from Flatten().
+        system: One of these blocks, or a Diagram that contains some of them.
+        index: Index of the output port.
     """
     source, port = _OutputPort(system, index)
     return Source([block.system for block in blocks].index(source), port)
 
 
 def _OutputPort(system: System, index: int) -> tuple[System, str]:
-    """Returns the block that an output comes from, and the name of its port."""
+    """Returns the block that computes an output, and the name of the block's port."""
     if not isinstance(system, Diagram):
         return system, system.get_output_port(index).get_name()
     inner, i = system.get_output_port_locator(OutputPortIndex(index))
@@ -101,7 +102,7 @@ def _OutputPort(system: System, index: int) -> tuple[System, str]:
 
 
 def InputsOf(system: System, index: int) -> list[tuple[System, str]]:
-    """Returns the blocks that an input leads to, and their ports."""
+    """Returns the blocks that an input port leads to, and the names of their ports."""
     if not isinstance(system, Diagram):
         return [(system, system.get_input_port(index).get_name())]
     inner = system.GetInputPortLocators(InputPortIndex(index))

@@ -20,13 +20,14 @@ from teleop_drake.numerics.rigid_body import RigidBodyTree
 def net_efforts(
     effort_limits: Array, selection: Array, actuation: Array, of_instances: Array
 ) -> Array:
-    """Returns the efforts of the actuators, N m or N (m).
+    """Returns the efforts of the m actuators, N m or N (m).
 
     Args:
         effort_limits: The largest effort of each actuator, N m or N (m).
-        selection: 1 where a command of a model instance is that of an actuator (m, k).
-        actuation: The command to all actuators, N m or N (m).
-        of_instances: The commands to those of model instances, N m or N (k).
+        selection: Assigns the k commands of model instances to actuators: 1 where a
+            command belongs to an actuator, else 0 (m, k).
+        actuation: The commands from the port `actuation`, N m or N (m).
+        of_instances: The commands from the ports of model instances, N m or N (k).
     """
     total = actuation + selection @ of_instances
     return np.clip(total, -effort_limits, effort_limits)
@@ -39,12 +40,14 @@ def plant_rate(
     efforts: Array,
     generalized_force: Array,
 ) -> Array:
-    """Returns [v; v_dot] of a plant.
+    """Returns the rate [v; v_dot] of a plant's state (2 n).
 
     Args:
+        tree: The plant's links and joints.
         B: The plant's actuation matrix (n, m).
-        efforts: Of the actuators, N m or N (m).
-        generalized_force: What else acts on the joints, N m or N (n).
+        state: The joint positions and velocities [q; v] (2 n).
+        efforts: The efforts of the actuators, N m or N (m).
+        generalized_force: The applied generalized forces, N m or N (n).
     """
     q, v = np.split(state, 2)
     forces = generalized_force + B @ efforts
@@ -61,11 +64,11 @@ def plant_step(
 ) -> Array:
     """Returns the next state of a discrete plant without contact; see plant_rate().
 
-    Damping acts on the next velocities, all else is that of the present state:
-    (M + h D) (v_next - v) = h (forces - D v - bias), q_next = q + h v_next.
+    Damping acts on the next velocities; all other forces are evaluated in the present
+    state: (M + h D) (v_next - v) = h (forces - D v - bias), q_next = q + h v_next.
 
     Args:
-        tree: The links, whose rotors have the inertia h D besides their own.
+        tree: The plant's links and joints, with h D added to the rotor inertias.
         time_step: The period h, s.
     """
     q, v = np.split(state, 2)
@@ -77,14 +80,16 @@ def plant_step(
 def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
     """Returns the kernel of a plant, a tree of revolute and prismatic joints.
 
-    Of a discrete plant it has the states alone. The other outputs hold what was
-    computed in the last step, and a compiled program does not store that.
+    The kernel of a discrete plant has only the outputs that are states. The plant's
+    other outputs are results of its last step, which a compiled program does not store.
 
     Args:
-        context: Its context, which has the parameters.
+        plant: The plant.
+        context: The plant's Context, with its parameters.
 
     Raises:
-        UnsupportedSystem: If something in the plant moves or acts in another way.
+        UnsupportedSystem: If the plant has other joints, or a force, constraint,
+            contact, joint limit, lock or controller that the kernel does not describe.
     """
     for reason in (*NoTree(plant), *_Obstacles(plant, context)):
         raise UnsupportedSystem(plant, reason)
@@ -93,7 +98,8 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
         multibody.ModelInstanceIndex(i) for i in range(plant.num_model_instances())
     ]
     commands: dict[str, list[int]] = {}
-    for i in instances:  # One may have its own input of commands.
+    # The actuators of each model instance whose own actuation port is connected.
+    for i in instances:
         port = plant.get_actuation_input_port(i)
         if port.size() > 0 and port.HasValue(context):
             commands[port.get_name()] = _Places(plant.GetJointActuatorIndices(i))
@@ -115,13 +121,13 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
         parameters={**parameters, **kernel.parameters},
         outputs={"commands of instances": [*commands], **kernel.outputs},
         sizes={"commands of instances": len(actuators), **kernel.sizes},
-        # Without collision geometries nothing depends on it.
+        # The outputs do not depend on it, since no bodies can collide.
         unused=("geometry_query",),
     )
 
 
 def _Obstacles(plant: MultibodyPlant, context: Context) -> Iterator[str]:
-    """Yields why a plant moves in another way than its tree does."""
+    """Yields the reasons why a plant does not move as a RigidBodyTree."""
     is_discrete = plant.time_step() > 0
     for i in range(plant.num_force_elements()):
         element = plant.get_force_element(multibody.ForceElementIndex(i))
@@ -130,7 +136,7 @@ def _Obstacles(plant: MultibodyPlant, context: Context) -> Iterator[str]:
     if plant.num_constraints() > 0:
         yield "it has constraints"
     if plant.num_collision_geometries() > 0:
-        # Of a SceneGraph, pairs of bodies may not be among those that can collide.
+        # Collision filters of the SceneGraph may exclude all pairs of bodies.
         port = plant.get_geometry_query_input_port()
         is_known = port.HasValue(context)
         if not is_known or port.Eval(context).inspector().GetCollisionCandidates():
@@ -155,13 +161,19 @@ def _Continuous(
     efforts: Term,
     instances: list[multibody.ModelInstanceIndex],
 ) -> Kernel:
-    """Returns what a continuous plant has besides the inputs of its actuators."""
+    """Returns the kernel of a continuous plant without the commands of its actuators.
+
+    Args:
+        efforts: The term of the actuators' efforts.
+        instances: The model instances of the plant.
+    """
     n = plant.num_velocities()
     outputs: dict[str, Term] = {
         "state": "state",
         "net_actuation": efforts,
         "generalized_acceleration": ("rate", n, 2 * n),
     }
+    # The outputs of each model instance are elements of those of the plant.
     for i in instances:
         name = plant.GetModelInstanceName(i)
         states = _StatesOf(plant, i)
@@ -189,8 +201,9 @@ def _Discrete(
     efforts: Term,
     instances: list[multibody.ModelInstanceIndex],
 ) -> Kernel:
-    """Returns what a discrete plant has besides the inputs of its actuators."""
+    """Returns the kernel of a discrete plant; see _Continuous()."""
     h = plant.time_step()
+    # The damping D of the joints acts as an inertia h D; see plant_step().
     rotors = tree.rotor_inertias + h * tree.damping
     step = Transition(
         mode=(
@@ -215,7 +228,7 @@ def _Discrete(
 def _StatesOf(
     plant: MultibodyPlant, instance: multibody.ModelInstanceIndex
 ) -> list[int]:
-    """Returns the places of a model instance's q and v in the state of its plant."""
+    """Returns the indices of a model instance's q and v in the state of its plant."""
     n = plant.num_velocities()
     places = np.arange(float(n))
     q = plant.GetPositionsFromArray(instance, places)
@@ -228,5 +241,5 @@ def _Places(numbers: Iterable[Any]) -> list[int]:
 
 
 def _Elements(name: str, places: list[int]) -> Term:
-    """Returns the term of some elements of a vector."""
+    """Returns the term of the elements of a vector at some indices."""
     return [(name, i, i + 1) for i in places]

@@ -1,10 +1,11 @@
-"""Kernels of Drake's own systems, most of them made of their symbolic form.
+"""Kernels of Drake's own systems, most of them made from the system's symbolic form.
 
-The rate of the continuous state, the periodic discrete update and the vector outputs
-are those of `system.ToSymbolicMaybe()`. The numeric parameters of the Context are
-parameters of the kernel, and so are the constants of the expressions. Therefore other
-numbers compile nothing anew, unless Drake leaves a 0 or a 1 out of its expressions.
-Matrices often have such elements, so that linear systems have a kernel of their own.
+The symbolic form, `system.ToSymbolicMaybe()`, provides expressions of the rate of the
+continuous state, the periodic discrete update and the vector outputs. The numeric
+parameters of the Context and the constants in the expressions become parameters of the
+kernel. New values of them therefore need no new compilation, unless Drake simplifies an
+expression because a value is 0 or 1. The matrices of linear systems often have such
+elements, so the kernel of these systems is written by hand.
 """
 
 from collections.abc import Callable
@@ -27,7 +28,8 @@ from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.signals import VectorOutputs
 
-# Farther away than the intervals of angles, and how many bisections find their ends.
+# A distance greater than the length of a WrapToSystem's intervals of angles, and the
+# number of bisections that locate the end of an interval.
 _FAR = 1e3
 _NUM_BISECTIONS = 100
 
@@ -41,10 +43,15 @@ _NO_KERNEL = (
 def PrimitiveKernel(system: System, context: Context) -> Kernel:
     """Returns the kernel of one of Drake's own systems.
 
-    A subclass in Python has none, because its symbolic form is that of its base.
+    A user's subclass in Python is refused, because its symbolic form is that of the
+    base class.
+
+    Args:
+        context: The system's Context, with the values of its parameters.
 
     Raises:
-        UnsupportedSystem: If it has none, or one of only a part of what it computes.
+        UnsupportedSystem: If the system has no symbolic form, or if a part of its
+            computation is missing there.
     """
     if IsSink(system, context):
         return Kernel(unused=_InputNames(system))
@@ -63,10 +70,10 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel:
 
 
 def IsSink(system: System, context: Context) -> bool:
-    """Returns whether no number depends on one of Drake's systems.
+    """Returns whether a system is one of Drake's, and no signal or state depends on it.
 
-    Logs, visualizers and a SceneGraph have neither numbers as a state nor an output
-    that is a vector.
+    Examples are logs, visualizers and a SceneGraph. They have no continuous or discrete
+    state and no vector output.
     """
     has_numbers = (
         bool(VectorOutputs(system))
@@ -82,24 +89,25 @@ def _InputNames(system: System) -> tuple[str, ...]:
 
 
 def _IsOfDrake(system: System) -> bool:
-    """Returns whether the class of a system is one of pydrake's, and no subclass."""
+    """Returns whether pydrake defines a system's class; false for a user's subclass."""
     return type(system).__module__.partition(".")[0] == "pydrake"
 
 
 class _SymbolicReader:
-    """Reads what a system computes from a Context of its symbolic form.
+    """Makes a kernel from a system's symbolic form, in a Context of variables.
 
     Args:
         system: The system.
-        symbolic: Its symbolic form.
-        context: Of the system itself.
+        symbolic: Its symbolic form, a System of Expressions.
+        context: A Context of `system`, which provides the sizes of its vectors and the
+            values of its parameters.
     """
 
     def __init__(self, system: System, symbolic: Any, context: Context):
         self._system = system
         self._symbolic = symbolic
         self._parameters: dict[str, Any] = {}
-        # The variables of each vector, by its name in the kernel.
+        # The variables of each vector, keyed by the vector's name in the kernel.
         self._variables: dict[str, list[Variable]] = {}
         own = symbolic.CreateDefaultContext()
         own.SetTime(self._New("time", 1)[0])
@@ -132,7 +140,7 @@ class _SymbolicReader:
             rate=rate,
             transitions=self._Transitions(),
             parameters=self._parameters,
-            # Terms may take some of these.
+            # An input that is listed here may still occur in a term.
             unused=_InputNames(self._system),
         )
 
@@ -155,16 +163,16 @@ class _SymbolicReader:
         return {"steps": step}
 
     def _New(self, name: str, size: int) -> Array:
-        """Returns new variables for a vector of the kernel."""
+        """Returns the elements of a vector of the kernel as new variables."""
         self._variables[name] = list(MakeVectorVariable(size, name))
         return np.array([Expression(x) for x in self._variables[name]], object)
 
     def _Term(self, name: str, expressions: Array) -> Term:
-        """Returns the term of expressions, with the vectors that they depend on.
+        """Returns the term that computes expressions from the vectors in them.
 
         Args:
-            name: Of what the expressions stand for.
-            expressions: A vector of them.
+            name: The name of the computed vector: `rate`, `update` or an output.
+            expressions: The elements of that vector (k).
         """
         found = {x.get_id() for e in expressions for x in e.GetVariables()}
         vectors = []
@@ -180,7 +188,11 @@ class _SymbolicReader:
 
 
 def affine(constant: Array, *products: Array) -> Array:
-    """Returns a constant vector plus products, each of a matrix and a vector."""
+    """Returns a constant vector plus products, each of a matrix and a vector.
+
+    Args:
+        products: Matrices and vectors in turn: A, x, B, u, ...
+    """
     total = constant
     for k in range(0, len(products), 2):
         total = total + products[k] @ products[k + 1]
@@ -188,7 +200,7 @@ def affine(constant: Array, *products: Array) -> Array:
 
 
 def _AffineKernel(system: AffineSystem) -> Kernel:
-    """Returns the kernel of matrices, which may be other ones in the same program."""
+    """Returns the kernel of an affine system, with its matrices as parameters."""
     inputs = _InputNames(system)
     has_state = system.num_states() > 0
     is_discrete = has_state and system.time_period() > 0
@@ -206,18 +218,18 @@ def _AffineKernel(system: AffineSystem) -> Kernel:
         outputs={"y0": output} if system.num_output_ports() > 0 else {},
         rate=law if has_state and not is_discrete else None,
         transitions={"steps": step} if is_discrete else {},
-        # Without state, and with D = 0, nothing depends on them.
+        # If there is no state and D = 0, no term has the input.
         unused=inputs,
     )
 
 
 def wrapped(lows: Array, sizes: Array, u: Array) -> Array:
-    """Returns what is left of each signal in its interval.
+    """Returns each signal, wrapped to its interval.
 
     Args:
-        lows: Where the intervals begin.
-        sizes: Their lengths; 0 without an interval.
-        u: The signals.
+        lows: The lower ends of the intervals (n).
+        sizes: The lengths of the intervals (n); 0: the signal is not wrapped.
+        u: The signals (n).
     """
     periods = np.where(sizes > 0, sizes, 1.0)
     rest: Array = u - sizes * np.floor((u - lows) / periods)
@@ -225,7 +237,10 @@ def wrapped(lows: Array, sizes: Array, u: Array) -> Array:
 
 
 def _WrapKernel(system: WrapToSystem) -> Kernel:
-    """Returns the kernel of a system whose intervals only its outputs tell."""
+    """Returns the kernel of a WrapToSystem.
+
+    pydrake does not bind the intervals, so they are found by evaluating the output.
+    """
     context = system.CreateDefaultContext()
     port = system.get_input_port()
 
@@ -234,7 +249,9 @@ def _WrapKernel(system: WrapToSystem) -> Kernel:
         y: Array = system.get_output_port().Eval(context)
         return y
 
-    # The ends of the intervals are the first values that do not stay as they are.
+    # Bisection locates the upper end of each interval, the lowest value that the system
+    # changes. Its output there is the lower end. Without an interval, no value changes,
+    # both ends are at `outside`, and the length is 0.
     inside = At(np.zeros(port.size()))
     outside = inside + _FAR
     for _ in range(_NUM_BISECTIONS):
@@ -255,4 +272,4 @@ KERNELS: dict[type[System], Callable[[Any], Kernel]] = {
     MatrixGain: _AffineKernel,
     WrapToSystem: _WrapKernel,
 }
-"""Kernels that are not made of the symbolic form of a system, by its class itself."""
+"""Makers of the kernels that are written by hand, keyed by the exact class."""

@@ -1,4 +1,7 @@
-"""A system with delays and modes as arrays, as advance() integrates it."""
+"""The arguments of advance(): a Problem to integrate, and its working Memory.
+
+They are named tuples of arrays, which compiled code can take (jit/typed_values).
+"""
 
 from typing import NamedTuple
 
@@ -9,21 +12,21 @@ from teleop_drake.numerics.instants import same_within
 
 
 class Delays(NamedTuple):
-    """The d delays of a system.
+    """The d delays of a problem.
 
     Attributes:
-        times: The delays in s (d), > 0; infinity for a delay of packets, and the
-            shortest delay for one that varies. 0: what comes out has no effect.
+        times: The delays in s (d): the constant delay, a lower bound of a delay that
+            varies, or infinity for packets. If it is 0, the delay's output is not used
+            (see evaluator.PassAtZero).
         signals: The index in y at which each delay's signal begins (d).
         outputs: The index in y at which each delay's output begins (d).
         sizes: The width of each signal (d).
         packet_ranges: The begin and end of each delay's rows in `packets` (d, 2).
-        packets: Three times in s for each packet (k, 3): when it is shown, when it was
-            sent, and when the earlier packet was sent through which the signal
-            continues along a line; -infinity: the value is held. A varying delay has
-            packets at its nonsmooth points, which only make steps end there.
+        packets: The times in s of each kernel.Packet (k, 3): `shown`, `sent` and
+            `previous`. A delay that varies has a packet at each non-smooth point of
+            T(t); it carries no value and only makes a step end there.
         piece_ranges: The begin and end of each delay's rows in `coefficients` (d, 2);
-            empty for a constant delay.
+            empty unless the delay varies.
         knots: The begin and end of each piece in s (p, 2).
         coefficients: The coefficients of each piece, as in piecewise.Pieces (p, 8).
     """
@@ -40,17 +43,17 @@ class Delays(NamedTuple):
 
 
 class Transitions(NamedTuple):
-    """Changes of the mode, k in all.
+    """The k transitions, which change the mode.
 
     Attributes:
         guards: The index of each guard in y (k); -1 for a periodic transition.
         sources: The index in y at which the new mode begins (k).
-        targets: The index in m at which the mode begins (k).
+        targets: The index in m at which the block's mode begins (k).
         sizes: The width of the mode (k).
         periods: The periods of periodic transitions in s (k); infinity: once.
         offsets: The first times of periodic transitions in s (k); infinity for others.
         are_discrete: 1 for discrete updates, which happen after the other transitions
-            of an instant; 0 for others.
+            of an instant; 0 for others (k).
     """
 
     guards: Indices
@@ -63,7 +66,7 @@ class Transitions(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """The data of a system.
+    """The data of a problem; its equations are the function `evaluate` of a program.
 
     Attributes:
         p: The parameters that are floats.
@@ -82,14 +85,15 @@ class Memory(NamedTuple):
     Attributes:
         clock: The time, the length of the next step and the time of the first row, in
             s (3).
-        counts: Numbers of steps taken and of evaluations; the index of the last row
-            that ends a step, 0 without one; numbers of breaks, of rows, and of
-            attempts, which are steps, including rejected ones, and events (6).
+        counts: Integers at the places STEPS to TRIES (6): the number of steps taken;
+            the number of evaluations; the index of the last row that ends a step, 0 if
+            there is none; the number of breaks; the number of rows; and the number of
+            tries, which are accepted and rejected steps, and events without a step.
         x: Continuous state.
         m: Discrete state.
         m_before: Discrete state before the transitions of the present instant.
-        y: Signals. The caller sets those that are fed from outside, and at first those
-            that come out of delays.
+        y: Signals. The caller sets the inputs that are not connected and, at the start,
+            the outputs of delays.
         stages: Rates at the stages of a step (7, n).
         weights: Weights of the stages in the dense output (7).
         x_stage: State at a stage (n).
@@ -99,8 +103,10 @@ class Memory(NamedTuple):
         ticks: The number of each periodic transition's next instant (k).
         guards: The value of each guard at the start of the step, and at the start of
             the step before if no event happened in between (k, 2).
-        breaks: Time and order of the breaks ahead (b, 2).
-        row_times: Times of the recorded rows (r).
+        breaks: Time in s and order of the breaks ahead (b, 2). A break is an instant
+            that no step may cross. Its order is the number of delays that the effect of
+            an event has passed since it was a jump of a signal.
+        row_times: Times of the recorded rows in s (r).
         row_ends: 1 for a row at the end of a step, else 0 (r). Three rows within the
             step precede it, and the row at the start of the step precedes these.
         rows: Signals of the recorded rows (r, y).
@@ -127,12 +133,13 @@ class Memory(NamedTuple):
 
 
 class Past(NamedTuple):
-    """What was sent through the delays before a run.
+    """The signals sent through the delays before a run.
 
     Attributes:
-        times: When, s: five rows a step, its two ends and three instants between (r).
-        rows: The signals y (r, y), of which those that delays take are known.
-        arrivals: When the jumps arrive that are under way, s (b).
+        times: The times of the rows in s (r). Each step has five rows: one at either
+            end and three between.
+        rows: The signals y (r, y); only the inputs of delays are valid.
+        arrivals: The times in s at which the jumps under way arrive (b).
     """
 
     times: Array
@@ -140,7 +147,7 @@ class Past(NamedTuple):
     arrivals: Array
 
 
-# The places in `counts`.
+# The places in Memory.counts.
 STEPS, EVALUATIONS, END, BREAKS, ROWS, TRIES = range(6)
 
 
@@ -158,16 +165,19 @@ def make_memory(
     """Returns the initial memory of advance().
 
     Args:
-        y: Signals, including those that are fed from outside, and what comes out of
-            delays before anything has gone through.
-        time: The start time in s. Events that were due before it have happened.
-        past: What was sent before; None: nothing.
+        x: Initial continuous state (n).
+        m: Initial discrete state.
+        y: Signals, with the values of inputs that are not connected and the initial
+            outputs of the delays.
+        time: The start time in s. Events that were due before it are not executed.
+        past: The signals sent before the start; None: the delays are empty.
         first_step: Length of the first step in s.
         room: The number of rows for which memory is reserved.
     """
     n = len(x)
     transitions = problem.transitions
     periods = problem.transitions.periods
+    # The ticks before the start; a tick at the start, to within rounding, is due.
     gone = np.where(transitions.guards < 0, time - transitions.offsets, 0.0)
     gone -= same_within(time)
     ticks = np.where(periods < np.inf, np.ceil(gone / periods), gone > 0)
@@ -204,7 +214,7 @@ def make_memory(
 
 
 def _put_past(past: Past, memory: Memory) -> None:
-    """Puts what was sent before into the memory: its rows, and the jumps under way."""
+    """Writes the rows before the start, and the jumps under way, into the memory."""
     num = len(past.times)
     memory.row_times[:num] = past.times
     memory.row_ends[:num] = np.arange(num) % 5 == 4

@@ -1,13 +1,18 @@
-"""The program of a diagram: what its blocks compute, in the order of computation.
+"""The program of a diagram: the terms of all its blocks, sorted by dependence.
 
-A program fills in the rate dx of the continuous state and the outputs y of the blocks,
-all of them or only those that the rate and the delays depend on. It takes the time t,
-the continuous and the discrete state x and m, and the parameters p, which are floats.
-What no kernel delivers, such as what comes out of a delay or what a diagram is fed with
-from outside, is in y beforehand.
+A program is a function `evaluate(t, x, m, p, y, dx, wanted)` that writes two arrays:
 
-Its steps are executed on arrays of floats or, to make machine code of them, on arrays
-of the Numbers of a graph.
+* dx, the rate of the continuous state;
+* y, the signals: the outputs of the blocks, and further results such as guards and new
+  modes. According to `wanted`, it computes all of them, or only those on which the rate
+  and the inputs of delays depend.
+
+It takes the time t in s, the continuous state x, the discrete state m, and the floats p
+among the parameters. Some elements of y are not computed but set by the caller: the
+outputs of delays, and the inputs that are not connected inside of the diagram.
+
+The terms are evaluated on arrays of floats. For compilation they are evaluated on
+arrays of symbolic Numbers, which record the operations (jit).
 """
 
 import itertools
@@ -31,31 +36,36 @@ from teleop_drake.kernel import Delay, Kernel, KernelBlock, Name, Term, Transiti
 from teleop_drake.kernel.kernel import Law
 from teleop_drake.kernel.terms import TermReader, ValueIn
 
-# The rate of a block's state is found among its outputs under this name.
+# The name by which a block's rate is treated as one of its outputs.
 _RATE = "rate"
 
 
 class Program:
-    """What the blocks of a diagram compute.
+    """The sorted terms of a diagram, and the places of their values in its arrays.
 
     Args:
-        blocks: Of the diagram.
-        kernels: One for each block.
+        blocks: The blocks of the diagram.
+        kernels: The kernel of each block.
 
     Attributes:
-        kernels: The same.
+        kernels: The kernel of each block.
+        layouts: The places in p of each block's parameters, keyed by their names.
         p: The parameters that are floats.
-        signals: Where in y an output is.
-        fed: Where in y an input is that is not connected: (block, port).
-        delays: Where in y a delay has its signal and its output.
-        transitions: Where in y a transition has its guard (None: periodic) and the new
-            mode, and where in m the mode is.
-        states: Where in x the state of a block is, by the block.
-        modes: Where in m that of its discrete states is.
-        sizes: Of y, x and m.
+        signals: The slice of y of each output, guard and new mode. The `port` of a
+            guard or of a new mode is a phrase with the transition's name.
+        fed: The slice of y of each input that is not connected, keyed by
+            Source(block, input port).
+        delays: Each delay, with the slices of y of its input signal and its output.
+        transitions: Each transition, with the slices of y of its guard (None: periodic)
+            and of its new mode, and the slice of m of the block's mode.
+        states: The slice of x of each block's continuous state.
+        modes: The slice of m of each block's discrete states.
+        sizes: The lengths of y, x and m.
 
     Raises:
-        UnsupportedSystem: If a kernel takes what there is not.
+        UnsupportedSystem: If a term has an unknown name, if a kernel lacks a rate or an
+            output that another block takes, or if a connected input is in no term.
+        AlgebraicLoop: If a signal depends on itself.
     """
 
     def __init__(self, blocks: Sequence[Block], kernels: Sequence[Kernel]):
@@ -73,14 +83,16 @@ class Program:
         self.states = _Slices(block.system.num_continuous_states() for block in blocks)
         self.modes = _Slices(map(_NumModes, blocks, kernels))
         self._num_y = 0
-        # What is to be computed, and the functions that do it, in their order.
+        # The terms, and the functions that evaluate them in the order of computation.
         self._terms: dict[Source, Term] = {}
         self._values: dict[Source, ValueIn] = {}
+        # The outputs whose terms are being read, each an argument of the one before.
         self._under_way: list[Source] = []
-        # The inputs that something is computed from: (block, port).
+        # The names that terms and delays of each block use: (block, port).
         self._taken: set[tuple[int, str]] = set()
         for i, kernel in enumerate(kernels):
             self._Declare(i, kernel)
+        # First the rates, the inputs of delays, and all outputs on which they depend.
         for i in range(len(kernels)):
             self.Add(Source(i, _RATE))
         self.delays: list[tuple[Delay, slice, slice]] = [
@@ -89,6 +101,7 @@ class Program:
             for delay in kernel.delays
         ]
         self._needed = list(self._values)
+        # Then all other outputs, guards and new modes.
         for output in self._terms:
             self.Add(output)
         self._others = list(self._values)[len(self._needed) :]
@@ -98,10 +111,7 @@ class Program:
 
     @property
     def structure(self) -> list[Any]:
-        """All but the floats and the functions.
-
-        Programs of one structure may have their floats exchanged.
-        """
+        """A description of the program without its floats and functions."""
         return [
             [(block.path, block.inputs) for block in self._blocks],
             [
@@ -116,11 +126,11 @@ class Program:
 
     @property
     def laws(self) -> list[Any]:
-        """The functions that are called."""
+        """The functions that the terms call, in the order of the terms."""
         return [term[0] for term in self._terms.values() if _IsCall(term)]
 
     def HasCodeOf(self, other: "Program") -> bool:
-        """Returns whether another program differs in its numbers alone."""
+        """Returns whether another program has the same code; its floats may differ."""
         return self.laws == other.laws and self.structure == other.structure
 
     def Evaluate(
@@ -133,24 +143,29 @@ class Program:
         dx: Array,
         wanted: int,
     ) -> None:
-        """Fills in dx and the part of y that is needed for RATE, or all of y."""
+        """Computes dx and y.
+
+        Args:
+            wanted: RATE: of y, only the signals on which dx and the inputs of delays
+                depend. ALL, SIGNALS: all signals.
+        """
         arrays = Arrays(t, x, m, p, y, dx)
         self._Execute(self._needed, arrays)
         if wanted != RATE:
             self._Execute(self._others, arrays)
 
     def Trace(self) -> ScalarProgram:
-        """Returns the operations of Evaluate().
+        """Returns the operations of Evaluate() as a graph.
 
         Raises:
-            UnsupportedSystem: If a function does what a graph of operations cannot,
-                such as a loop until something has converged.
+            UnsupportedSystem: If a function cannot be a graph of operations, for
+                example because it has a loop that ends when a value has converged.
         """
         parts = [partial(self._Execute, x) for x in (self._needed, self._others)]
         return TraceProgram(parts, self.sizes, len(self.p))
 
     def _Execute(self, outputs: Iterable[Source], arrays: Arrays) -> None:
-        """Computes outputs, and rates, and puts them where they belong."""
+        """Computes outputs in the given order, and writes them into y or dx."""
         for output in outputs:
             system = self._blocks[output.block].system
             target = arrays.dx[self.states[output.block]]
@@ -169,7 +184,7 @@ class Program:
                 raise UnsupportedSystem(system, str(error)) from error
 
     def _Declare(self, i: int, kernel: Kernel) -> None:
-        """Makes room for all that a block computes."""
+        """Registers the terms of a block, and reserves space in y for their values."""
         system = self._blocks[i].system
         if kernel.rate is not None:
             self._terms[Source(i, _RATE)] = kernel.rate
@@ -195,7 +210,7 @@ class Program:
             self.transitions.append((transition, guard, mode, modes))
 
     def _Compute(self, output: Source, term: Term, size: int) -> slice:
-        """Makes room in y for the value of a term; returns where."""
+        """Registers a term, and reserves space in y; returns the slice."""
         self._terms[output] = term
         self.signals[output] = self._NewSignal(size)
         return self.signals[output]
@@ -205,9 +220,9 @@ class Program:
         return slice(self._num_y - size, self._num_y)
 
     def _CheckInputs(self, i: int, block: Block) -> None:
-        """Raises UnsupportedSystem if a block is connected to what it does not take."""
+        """Raises UnsupportedSystem if a block's connected input is in no term."""
         if isinstance(block.system, KernelBlock):
-            return  # Its callbacks take nothing else either.
+            return  # Drake's callbacks have the same terms.
         for name in block.inputs:
             if name not in self.kernels[i].unused and (i, name) not in self._taken:
                 raise UnsupportedSystem(
@@ -215,7 +230,7 @@ class Program:
                 )
 
     def Add(self, output: Source) -> None:
-        """Adds what computes an output, after what it depends on."""
+        """Adds an output to the order of computation, after its arguments."""
         if output in self._values or output not in self._terms:
             return
         i, name = output
@@ -227,7 +242,10 @@ class Program:
         self._values[output] = value
 
     def Slot(self, i: int, name: str) -> slice:
-        """Returns where in y a port of a block is, after what fills it in."""
+        """Returns the slice of y of a block's input, or of one of its own outputs.
+
+        If a term computes the value, it is added to the order of computation.
+        """
         block = self._blocks[i]
         self._taken.add((i, name))
         source = block.inputs.get(name, Source(i, name))
@@ -251,7 +269,7 @@ class Program:
 
 
 class _Reader(TermReader):
-    """Translates the terms of a block into functions of the arrays of a program."""
+    """Translates the terms of one block into functions of a program's Arrays."""
 
     def __init__(self, program: Program, i: int):
         self._program = program
@@ -287,7 +305,10 @@ def _IsCall(term: Term) -> bool:
 
 
 def _NumModes(block: Block, kernel: Kernel) -> int:
-    """Returns the size of a block's mode; a delay remembers things for Drake alone."""
+    """Returns the size of a block's mode in a program.
+
+    A block with delays has none: its discrete states are samples for Drake's Simulator.
+    """
     if kernel.delays:
         return 0
     groups = block.system.AllocateDiscreteVariables().get_data()
@@ -295,6 +316,6 @@ def _NumModes(block: Block, kernel: Kernel) -> int:
 
 
 def _Slices(sizes: Iterable[int]) -> list[slice]:
-    """Returns the parts of a vector that stand one after another."""
+    """Returns the slices of a vector's consecutive parts."""
     ends = [0, *itertools.accumulate(sizes)]
     return list(itertools.starmap(slice, itertools.pairwise(ends)))

@@ -1,4 +1,4 @@
-"""Guards and modes of the system that advance() integrates.
+"""The guards and transitions of a problem, as advance() executes them.
 
 All functions here are in the part of Python that jit/typed_code compiles.
 """
@@ -10,9 +10,9 @@ from teleop_drake.numerics.instants import same_within
 
 
 def next_time(k: int, transitions: Transitions, memory: Memory) -> float:
-    """Returns when a periodic transition happens next, s; infinity for others.
+    """Returns when periodic transition k happens next, s; infinity for a guarded one.
 
-    The time is a multiple of the period, so that no rounding accumulates.
+    The time is the offset plus a multiple of the period, so no rounding accumulates.
     """
     ticks = memory.ticks[k]
     time = float(transitions.offsets[k])
@@ -22,7 +22,7 @@ def next_time(k: int, transitions: Transitions, memory: Memory) -> float:
 
 
 def is_due(transitions: Transitions, memory: Memory) -> bool:
-    """Returns whether a guard is not negative."""
+    """Returns whether any guard is at least 0, so that its transition is due."""
     for k in range(len(transitions.guards)):
         place = transitions.guards[k]
         if place >= 0 and memory.y[place] >= 0:
@@ -33,11 +33,17 @@ def is_due(transitions: Transitions, memory: Memory) -> bool:
 def change_modes(has_jumped: bool, transitions: Transitions, memory: Memory) -> bool:
     """Executes the transitions that are due; returns whether there were any.
 
-    All are evaluated with the values before any of them. Each changes those elements of
-    the mode that differ between the old and its new mode. Discrete updates are executed
-    after all others and, if a signal has just jumped, after its evaluation.
+    All of them use the signals from before any of them. Each changes those elements of
+    the mode in which its new mode differs from the old one. Discrete updates use the
+    signals after the other transitions and jumps of the instant. They therefore wait
+    for a later call if another transition has been executed or if `has_jumped`.
+
+    Args:
+        has_jumped: Whether a signal jumps at this instant and y is still the value
+            before the jump.
     """
     t = memory.clock[0]
+    # First the other transitions, then the discrete updates.
     has_changed = False
     for is_discrete in range(2):
         if is_discrete == 1 and (has_changed or has_jumped):
@@ -66,7 +72,12 @@ def change_modes(has_jumped: bool, transitions: Transitions, memory: Memory) -> 
 
 
 def note_guards(has_jumped: bool, transitions: Transitions, memory: Memory) -> None:
-    """Stores the values of the guards at the start of a step."""
+    """Stores the values of the guards at the start of a step.
+
+    Args:
+        has_jumped: Whether the guards may just have jumped. The values at the start of
+            the step before are then replaced.
+    """
     guards = memory.guards
     for k in range(len(transitions.guards)):
         place = transitions.guards[k]
@@ -78,15 +89,16 @@ def note_guards(has_jumped: bool, transitions: Transitions, memory: Memory) -> N
 
 
 def is_near(transitions: Transitions, memory: Memory) -> bool:
-    """Returns whether a guard may have ceased to be negative within the step.
+    """Returns whether a guard may have reached 0 within the step and turned back.
 
-    In that case its distance from 0 at the end is at most its change over this step and
-    the last one. A guard that has already turned back has changed in one of the two.
+    It may if, at the end of the step, its distance from 0 is at most the sum of its
+    changes over this step and over the step before. A guard that has turned back has
+    changed in at least one of the two.
     """
     guards = memory.guards
     for k in range(len(transitions.guards)):
         place = transitions.guards[k]
-        # A region without an end has a guard that is infinite.
+        # A guard of -infinity, as of a region without an end, is never due.
         if place >= 0 and memory.y[place] > -math.inf:
             change = abs(memory.y[place] - guards[k, 0])
             change += abs(guards[k, 0] - guards[k, 1])

@@ -1,4 +1,4 @@
-"""Laws and loops as machine code."""
+"""Laws that become machine code after some calls."""
 
 import functools
 import logging
@@ -17,24 +17,24 @@ from teleop_drake.jit.symbols import Untraceable
 
 Law = Callable[..., Array]
 
-# A law is compiled at this call. To make a diagram or a linear model takes fewer calls,
-# which do not pay for compilation.
+# The number of the call at which a law is compiled. The construction of a diagram or of
+# a linear model takes fewer calls and less time than the compilation.
 _COMPILED_CALL = 200
 
 
 @functools.cache
 def _TellOnce(law: Law, reason: str) -> None:
-    """Logs why a law is not compiled."""
+    """Logs the reason why a law is not compiled, once for each law."""
     logging.getLogger("teleop_drake").warning("not compiled: %s", reason)
 
 
 class CompiledLaw:
     """A law that becomes machine code after some calls as a Python function.
 
-    Both compute the same function to within rounding. Values outside of its arguments
-    are read when it is traced, and not again; a new CompiledLaw traces anew. A law that
-    cannot be a graph of operations, see `tracing`, remains a Python function, and a
-    line in the log has the reason.
+    Both compute the same function to within rounding. Values outside of the law's
+    arguments are read only when it is traced; a new CompiledLaw traces anew. A law that
+    cannot be a graph of operations, see `tracing`, remains a Python function, and the
+    reason is logged.
 
     Args:
         law: A function of numbers and arrays that returns an array. The shapes are the
@@ -60,7 +60,7 @@ class CompiledLaw:
         return self._run(*arguments)
 
     def _Compiled(self, arguments: Sequence[Any]) -> Law:
-        """Returns the law as machine code, or the law itself, and logs the reason."""
+        """Returns the law as machine code or, if that fails, the law itself."""
         # A first call in Python gives the shape of the result.
         law = cast(FunctionType, self.law.func)
         result = np.array(self.law(*arguments), dtype=float)
@@ -75,7 +75,7 @@ class CompiledLaw:
             _TellOnce(law, str(error))
             return self.law
         data = Kept(law.__name__.strip("<>"), MakeCode(program))
-        # The arguments come last.
+        # The arguments follow the constants in the memory.
         place = memory[len(memory) - sum(map(np.size, arguments)) :]
         evaluate = BoundEvaluate(Library(data, "evaluate"), memory, result)
         lock = threading.Lock()

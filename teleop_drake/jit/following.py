@@ -1,9 +1,9 @@
-"""Functions, with all that they call, whose operations on Numbers are recorded.
+"""Copies of functions, and of all that they call, for calls with Numbers.
 
-A copy of a function is made with other globals: numpy, math, Python's built-in
-functions and the function's helpers are replaced. What the function has from outside of
-it cannot be changed by the copy. A statement that cannot be followed is refused with
-its line.
+To follow a function means to call a copy of it with other global names: numpy, math,
+Python's built-in functions and the function's helpers have replacements that record
+operations on Numbers. The copy cannot change values from outside of the function. A
+statement that cannot be followed is refused with its line.
 """
 
 import dis
@@ -38,17 +38,18 @@ from teleop_drake.jit.traced_numpy import (
 )
 from teleop_drake.jit.tracing import Graph
 
-# Modules whose functions return another value in each call, and harmless ones.
+# Modules whose functions return another value in each call, and modules whose built-in
+# functions are called unchanged.
 _CHANGING = "numpy.random.", "random.", "secrets.", "time.", "uuid."
 _HARMLESS = "_functools", "builtins"
 
-# Types whose values do not change.
+# Types whose values cannot be changed.
 _PLAIN = (
     str, bytes, int, float, complex, type(None), np.generic, range, slice, frozenset,
     enum.Enum,
 )  # fmt: skip
 
-# What changes a list or a dictionary.
+# The methods that change a list or a dictionary.
 _CHANGES = (
     "__setitem__", "__delitem__", "__iadd__", "__imul__", "__ior__", "append", "clear",
     "extend", "insert", "pop", "popitem", "remove", "reverse", "setdefault", "sort",
@@ -65,7 +66,13 @@ _DICTIONARY = type("dict", (dict,), dict.fromkeys(_CHANGES, _RefuseChange))
 
 
 def Follow(graph: Graph, value: Any, name: str) -> Any:
-    """Returns the replacement of a value from outside of a function."""
+    """Returns the replacement of a value from outside of a function.
+
+    Args:
+        graph: The graph that records the operations.
+        value: The value: a function, module, object, number or container.
+        name: The name of the value, for messages.
+    """
     # Functions of numpy, math and Python.
     try:
         if value in REPLACED:
@@ -80,7 +87,7 @@ def Follow(graph: Graph, value: Any, name: str) -> Any:
         if hasattr(value, "_implementation") or isinstance(value, np.ufunc):
             return OfNumpy(value)
         return value if isinstance(value, type) else Refusing(value, name)
-    # Functions of Python are followed, also as methods or with bound arguments.
+    # Functions written in Python are followed, also as methods or with bound arguments.
     if isinstance(value, functools._lru_cache_wrapper):
         value = value.__wrapped__
     if isinstance(value, FunctionType):
@@ -97,7 +104,7 @@ def Follow(graph: Graph, value: Any, name: str) -> Any:
     if isinstance(value, BuiltinFunctionType):
         is_harmless = getattr(value.__self__, "__name__", None) in _HARMLESS
         return value if is_harmless else Refused(value, name)
-    # Of values that could be changed, the function gets copies that cannot.
+    # Values that could be changed are replaced by copies that refuse changes.
     if isinstance(value, _PLAIN):
         return value
     if isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
@@ -117,10 +124,10 @@ def Follow(graph: Graph, value: Any, name: str) -> Any:
 
 
 class _Outside:
-    """A module, a class or an object from outside of a function.
+    """The replacement of a module, a class or an object from outside of a function.
 
-    Its attributes are followed. It refuses what would change it, and what would show
-    that it is another object.
+    Its attributes are replaced by Follow(). It refuses assignments to attributes, and
+    operations that would show that it is not the original, such as comparisons.
     """
 
     __hash__ = None  # type: ignore[assignment]
@@ -130,7 +137,8 @@ class _Outside:
 
     def __getattribute__(self, attribute: str) -> Any:
         graph, value, name = object.__getattribute__(self, "_outside")
-        if attribute == "__class__":  # As isinstance() asks; see _CheckCode().
+        # For isinstance(); _CheckCode() refuses functions that read __class__.
+        if attribute == "__class__":
             return type(value)
         of_class = getattr(type(value), attribute, None)
         if isinstance(of_class, property) and of_class.fget:
@@ -162,7 +170,7 @@ class _Outside:
 
 
 class _Followed(Replacement):
-    """A function that records its operations and those of its helpers."""
+    """The replacement of a Python function: its copy, which records operations."""
 
     _graph: Graph
     _function: Any
@@ -179,12 +187,13 @@ class _Followed(Replacement):
         raise Untraceable(f"it assigns to {name}.{attribute}")
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Any:
+        """Calls the copy; any error becomes Untraceable, with function and line."""
         function = self._function
         try:
             if self._copy is None:
                 vars(self)["_copy"] = self._Copy()
             return self._graph.Call(self._copy, arguments, keywords)
-        except Exception as error:  # Whatever it does to what is no number.
+        except Exception as error:  # A function may raise any error on Numbers.
             line = self._Line(error.__traceback__)
             if not isinstance(error, Untraceable):
                 error = Untraceable(f"{type(error).__name__}: {error}")
@@ -192,6 +201,7 @@ class _Followed(Replacement):
             raise error from None
 
     def _Line(self, traceback: Any) -> int:
+        """Returns the line of the function at which an error was raised."""
         line = self._function.__code__.co_firstlineno
         codes = self._Codes()
         while traceback is not None:
@@ -208,7 +218,7 @@ class _Followed(Replacement):
         return codes
 
     def _Copy(self) -> FunctionType:
-        """Returns the function with what it has from outside replaced."""
+        """Returns the function with its globals, closure and defaults replaced."""
         function = self._function
         follow = functools.partial(Follow, self._graph)
         codes = self._Codes()
@@ -218,7 +228,9 @@ class _Followed(Replacement):
 
         def Import(name: str, *arguments: Any) -> Any:
             module = __import__(name, *arguments)
-            is_of_numpy = isinstance(arguments[2], list)  # As its own code asks.
+            # The names to import are a list if C code, as numpy's, imports; a statement
+            # has a tuple or None.
+            is_of_numpy = isinstance(arguments[2], list)
             return module if is_of_numpy else follow(module, name)
 
         own = {**BUILTINS, "__import__": Import}
@@ -255,13 +267,13 @@ def _IsNone(instruction: dis.Instruction | None) -> bool:
 
 
 def _CheckCode(code: CodeType, is_outermost: bool) -> None:
-    """Refuses code that can be rejected without running it."""
+    """Refuses code with an instruction that cannot be followed, without running it."""
     if "__class__" in code.co_names:
         raise Untraceable("it asks for __class__")
     if not _REFUSED_NUMBERS & set(code.co_code[::2]):
         return
     instructions = list(dis.get_instructions(code))
-    # `with np.errstate()` catches nothing.
+    # `with np.errstate()` has instructions that catch errors, but it catches none.
     names = Counter(x.opname for x in instructions)
     num_harmless = sum(x.argval == "errstate" for x in instructions)
     is_harmless = num_harmless == names["WITH_EXCEPT_START"] == names["PUSH_EXC_INFO"]

@@ -1,4 +1,7 @@
-"""LLVM's code as functions in memory, and as object files in a cache of each user."""
+"""Compiles LLVM's code to object files, caches them, and links them into the process.
+
+Each user has a cache of object files on disk.
+"""
 
 import contextlib
 import ctypes
@@ -16,9 +19,12 @@ import numpy as np
 from teleop_drake.arrays import Array, Indices
 from teleop_drake.files import Replacing
 
-# Optimisation of LLVM's code: from loops, less than this leaves the checks of indices
-# inside. And of the machine's: more takes longer, and its code is no faster.
+# The level of optimisation of LLVM's code. At a lower level, the checks of indices
+# remain inside of loops.
 _LEVEL = 3
+
+# The level of optimisation of the machine code. A higher level takes longer, and the
+# code is no faster.
 _MACHINE_LEVEL = 1
 
 # Beyond this total size, files of all versions are deleted, least recently used first.
@@ -36,7 +42,7 @@ def _Machine() -> Any:
     try:
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()
-    except RuntimeError:  # Newer ones are initialised as they are.
+    except RuntimeError:  # Newer versions of llvmlite refuse it and do not need it.
         pass
     return llvm.Target.from_default_triple().create_target_machine(
         opt=_MACHINE_LEVEL,
@@ -67,8 +73,10 @@ def Kept(name: str, code: str, make: Callable[[str], bytes] = ObjectFile) -> byt
     Several processes may do so at once. The object file is made anew if the cache
     cannot be written, or if the file in the cache is damaged.
 
-    The file's name begins with `name`. `make` is the function that makes the file from
-    the code.
+    Args:
+        name: The beginning of the file's name.
+        code: The code in LLVM's language.
+        make: The function that makes the object file from the code.
     """
     folder = _Folder()
     file = folder / _Version() / f"{name}_{_HASH(code.encode()).hexdigest()[:32]}.o"
@@ -98,7 +106,11 @@ def _Folder() -> Path:
 
 @functools.cache
 def _Version() -> str:
-    """Returns the name of a folder for what object files depend on besides the code."""
+    """Returns the name of the folder of object files: a hash of what they depend on.
+
+    Besides their code, these are llvmlite's version, the processor and the levels of
+    optimisation.
+    """
     import llvmlite
     import llvmlite.binding as llvm
 
@@ -109,7 +121,7 @@ def _Version() -> str:
 
 
 def _Sweep(folder: Path) -> None:
-    """Deletes the files that were used longest ago."""
+    """Deletes the least recently used files beyond a total of _MAX_BYTES."""
     size = 0
     files = [(file.stat(), file) for file in folder.rglob("*") if file.is_file()]
     for status, file in sorted(files, key=lambda x: x[0].st_mtime, reverse=True):
@@ -128,7 +140,7 @@ def _Linker() -> Any:
 
 
 class Library:
-    """The named functions and variables of an object file."""
+    """The named functions and variables of an object file, linked into the process."""
 
     def __init__(self, data: bytes, *names: str):
         import llvmlite.binding as llvm
@@ -144,7 +156,7 @@ class Library:
         return int(self._addresses[name])
 
     def RaiseFault(self) -> None:
-        """Raises an IndexError if loops have ended at an index; see typed_code."""
+        """Raises an IndexError if a function has ended at an index; see typed_code."""
         place = ctypes.c_char_p.from_address(self.Address("fault"))
         if place.value is not None:
             where = place.value.decode()
@@ -152,7 +164,7 @@ class Library:
             raise IndexError(f"{where}: an index is outside of its array")
 
 
-# Holds Python's lock: its release would take as long as a short law.
+# PYFUNCTYPE holds Python's lock: its release would take as long as a short law.
 _EVALUATE = ctypes.PYFUNCTYPE(
     None, ctypes.c_double, *[ctypes.c_void_p] * 5, ctypes.c_int32
 )
@@ -173,7 +185,7 @@ class Evaluate:
         self._function(t, *(array.ctypes.data for array in arrays), wanted)
 
 
-# The type of no bytes at all, at any place.
+# An array of no bytes, as which the start of any array can be addressed.
 _Nothing = ctypes.c_char * 0
 
 
@@ -183,7 +195,13 @@ def _Address(array: Array | Indices) -> int:
 
 
 def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
-    """Returns a function that evaluates a law with the same arrays each time."""
+    """Returns a function that evaluates a law with the same arrays each time.
+
+    Args:
+        library: The library of the law; see scalar_code.TraceLaw().
+        p: The arguments of the law, read in each call.
+        dx: The result of the law, written in each call.
+    """
     function = _EVALUATE(library.Address("evaluate"))
     addresses = None, None, _Address(p), None, _Address(dx)
     call = functools.partial(function, 0.0, *addresses, 0)
@@ -192,7 +210,7 @@ def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
 
 
 def Header(value: Any) -> list[int]:
-    """Returns the memory of a named tuple: the arrays' addresses and dimensions."""
+    """Returns the header of a named tuple: its arrays' addresses and dimensions."""
     if isinstance(value, np.ndarray):
         return [_Address(value), *value.shape]
     if isinstance(value, (int, np.integer)):
@@ -204,7 +222,7 @@ class Packed:
     """A named tuple of arrays with its header, for functions that take it many times.
 
     Args:
-        value: The tuple. Its arrays must stay where they are.
+        value: The tuple. The memory of its arrays must not move.
     """
 
     def __init__(self, value: tuple[Any, ...]):
@@ -221,7 +239,7 @@ class TypedFunction:
         self._function = ctypes.CFUNCTYPE(ctypes.c_int64)(library.Address(name))
 
     def __call__(self, *arguments: Any) -> int:
-        """Calls it with numbers, named tuples (Packed or not), and an Evaluate."""
+        """Calls it with floats, named tuples (Packed or not), and an Evaluate."""
         # The headers must not be freed before the call returns.
         owners = [Packed(x) if isinstance(x, tuple) else x for x in arguments]
         status: int = self._function(*map(_Argument, owners))
@@ -230,7 +248,7 @@ class TypedFunction:
 
 
 def _Argument(value: Any) -> ctypes.c_void_p | ctypes.c_double:
-    """Returns what a function in machine code takes for a value."""
+    """Returns a value as the argument of a function in machine code."""
     if isinstance(value, Packed | Evaluate):
         return value.pointer
     return ctypes.c_double(value)

@@ -1,7 +1,8 @@
-"""Numbers, arrays and named tuples of them as one row of floats, p.
+"""Packs numbers, arrays and named tuples of them into one vector of floats, p.
 
-Each value has a layout, by which it is found in a row of floats or of Numbers. Code
-is made for layouts: whole numbers are in the code, floats may be exchanged.
+The layout of a value describes its place in p. It reads the value from a vector of
+floats or of Numbers. Code is compiled for layouts: whole numbers become constants of
+the code, and floats in p may change without a new compilation.
 """
 
 import math
@@ -15,11 +16,11 @@ from teleop_drake.jit.symbolic_arrays import Table
 
 @dataclass(frozen=True)
 class Place:
-    """A number or an array of floats.
+    """The layout of a float or an array of floats.
 
     Attributes:
-        first: The index of its first element.
-        shape: Its shape; empty: it is a number.
+        first: The index of its first element in p.
+        shape: Its shape; empty for a number.
     """
 
     first: int
@@ -33,7 +34,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Whole:
-    """A whole number or an array of them, which belongs to the structure of code."""
+    """The layout of a whole number or an array of them: the numbers themselves."""
 
     numbers: tuple[int, ...]
     shape: tuple[int, ...]
@@ -46,7 +47,7 @@ class Whole:
 
 @dataclass(frozen=True)
 class Group:
-    """A (named) tuple of numbers, arrays and such tuples."""
+    """The layout of a (named) tuple of numbers, arrays and such tuples."""
 
     kind: type
     fields: tuple[Any, ...]
@@ -58,17 +59,17 @@ class Group:
 
 
 Layout = Place | Whole | Group
-"""Where a value is."""
+"""The place of a value in p."""
 
 
 class Parameters:
     """Packs the floats of parameters one after another.
 
-    Equal arrays in one field of a kind of named tuple are one array: what several
-    blocks compute from the same plant is computed once.
+    Equal arrays in the same field of the same type of named tuple share one place.
+    Results that several blocks compute from the same plant are then computed once.
 
     Attributes:
-        numbers: The floats.
+        numbers: The floats, which become p.
     """
 
     def __init__(self) -> None:
@@ -76,7 +77,7 @@ class Parameters:
         self._shared: dict[Any, Any] = {}
 
     def Add(self, value: Any) -> Layout:
-        """Adds a number, an array, or a (named) tuple of them; returns where it is."""
+        """Adds a number, an array, or a (named) tuple of them; returns its layout."""
         if isinstance(value, tuple):
             kind = type(value)
             fields = [self._AddField(kind, i, x) for i, x in enumerate(value)]

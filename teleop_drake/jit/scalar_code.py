@@ -1,4 +1,4 @@
-"""What a program computes as a graph of operations, and the graph in LLVM.
+"""Traces programs and laws, and writes their graphs of operations in LLVM's language.
 
 The code has no loops, no arrays besides the arguments, and only known types. LLVM
 therefore compiles it in a fraction of the time that general code takes.
@@ -26,10 +26,12 @@ from teleop_drake.jit.symbols import (
 )
 from teleop_drake.jit.tracing import Graph, Node
 
+# The value, a node or a constant, of elements of arrays: by the array's name and index.
 Stores = dict[tuple[str, int], Any]
 
-# What `evaluate` computes: the rate and the signals that it and the delays depend on,
-# all, or all signals but not the rate. In Python it computes the rate in any case.
+# The values of `wanted`, which select the results of `evaluate`. RATE: the rate, and
+# the signals on which it and the delays depend. ALL: the rate and all signals. SIGNALS:
+# all signals without the rate. The function in Python always computes the rate.
 RATE = 0
 ALL = 1
 SIGNALS = 2
@@ -50,7 +52,7 @@ _INTRINSICS = (
 )  # fmt: skip
 _WITH_TWO_SIDES = ("pow", "atan2")
 
-# The operations that are one instruction; further operands follow.
+# Operations with an instruction of their own, to which the operands are appended.
 _INSTRUCTIONS = {
     "neg": "fneg double ",
     "not": "xor i1 true, ",
@@ -76,7 +78,13 @@ def _Doubles(name: str) -> str:
 
 
 def Instruction(operation: str, kind: str, values: Sequence[str]) -> str:
-    """Returns an operation on numbers of a type in LLVM's language."""
+    """Returns LLVM's instruction for an operation on numbers of a type.
+
+    Args:
+        operation: The name of the operation, as in tracing.Node.
+        kind: The type of the numbers.
+        values: The operands in LLVM's language.
+    """
     operands = ", ".join(values)
     prefix = "f" if kind == FLOAT else ""
     if operation in ("add", "sub", "mul", "div"):
@@ -85,7 +93,7 @@ def Instruction(operation: str, kind: str, values: Sequence[str]) -> str:
         is_ordered = operation not in ("eq", "ne")
         if kind != FLOAT:
             return f"icmp {'s' * is_ordered}{operation} {kind} {operands}"
-        # What is not a number differs from every number.
+        # nan differs from every number; all other comparisons with it are false.
         return f"fcmp {'u' if operation == 'ne' else 'o'}{operation} double {operands}"
     if operation == "select":
         condition, yes, no = values
@@ -107,7 +115,7 @@ class CodeWriter:
     """Writes instructions, each of which names its value.
 
     Attributes:
-        lines: What is written.
+        lines: The instructions and labels so far.
     """
 
     def __init__(self) -> None:
@@ -131,7 +139,14 @@ class CodeWriter:
 
 
 class ScalarProgram(NamedTuple):
-    """The operands that `evaluate` writes, with their places, always or on demand."""
+    """The traced form of a program or a law.
+
+    Attributes:
+        graph: The operations.
+        stores: The value of each element of dx and y that the first part of the program
+            computes, keyed by the array's name and the index.
+        more_stores: The value of each further element, of the second part.
+    """
 
     graph: Graph
     stores: Stores
@@ -139,16 +154,17 @@ class ScalarProgram(NamedTuple):
 
 
 class Arrays(NamedTuple):
-    """What a program is executed on, see engine.program: floats, or Numbers of a graph.
+    """The arrays of a program, see engine.program: of floats, or of a graph's Numbers.
 
     Attributes:
         t: The time in s.
         x: Continuous state.
         m: Discrete state.
         p: The parameters that are floats.
-        y: Outputs of the blocks, which the program fills in.
-        dx: Rate of the continuous state, which the program fills in.
-        follow: Returns what is called in the place of a function.
+        y: Signals, which the program computes.
+        dx: Rate of the continuous state, which the program computes.
+        follow: A function that returns what the program calls for a law: the law itself
+            or, when the program is traced, the copy that records operations.
     """
 
     t: Any
@@ -165,9 +181,13 @@ def TraceProgram(
     sizes: tuple[int, int, int],
     num_parameters: int,
 ) -> ScalarProgram:
-    """Returns what the two parts of a program compute, with y, x and m of sizes.
+    """Traces the two parts of a program.
 
-    The first part is always executed, the second one on demand.
+    Args:
+        parts: The part that is always executed, and the part that is executed unless
+            only RATE is wanted.
+        sizes: The lengths of y, x and m.
+        num_parameters: The length of p.
     """
     graph = Graph()
     num_y, num_x, num_m = sizes
@@ -196,9 +216,15 @@ def TraceProgram(
 def TraceLaw(
     law: FunctionType, layouts: Sequence[Layout], num_parameters: int
 ) -> ScalarProgram:
-    """Returns what a law computes: from p, its arguments in a row, dx, its result.
+    """Traces a law as a program that reads the law's arguments from p.
 
-    Whole numbers and arrays of them are not in p: they are part of the structure.
+    The result is written into dx. Whole numbers and arrays of them are not in p but
+    constants of the graph.
+
+    Args:
+        law: The law.
+        layouts: The places of its arguments in p.
+        num_parameters: The length of p.
     """
     graph = Graph(is_given_finite=False)
     p = _Given(graph, "p", num_parameters)
@@ -215,7 +241,7 @@ def _Given(graph: Graph, name: str, size: int) -> Numbers:
 
 
 def _Changes(graph: Graph, arrays: Arrays) -> Stores:
-    """Returns the elements of dx and y that have changed, by their places."""
+    """Returns the elements of dx and y that a program has changed, by their places."""
     changes = {}
     for name in ("dx", "y"):
         for i, value in enumerate(getattr(arrays, name)):
@@ -233,20 +259,23 @@ def _Operand(value: Any) -> Any:
 def MakeCode(program: ScalarProgram) -> str:
     """Returns the source of `evaluate` in LLVM's language.
 
-    It takes t, pointers to x, m, p, y and dx, and what is wanted: RATE, ALL or SIGNALS.
+    It takes t, pointers to x, m, p, y and dx, and `wanted`: RATE, ALL or SIGNALS. After
+    the operations that are always needed, the code has two parts behind conditions:
+    `rate` and `more`.
     """
     more = program.more_stores
     writer = _GraphWriter(program.graph.nodes)
     signals = {place: x for place, x in program.stores.items() if place[0] != "dx"}
     of_signals = writer.NeededBy(signals | more)
-    # Only these rates are left out where nobody wants them: the others cost nothing.
+    # The rates with operations that the signals do not need. Only these are skipped if
+    # the rate is not wanted, because the others cost nothing.
     rates = {
         place: x
         for place, x in program.stores.items()
         if place not in signals and isinstance(x, Ref) and x.place not in of_signals
     }
     writer.StoreAll({p: x for p, x in program.stores.items() if p not in rates})
-    # What both of the parts below need has to be computed before them.
+    # Operations that both parts need are written before them.
     writer.Compute(writer.NeededBy(rates) & writer.NeededBy(more))
     writer.lines += [
         f"  %wants_rate = icmp ne i32 %wanted, {SIGNALS}",
@@ -278,17 +307,17 @@ class _GraphWriter(CodeWriter):
     def __init__(self, nodes: Sequence[Node]):
         super().__init__()
         self._nodes = nodes
-        # Of the nodes that are computed already.
+        # The names of the nodes that are written so far.
         self._names: dict[int, str] = {}
 
     def StoreAll(self, stores: Stores) -> None:
-        """Writes what computes values and puts them where they belong."""
+        """Writes the operations of values, and stores the values at their places."""
         for (name, i), value in stores.items():
             self.Compute(self.NeededBy({(name, i): value}))
             self.Store(FLOAT, self._Operand(value), self._Pointer(name, i))
 
     def NeededBy(self, stores: Stores) -> set[int]:
-        """Returns the nodes that values depend on and that are not computed yet."""
+        """Returns the nodes on which values depend and that are not written yet."""
         needed: set[int] = set()
         pending = list(stores.values())
         while pending:
@@ -301,12 +330,12 @@ class _GraphWriter(CodeWriter):
         return needed
 
     def Compute(self, places: Iterable[int]) -> None:
-        """Writes nodes, each after those that it depends on."""
+        """Writes nodes, each after its arguments."""
         for place in sorted(places):
             self._names[place] = self._Node(*self._nodes[place])
 
     def _Operand(self, argument: Any) -> str:
-        """Returns a constant, or the name of a node that is computed."""
+        """Returns a constant, or the name of a node that is written."""
         if isinstance(argument, Ref):
             return self._names[argument.place]
         is_boolean = isinstance(argument, (bool, np.bool_))

@@ -19,7 +19,7 @@ from teleop_drake.jit.symbols import (
 
 
 class Table(np.ndarray):
-    """An array whose indices may be Numbers and arrays of them."""
+    """An array that can be indexed by a Number, or masked by symbolic booleans."""
 
     def __getitem__(self, key: Any) -> Any:
         keys = key if isinstance(key, tuple) else (key,)
@@ -28,7 +28,11 @@ class Table(np.ndarray):
         return super().__getitem__(_Masked(key))
 
     def _Selected(self, keys: tuple[Any, ...]) -> Any:
-        """Returns the row that a Number says; nothing finite if there is none."""
+        """Returns the row at an index that is a Number; nan if it is out of bounds.
+
+        Args:
+            keys: The index, and plain indices within the row.
+        """
         index, *others = keys
         is_number = isinstance(index, Number) and not IsBoolean(index)
         if not is_number:
@@ -48,7 +52,10 @@ class Table(np.ndarray):
 
 
 def _Masked(key: Any) -> Any:
-    """Returns an index with the answers for yes or no; each is a way of its own."""
+    """Returns an index in which each symbolic boolean is replaced by its truth.
+
+    For each truth value, the function is traced separately; see tracing.
+    """
     if isinstance(key, tuple):
         return tuple(_Masked(item) for item in key)
     if not HasNumbers(key):
@@ -71,6 +78,7 @@ class Numbers(Dispatched, Table):
     argmax = argmin = searchsorted = property(_NoType)
 
     def __setitem__(self, key: Any, value: Any) -> None:
+        """Writes elements; a symbolic mask selects by Where()."""
         keys = key if isinstance(key, tuple) else (key,)
         if any(isinstance(item, Number) for item in keys):
             raise Untraceable("it writes at an index that depends on numbers")
@@ -80,7 +88,7 @@ class Numbers(Dispatched, Table):
         key = _Masked(key)
         old = _Kinds(Objects(np.asarray(self)[key]))
         new = _Kinds(Objects(value))
-        # An array of yes and no stays one, and so do whole numbers and others.
+        # An array keeps its kind: booleans, whole numbers or floats.
         if bool in old:
             if new != {bool}:
                 raise Untraceable("it writes numbers where yes or no was")
@@ -104,21 +112,22 @@ BOOLEAN = np.frompyfunc(AsBoolean, 1, 1)
 
 
 def Objects(value: Any) -> Any:
-    """Returns a value as an array that numpy takes for one of objects."""
+    """Returns a value as a plain array of objects."""
     CheckPrecision(value)
-    if isinstance(value, np.generic):  # Else its operators call numpy's functions.
+    # The operators of numpy's own numbers would call numpy's functions.
+    if isinstance(value, np.generic):
         value = value.item()
     return np.asarray(np.asarray(value, object))
 
 
 def AsNumbers(value: Any) -> Numbers:
-    """Returns an array as one that Numbers can be written into."""
+    """Returns an array as one into which Numbers can be written."""
     CheckPrecision(value)
     return np.asarray(value, object).view(Numbers)
 
 
 def Result(value: Any) -> Any:
-    """Returns what numpy made of arrays of objects."""
+    """Returns a result of numpy whose arrays of objects are converted to Numbers."""
     if isinstance(value, (tuple, list)):
         return type(value)(Result(item) for item in value)
     if not isinstance(value, np.ndarray) or value.dtype != object:
@@ -127,9 +136,9 @@ def Result(value: Any) -> Any:
 
 
 def Unified(array: Any) -> Any:
-    """Returns an array of one kind of numbers: of yes and no, whole ones, or floats.
+    """Returns an array whose elements are all booleans, whole numbers or floats.
 
-    It is the same array where that is so.
+    A mixed array becomes a copy with floats; any other array is returned unchanged.
     """
     if not isinstance(array, Numbers) or len(_Kinds(array)) < 2:
         return array
@@ -137,12 +146,12 @@ def Unified(array: Any) -> Any:
 
 
 def AsFloats(array: Any) -> Numbers:
-    """Returns a copy of an array in which yes and no and whole numbers are floats."""
+    """Returns a copy of an array with all booleans and whole numbers as floats."""
     return AsNumbers(REAL(np.asarray(array)))
 
 
 def HasNumbers(value: Any) -> bool:
-    """Returns whether a value is a Number, or may have one in it."""
+    """Returns whether a value is a Number or may contain one."""
     if isinstance(value, np.ndarray):
         return isinstance(value, Numbers) or bool(value.dtype == object)
     if isinstance(value, dict):

@@ -1,7 +1,7 @@
-"""Symbolic numbers: each records the operation that made it.
+"""Symbolic numbers, whose operators record operations in a graph.
 
-`tracing` makes a graph of these operations. `symbolic_arrays` has arrays of symbolic
-numbers, and `traced_numpy` defines numpy's functions on both.
+`tracing` defines the graph. `symbolic_arrays` has arrays of symbolic numbers, and
+`traced_numpy` defines numpy's functions on both.
 """
 
 import math
@@ -16,7 +16,7 @@ import numpy as np
 class Untraceable(Exception):
     """Raised for a function that cannot be a graph of operations."""
 
-    place: str = ""  # The function and the line that are to blame.
+    place: str = ""  # The function and the line of the cause.
 
     def __str__(self) -> str:
         """Returns the place and the reason."""
@@ -28,7 +28,7 @@ COMPARISONS = frozenset({"lt", "le", "gt", "ge", "eq", "ne"})
 
 
 def _Operator(operation: str) -> Callable[..., Any]:
-    """Returns the operator of a Symbol that stands for an operation."""
+    """Returns the method of an operator whose first operand is the Symbol."""
 
     def Operator(self: "Symbol", *others: Any) -> Any:
         return self.Operate(operation, self, *others)
@@ -37,7 +37,7 @@ def _Operator(operation: str) -> Callable[..., Any]:
 
 
 def _Reflected(operation: str) -> Callable[..., Any]:
-    """Returns the operator of a Symbol behind another value."""
+    """Returns the method of an operator whose second operand is the Symbol."""
 
     def Operator(self: "Symbol", other: Any) -> Any:
         return self.Operate(operation, other, self)
@@ -46,13 +46,13 @@ def _Reflected(operation: str) -> Callable[..., Any]:
 
 
 class Symbol:
-    """A value whose operators do not compute, but note what is to be computed."""
+    """A value whose operators record an operation instead of computing it."""
 
     __slots__ = ()
 
     @abstractmethod
     def Operate(self, operation: str, *operands: Any) -> Any:
-        """Returns the value of an operation, one of whose operands is the Symbol."""
+        """Records an operation with the Symbol as an operand; returns its value."""
 
     __add__ = _Operator("add")
     __radd__ = _Reflected("add")
@@ -80,13 +80,13 @@ class Symbol:
 
 
 class Ref(NamedTuple):
-    """A node, by its index, as an argument of another one."""
+    """A reference to a node of a graph by its index."""
 
     place: int
 
 
 def KindOf(value: Any) -> type:
-    """Returns what a number is, symbolic or of Python: a bool, an int or a float."""
+    """Returns the kind of a number, symbolic or not: bool, int or float."""
     if isinstance(value, Number):
         return value.kind
     if isinstance(value, (bool, np.bool_)):
@@ -100,7 +100,7 @@ def IsBoolean(value: Any) -> bool:
 
 
 def AsReal(value: Any) -> Any:
-    """Returns a number as a float, of which a yes is 1 and a no is 0."""
+    """Returns a number as a float; a boolean becomes 1 or 0."""
     if not isinstance(value, Number):
         return _AsFloat(value)
     if value.kind is bool:
@@ -119,7 +119,7 @@ def AsBoolean(value: Any) -> Any:
 
 
 def Not(value: Any) -> Any:
-    """Returns the opposite of AsBoolean()."""
+    """Returns the negation of AsBoolean()."""
     value = AsBoolean(value)
     if isinstance(value, Number):
         return value.graph.Add("not", value)
@@ -135,7 +135,7 @@ def IsSame(a: Any, b: Any) -> bool:
 
 
 def CheckPrecision(value: Any) -> None:
-    """Refuses arrays and numbers that round in another way than Python's floats."""
+    """Refuses arrays and numbers of another precision than Python's floats."""
     if not isinstance(value, (np.ndarray, np.generic)):
         return
     dtype = np.asarray(value).dtype
@@ -144,7 +144,7 @@ def CheckPrecision(value: Any) -> None:
 
 
 def _AsFloat(value: Any) -> float:
-    """Returns a number of Python's as a float; refuses values that are no numbers."""
+    """Returns a plain number as a float; refuses one that is not exactly a float."""
     CheckPrecision(value)
     result = float(value)
     if isinstance(value, (int, np.integer)) and result != int(value):
@@ -160,7 +160,7 @@ def _Operand(value: Any) -> Any:
 
 
 def Apply(operation: str, *values: Any) -> Any:
-    """Returns the value of an operation, of which one argument is a Number."""
+    """Records an operation with a Number as an operand; returns its value."""
     graph = None
     operands = []
     for value in values:
@@ -188,13 +188,13 @@ def _Arithmetic(operation: str, a: Any, b: Any) -> Any:
         result = Apply(operation, a, b)
     if float in kinds or not isinstance(result, Number):
         return result
-    # Python's whole numbers have no gaps, as floats have from 2^53 on.
+    # Beyond 2^53, floats do not represent each whole number, as Python's ints do.
     is_exact = abs(result) <= 2.0**53
     return AsWhole(result.graph.Add("select", is_exact, result, math.nan))
 
 
 def _FoldedProduct(a: Any, b: Any) -> Any:
-    """Returns a product that takes no operation; None if it takes one."""
+    """Returns a product with a constant 0 or 1 that needs no operation, else None."""
     for x, y in ((a, b), (b, a)):
         if isinstance(x, Number):
             continue
@@ -207,7 +207,7 @@ def _FoldedProduct(a: Any, b: Any) -> Any:
 
 
 def _Quotient(a: Any, b: Any) -> Any:
-    """Returns a / b."""
+    """Returns a / b; a division by 0.5, 1, 2 or 4 becomes a product, as exact."""
     divisor = None if isinstance(b, Number) else _Operand(b)
     if divisor is not None and abs(divisor) in (0.5, 1.0, 2.0, 4.0):
         return AsReal(a) * (1 / divisor)
@@ -225,7 +225,7 @@ def _Power(a: Any, b: Any) -> Any:
 
 
 def _Logical(operation: str, a: Any, b: Any) -> Any:
-    """Returns whether both of two hold, or one of them; one of them is a Number."""
+    """Returns `and` or `or` of two booleans, one of which is a Number."""
     if not (IsBoolean(a) and IsBoolean(b)):
         return NotImplemented
     number = a if isinstance(a, Number) else b
@@ -233,11 +233,14 @@ def _Logical(operation: str, a: Any, b: Any) -> Any:
 
 
 NUMPY: dict[str, Callable[..., Any]] = {}
-"""What calls functions of numpy: `ufunc` and `function`, see symbolic_arrays."""
+"""The functions that call numpy's functions on Numbers, set by traced_numpy.
+
+They are `ufunc`, for numpy's ufuncs, and `function`, for all others.
+"""
 
 
 class Dispatched:
-    """A value whose functions of numpy are called by those of NUMPY."""
+    """A value on which numpy's functions are called through NUMPY."""
 
     __slots__ = ()
 
@@ -251,12 +254,12 @@ class Dispatched:
 
 
 class Number(Dispatched, Symbol):
-    """A value that a graph computes.
+    """A symbolic number: a node of a graph.
 
     Attributes:
         graph: The tracing.Graph.
         ref: The node.
-        kind: What it is in Python: a bool, an int or a float.
+        kind: The type of the number in Python: bool, int or float.
     """
 
     __slots__ = ("graph", "kind", "ref")
@@ -267,7 +270,7 @@ class Number(Dispatched, Symbol):
         self.kind = kind
 
     def __bool__(self) -> bool:
-        """Returns the answer on the way that is being traced."""
+        """Returns the truth on the way that is being traced; see tracing."""
         return bool(self.graph.Decide(AsBoolean(self).ref))
 
     def __repr__(self) -> str:
@@ -276,8 +279,8 @@ class Number(Dispatched, Symbol):
     __hash__ = None  # type: ignore[assignment]
 
     def Operate(self, operation: str, *operands: Any) -> Any:
-        """Returns the value of an operation, or NotImplemented."""
-        if operation not in _OPERATIONS:  # A quotient without a remainder.
+        """Records an operation; returns its value, or NotImplemented."""
+        if operation not in _OPERATIONS:  # Floor division.
             return NotImplemented
         return _OPERATIONS[operation](*operands)
 

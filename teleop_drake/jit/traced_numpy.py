@@ -40,7 +40,12 @@ from teleop_drake.jit.symbols import (
 
 
 def _Operation(name: str, usual: Callable[..., Any]) -> Callable[..., Any]:
-    """Returns a function that adds an operation to the graph if it gets Numbers."""
+    """Returns a function that records an operation if an argument is a Number.
+
+    Args:
+        name: The name of the operation in the graph.
+        usual: The function for plain numbers.
+    """
 
     def Of(*values: Any) -> Any:
         values = tuple(v.item() if isinstance(v, np.ndarray) else v for v in values)
@@ -50,8 +55,8 @@ def _Operation(name: str, usual: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _Better(is_better: Callable[..., Any]) -> Callable[..., Any]:
-    """Returns numpy's minimum or maximum of two numbers."""
-    # What is not a number stays so.
+    """Returns numpy's minimum() or maximum() of two numbers."""
+    # The result is nan if a or b is nan: `a != a` holds for nan.
     return lambda a, b: Where(is_better(a, b) | (a != a), a, b)
 
 
@@ -62,7 +67,7 @@ def _Opposite(a: Any) -> Any:
 
 
 def _Logical(combine: Callable[..., Any]) -> Callable[..., Any]:
-    """Returns numpy's `and` or `or` of what is zero or not."""
+    """Returns numpy's logical_and() or logical_or() of two numbers."""
     return lambda a, b: combine(AsBoolean(a), AsBoolean(b))
 
 
@@ -114,7 +119,7 @@ def _Array(usual: Callable[..., Any]) -> Callable[..., Any]:
     """Returns a function that makes an array into which Numbers can be written."""
 
     def Call(*arguments: Any, **keywords: Any) -> Any:
-        # The types of Python may have been replaced.
+        # Python's types, such as float, have replacements in traced code.
         arguments = tuple(map(_UsualType, arguments))
         keywords = {name: _UsualType(value) for name, value in keywords.items()}
         if HasNumbers(arguments):
@@ -134,7 +139,7 @@ def _Array(usual: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _UsualType(value: Any) -> Any:
-    """Returns one of Python's types for what has taken its place."""
+    """Returns Python's type for its replacement, and any other value unchanged."""
     has_hash = callable(value) and type(value).__hash__ is not None
     return _USUAL.get(value, value) if has_hash else value
 
@@ -152,15 +157,16 @@ def _SearchSorted(a: Any, x: Any, side: str = "left") -> Any:
 
 
 def _Solve(A: Any, B: Any) -> Any:
-    """Returns A^-1 B by Gauss's elimination, with pivots."""
+    """Returns A^-1 B by Gaussian elimination with partial pivoting."""
     A = Objects(A)
     B = Objects(B)
     n = len(A)
     if A.ndim != 2 or n != A.shape[1]:
         raise Untraceable("np.linalg of no square matrix")
-    # The equations: what is done to a row of A is done to that of B.
+    # The augmented matrix [A B].
     rows = AsNumbers(np.hstack((A, B.reshape(n, -1))))
     for i in range(n):
+        # Exchanges move the largest element of column i at or below row i to row i.
         for j in range(i + 1, n):
             is_larger = abs(rows[j, i]) > abs(rows[i, i])
             upper = Where(is_larger, rows[j], rows[i])
@@ -169,6 +175,7 @@ def _Solve(A: Any, B: Any) -> Any:
         for j in range(i + 1, n):
             pivot = Where(rows[i, i] == 0.0, 1.0, rows[i, i])
             rows[j] = rows[j] - rows[j, i] / pivot * rows[i]
+    # Back substitution.
     solution = rows[:, n:]
     for i in reversed(range(n)):
         for j in range(i + 1, n):
@@ -182,21 +189,21 @@ def _Inverse(A: Any) -> Any:
 
 
 def _Norm(a: Any) -> Any:
-    """Returns the Euclidean norm of a vector, or that of all of a matrix."""
+    """Returns the Euclidean norm of a vector, or the Frobenius norm of a matrix."""
     a = AsNumbers(a)
     return (a * a).sum() ** 0.5
 
 
-# Numpy's dispatch to functions that know Numbers.
+# Numpy's dispatch to functions of Numbers.
 
-# What numpy's own code hands to a ufunc although it means nothing.
+# Keyword arguments that numpy's own code passes with these values, without effect.
 _DEFAULTS = {"where": True, "keepdims": False}
 
 
 def _CallUfunc(
     ufunc: Any, method: str, *inputs: Any, out: Any = None, **keywords: Any
 ) -> Any:
-    """Calls a ufunc of numpy, as __array_ufunc__ has it."""
+    """Calls a ufunc of numpy; the arguments are those of __array_ufunc__()."""
     if method == "reduce":
         result = _Reduced(ufunc, inputs[0], **keywords)
     elif method == "__call__" and ufunc in UFUNCS and not keywords:
@@ -212,7 +219,7 @@ def _CallUfunc(
 def _Reduced(
     ufunc: Any, value: Any, axis: int | None = 0, dtype: Any = None, **keywords: Any
 ) -> Any:
-    """Returns what a ufunc makes of the elements along an axis."""
+    """Returns the reduction of an array by a ufunc along an axis."""
     is_logical = ufunc in (np.logical_and, np.logical_or)
     is_known = ufunc in UFUNCS and (is_logical or dtype is None)
     if not is_known or any(x is not _DEFAULTS.get(n, n) for n, x in keywords.items()):
@@ -221,7 +228,7 @@ def _Reduced(
     reduce = UFUNCS[ufunc].reduce
     if is_logical:
         array = BOOLEAN(array)
-    if ufunc is np.add:  # The sum of yes and no is their number.
+    if ufunc is np.add:  # In a sum, True counts 1.
         array = REAL(array)
     if axis is None:
         return Result(reduce(array.ravel()))
@@ -236,14 +243,14 @@ def _IsUnknown(ufunc: Any, keywords: dict[str, Any]) -> Untraceable:
 def _CallFunction(
     function: Any, types: Any, arguments: Sequence[Any], keywords: dict[str, Any]
 ) -> Any:
-    """Calls another function of numpy, as __array_function__ has it."""
+    """Calls another function of numpy, with the arguments of __array_function__()."""
     if function not in FUNCTIONS:
         raise Untraceable(f"np.{function.__name__}() is not known")
     return FUNCTIONS[function](*arguments, **keywords)
 
 
 def _Structural(function: Any) -> Callable[..., Any]:
-    """Returns a function of numpy that does not care what is in an array."""
+    """Returns a function of numpy that is called with plain arrays of objects."""
 
     def Call(*arguments: Any, **keywords: Any) -> Any:
         arguments = tuple(_Plain(value) for value in arguments)
@@ -264,7 +271,8 @@ def _Plain(value: Any) -> Any:
 NUMPY["ufunc"] = _CallUfunc
 NUMPY["function"] = _CallFunction
 
-# The tables. First the operations of a graph, by numpy's names and by math's.
+# The tables. First the operations of a graph, by their names in numpy; the values are
+# their names in `math` and in the graph.
 _OPERATIONS = {
     "arcsin": "asin", "arccos": "acos", "arctan": "atan", "arctan2": "atan2",
     "sin": "sin", "cos": "cos", "tan": "tan", "sinh": "sinh", "cosh": "cosh",
@@ -286,7 +294,7 @@ _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     np.minimum: _Better(operator.lt), np.maximum: _Better(operator.gt),
     np.invert: _Opposite,
 }  # fmt: skip
-# Of objects, these call the operators.
+# On arrays of objects, these ufuncs call Python's operators.
 _OF_OPERATORS = (
     np.absolute, np.add, np.bitwise_and, np.bitwise_or, np.divide, np.matmul,
     np.multiply, np.negative, np.positive, np.power, np.square, np.subtract,
@@ -300,7 +308,7 @@ UFUNCS: dict[Any, Any] = {
 }
 """The functions that compute the ufuncs of numpy on arrays of objects."""
 
-# What does not care about what is in an array.
+# Functions of numpy that work on arrays of objects.
 _STRUCTURAL = (
     np.append, np.block, np.concatenate, np.copy, np.cross, np.diag, np.dot, np.hstack,
     np.ndim, np.outer, np.ravel, np.reshape, np.shape, np.size, np.split, np.stack,
@@ -309,7 +317,7 @@ _STRUCTURAL = (
 
 
 def _Method(name: str) -> Callable[..., Any]:
-    """Returns the function of numpy that calls a method of the array."""
+    """Returns a function that calls a method of its first argument, an array."""
     return lambda array, *options, **keywords: getattr(AsNumbers(array), name)(
         *options, **keywords
     )
@@ -326,7 +334,7 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
 
 
 class Replacement:
-    """What takes the place of a function, is equal to it, and has its attributes."""
+    """The replacement of a function, which equals it and has its attributes."""
 
     def __init__(self, function: Any, name: str = ""):
         self._function = function
@@ -343,7 +351,7 @@ class Replacement:
 
 
 class OfNumpy(Replacement):
-    """A function of numpy, for which a list of Numbers is an array, too."""
+    """A function of numpy that also takes lists of Numbers."""
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Any:
         """Calls the function."""
@@ -361,7 +369,7 @@ class Refusing(Replacement):
     """A function that is refused with Numbers."""
 
     def __call__(self, *arguments: Any, **keywords: Any) -> Any:
-        """Calls the function where it is not refused."""
+        """Calls the function unless an argument contains Numbers."""
         if HasNumbers(arguments) or HasNumbers(keywords):
             raise Untraceable(f"a call of {self._name}()")
         return self._function(*arguments, **keywords)
@@ -395,7 +403,7 @@ _ARRAYS = (
     np.array, np.asarray, np.empty, np.eye, np.full, np.ones, np.zeros,
 )  # fmt: skip
 
-# Those of Python's functions that take Numbers.
+# The replacements of Python's functions that take Numbers.
 _OF_PYTHON: dict[Any, Any] = {
     float: _Float,
     int: _Whole,
@@ -415,10 +423,10 @@ REPLACED: dict[Any, Any] = {
     np.float64: _Float,
     np.datetime64: Refused(np.datetime64, "np.datetime64"),
 }  # fmt: skip
-"""The replacements of functions that numpy itself gives no means to override."""
+"""The replacements of functions that numpy does not dispatch to Numbers."""
 
-# Those of Python's functions that do not know Numbers, and those that have effects or
-# would show that a value from outside is another object.
+# Python's functions that are refused with Numbers, and those that are always refused,
+# because they have effects or would show that a value from outside has a replacement.
 _KNOWS_NO_NUMBERS = ("hasattr", "getattr")
 _REFUSED = (
     "callable", "compile", "dir", "eval", "exec", "globals", "id", "input", "locals",
@@ -430,6 +438,6 @@ BUILTINS: dict[str, Any] = {
     **{name: Refused(None, name) for name in _REFUSED},
     **{usual.__name__: own for usual, own in _OF_PYTHON.items()},
 }
-"""Python's own functions."""
+"""Python's built-in functions, with replacements, for traced code."""
 
 _USUAL = {own: usual for usual, own in _OF_PYTHON.items()}

@@ -1,18 +1,20 @@
-"""Functions of numbers as graphs of operations, found by calling them.
+"""Traces functions of numbers, by calling them, to graphs of operations.
 
 A function of arrays is called with arrays of `Number`s. Its operations on them are
 recorded as a graph of operations on single numbers, without loops, views, products of
 matrices and calls of helpers.
 
-Where a function branches on a comparison, it is called once for each result. The
-results form a tree, and the graph selects the value of the one leaf whose conditions
-hold. All leaves are computed. A helper that takes and returns single numbers is merged
-by itself, so that the numbers of its leaves and of its caller's add up. The conditions
-of other helpers become conditions of the caller, and the numbers of leaves multiply.
+Where a function branches on a comparison, it is called once for each result. Each such
+call follows one way through the function, with its answers to the conditions (the
+comparisons) that it meets. The ways form a tree, and the graph selects the result of
+the one leaf whose conditions hold. All leaves are computed. The ways of a helper that
+takes and returns single numbers are merged before its caller goes on, so that the
+numbers of the helper's and the caller's leaves add up. The conditions of other helpers
+become conditions of the caller, and the numbers of leaves multiply.
 
 A function is refused if it catches errors, changes values outside of it, or passes
 Numbers to functions that are unknown here. Where Python would raise an error, for
-example for an index that is too large, the number is nan.
+example for an index that is too large, the result is nan.
 """
 
 import functools
@@ -54,7 +56,7 @@ _MAX_NODES = 100_000
 
 _NUMBERS = (Number, int, float, np.generic)
 
-# Types of which one value is no part of another one.
+# Types of values that contain no other values, and that a helper cannot change.
 _SINGLE = (*_NUMBERS, str, type(None))
 
 _TOO_MANY_CASES = "there are too many cases, as in a loop until numbers have converged"
@@ -75,23 +77,25 @@ class Node(NamedTuple):
 
 
 _Path = list[tuple[Ref, bool]]
-"""The conditions of a way through a function, with their answers."""
+"""The conditions of one way through a function, in their order, with their answers."""
 
 
 class _Way(NamedTuple):
-    """A way through a function, and what the function returns there."""
+    """A way through a function, and the result of the function on this way."""
 
     path: _Path
     result: Any
 
 
 class _Assumed(NamedTuple):
-    """What is assumed on the way that is being traced.
+    """The answers to conditions on the way that is being traced.
 
     Attributes:
-        answers: The answers to conditions, also to those of callers.
-        path: The conditions in the order in which they were met, with their answers.
-        forced: The answers to the first of them; to all others it is yes.
+        answers: The answers to the conditions of the function and of its callers.
+        path: The function's conditions in the order in which they were met, with their
+            answers.
+        forced: The prescribed answers to the first conditions of `path`. The answer to
+            every later one is True.
     """
 
     answers: dict[Ref, bool]
@@ -101,12 +105,13 @@ class _Assumed(NamedTuple):
 
 @dataclass
 class Graph:
-    """Operations, none of them twice.
+    """A graph of operations, in which equal operations are one node.
 
     Attributes:
-        is_given_finite: Whether the arguments are finite, so that 0 times one is 0.
+        is_given_finite: Whether the arguments of the traced function are finite, so
+            that 0 times an argument is 0.
         nodes: The operations, each after its arguments.
-        followed: The traced functions, by the functions that they replace.
+        followed: The replacements of traced functions, keyed by the functions.
         codes: The code of the traced functions, which may operate on Numbers.
     """
 
@@ -118,11 +123,16 @@ class Graph:
     _infinite: set[int] = field(default_factory=set)
     # Whether the function that is being traced is one of the package.
     _is_of_package: bool = True
-    # None outside of functions.
+    # None while no function is being traced.
     _assumed: _Assumed | None = None
 
     def Add(self, operation: str, *arguments: Any) -> "Number":
-        """Returns the value of an operation on numbers, also those of Python."""
+        """Adds an operation to the graph, unless it is there; returns its value.
+
+        Args:
+            operation: The name of the operation; see Node.
+            arguments: Numbers of the graph, and plain numbers; see Node for "load".
+        """
         operands: list[Any] = []
         for value in arguments:
             if isinstance(value, Number):
@@ -130,7 +140,7 @@ class Graph:
                     raise Untraceable("it keeps a number from another call")
                 operands.append(value.ref)
             elif value == 0.0 and str(value) == "-0.0" and operation != "neg":
-                # Else it would be taken for 0.0.
+                # As a constant, -0.0 would be equal to 0.0 and share its node.
                 operands.append(self.Add("neg", 0.0).ref)
             else:
                 operands.append(value)
@@ -183,7 +193,7 @@ class Graph:
             frame = frame.f_back
 
     def Decide(self, condition: Ref) -> bool:
-        """Returns the truth of a condition on the branch that is being traced."""
+        """Returns the answer to a condition on the way that is being traced."""
         assumed = self._assumed
         if assumed is None:
             raise Untraceable("a condition stands outside of a function")
@@ -204,7 +214,10 @@ class Graph:
         arguments: tuple[Any, ...],
         keywords: dict[str, Any],
     ) -> Any:
-        """Returns what a function returns, merged over all ways through it."""
+        """Calls a function; returns its result, merged over all ways through it.
+
+        The ways of a helper may be left to its caller; see _CallOfNumbers().
+        """
         was_of_package = self._is_of_package
         self._is_of_package = _IsOfPackage(function)
         try:
@@ -218,7 +231,7 @@ class Graph:
             self._is_of_package = was_of_package
 
     def _CallLaw(self, call: Callable[[], Any]) -> Any:
-        """Calls a function that has no caller, each way with copies of its arrays."""
+        """Calls the outermost function, with new copies of its arrays on each way."""
         with np.errstate(all="ignore"):
             ways = self._EachWay(call)
             if len(ways) == 1:
@@ -229,9 +242,10 @@ class Graph:
             return _Merged(self, ways)
 
     def _CallOfNumbers(self, call: Callable[[], Any]) -> Any:
-        """Calls a helper that takes single values, and can have no other effects.
+        """Calls a helper whose arguments are single values, which it cannot change.
 
-        Unless it returns single numbers, its branches become branches of its caller.
+        If it returns single numbers, its ways are merged here. Otherwise its conditions
+        become conditions of its caller.
         """
         ways = self._EachWay(call)
         results = [way.result for way in ways]
@@ -261,7 +275,10 @@ class Graph:
 
 
 def _NextWay(path: _Path) -> list[bool] | None:
-    """Returns the first answers of the way after one; None after the last."""
+    """Returns the prescribed answers of the next way; None after the last way.
+
+    They are those of the given way until its last True, which becomes False.
+    """
     answers = [answer for _, answer in path]
     while answers and not answers[-1]:
         answers.pop()
@@ -278,13 +295,13 @@ def _IsOfPackage(function: FunctionType) -> bool:
 
 @functools.cache
 def _IsOwn(code: CodeType) -> bool:
-    """Returns whether code is of this folder or of numpy."""
+    """Returns whether code is in a file of this folder or of numpy."""
     folders = Path(__file__).parent, Path(np.__file__).parent
     return any(folder in Path(code.co_filename).parents for folder in folders)
 
 
 def _Copied(value: Any) -> Any:
-    """Returns a value with copies of the arrays in it that may be changed."""
+    """Returns a value in which writable arrays are replaced by copies."""
     if isinstance(value, np.ndarray):
         return value.copy() if value.flags.writeable else value
     if isinstance(value, tuple):
@@ -296,8 +313,8 @@ def _Merged(graph: Graph, ways: Sequence[_Way], depth: int = 0) -> Any:
     """Returns the result of the one way whose conditions hold.
 
     Args:
-        ways: Those with the same answers to the first conditions.
-        depth: The number of these.
+        ways: Ways that have the same answers to their first conditions.
+        depth: The number of these first conditions.
     """
     path, result = ways[0]
     if len(path) == depth:

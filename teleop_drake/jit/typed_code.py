@@ -1,12 +1,13 @@
-"""Loops over arrays as LLVM's code, from the part of Python used by the integrator.
+"""Translates functions with loops over arrays, such as the integrator, to LLVM's code.
 
-It consists of numbers, arrays, named tuples of arrays, loops, conditions, and calls of
-functions in the same style. Types follow from the arguments, and a variable has one
-type. Other code is an error, to which a note with its line is added.
+The functions must be written in a part of Python: numbers, arrays, named tuples of
+arrays, loops, conditions, and calls of functions in the same part. Types follow from
+the arguments, and a variable has one type. Other code raises an error with a note that
+names its line.
 
-Statements that decide where a function continues are translated here. Python itself
-executes all other statements and expressions, with `Value`s in the place of numbers and
-arrays: each operation on a Value writes its instruction.
+Statements of control flow are translated here. Python itself executes all other
+statements and expressions, with `Value`s in the place of numbers and arrays: each
+operation on a Value writes its instruction.
 """
 
 import ast
@@ -43,8 +44,9 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
     """Returns a function and all that it calls as LLVM's code.
 
     Args:
-        function: The function. It ends at an index that is out of bounds, and the
-            variable `fault` then points to the function's name and the line.
+        function: The function. The compiled function ends at an index that is out of
+            bounds, and the variable `fault` then points to the function's name and the
+            line.
         types: The types of its arguments. A named tuple is a pointer to its Header().
 
     Raises:
@@ -63,14 +65,19 @@ def MakeTypedCode(function: FunctionType, types: Sequence[Type]) -> str:
 
 
 def CompileTyped(function: Any, types: tuple[Type, ...]) -> TypedFunction:
-    """Returns a function in machine code, which is kept in the user's cache."""
+    """Returns a function in machine code, which is stored in the user's cache."""
     name = function.__name__
     data = Kept(name, MakeTypedCode(function, types))
     return TypedFunction(Library(data, name, "fault"), name)
 
 
 class _Module:
-    """The definitions of functions and constants."""
+    """The definitions of functions and constants in LLVM's language.
+
+    Attributes:
+        constants: The definitions of constants by their names.
+        functions: The definitions of functions, each after those that it calls.
+    """
 
     def __init__(self) -> None:
         self.constants: dict[str, str] = {}
@@ -80,7 +87,7 @@ class _Module:
     def Compile(
         self, function: FunctionType, types: tuple[Type, ...], linkage: str = "internal"
     ) -> tuple[str, Type]:
-        """Returns the name of a function for types, and what it returns."""
+        """Returns the name of a function for argument types, and its result's type."""
         key = function, types
         if key not in self._known:
             code = _Function(self, function, types)
@@ -121,7 +128,11 @@ def _BodyOf(function: FunctionType) -> list[ast.stmt]:
 
 
 class _Function(ValueWriter):
-    """The code of one function for types of arguments, and the type of its result."""
+    """The code of one function for given types of its arguments.
+
+    Attributes:
+        result: The type of the function's result.
+    """
 
     def __init__(
         self, module: _Module, function: FunctionType, types: tuple[Type, ...]
@@ -132,7 +143,7 @@ class _Function(ValueWriter):
         self._function = function
         self._variables = Variables(self)
         self._is_open = True
-        # Where `continue` and `break` go.
+        # The labels to which `continue` and `break` jump, for each enclosing loop.
         self._loops: list[tuple[str, str]] = []
         self._line = function.__code__.co_firstlineno
         self._names = self._Outside()
@@ -151,7 +162,7 @@ class _Function(ValueWriter):
             self.lines.append("  ret void")
 
     def Text(self, name: str, linkage: str) -> str:
-        """Returns the definition."""
+        """Returns the definition of the function."""
         arguments = ", ".join(self._arguments)
         head = f"define {linkage} {self.result} @{name}({arguments}) {{"
         value = "" if self.result == NOTHING else " zeroinitializer"
@@ -161,10 +172,10 @@ class _Function(ValueWriter):
     def _Where(self) -> str:
         return f"{self._function.__name__}(), line {self._line}"
 
-    # What the code has from outside.
+    # Names from outside of the function.
 
     def _Outside(self) -> dict[str, Any]:
-        """Returns what Python executes the function's statements with."""
+        """Returns the globals with which Python executes the function's statements."""
         known = {
             "abs": abs,
             "float": functools.partial(self._Converted, FLOAT),
@@ -233,7 +244,7 @@ class _Function(ValueWriter):
         return [self.NewName() for _ in range(number)]
 
     def _Label(self, label: str) -> None:
-        """Begins a block, into which the one before goes on if it has no end."""
+        """Begins a block; the block before it jumps there if it has no end yet."""
         self._Jump(label)
         self.lines.append(f"{label}:")
         self._is_open = True
@@ -302,6 +313,7 @@ class _Function(ValueWriter):
     def _If(
         self, test: ast.expr, body: Sequence[ast.stmt], orelse: Sequence[ast.stmt]
     ) -> None:
+        """Writes both branches of an `if`, and the block in which they meet again."""
         yes, no, end = self._NewLabels(3)
         self._Branch(self._Truth(test), yes, no)
         ends_open = False
@@ -314,7 +326,7 @@ class _Function(ValueWriter):
             self._Label(end)
 
     def _Loop(self, test: Callable[[], str], body: Callable[[], None]) -> None:
-        """Writes a loop from what writes its condition and what writes its body."""
+        """Writes a loop, with functions that write its condition and its body."""
         head, inner, end = self._NewLabels(3)
         self._Label(head)
         self._Branch(test(), inner, end)
@@ -332,7 +344,7 @@ class _Function(ValueWriter):
 
         Args:
             name: The variable of the loop.
-            limits: Before which number the loop ends, or the first number and that.
+            limits: The arguments of range(): the end, or the begin and the end.
         """
         if len(limits) > 2:
             raise TypeError("a range with steps")
@@ -354,7 +366,8 @@ class _Function(ValueWriter):
     def _Evaluate(self, node: ast.expr) -> Any:
         """Returns the value of an expression.
 
-        Python evaluates all but `and`, `or` and `not`, which ask for the truth.
+        Python evaluates all expressions but `and`, `or` and `not`, which need the truth
+        of a Value.
         """
         match node:
             case ast.BoolOp():
@@ -372,7 +385,7 @@ class _Function(ValueWriter):
         return str(value._operand)
 
     def _Logic(self, node: ast.BoolOp) -> Value:
-        """Returns the result of `and` or `or`, which ask no more than they have to."""
+        """Writes `and` or `or`, with branches past operands that do not matter."""
         name = f"%{self.NewName()}"
         end = self.NewName()
         for operand in node.values:

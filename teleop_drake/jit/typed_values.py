@@ -1,6 +1,6 @@
-"""Numbers and arrays in LLVM's code, which write what Python does with them.
+"""Numbers and arrays in LLVM's code, whose operations in Python write instructions.
 
-typed_code has the statements.
+typed_code translates the statements.
 """
 
 from abc import abstractmethod
@@ -30,10 +30,10 @@ class ArrayType(NamedTuple):
 
 
 class TupleType(NamedTuple):
-    """A named tuple: a pointer to eight bytes for each number in its arrays' headers.
+    """A named tuple: a pointer to its header, with eight bytes for each number.
 
     Attributes:
-        fields: Names and types.
+        fields: The names and types of the fields.
     """
 
     fields: tuple[tuple[str, Any], ...]
@@ -77,13 +77,13 @@ def _NumSlots(kind: Type) -> int:
 class Value(Symbol):
     """A number, an array, a named tuple or a function `evaluate` in LLVM's code.
 
-    The fields of a named tuple are attributes of its Value. Other attributes therefore
-    begin as no field does.
+    The fields of a named tuple are attributes of its Value. The names of the Value's
+    own attributes therefore begin with an underscore, as those of fields cannot.
 
     Args:
-        code: The function in whose code it is.
-        kind: Its type.
-        operand: Its name in LLVM, or a constant.
+        code: The writer of the function to which the Value belongs.
+        kind: The type of the Value.
+        operand: The name of the Value in LLVM's language, or a constant.
     """
 
     __slots__ = ("_code", "_kind", "_operand")
@@ -97,7 +97,7 @@ class Value(Symbol):
         raise TypeError("the truth of a number within an expression")
 
     def Operate(self, operation: str, *operands: Any) -> "Value":
-        """Writes an operation on numbers, which are floats if one of them is."""
+        """Writes an operation on numbers; all are converted to floats if one is."""
         code = self._code
         values = [code.AsValue(operand) for operand in operands]
         is_float = any(value._kind == FLOAT for value in values)
@@ -120,7 +120,7 @@ class Value(Symbol):
         raise TypeError(f"the attribute {name}")
 
     def __getitem__(self, key: Any) -> "Value":
-        """Returns an element of an array, or the array of fewer dimensions there."""
+        """Returns an element of an array, or a part with fewer dimensions."""
         code = self._code
         pointer, rest = self._At(key)
         if not rest:
@@ -136,11 +136,11 @@ class Value(Symbol):
         self._code.Store(kind, self._code.As(kind, value), pointer)
 
     def Part(self, k: int) -> str:
-        """Returns the pointer of an array, or one of its dimensions, from 1 on."""
+        """Returns the pointer of an array (k = 0), or its dimension k, from 1 on."""
         return self._code.Do(f"extractvalue {TextOf(self._kind)} {self._operand}, {k}")
 
     def _At(self, key: Any) -> tuple[str, list[str]]:
-        """Returns the pointer to what is at an index, and its dimensions.
+        """Returns the pointer to the item or part at an index, and its dimensions.
 
         The index has to be within the array. An index below 0 is out of bounds here.
         """
@@ -170,7 +170,7 @@ class Value(Symbol):
         code.lines.append(f"  call void {self._operand}({arguments})")
 
 
-# Operations on numbers, and those of them that take floats alone.
+# Operations that convert all numbers to floats, and all operations on numbers.
 _OF_FLOATS = frozenset({"div", "pow", "neg", "fabs"})
 _OF_NUMBERS = COMPARISONS | _OF_FLOATS | {"add", "sub", "mul"}
 
@@ -179,7 +179,7 @@ class Variables(dict[str, tuple[Type, str]]):
     """The types of a function's variables, and their places in memory.
 
     Attributes:
-        lines: What reserves the memory.
+        lines: The instructions that reserve the memory.
     """
 
     def __init__(self, code: "ValueWriter"):
@@ -188,7 +188,7 @@ class Variables(dict[str, tuple[Type, str]]):
         self._code = code
 
     def __getitem__(self, name: str) -> Any:
-        """Returns the present value of a variable."""
+        """Returns the current value of a variable."""
         return self._code.Load(*super().__getitem__(name))
 
     def __setitem__(self, name: str, value: Any) -> None:
@@ -204,14 +204,14 @@ class Variables(dict[str, tuple[Type, str]]):
 
 
 class ValueWriter(CodeWriter):
-    """Writes what Values need."""
+    """Writes the instructions of Values."""
 
     @abstractmethod
     def Demand(self, condition: str) -> None:
         """Ends the function with an error unless a condition holds."""
 
     def AsValue(self, value: Any) -> Value:
-        """Returns a number of Python's as a constant."""
+        """Returns a value as a Value; a plain number becomes a constant."""
         if isinstance(value, Value):
             return value
         if not isinstance(value, (bool, int, float)):
@@ -219,7 +219,7 @@ class ValueWriter(CodeWriter):
         return Value(self, TypeOf(value), ConstantText(value))
 
     def As(self, kind: Type, value: Any) -> str:
-        """Returns the operand of a number as one of a type."""
+        """Returns the operand of a number, converted to a type."""
         value = self.AsValue(value)
         if value._kind == kind:
             return str(value._operand)
@@ -228,18 +228,18 @@ class ValueWriter(CodeWriter):
         raise TypeError(f"a variable is {kind} and {value._kind}")
 
     def Array(self, kind: Type, pointer: str, *dimensions: str) -> Value:
-        """Returns an array."""
+        """Returns an array with a pointer and dimensions."""
         array = "poison"
         for k, part in enumerate([f"ptr {pointer}", *[f"i64 {x}" for x in dimensions]]):
             array = self.Do(f"insertvalue {TextOf(kind)} {array}, {part}, {k}")
         return Value(self, kind, array)
 
     def Load(self, kind: Type, pointer: str) -> Value:
-        """Returns the value of a type that is in memory."""
+        """Returns the value of a type at a place in memory."""
         return Value(self, kind, self.Do(f"load {TextOf(kind)}, ptr {pointer}"))
 
     def Field(self, kind: Type, header: str, place: int) -> Value:
-        """Returns the array or the named tuple at a place in a header."""
+        """Returns the field of a named tuple at a place in its header."""
         pointer = self.Do(f"getelementptr i64, ptr {header}, i64 {place}")
         if isinstance(kind, TupleType):
             return Value(self, kind, pointer)

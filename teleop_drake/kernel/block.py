@@ -1,4 +1,4 @@
-"""Blocks whose computation is described once, by a kernel."""
+"""Blocks of Drake whose callbacks and events are made from a kernel."""
 
 import functools
 import math
@@ -31,7 +31,7 @@ from teleop_drake.validation import Refuse
 
 
 class _Rated:
-    """The time derivatives of a block whose kernel has a rate."""
+    """A base class with the time derivatives of a block whose kernel has a rate."""
 
     _kernel_rate: ValueIn | None = None
 
@@ -42,12 +42,12 @@ class _Rated:
 
 
 class DualBlock(_Rated, LeafSystem_[AutoDiffXd]):
-    """A block of AutoDiffXd with the ports, the state and the terms of another block.
+    """The AutoDiffXd version of a block: its ports, state and terms, but no events.
 
-    An output that the other block delays raises a ValueError when it is evaluated.
+    A delayed output raises a ValueError when it is evaluated.
 
     Args:
-        other: A block with a method Kernel(). Its events are left out.
+        other: The block of float, which has a method Kernel().
     """
 
     is_compiled = False
@@ -77,10 +77,10 @@ class DualBlock(_Rated, LeafSystem_[AutoDiffXd]):
 
 
 def _NoDelay(path: str) -> ValueIn:
-    """Returns what raises a ValueError for a delayed output of a block of AutoDiffXd.
+    """Returns the function of a DualBlock's delayed output, which raises a ValueError.
 
     Args:
-        path: Path of the block that it was converted from.
+        path: Path of the block from which the DualBlock was converted.
     """
 
     def Raise(context: Context) -> Any:
@@ -99,8 +99,9 @@ def _DeclareTerms(
     """Declares the output ports of a block, and the rate of its state.
 
     Args:
-        sizes: The sizes of the outputs.
-        delayed: The values of the delayed outputs, and what they depend on.
+        sizes: The width of each output port by its name, in the order of the ports.
+        delayed: The functions that evaluate the delayed outputs, and their
+            prerequisites, by the names of the outputs.
     """
     outputs = dict(delayed)
     for output, term in kernel.outputs.items():
@@ -145,7 +146,7 @@ class KernelBlock(_Rated, EventBlock):
     AutoDiffXd, which support the functions of NumPy but not those of `math`.
 
     Attributes:
-        delays: The delay lines of the block, each with the samples under way.
+        delays: The delay lines of the block; their samples are in its Contexts.
         longest_step: The longest step in s that the solver may take.
         optional_inputs: Names of the inputs that are zero as long as nothing is
             connected to them and they have no value.
@@ -182,7 +183,7 @@ class KernelBlock(_Rated, EventBlock):
 
     @abstractmethod
     def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
+        """Returns the description of the block's computation."""
 
     def DeclareOutputs(self, **sizes: int) -> None:
         """Declares the output ports, the rate of the state, and the events.
@@ -207,11 +208,12 @@ class KernelBlock(_Rated, EventBlock):
         self._is_declaring = False
 
     def WatchRates(self, simulator: Any, look: Callable[[Any], None]) -> None:
-        """Has a function called before each evaluation of the time derivatives.
+        """Registers a function to call before each evaluation of the time derivatives.
 
         Args:
-            simulator: The Simulator whose steps are watched. It is not kept alive.
-            look: Takes the Simulator; must not refer to it.
+            simulator: The Simulator, to which only a weak reference is stored.
+            look: The function, whose argument is the Simulator. It must not hold a
+                reference to the Simulator.
         """
         self._watching[simulator] = look
 
@@ -229,7 +231,7 @@ class KernelBlock(_Rated, EventBlock):
     def NextJumpTime(self, context: Context) -> float:
         """Returns when a sampled or delayed signal jumps next, s; infinity: never.
 
-        A step that ends at this very time is not disturbed by the jump.
+        A step that ends at this very time uses the values before the jump.
         """
         times = [line.NextJumpTime(context) for line in self.delays]
         times += [x.After(context.get_time()) for x in self.ticks]
@@ -241,7 +243,7 @@ def _Noting(declare: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(declare, assigned=("__name__",))
     def Declare(block: KernelBlock, *arguments: Any, **options: Any) -> Any:
-        """Declares what LeafSystem's method does, and records the call."""
+        """Calls the method, and records the call unless the kernel causes it."""
         if not block._is_declaring and EndStep not in arguments:
             block.other_events = (*block.other_events, declare.__name__)
         return declare(block, *arguments, **options)
@@ -321,12 +323,16 @@ class FixedBlock(KernelBlock):
         self.DeclareOutputs(**outputs)
 
     def Kernel(self) -> Kernel:
-        """Returns what the block computes; see kernel."""
+        """Returns the kernel that was given."""
         return self._kernel
 
 
 def _Callback(block: Any, value: ValueIn) -> Callable[[Context, BasicVector], None]:
-    """Returns a callback that calculates an output port; its errors name the block."""
+    """Returns a callback that calculates an output port.
+
+    Its argument `block` is unused: simulation/failures.py finds it in the traceback of
+    an error, whose message can then name the block.
+    """
     of = weakref.ref(block)
 
     def SetOutput(context: Context, output: BasicVector, block: Any = of) -> None:

@@ -1,4 +1,4 @@
-"""Continuous delays in Drake, made from the Delays of a kernel."""
+"""Delays of continuous signals in Drake, made from the Delays of a kernel."""
 
 import math
 from bisect import bisect_left, bisect_right
@@ -26,24 +26,25 @@ from teleop_drake.validation import Refuse
 # Drake stretches a step by up to one per cent to end it on an event.
 _STRETCH = 0.011
 
-# Keys are multiples of this number of seconds, so that both sides of a jump have equal
-# keys although t - T(t) is rounded. Keys are exact for times up to some hours.
+# The keys of a delay that varies are multiples of this number of seconds, so that both
+# sides of a jump have equal keys although t - T(t) is rounded. Keys are exact for times
+# up to some hours.
 _KEY_STEP = 2.0**-36
 
 CLOSE = 2 * _KEY_STEP
-"""Times of samples closer together than this, in s, are one."""
+"""Times of samples that differ by less than this, in s, count as equal."""
 
-# Dense enough for the motion of hands and haptic devices.
+# In s; dense enough for the motion of hands and haptic devices.
 _DEFAULT_SAMPLE_INTERVAL = 0.01
 
 
 @dataclass(frozen=True)
 class SentSignal:
-    """What a delay line has been sent until some time.
+    """The input signal of a delay line up to some time.
 
     Attributes:
-        history: Its samples.
-        shift: Their keys less the times when they were taken, s.
+        history: The samples of the signal.
+        shift: The key of each sample minus the time when it was taken, s.
     """
 
     history: SampleHistory
@@ -51,7 +52,7 @@ class SentSignal:
 
     @property
     def times(self) -> Array:
-        """When the samples were taken, s; equal ones mark a jump."""
+        """The times when the samples were taken, s; two equal times mark a jump."""
         return np.array(self.history.times) - self.shift
 
     def At(self, time: float, *, is_after: bool) -> Array:
@@ -79,11 +80,11 @@ class DelayLine:
     both sides of the jump, and the output jumps exactly a delay later. At that very
     instant the output keeps the value before the jump until the step that ends there is
     complete: a step that ends at NextJumpTime() is integrated on one side of the jump.
-    Drake executes all discrete updates of an instant together. This block therefore
-    records their jumps only if its own update is executed once more at that instant.
-    The Simulator of MakeSimulator() does so where a block has periodic discrete updates
-    of one period. Otherwise a jump made by a discrete update is recorded at the end of
-    the step that follows it.
+    Drake executes all discrete updates of an instant together, and the delay line's own
+    update is one of them. A jump made by another one is therefore recorded at that
+    instant only if the delay line's update is executed once more. The Simulator of
+    MakeSimulator() does so if a block has periodic discrete updates of one period.
+    Otherwise the jump is recorded at the end of the next step.
 
     The samples are stored under ascending keys, which are times in s: the time of
     arrival if the delay is constant, else the time when the sample was taken. The
@@ -101,8 +102,8 @@ class DelayLine:
     Args:
         block: The block, which has declared its inputs and its parameters.
         delay: The delay in the block's kernel.
-        parameter: The name of the block's parameter that is the constant delay; empty
-            if the delay varies.
+        parameter: The name of the block's parameter that is the constant delay; not
+            used if the delay varies.
     """
 
     def __init__(self, block: Any, delay: Delay, parameter: str):
@@ -127,7 +128,7 @@ class DelayLine:
         block.DeclarePerStepDiscreteUpdateEvent(Weakly(self._RecordAfterEvents))
 
     def IsUnderWay(self, context: Context) -> bool:
-        """Returns whether anything has been sent."""
+        """Returns whether a sample has been stored."""
         return bool(self._GetHistory(context).times)
 
     def LongestStep(self, context: Context) -> float:
@@ -179,7 +180,10 @@ class DelayLine:
         return history.eval(key)
 
     def _Keys(self, context: Context) -> tuple[float, float]:
-        """Returns the keys of the samples that are taken and delivered now."""
+        """Returns the keys of the sample that is taken now and of that delivered now.
+
+        They are the keys at the time of the Context; see _KeysAt().
+        """
         return _KeysAt(context.get_time(), self._DelayIn(context))
 
     def _FetchTime(self, key: float) -> float:
@@ -188,6 +192,7 @@ class DelayLine:
         end = self._delay.end
         if not callable(delay) or key == math.inf:
             return key
+        # The solution t of t - T(t) = key: an interval that contains it, and bisection.
         early = key
         late = min(key + delay(key), end)
         while late - delay(late) < key:
@@ -244,13 +249,13 @@ class DelayLine:
         return not callable(self._delay.time)
 
     def Sent(self, context: Context) -> SentSignal:
-        """Returns what has been sent until the time of a Context."""
+        """Returns the input signal up to the time of a Context."""
         delay = self._DelayIn(context)
         shift = 0.0 if callable(delay) else delay
         return SentSignal(self._HistoryNow(context), shift)
 
     def JumpsAhead(self, context: Context) -> list[float]:
-        """Returns when jumps and bends arrive from the time of a Context on, s."""
+        """Returns the times in s, from a Context's on, when jumps and bends arrive."""
         _, now = self._Keys(context)
         keys = self._HistoryNow(context).jumps_after(now - CLOSE)
         return [self._FetchTime(key) for key in keys]
@@ -258,16 +263,18 @@ class DelayLine:
     def SetSent(
         self, context: Context, times: Array, values: Array, bends: Sequence[float]
     ) -> None:
-        """Sets what was sent before the time of a Context.
+        """Sets the input signal before the time of a Context.
 
         Args:
-            times: Of samples of the signal, s, ascending (k); equal ones mark a jump.
-                Those from the time of the Context on are left out.
+            times: The times of the samples, s, ascending (k); two equal times mark a
+                jump. Samples from the time of the Context on are left out.
             values: The samples (k, size).
-            bends: When steps have to end, because a jump or a bend arrives, s.
+            bends: The times in s when a jump or a bend arrives, so that a step has to
+                end.
         """
         delay = self._DelayIn(context)
         end = context.get_time()
+        # Leave out a sample that repeats the one before.
         is_new = np.append(True, np.diff(times) > CLOSE)
         is_new[1:] |= (values[1:] != values[:-1]).any(axis=1)
         is_kept = is_new & (times < end - CLOSE)
@@ -276,6 +283,7 @@ class DelayLine:
         keys = [_KeysAt(time, delay) for time in times[is_kept].tolist()]
         taken = [key for key, _ in keys]
         _, now = keys[-1]
+        # Keep the samples ahead, and some before them for the polynomials.
         first = max(0, bisect_left(taken, now) - NUM_KEPT)
         history = SampleHistory(
             times=tuple(taken[first:]),
@@ -314,7 +322,7 @@ def _SampleInterval(max_sample_interval: float | None, shortest: float) -> float
 def _KeysAt(
     time: float, delay: float | Callable[[float], float]
 ) -> tuple[float, float]:
-    """Returns the keys of the samples that are taken and delivered at a time in s.
+    """Returns the keys of the sample taken and of the sample delivered at a time in s.
 
     Keys of a delay that varies are rounded to multiples of _KEY_STEP.
     """

@@ -1,9 +1,9 @@
 """Drake's events of blocks: periodic updates, and the transitions of a kernel.
 
-All periodic updates use the values before their instant. Drake computes the times of
-periodic events in floating point, and 15 * 0.02 is less than 3 * 0.1. If two blocks
-sample every 20 and 100 ms, rounding would therefore decide whether the second one reads
-the value before or after the first one's update.
+All periodic updates declared here use the values before their instant. With Drake's own
+periodic events, this would depend on rounding: their times are computed in floating
+point, and 15 * 0.02 is less than 3 * 0.1. If two blocks sample every 20 and 100 ms, the
+second one would read the value either before or after the first one's update.
 """
 
 import inspect
@@ -37,15 +37,15 @@ _ONCE = 1e12
 
 
 def Weakly(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Returns a function that calls another one and does not keep it alive.
+    """Returns a function that calls another one through a weak reference.
 
-    Drake keeps the functions of a witness or a cache entry where Python's garbage
-    collector does not see them, so a system that hands in its own methods is never
-    collected, nor the Diagram that it is in. Drake calls them only while the system
-    lives.
+    Drake stores the functions of a witness or a cache entry where Python's garbage
+    collector does not find them. With strong references to methods of a system, neither
+    the system nor its Diagram would ever be collected. Drake calls the functions only
+    during the lifetime of the system.
 
     Args:
-        function: A method of the system, or a function that the system keeps.
+        function: A method of the system, or a function that the system refers to.
     """
     is_method = inspect.ismethod(function)
     reference = (weakref.WeakMethod if is_method else weakref.ref)(function)
@@ -60,7 +60,10 @@ def Weakly(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @dataclass(frozen=True)
 class Ticks:
-    """The instants offset + k period in s, k = 0, 1, ...; one if period is infinite."""
+    """The instants offset + k period in s, k = 0, 1, ...
+
+    There is one instant if the period is infinite.
+    """
 
     period: float
     offset: float = 0.0
@@ -87,7 +90,7 @@ class Ticks:
 
 
 def EndStep(context: Context) -> EventStatus:
-    """Does nothing. Its event makes a step of the solver end there."""
+    """Does nothing; the solver ends a step at the instant of its event."""
     return EventStatus.DidNothing()
 
 
@@ -130,11 +133,11 @@ class EventBlock(LeafSystem):
 
     | in a transition      | in Drake                                                |
     |----------------------|---------------------------------------------------------|
-    | guard                | a witness, where the Context has an accuracy, and a     |
-    |                      | discrete update at the end of each step where the guard |
-    |                      | has jumped                                              |
+    | guard                | a witness function, if the Context has an accuracy; and |
+    |                      | a discrete update at the end of a step where the guard  |
+    |                      | is at least 0, as after a jump                          |
     | period               | an update at each tick, see DeclareTicks()              |
-    | mode that stays      | steps that end there                                    |
+    | period, mode "mode"  | no update: a step of the solver ends at each tick       |
 
     Attributes:
         has_guards: Whether a transition has a guard.
@@ -146,7 +149,7 @@ class EventBlock(LeafSystem):
     ticks: Sequence[Ticks] = ()
     discrete_ticks: Sequence[Ticks] = ()
     # The guards with the new modes, their witness functions, and the functions to which
-    # Drake refers weakly.
+    # Drake has weak references only.
     _kernel_guards: Sequence[tuple[ValueIn, ValueIn]] = ()
     _kernel_witnesses: Sequence[WitnessFunction] = ()
     _kernel_callbacks: Sequence[Callable[..., Any]] = ()
@@ -192,7 +195,7 @@ class EventBlock(LeafSystem):
         return Weakly(function)
 
     def _DeclarePeriodic(self, transition: Transition, mode: ValueIn) -> None:
-        """Declares a periodic transition; a mode that stays only ends steps."""
+        """Declares a periodic transition; one that changes no mode only ends steps."""
         ticks = Ticks(transition.period, transition.offset)
         if transition.mode == "mode":
             DeclareTicks(self, ticks, None)
@@ -225,6 +228,7 @@ class EventBlock(LeafSystem):
         self._kernel_witnesses = (*self._kernel_witnesses, witness)
 
     def _CheckGuards(self, context: Context, values: DiscreteValues) -> EventStatus:
+        """Changes the mode at the end of a step where guards are at least 0."""
         if context.get_accuracy() is None and not self._has_warned:
             self._has_warned = True
             self._WarnOfAccuracy()
@@ -250,7 +254,9 @@ def _Change(mode: ValueIn, context: Context, *others: Any) -> None:
     """Sets the elements of the mode in which the new mode differs from the old one.
 
     Args:
-        others: What is changed comes last; the event of a witness comes before it.
+        mode: The new mode.
+        others: The further arguments of Drake's callback. The last one is the State or
+            the DiscreteValues to change; a witness function's event may precede it.
     """
     target = others[-1]
     if isinstance(target, State):

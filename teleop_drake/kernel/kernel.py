@@ -10,7 +10,7 @@ functions; the callbacks of a KernelBlock are made from the kernel.
             outputs={"force": (spring_force, "stiffness", "position")},
         )
 
-A term says where a vector comes from:
+A term defines a vector:
 
     (function, "name", ..., 3)   the result of a function of the named values. An
                                  integer is passed unchanged; it belongs to the
@@ -20,9 +20,9 @@ A term says where a vector comes from:
     ("name", 3, 5)               the elements of the named vector from 3 to before 5;
                                  it can stand in the place of a name
 
-A name is that of an input port, of another output port (or `rate`), or of a parameter,
-or `state`, `mode` or `time`: the continuous state, all discrete states one after
-another, and the time in s.
+A name stands for one of the following: an input port, an output (a port or an
+intermediate result), a parameter, `rate`, `state` (the continuous state), `mode` (all
+discrete states one after another), or `time` (the time in s).
 """
 
 import math
@@ -40,16 +40,18 @@ Term = tuple[Law | Name | int, ...] | list[Name] | Name
 class Transition:
     """A change of a block's mode, and with it of its equations.
 
-    It happens as soon as the guard is not negative, at an instant that is located. In
-    the new mode the guard must be negative. Without a guard it happens periodically.
+    A transition with a guard happens as soon as the guard is at least 0; the instant is
+    located. The guard must be negative in the new mode. A transition without a guard is
+    periodic.
 
     All transitions at one instant are evaluated with the values before any of them.
-    Each changes those elements of the mode that differ between the old and its new
-    mode.
+    Each changes those elements of the mode in which its new mode differs from the old
+    one.
 
     Attributes:
-        mode: The new mode, a term.
-        guard: One number, continuous between jumps, a term; None: periodic.
+        mode: The term of the new mode.
+        guard: The term of the guard, one number that is continuous between jumps. None:
+            the transition is periodic.
         period: In s, > 0; infinity: once.
         offset: When a periodic transition happens first, s.
         is_discrete: Whether a periodic transition is a discrete update of Drake. Drake
@@ -65,7 +67,7 @@ class Transition:
 
 
 class Packet(NamedTuple):
-    """A sample of a signal that is shown from some time on until the next is shown.
+    """A sample of a signal, which is the output until the next packet is shown.
 
     Attributes:
         shown: The time from which it is shown, s.
@@ -82,24 +84,26 @@ class Packet(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Delay:
-    """A signal that comes out of a block later.
+    """A delay between an input port and an output port of a block.
 
     Attributes:
         signal: Name of the input port.
         output: Name of the output port.
         initial_value: The output before the first sample arrives.
-        time: The delay T in s, > 0, or a function that returns T(t) at the time t in s
-            when the signal comes out: continuous, of slope < 1. Not used with packets.
+        time: The delay T in s, > 0, or a function that returns the delay T(t) in s of
+            the output at the time t in s: continuous, of slope < 1. Not used with
+            packets.
         shortest: The minimum of T(t), s, > 0; no step of Drake's may be longer.
         nonsmooth_times: The times at which the slope of T(t) jumps, s.
-        end: The time until which T(t), or the fate of the packets, is known, s.
+        end: The time until which T(t), or the arrival of the packets, is known, s.
         max_sample_interval: Longest time between two samples in Drake, s; infinity: one
             sample for each step. None: 0.01 s, or the shortest delay if that is less.
         period: The period of the packets in s. Packet k is taken at k period and has
             the signal's value before the events of that instant.
-        shown: A function that returns when packet k is shown, s, unless a newer packet
-            is shown by then; infinity: never. None: there are no packets, and the
-            signal itself is delayed.
+        shown: A function that returns the time in s from which packet k is shown, which
+            is infinity if it is lost. The packet is not shown if a newer packet has
+            been shown by then. None: there are no packets, and the signal itself is
+            delayed.
         extrapolates: Whether the signal continues from a packet along the line through
             that packet and the one that it replaces. Otherwise the value is held.
     """
@@ -123,7 +127,7 @@ class Kernel:
 
     The functions take arrays of one dimension and return such an array; the time is a
     number, and a parameter has the type of its value. A function must be a graph of
-    operations on numbers, so it has no loop that ends when numbers have converged.
+    operations on numbers: it has no loop that ends when a number has converged.
 
     Attributes:
         outputs: The term of each output port. A port that is left out cannot be used in
@@ -140,9 +144,10 @@ class Kernel:
         unused: Input ports that no term depends on, for example the inputs of a log. A
             KernelBlock need not name them.
         transitions: Changes of the mode, keyed by freely chosen names.
-        initial_mode: The mode at the start, a term without the mode. None: the mode of
-            the block's default Context. If a Context of Drake has no accuracy, no event
-            is located, and this is the mode at any time.
+        initial_mode: The term of the mode at the start, without the name `mode`. None:
+            the mode of the block's default Context. If a Context of Drake has no
+            accuracy, no event is located, and other terms use this value of the mode
+            at all times.
         delays: The delays of the block.
     """
 
@@ -157,7 +162,7 @@ class Kernel:
     delays: Sequence[Delay] = ()
 
     def __post_init__(self) -> None:
-        """Computes the parameters that follow from others."""
+        """Computes the derived parameters."""
         parameters = dict(self.parameters)
         for name, (function, *arguments) in self.derived.items():
             assert callable(function)

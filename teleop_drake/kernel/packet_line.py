@@ -30,8 +30,9 @@ def _SentUntil(delay: Delay, end: float) -> list[Packet]:
     packets: list[Packet] = []
     for k in range(math.floor(end / delay.period) + 1):
         shown = delay.shown(k)
-        if shown == math.inf:  # A lost packet overtakes no other packet.
+        if shown == math.inf:  # A lost packet replaces no other one.
             continue
+        # A packet that arrives no later than older ones replaces them.
         while packets and packets[-1].shown >= shown:
             packets.pop()
         previous = -math.inf
@@ -64,7 +65,7 @@ class _Sent(NamedTuple):
 
 
 class _Packets(NamedTuple):
-    """The packet that is shown and those that were sent later, in this order.
+    """The packet that is shown, followed by the packets that were sent later.
 
     `next` is the number of the next packet to be sent. A packet that is lost is left
     out. The object is immutable, so that a copy of the state shares it.
@@ -126,21 +127,21 @@ class PacketLine:
         block.DeclarePerStepUnrestrictedUpdateEvent(Weakly(self._Deliver))
 
     def IsUnderWay(self, context: Context) -> bool:
-        """Returns whether anything has been sent."""
+        """Returns whether a packet has been sent."""
         return self._PacketsIn(context).next > 0
 
     def LongestStep(self, context: Context) -> float:
-        """Returns infinity: a packet shown in a step was sent before it or ends it."""
+        """Returns infinity: packets do not limit a step that ends at NextJumpTime()."""
         return math.inf
 
     def NextJumpTime(self, context: Context) -> float:
         """Returns when the next packet will be shown (s), infinity if none is known."""
         number, packets = self._PacketsIn(context)
         jump = min((x.shown for x in packets[1:]), default=math.inf)
-        # A run that begins later has sent none of the packets before.
+        # A run that begins after time 0 has not sent the earlier packets.
         time = context.get_time()
         number = max(number, math.ceil((time - same_within(time)) / self._delay.period))
-        # One that is sent during the next step may arrive within it.
+        # The next packet may be sent and also arrive during the next step.
         if number * self._delay.period > self._delay.end:
             return jump
         return min(jump, self._shown(number))
@@ -202,6 +203,7 @@ class PacketLine:
         return context.get_abstract_state(self._packets).get_value()
 
     def _Send(self, context: Context, state: State) -> None:
+        """Takes the packet of this instant, and adds it to those under way."""
         k = round(context.get_time() / self._delay.period)
         packets = self._PacketsIn(context)
         packet = _Sent(
@@ -217,11 +219,12 @@ class PacketLine:
         state.get_mutable_abstract_state(self._packets).set_value(packets)
 
     def _Deliver(self, context: Context, state: State) -> EventStatus:
+        """Removes the packets that are older than the one shown from now on."""
         # A packet that is sent now may be delivered now.
         number, packets = state.get_abstract_state(self._packets).get_value()
         time = context.get_time()
         now = time + same_within(time)
-        # The packet that is shown from now on.
+        # The index of the newest packet whose time has come.
         first = max(i for i, x in enumerate(packets) if x.shown <= now)
         if first == 0:
             return EventStatus.DidNothing()

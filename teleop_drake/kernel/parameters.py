@@ -1,7 +1,7 @@
 """The numbers of a kernel as numeric parameters of a block's Context.
 
-A kernel names its parameters. Each of them is a number, an array, or a (named) tuple of
-numbers and arrays. A block lists in `numeric_parameters` those that a user may change.
+Each parameter of a kernel is a number, an array, or a (named) tuple of numbers and
+arrays. A block lists in `numeric_parameters` the parameters that a user may change.
 Each of these becomes one numeric parameter of Drake, in the order of the list: a vector
 with the elements of the array, row by row. All other parameters are constants, or are
 computed from these.
@@ -100,7 +100,8 @@ class BlockParameters:
             number = int(block.DeclareNumericParameter(default))
             self.named.append(NamedParameter(name, number, unit, leaf.shape))
         self.ticket = block.all_parameters_ticket()
-        # The entry itself would keep the block alive, and Python would not see it.
+        # A reference to the entry would keep the block alive, unknown to the garbage
+        # collector; its index does not.
         self._block = weakref.ref(block)
         self._index = block.DeclareCacheEntry(
             "numbers of the kernel",
@@ -119,7 +120,7 @@ class BlockParameters:
         return entry.EvalAbstract(context).get_value()
 
     def _CalcNumbers(self, context: Context, result: AbstractValue) -> None:
-        """Sets the cache entry; equal values share the laws compiled for them.
+        """Computes the cache entry; equal values share the laws compiled for them.
 
         Drake calls this again whenever all parameters are copied from another Context.
         """

@@ -1,7 +1,7 @@
-"""Readers of the terms of kernels, for Drake's callbacks and for compiled programs.
+"""Translates the terms of kernels into functions that evaluate them.
 
-A term becomes a function of what it is evaluated in: a Context of the block, or the
-arrays of a program.
+The argument of such a function is a Context of the block, for Drake's callbacks, or the
+Arrays of a program, for compiled runs.
 """
 
 import itertools
@@ -21,7 +21,7 @@ WORDS = ("time", "state", "mode")
 """The names that a term of any kernel may use."""
 
 ValueIn = Callable[[Any], Any]
-"""Returns the value of a term in a Context of its block, or on a program's arrays."""
+"""A function that evaluates a term in a Context of its block or on Arrays."""
 
 
 class TermReader:
@@ -29,14 +29,14 @@ class TermReader:
 
     @abstractmethod
     def Named(self, name: str) -> ValueIn:
-        """Returns a named vector; refuses the name if there is none."""
+        """Returns the function that evaluates a named vector; refuses unknown names."""
 
     @abstractmethod
     def Call(self, law: Law, arguments: Sequence[Name | int]) -> ValueIn:
-        """Returns the result of a function."""
+        """Returns the function that evaluates a law and its arguments."""
 
     def Read(self, term: Term | int) -> ValueIn:
-        """Returns the value of a term."""
+        """Returns the function that evaluates a term."""
         if isinstance(term, str):
             return self.Named(term)
         if isinstance(term, int):
@@ -62,7 +62,7 @@ class Duals(np.ndarray):
     def __array_function__(
         self, function: Any, types: Any, arguments: Any, options: Any
     ) -> Any:
-        """Calls a function of NumPy, or Drake's inverse for its inverses."""
+        """Calls a function of NumPy; inv() and solve() use Drake's inverse."""
         if function in (np.linalg.inv, np.linalg.solve):
             matrix, *others = (np.asarray(x) for x in arguments)
             inverse = np.linalg.inv if matrix.dtype == float else inv
@@ -73,7 +73,7 @@ class Duals(np.ndarray):
         return super().__array_function__(function, types, arguments, options)
 
     def __array_wrap__(self, array: Any, *others: Any) -> Any:
-        """Returns numbers as such: NumPy would keep them as arrays without axes."""
+        """Returns an array without axes as a number, and other arrays as Duals."""
         return array.item() if array.ndim == 0 else array.view(Duals)
 
 
@@ -106,7 +106,11 @@ class ContextReader(TermReader):
         self.tickets: set[DependencyTicket] = set()
 
     def Call(self, law: Law, arguments: Sequence[Name | int]) -> ValueIn:
-        """Returns the call of a law, whose leading parameters are read as constants."""
+        """Returns the function that evaluates a law.
+
+        Leading arguments that are parameters become constants of the law, once for each
+        set of their values; see Numbers.Bound().
+        """
         parameters = self._kernel.parameters
         names: Any = tuple(itertools.takewhile(parameters.__contains__, arguments))
         others = [self.Read(argument) for argument in arguments[len(names) :]]
@@ -120,7 +124,7 @@ class ContextReader(TermReader):
         )
 
     def Named(self, name: str) -> ValueIn:
-        """Returns a named vector, and adds its tickets."""
+        """Returns the function that evaluates a named vector, and adds its tickets."""
         block = self._block
         kernel = self._kernel
         if name == "time":
