@@ -158,6 +158,7 @@ def simulate(
         return RecordingOf(job, run, notes)
     if context is not None:
         Refuse("context", "a Context", "left out where a scenario is simulated")
+    # Arguments that are given override the scenario.
     scenario = AsScenario(scenario)
     given = {"duration": duration, "simulator": simulator}
     changes = {key: value for key, value in given.items() if value is not None}
@@ -363,6 +364,7 @@ def MakeRecording(
     """
     systems = SystemsByPath(diagram, run.parts)
     surfaces = () if scenario is None else SurfacesIn(systems)
+    # Blocks that may add notes on their part of the run.
     reporters = [x for x in systems.values() if hasattr(x, "RunNotes")]
     time, signals, steps = run.series
 
