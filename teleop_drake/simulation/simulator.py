@@ -37,9 +37,9 @@ def MakeSimulator(
 ) -> "TeleoperatorSimulator":
     """Makes the Simulator of a diagram that has delays or walls in it.
 
-    It takes the same steps as simulate() with engine="drake", to the last bit. Drake's
-    own Simulator, with the same configuration, is wrong by up to some per cent after a
-    collision. This Simulator
+    A single call of AdvanceTo() takes the same steps as simulate() with engine="drake",
+    to the last bit. Drake's own Simulator, with the same configuration, is wrong by up
+    to some per cent after a collision. This Simulator
 
     * locates events, such as a puncture and contact, to better than a microsecond
       (context.SetAccuracy),
@@ -138,11 +138,11 @@ class TeleoperatorSimulator(Simulator):
         Simulator.set_monitor(self, Monitor)
 
     def set_monitor(self, monitor: _Monitor) -> None:
-        """Sets what is called at the end of each step, as in Drake.
+        """Sets the function that is called at the end of each step, as in Drake.
 
         Args:
-            monitor: Takes the Simulator's Context; may end AdvanceTo() by
-                EventStatus.ReachedTermination.
+            monitor: A function of the Simulator's Context. It may end AdvanceTo() by
+                returning EventStatus.ReachedTermination().
         """
         self._monitor = monitor
 
@@ -151,7 +151,7 @@ class TeleoperatorSimulator(Simulator):
         self._monitor = None
 
     def get_monitor(self) -> _Monitor | None:
-        """Returns what set_monitor() has set, or None."""
+        """Returns the function that set_monitor() has set, or None."""
         return self._monitor
 
     def Initialize(self, *arguments: object, **keywords: object) -> SimulatorStatus:
@@ -186,10 +186,11 @@ class TeleoperatorSimulator(Simulator):
         """Advances to a time, as in Drake.
 
         Args:
-            boundary_time: In s.
+            boundary_time: The time to which to advance, s.
+            interruptible: As in Drake.
 
         Returns:
-            Where and why it ended.
+            The status, which reports the time and the reason of the return.
         """
         if not self._is_initialized:
             status = self.Initialize()

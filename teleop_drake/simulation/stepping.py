@@ -125,10 +125,10 @@ class Stepping:
         self._rejected_step = math.inf
 
     def Reject(self, step: float, integrator: IntegratorBase) -> None:
-        """Makes the next step short; those after it grow again.
+        """Limits the length of the next step, after which steps grow again.
 
         Args:
-            step: The longest that it may be, in s.
+            step: The limit, s.
         """
         self._rejected_step = self.step_limit = step
         integrator.set_maximum_step_size(step)
@@ -153,7 +153,7 @@ class Stepping:
         """Returns whether an event that makes signals jump is pending at a time.
 
         Args:
-            time: Now, in s.
+            time: The present time, s.
         """
         # An event may be pending an instant before its time; see kernel.events.Ticks.
         is_next = abs(time - self._next_jump) <= SAME
@@ -165,7 +165,7 @@ class Stepping:
         """Returns whether a delay or a guard may see a discrete update at a time.
 
         Args:
-            time: Now, in s.
+            time: The present time, s.
         """
         return any(ticks.At(time) is not None for ticks in self._discrete_updates)
 
