@@ -102,7 +102,7 @@ __all__ = [
     *blocks.__all__,
 ]
 
-# The module that defines each name; for those of the blocks see teleop_drake.blocks.
+# The names that each module defines. teleop_drake.blocks has a table for the blocks.
 _PLACES = {
     "analysis.energy": ["TwoPortEnergyBalance"],
     "analysis.stability_chart": ["ChartStability"],
@@ -162,7 +162,7 @@ ProvideUpperFunction("DiagramPage", _LoadDiagramPage)
 
 
 def __getattr__(name: str) -> Any:
-    """Imports one of the names of the package when it is first asked for."""
+    """Imports an exported name on its first use."""
     if name in blocks.__all__:
         return getattr(blocks, name)
     for place, names in _PLACES.items():
@@ -174,7 +174,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Returns what there is, imported or not."""
+    """Returns the names of the package, including those not imported yet."""
     hidden = {
         "Any",
         "Callable",

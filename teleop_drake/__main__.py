@@ -1,4 +1,4 @@
-"""Lets `python -m teleop_drake` do what the command `teleop-drake` does."""
+"""Runs the command `teleop-drake` as `python -m teleop_drake`."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Names of types, for annotations."""
+"""Type aliases for annotations."""
 
 from typing import TYPE_CHECKING, Any, NewType
 
@@ -10,15 +10,15 @@ ComplexArray = NDArray[np.complex128]
 Indices = NDArray[np.int64]
 
 Record = dict[str, Any]
-"""Values by their names."""
+"""Values, keyed by name."""
 
 Names = tuple[str, ...]
 
 Interval = tuple[float, float]
-"""Where something begins and where it ends."""
+"""The lower and the upper bound of an interval."""
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike as ArrayLike
 else:
-    # NumPy's is a union that help() writes out in every signature.
+    # NumPy's ArrayLike is a union, which help() would print in every signature.
     ArrayLike = NewType("ArrayLike", object)

@@ -11,15 +11,15 @@ from teleop_drake.arrays import Array
 def ContextsIn(system: Any, context: Any) -> dict[Any, Any]:
     """Returns the Context of a system and of every system in it, at any depth.
 
-    System.GetMyContextFromRoot() finds the same ones, but only as long as the diagram
-    is no part of another. A user may make it one between two runs of it.
+    System.GetMyContextFromRoot() finds the same Contexts, but only while the diagram is
+    not part of another Diagram. A user may add it to one between two runs.
 
     Args:
         system: A System of any scalar type.
-        context: Its Context, of which those returned are parts.
+        context: The Context of the system, which contains all others.
 
     Returns:
-        The Context (Context) of each system (System), in the order of the systems.
+        The Context of each System, keyed by the System; a Diagram precedes its parts.
     """
     contexts = {system: context}
     if hasattr(system, "GetSystems"):  # A Diagram.
@@ -30,15 +30,15 @@ def ContextsIn(system: Any, context: Any) -> dict[Any, Any]:
 
 
 def DiscreteState(context: Context) -> Array:
-    """Returns all discrete states of a Context, one after another."""
+    """Returns the discrete states of a Context, concatenated over its groups."""
     groups = map(context.get_discrete_state, range(context.num_discrete_state_groups()))
     return np.concatenate([np.empty(0), *(x.CopyToVector() for x in groups)])
 
 
 def SetDiscreteState(context: Context, values: Array) -> None:
-    """Sets all discrete states of a Context, which stand one after another.
+    """Sets the discrete states of a Context from values concatenated over its groups.
 
-    Does nothing if there are no values.
+    Does nothing if `values` is empty.
     """
     if len(values) == 0:
         return

@@ -1,4 +1,4 @@
-"""Files that are read with one clear line if they cannot, or written completely."""
+"""Reads text files with one-line error messages, and writes files atomically."""
 
 import math
 import os
@@ -13,21 +13,23 @@ from teleop_drake.arrays import Array
 from teleop_drake.validation import ScenarioError, Show
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
-"""Formats in which figures are written: known without Matplotlib's import."""
+"""File formats of figures, listed here to avoid the import of Matplotlib."""
 
-# Enough for a trace of ten million packets. A device such as /dev/zero has no end.
+# The longest text that is read: a trace of ten million packets is shorter. Without a
+# limit, a device such as /dev/zero would be read for ever.
 _MAX_CHARACTERS = 300_000_000
 
 
 @contextmanager
 def Replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yields a temporary file name whose file becomes `path` when all went well.
+    """Yields a temporary path, whose file replaces `path` if no error is raised.
 
-    It has the suffix of `path` and stands in the same folder. A link stays a link, and
-    a device such as /dev/null is written to directly.
+    The temporary file is in the same folder and has the same suffix. If `path` is a
+    symbolic link, the file to which it points is replaced. A device such as /dev/null
+    is written to directly.
 
     Raises:
-        OSError: If it cannot be written.
+        OSError: If the file cannot be written.
     """
     path = Path(os.path.realpath(path))
     if IsDevice(path):
@@ -40,35 +42,35 @@ def Replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     except OSError as error:
         if error.filename != str(temporary):
             raise
-        # Name the file that was asked for.
+        # The message names `path` instead of the temporary file.
         raise OSError(error.errno, error.strerror, str(path)) from None
     finally:
         temporary.unlink(missing_ok=True)
 
 
 def WriteText(path: Path, text: str) -> None:
-    """Writes a text file, complete or not at all."""
+    """Writes a text file completely or, after an error, not at all."""
     with Replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def FileStem(text: str) -> str:
-    """Returns a text as part of a file's name: `my_module:MyLaw` has a colon."""
+    """Returns a text for use in a file name, with `_` for characters such as `:`."""
     return re.sub(r"[^\w.=-]+", "_", text)
 
 
 def IsDevice(path: Path) -> bool:
-    """Returns whether a path exists and is no file, like /dev/null."""
+    """Returns whether a path exists and is no regular file, such as /dev/null."""
     return path.exists() and not path.is_file()
 
 
 def TemporaryPath(path: Path) -> Path:
-    """Returns a name beside `path` for what is not complete yet."""
+    """Returns a path in the folder of `path` for its incomplete contents."""
     return path.with_name(f".{path.name}.{os.getpid()}{path.suffix}")
 
 
 def ReadRows(path: str | os.PathLike[str], origin: str) -> list[tuple[int, str]]:
-    """Returns the lines of a text file by their numbers, no empty ones, no comments."""
+    """Returns the numbered lines of a text file without empty lines and comments."""
     lines = enumerate(ReadText(path, origin).splitlines(), 1)
     return [(i, line) for i, line in lines if line.strip() and line[0] != "#"]
 
@@ -81,18 +83,18 @@ def ReadNumbers(
     missing: Collection[str] = (),
     least_step: float = -math.inf,
 ) -> Array:
-    """Returns lines of numbers with commas between them as a table (N, k).
+    """Returns lines of comma-separated numbers as a table (N, k).
 
     Args:
-        rows: The lines by their numbers, as ReadRows() returns them.
-        columns: What the k columns are, for messages.
-        missing: Cells behind the first one that stand for NaN.
-        least_step: How much larger than in the line before the first number is at
-            least.
+        rows: The numbered lines, as ReadRows() returns them.
+        origin: The beginning of messages, which says whose file it is.
+        columns: The names of the k columns, for messages.
+        missing: Texts in lower case that stand for NaN, except in the first column.
+        least_step: The least increase of the first column from line to line.
 
     Raises:
-        ScenarioError: If a line has another number of cells, one that is no finite
-            number, or too small a step; `origin` says whose file it is.
+        ScenarioError: If a line has another number of cells, has a cell that is not a
+            finite number, or increases the first column too little.
     """
     table: list[list[float]] = []
     for number, line in rows:
@@ -111,7 +113,7 @@ def ReadNumbers(
 
 
 def _NumbersOf(line: str, missing: Collection[str]) -> list[float]:
-    """Returns the numbers of a line; none if one of them is not finite."""
+    """Returns the numbers of a line; an empty list if a cell is no finite number."""
     numbers = []
     for k, cell in enumerate(line.split(",")):
         text = cell.strip().lower()
@@ -129,10 +131,11 @@ def _NumbersOf(line: str, missing: Collection[str]) -> list[float]:
 
 
 def ReadText(path: str | os.PathLike[str], origin: str) -> str:
-    """Returns the text of a file in UTF-8, with a byte-order mark or without.
+    """Returns the text of a UTF-8 file, with or without a byte-order mark.
 
     Raises:
-        ScenarioError: If it cannot be read; `origin` says whose file it is.
+        ScenarioError: If the file cannot be read or is too long; the message begins
+            with `origin`.
     """
     try:
         with open(path, encoding="utf-8-sig") as stream:

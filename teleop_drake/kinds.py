@@ -1,12 +1,13 @@
-"""Kinds: what may stand in one place of a scenario, by name.
+"""Kinds: the named alternatives for one part of a scenario.
 
-Each seam (channels, architectures, ...) has one table of its kinds. A kind is a config
-dataclass that derives from the base of its seam. It checks its own fields, makes its
-block, and answers what others may ask, so that nobody needs to know which kind it is.
+A part with alternatives is called a seam (channels, architectures, ...). Each seam has
+one table of kinds. A kind is a config dataclass that derives from the base class of its
+seam. It checks its fields, makes its block and has all properties that other code
+reads, so that no other code depends on the particular kind.
 
-A kind of a user's own derives from the same base. It is named in a scenario as
-`kind: my_module:MyConfig`, or by an entry point of the group `teleop_drake.kinds`. To
-look such a kind up imports its module: a scenario that names one is a program.
+A user's own kind derives from the same base class. A scenario names it as
+`kind: my_module:MyConfig`, or by an entry point of the group `teleop_drake.kinds`. The
+lookup imports its module, so a scenario that names such a kind executes its code.
 """
 
 import dataclasses
@@ -28,9 +29,9 @@ class KindConfig(FixedFields):
     """Base of the config dataclasses of all seams.
 
     Attributes:
-        kind: Its name in a scenario. A class that does not set one is called
-            `module:Class`.
-        file_fields: Names of its fields that hold the path of a file or null. In a
+        kind: The name of the kind in a scenario; `module:Class` if the class does not
+            set it.
+        file_fields: Names of the fields that contain the path of a file or null. In a
             scenario file such a path is relative to that file.
     """
 
@@ -38,7 +39,7 @@ class KindConfig(FixedFields):
     file_fields: ClassVar[Names] = ()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
-        """Names the class by its place unless it has a name of its own."""
+        """Sets `kind` to `module:Class` unless the class sets it."""
         super().__init_subclass__(**kwargs)
         if "kind" not in cls.__dict__:
             cls.kind = f"{cls.__module__}:{cls.__qualname__}"
@@ -53,13 +54,14 @@ class KindTable(Generic[_T]):
     """The kinds of one seam.
 
     Args:
-        base: What every kind derives from. A field of a config that has this type is
+        base: The base class of the kinds. A field of a config that has this type is
             read as one of the kinds.
-        kinds: Those of the package; the first one is the default.
-        noun: What to call one of them in a message.
-        key: Which of KIND_KEYS names the kind.
-        is_named: Whether a scenario has to name the kind; there is no default then.
-        adapt: Returns a kind for an object of a user's own that is no config, or None.
+        kinds: The kinds of the package; the first one is the default.
+        noun: The word for one kind in messages.
+        key: The key that names the kind, one of KIND_KEYS.
+        is_named: Whether a scenario must name the kind, so that there is no default.
+        adapt: A function that returns a kind for a user's object that is no config, or
+            None if the object cannot be used.
     """
 
     def __init__(
@@ -91,11 +93,14 @@ class KindTable(Generic[_T]):
         return tuple(self._kinds.values())
 
     def Find(self, name: Any, path: str) -> type[_T]:  # noqa: RET503
-        """Returns a kind by its name, or refuses it.
+        """Returns the kind that has a name.
 
         Args:
             name: One of `names`, `module:Class`, or the name of an entry point.
-            path: The field that names it, for messages.
+            path: The field that contains the name, for messages.
+
+        Raises:
+            ScenarioError: If there is no such kind.
         """
         if isinstance(name, str):
             if name in self._kinds:
@@ -107,7 +112,7 @@ class KindTable(Generic[_T]):
         Refuse(path, name, allowed)
 
     def _FromObject(self, found: Any, name: str, path: str) -> type[_T]:
-        """Returns the kind that an imported object is or stands for."""
+        """Returns an imported object if it is a kind, else the kind that adapts it."""
         is_kind = isinstance(found, type) and issubclass(found, self.base)
         if is_kind and dataclasses.is_dataclass(found):
             return cast(type[_T], found)
@@ -120,7 +125,7 @@ class KindTable(Generic[_T]):
 
 
 def ImportOwn(place: str, path: str) -> Any:
-    """Returns what a scenario names as `module:Name`; this runs the module.
+    """Imports and returns the object that a scenario names as `module:Name`.
 
     Raises:
         ScenarioError: If it cannot be imported.
@@ -129,7 +134,7 @@ def ImportOwn(place: str, path: str) -> Any:
     try:
         return getattr(importlib.import_module(module), attribute)
     except Exception as e:
-        # Whatever the user's module raises when it is imported.
+        # A user's module may raise any exception when it is imported.
         reason = " ".join(f"{type(e).__name__}: {e}".split())
         raise ScenarioError(
             f"{path} = {Show(place)}: must be importable ({reason})"
@@ -137,18 +142,18 @@ def ImportOwn(place: str, path: str) -> Any:
 
 
 def IsOwn(name: Any) -> bool:
-    """Returns whether a name means a kind of a user's own, without importing it."""
+    """Returns whether a name refers to a user's own kind, without importing it."""
     return isinstance(name, str) and (":" in name or bool(_EntryPoints(name)))
 
 
 def _EntryPoints(name: str) -> list[str]:
-    """Returns what entry points of a name stand for, each as `module:Class`."""
-    from importlib import metadata  # It takes longer than all that is asked here.
+    """Returns the `module:Class` of each entry point that has a name."""
+    from importlib import metadata  # Imported here because the import is slow.
 
     found = metadata.entry_points(group=ENTRY_POINT_GROUP, name=name)
     return [entry.value for entry in found]
 
 
 def TableOf(base: Any) -> "KindTable[Any] | None":
-    """Returns the table whose base is this class, or None."""
+    """Returns the table of kinds that has a base class, or None."""
     return _tables.get(base) if isinstance(base, type) else None

@@ -1,11 +1,11 @@
-"""The numbers in a diagram's Context by name: those that a run can be made with.
+"""Parameters and initial states in a diagram's Context, by name.
 
-A name is the path of a system, a dot and the name of a parameter, as
-`controller/law.damping`. One element of a parameter that is an array has its place
-behind it, as `law.G1(0,1)` of a matrix, or its name, as `environment.stiffness(bone)`.
+The name of a parameter is the path of its system, a dot and its own name, as in
+`controller/law.damping`. An element of an array is selected by its indices, as in
+`law.G1(0,1)`, or by its own name, as in `environment.stiffness(bone)`.
 
-A state at the begin of a run is named by the path of its system, a slash and the name
-of the state, as `plant/theta(0)`. `delay` stands for all delays of blocks together.
+The name of an initial state is the path of its system, a slash, its own name and `(0)`,
+as in `plant/theta(0)`. The name `delay` stands for the delays of all blocks.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -27,7 +27,7 @@ from teleop_drake.validation import CheckNumber, Choices, Refuse
 class ParameterValue(NamedTuple):
     """The value of a parameter in a Context, a number or an array, and its unit.
 
-    The unit is empty if the system does not tell it.
+    The unit is empty if the system does not report it.
     """
 
     value: float | Array
@@ -38,11 +38,11 @@ class Scalar(NamedTuple):
     """One number in a Context.
 
     Attributes:
-        value: In the Context.
-        unit: Empty if the system does not tell it.
-        paths: Of the systems that have it.
+        value: The value in the Context.
+        unit: The unit; empty if the system does not report it.
+        paths: The paths of the systems that have this number.
         is_delay: Whether it is a constant delay of a signal.
-        is_state: Whether it is a state at the begin of a run, not a parameter.
+        is_state: Whether it is an initial state, not a parameter.
     """
 
     value: float
@@ -53,9 +53,10 @@ class Scalar(NamedTuple):
 
 
 class _Parameter(NamedTuple):
-    """A number of one system: how to read it from a Context, and how to set it.
+    """A numeric parameter or initial state of one system, a number or an array.
 
-    Its elements may have names. It may be a delay of a signal, or a state.
+    The functions `read` and `write` access its value in a Context. `elements` contains
+    the names of its elements, if they have names.
     """
 
     name: str
@@ -69,12 +70,12 @@ class _Parameter(NamedTuple):
 
     @property
     def value(self) -> Array:
-        """The number as an array."""
+        """The present value as an array."""
         return np.array(self.read(), dtype=float)
 
     @property
     def places(self) -> dict[str, tuple[int, ...]]:
-        """The indices of each element, by its place and then by its name."""
+        """The indices of each element, keyed by their text, then by its name."""
         indices = np.ndindex(self.value.shape)
         places = {",".join(map(str, place)): place for place in indices if place}
         return places | {name: (i,) for i, name in enumerate(self.elements)}
@@ -83,14 +84,14 @@ class _Parameter(NamedTuple):
 def NamedParameters(
     diagram: System, context: Context | None = None
 ) -> dict[str, ParameterValue]:
-    """Returns the numbers that a Context of a diagram can change, by name.
+    """Returns the numeric parameters of all systems in a diagram, by name.
 
-    They are the numeric parameters of all systems in the diagram, Drake's own included.
-    A MultibodyPlant has the mass of each body and the damping of each joint.
+    Drake's own systems are included. The parameters of a MultibodyPlant are the mass of
+    each body and the damping of each joint.
 
     Args:
         diagram: A Diagram, or a system by itself.
-        context: Its Context; None: the default Context.
+        context: The Context of the diagram; None: the default Context.
 
     Returns:
         The value and the unit of each parameter, by `system/path.parameter`.
@@ -106,7 +107,7 @@ def NamedParameters(
 def SetNumbers(
     diagram: System, context: Context, numbers: Mapping[str, ArrayLike]
 ) -> None:
-    """Sets parameters, elements of them, or states in a Context.
+    """Sets parameters, elements of parameters, or initial states in a Context.
 
     Args:
         numbers: New values, by the names of NamedParameters() and ScalarsIn(), or
@@ -129,14 +130,16 @@ def SetNumbers(
 def ScalarsIn(diagram: System, context: Context) -> dict[str, Scalar]:
     """Returns every element of every parameter, and every state, by name.
 
-    The states are the continuous ones, or of a system without any the first group of
-    discrete ones. A state of Drake's has the name that Drake gives it; of the others
-    the first one is x0. `delay` is among the names if all delays of blocks are equal.
+    The states of a system are its continuous states or, if it has none, its first group
+    of discrete states. The discrete state of a block with a kernel is left out. The
+    states of a MultibodyPlant and of Drake's example systems have Drake's names. The
+    states of all other systems are named x0, x1, ... `delay` is among the names if
+    there are delays of blocks and all of them are equal.
     """
     scalars = {}
     for name, parameter in _NumbersIn(diagram, context).items():
         value = parameter.value
-        # An element's own name comes last.
+        # An element's own name comes last, and replaces its indices.
         places = {place: f"({inside})" for inside, place in parameter.places.items()}
         for place, inside in places.items() if value.size > 1 else [((), "")]:
             scalars[f"{name}{inside}"] = Scalar(
@@ -204,11 +207,13 @@ def _InVector(
     places: slice,
     shape: tuple[int, ...] = (),
 ) -> _Parameter:
-    """Returns the numbers that stand at some places of a vector of Drake's.
+    """Returns the parameter that consists of some elements of a Context's vector.
 
     Args:
-        vector: Returns the vector, and tells Drake that it may change.
-        shape: Of the array of the numbers.
+        vector: A function that returns the mutable vector from the Context. The call
+            marks dependent cache entries as out of date.
+        places: The elements of the vector.
+        shape: The shape of the parameter's value.
     """
 
     def Read() -> Array:
@@ -227,7 +232,7 @@ def _StatesOf(system: System, context: Context) -> Iterator[_Parameter]:
     vector: Callable[[], Any] = context.get_mutable_continuous_state_vector
     if context.num_continuous_states() == 0 and context.num_discrete_state_groups() > 0:
         if hasattr(system, "Kernel"):
-            return  # A mode.
+            return  # The discrete state of a kernel is a mode.
         vector = partial(context.get_mutable_discrete_state, 0)
     for i, name in enumerate(_StateNames(system, vector())):
         state = _InVector(f"{name}(0)", "", vector, slice(i, i + 1))
@@ -268,7 +273,7 @@ def _ParametersOfKernel(block: Any, context: Context) -> Iterator[_Parameter]:
 
 
 def _NumericParameters(context: Context) -> Iterator[_Parameter]:
-    """Yields the numeric parameters of a system of Drake's, or of a user's own."""
+    """Yields the numeric parameters of one of Drake's systems, or of a user's own."""
     for number in range(context.num_numeric_parameter_groups()):
         vector = partial(context.get_mutable_numeric_parameter, number)
         size = vector().size()
@@ -280,10 +285,10 @@ def _NumericParameters(context: Context) -> Iterator[_Parameter]:
 
 
 def _FieldsOf(vector: Any) -> dict[str, int]:
-    """Returns the places of the elements that a vector of Drake's has methods for.
+    """Returns the index of each named element in one of Drake's vectors.
 
-    PendulumParams has set_mass(), for instance. The place of an element is where its
-    method changes a copy of the vector.
+    Such a vector has a method for each element, for example PendulumParams.set_mass().
+    A call of the method on a copy of the vector shows which element it sets.
     """
     places = {}
     for method in dir(vector):
@@ -300,7 +305,7 @@ def _FieldsOf(vector: Any) -> dict[str, int]:
 def _ParametersOfPlant(plant: MultibodyPlant, context: Context) -> Iterator[_Parameter]:
     """Yields the mass of each body and the damping of each joint.
 
-    A body that is changed in mass keeps its centre of mass and its unit inertia.
+    A new mass does not change the centre of mass and the unit inertia of the body.
     """
     for number in range(1, plant.num_bodies()):  # 0 is the world.
         body = plant.get_body(BodyIndex(number))

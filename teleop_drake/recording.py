@@ -42,10 +42,10 @@ class UnknownSignal(KeyError):
 FORMAT = 3
 """The format of the files that Recording.Save() writes."""
 
-# Fields that JSON takes as they are.
+# Fields that JSON stores unchanged.
 _PLAIN = ("termination", "reason", "notes", "has_constant_command")
 
-# Fields of dataclasses.
+# Fields that contain dataclasses.
 _NESTED = ("events", "surfaces", "solver", "channels")
 
 
@@ -54,10 +54,11 @@ class Event:
     """Something that happened at an instant.
 
     Attributes:
-        name: `puncture` (the tool leaves the first layer that yields), `heal` (it is
-            back in it), `contact` and `release` (it reaches and leaves the hard
-            surface), `surgeon_force` and `surgeon_stop` (the operator's switches).
-        time: When, in s.
+        name: `puncture` (the tool leaves the first layer that yields), `heal` (it
+            returns into this layer), `contact` and `release` (it reaches and leaves the
+            hard surface), `surgeon_force` and `surgeon_stop` (the operator switches to
+            a force, or stops).
+        time: The time of the event, in s.
     """
 
     name: str
@@ -66,13 +67,14 @@ class Event:
 
 @dataclass(kw_only=True)
 class SolverStatistics:
-    """What the integrator did.
+    """The statistics of the solver in one run.
 
     Attributes:
-        engine: What ran it: `drake` or `compiled`; see simulation.simulate().
+        engine: The engine: `drake` or `compiled`, see simulation.simulate(); `step` for
+            a side of a link whose driver replaces the simulation, see link.side.Side.
         scheme: Integration scheme, by Drake's name.
         accuracy: Target accuracy of the error control.
-        steps: Number of steps taken, those of the event location included.
+        steps: Number of steps taken, including the steps of event location.
         derivative_evaluations: Number of evaluations of the time derivatives.
         wall_time_s: Real time spent in s.
         real_time_factor: Simulated time over real time.
@@ -89,34 +91,34 @@ class SolverStatistics:
 
 @dataclass(kw_only=True, repr=False)
 class Recording:
-    """All signals of one run.
+    """The recording of one run: signals, events and solver statistics.
 
     Attributes:
-        scenario: What was simulated, a Scenario or a TrackingScenario; None for a
-            user's own Diagram, which Save() refuses.
-        time: (N,) in s: the ends of the integrator's steps, and instants in between. A
-            time that stands twice marks a jump: the first row is before it, the second
-            one after.
+        scenario: The Scenario or TrackingScenario; None for the run of a user's own
+            System, whose recording Save() refuses.
+        time: (N,) in s: the ends of the integrator's steps, and instants within them. A
+            jump has two rows with the same time, the first before it and the second
+            after it.
         signals: (N, k) samples by name; see simulation.simulate().
         steps: (S, d + 1) the rows of each step, at equal distances in time. Within a
-            step a signal is the polynomial of degree d through them; see
-            numerics.step_polynomials. A recording that is made without is of straight
-            lines from row to row.
-        events: In the order of their times.
-        surfaces: Of the environment, as its block told them.
+            step a signal is the polynomial of degree d through these rows; see
+            numerics.step_polynomials. By default, signals are straight lines between
+            rows.
+        events: The events, in the order of their times.
+        surfaces: The surfaces that the block of the environment reports.
         solver: Solver statistics.
-        channels: What became of the packets, by the name of the channel; for channels
-            of kind network.
+        channels: Statistics of the packets of each channel of kind network, by the name
+            of the channel.
         termination: `completed`, `terminated` (by an event of a block), `diverged` or
             `interrupted`.
-        reason: Why it did not complete; empty if it did.
-        notes: What is left out, and why: a sentence each.
-        has_constant_command: Whether the operator commands scenario.surgeon.velocity
-            until contact, as its block told; metrics compare with it.
-        final_context: A Context of the Diagram at the end of the run, from which
-            simulate() goes on. None for compiled runs of a block with delays that is
-            no KernelBlock, for runs of scenarios, and for a recording that was read
-            from a file or copied.
+        reason: Why the run did not complete; empty if it did.
+        notes: Remarks on the run, for example on what was left out, and why.
+        has_constant_command: Whether the operator's block reports that it commands
+            scenario.surgeon.velocity until contact; metrics compare with this velocity.
+        final_context: The Context of the System at the end of the run, from which
+            simulate() can continue. None for compiled runs of a block with delays
+            that is no KernelBlock, for runs of scenarios, and for a recording that
+            was read from a file or copied.
     """
 
     scenario: AnyScenario
@@ -131,16 +133,20 @@ class Recording:
     notes: list[str] = field(default_factory=list)
     has_constant_command: bool = True
     steps: Indices = field(default_factory=lambda: np.empty((0, 0), int))
-    # A factory, because a default would hide what FindLater() computes.
+    # A factory, because a default would be found before __getattr__() is called.
     final_context: Any = field(default_factory=lambda: None)
 
     def __post_init__(self) -> None:
-        """Makes the steps of a recording without."""
+        """Sets the default steps: straight lines between rows."""
         if self.steps.shape[1] == 0:
             self.steps = straight_steps(self.time)
 
     def FindLater(self, finders: Mapping[str, Callable[["Recording"], Any]]) -> None:
-        """Has fields computed when they are first read, each by a function."""
+        """Defers the computation of fields until they are first read.
+
+        Args:
+            finders: The function that computes each field, by the name of the field.
+        """
         self.__dict__.setdefault("_finders", {}).update(finders)
         for name in finders:
             delattr(self, name)
@@ -148,17 +154,17 @@ class Recording:
     if not TYPE_CHECKING:
 
         def __getattr__(self, name):
-            """Computes a field; see FindLater()."""
+            """Computes a deferred field; see FindLater()."""
             finders = self.__dict__.get("_finders", {})
             if name not in finders:
                 raise AttributeError(f"a Recording has no attribute {name!r}")
             value = finders[name](self)
             setattr(self, name, value)
-            finders.pop(name, None)  # It refers to the model.
+            finders.pop(name, None)  # It keeps the model alive.
             return value
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns the fields, for pickle and copy."""
+        """Returns the fields except `final_context`, for pickle and copy."""
         names = {item.name for item in fields(self)} - {"final_context"}
         state = {name: getattr(self, name) for name in names}
         return state | {"final_context": None}  # A Context cannot be pickled.
@@ -167,7 +173,7 @@ class Recording:
         """Returns the samples (N, k) of a signal.
 
         Raises:
-            UnknownSignal: If there is none of that name.
+            UnknownSignal: If there is no signal of that name.
         """
         try:
             return self.signals[name]
@@ -185,7 +191,7 @@ class Recording:
         return iter(self.signals)
 
     def __repr__(self) -> str:
-        """Returns what was simulated, how it ended and what happened, on one line."""
+        """Returns one line with the scenario, the termination and the first events."""
         end = self.time[-1] if len(self.time) else 0
         facts = [f"{end:g} s in {len(self.time)} samples"]
         facts += [f"{len(self.signals)} signals", self.termination]
@@ -198,7 +204,7 @@ class Recording:
         return f"<Recording of {of}: {', '.join(facts)}>"
 
     def _repr_html_(self) -> str:
-        """Returns what a notebook shows: the metrics and a small figure."""
+        """Returns the HTML for a notebook: the metrics and a small figure."""
         return str(UpperFunction("RecordingHtml")(self))
 
     def _ipython_key_completions_(self) -> list[str]:
@@ -208,10 +214,11 @@ class Recording:
     def to_dataframe(self) -> "pandas.DataFrame":
         """Returns the signals as a table, which needs pandas (the extra `data`).
 
-        A column has a signal's name and the number of its component: `table["psi"]`
-        has all components of psi, `table["psi", 0]` the first. Those of a packet have
-        names, as `table["forward_packet_sent", "F_h x"]`. The index is the time in s,
-        which stands twice where something jumps.
+        The columns have two levels, the signal's name and the number of the component:
+        `table["psi"]` contains all components of psi, `table["psi", 0]` the first one.
+        The components of a packet have names instead of numbers, as in
+        `table["forward_packet_sent", "F_h x"]`. The index is the time in s; a jump has
+        two rows with the same time.
 
         Raises:
             ImportError: If pandas is not installed.
@@ -237,10 +244,10 @@ class Recording:
         )
 
     def WriteCsv(self, path: str | Path) -> None:
-        """Writes the signals as a table, which appears complete or not at all.
+        """Writes the signals as a CSV file, completely or not at all.
 
-        The first column is the time in s, which stands twice where something jumps.
-        The others are the components of the signals, such as `tool_velocity[0]`, in
+        The first column is the time in s; a jump has two rows with the same time. The
+        other columns are the components of the signals, such as `tool_velocity[0]`, in
         SI units.
 
         Raises:
@@ -254,12 +261,12 @@ class Recording:
             np.savetxt(file, table, "%.10g", ",", header=",".join(heads), comments="")
 
     def Components(self, name: str, size: int) -> list[Any]:
-        """Returns what the components of a signal are called."""
+        """Returns the names of a packet's components; numbers for other signals."""
         direction, _, kind = name.partition("_")
         if kind.startswith("packet_"):
             architecture = self.teleoperation.controller.Chosen()
             axes = AxesOf(self.teleoperation.num_axes)
-            # A packet may lack the last parts.
+            # A packet may lack the last of the architecture's parts.
             parts = getattr(architecture, f"{direction}_parts")[: size // len(axes)]
             names = [f"{part} {axis}" for part in parts for axis in axes]
             if len(names) == size:
@@ -268,16 +275,16 @@ class Recording:
 
     @property
     def teleoperation(self) -> Scenario:
-        """The scenario of a run that was a teleoperation.
+        """The scenario, if its task is a teleoperation.
 
         Raises:
-            ScenarioError: If it was another task.
+            ScenarioError: If it is another task.
         """
         return AsTeleoperation(self.scenario)
 
     @property
     def commands(self) -> Array:
-        """What the operator applies and commands, [F_h; v_d] in N and m/s (N, 2n)."""
+        """The operator's force and velocity command [F_h; v_d], N and m/s (N, 2n)."""
         if "velocity_command" in self.signals:
             return np.hstack([self["force_command"], self["velocity_command"]])
         return self["forward_packet_sent"]
@@ -294,10 +301,10 @@ class Recording:
         return self["return_packet_received"][:, n : 2 * n]
 
     def FindSurface(self, name: str) -> Surface | None:
-        """Returns a surface of the environment, None if there is none of this name.
+        """Returns the surface of the environment that has a name, or None.
 
         Args:
-            name: `contact` or `puncture`, or what else the environment told.
+            name: `contact`, `puncture`, or another name that the environment reports.
         """
         return FindSurface(self.surfaces, name)
 
@@ -308,20 +315,23 @@ class Recording:
             times: (M,) in s, clamped to the span of the recording.
 
         Returns:
-            (M, k) values, to 1e-4 of the signal's range in a run of simulate(), in
-            Drake's Simulator to 5e-4 for what comes out of a delay; before a jump at
-            the very instant of the jump. A run in Drake's plain Simulator, of a system
-            without a block of this package, is known at the ends of its steps, and has
-            straight lines between them.
+            (M, k) values; at the instant of a jump, the value before it. In a run of
+            simulate() they are accurate to 1e-4 of the signal's range; the outputs of
+            delays in Drake's Simulator, to 5e-4. If Drake's Simulator runs a system
+            with neither a block of this package nor a discrete state, samples exist at
+            the ends of steps only, with straight lines between them.
         """
         return interpolate(self.time, self[name], self.steps, np.asarray(times))
 
     def Part(self, begin: float, end: float) -> "Recording":
-        """Returns the recording between two times, without what it says of its end.
+        """Returns a recording with the signals between two times.
+
+        All other fields, such as the events and the termination, are those of the whole
+        run.
 
         Args:
-            begin: In s.
-            end: In s, later.
+            begin: The first time, in s.
+            end: The last time, in s.
         """
         time, signals, steps = part((self.time, self.signals, self.steps), begin, end)
         return replace(self, time=time, signals=signals, steps=steps)
@@ -336,9 +346,10 @@ class Recording:
         The file appears complete or not at all.
 
         Args:
-            path: Where to; `.npz` is not added.
+            path: The path of the file; `.npz` is not added.
 
         Raises:
+            ScenarioError: If the recording has no scenario.
             OSError: If the file cannot be written.
         """
         if self.scenario is None:
@@ -356,7 +367,7 @@ class Recording:
 
 
 def _AsPlain(x: Any) -> Any:
-    """Returns a dataclass or an array as JSON has it."""
+    """Returns a dataclass or an array as a dict or a list, for JSON."""
     return x.tolist() if isinstance(x, np.ndarray) else asdict(x)
 
 
@@ -365,11 +376,11 @@ def LoadRecording(path: str | Path) -> Recording:
 
     Raises:
         OSError: If the file cannot be read.
-        ValueError: If it is not a recording, or one of another version. The message is
-            one line.
+        ValueError: If the file is not a recording, or has another format. The message
+            is one line.
     """
     try:
-        # numpy leaves a file open that it opened itself and cannot read.
+        # np.load() leaves a file open if it opened the file and cannot read it.
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
             arrays = dict(data)
         description = json.loads(str(arrays.pop("description")))

@@ -1,4 +1,4 @@
-"""The names of a loop's signals: what its systems put out is recorded by them."""
+"""The names and units of the signals that are recorded, and the systems' paths."""
 
 import itertools
 import re
@@ -10,7 +10,7 @@ from pydrake.systems.framework import Diagram, OutputPort, PortDataType, System
 
 from teleop_drake.validation import Refuse
 
-# A port's own name, but for these.
+# Signals whose name differs from the name of their port, by system and port.
 _NAMES = {
     ("master", "forward_packet"): "forward_packet_sent",
     ("forward_channel", "delayed_signal"): "forward_packet_received",
@@ -63,28 +63,28 @@ _PART_UNITS |= dict.fromkeys("uw", "√W")
 def UnitOf(name: str, size: int = 1) -> str | None:
     """Returns the unit of a signal that has a value for each task axis.
 
-    Of six values, the unit of the last three comes after it: "m, rad".
+    With six values, the unit of the last three follows: "m, rad".
 
     Returns:
-        The SI unit; None for a signal that is no vector of the task space, or of which
-        only its block knows what it is.
+        The SI unit; None if the signal is no vector of the task space, or if only its
+        block defines its meaning.
     """
     unit = _UNITS.get(name)
     return f"{unit}, {_TURNING[unit]}" if unit and size == 6 else unit
 
 
 def PartUnit(part: str) -> str:
-    """Returns the unit of a part of a packet along an axis, such as F_h x."""
+    """Returns the unit of a component of a packet: part and axis, such as `F_h x`."""
     return AxisUnit(_PART_UNITS.get(part[0], ""), part.rpartition(" ")[2])
 
 
 def AxesOf(num_axes: int) -> tuple[str, ...]:
-    """Returns the names of the task axes: x, y, z, and rx, ry, rz about them."""
+    """Returns the names of the task axes: x, y, z, and rotations rx, ry, rz."""
     return (*_AXES, *map(str, range(7, num_axes + 1)))[:num_axes]
 
 
 def AxisUnit(unit: str, axis: str) -> str:
-    """Returns the unit of a signal along an axis, or of one about it."""
+    """Returns the unit along an axis or, for rx, ry and rz, its form for rotations."""
     return _TURNING.get(unit, unit) if axis in _AXES[3:] else unit
 
 
@@ -95,7 +95,7 @@ _LOOP = (
 )
 
 
-# The systems from which the package, or a scenario's run, has made a loop.
+# The systems of loops: made by this package, or simulated for a scenario.
 _in_loops: weakref.WeakSet[System] = weakref.WeakSet()
 
 # The name that Drake gives to a system without one, as drake/systems/Adder@0000a1b2.
@@ -103,23 +103,23 @@ _ADDRESS = re.compile(r"@[0-9a-f]{8,}$")
 
 
 def MarkLoop(systems: Iterable[System]) -> None:
-    """Marks systems as those of a loop, whose signals have the names of NamedSignals().
+    """Marks systems as parts of a loop, so that NamedSignals() names their signals.
 
-    What a Diagram is follows from this mark, never from the names of its systems.
+    Only this mark identifies a loop; the names of systems do not.
     """
     _in_loops.update(systems)
 
 
 def SignalsOf(system: System) -> dict[str, OutputPort]:
-    """Returns the signals that are recorded of a system, by name.
+    """Returns the output ports that are recorded for a system, by signal name.
 
-    A loop that was made by this package, or a side of it, has those of NamedSignals().
-    For any other system they are its vector outputs or, for a Diagram that exports
-    none, all vector outputs of its systems, named `system.port`. A system without a
-    name is called by its class, with a number if there are several.
+    For a loop (see MarkLoop) or a side of it, they are those of NamedSignals(). For any
+    other system they are its vector outputs or, for a Diagram that exports none, all
+    vector outputs of its systems, named `system.port`. A system without a name is named
+    after its class, with a number if there are several.
 
     Raises:
-        ValueError: If there are none.
+        ValueError: If there is no vector output.
     """
     parts: list[System] = system.GetSystems() if isinstance(system, Diagram) else []
     if not _in_loops.isdisjoint(parts):
@@ -135,14 +135,14 @@ def SignalsOf(system: System) -> dict[str, OutputPort]:
 
 
 def NameOf(system: System) -> str:
-    """Returns the name of a system, or that of its class if it has none."""
+    """Returns the name of a system, or the name of its class if it has none."""
     return str(system.get_name()) if _HasName(system) else type(system).__name__
 
 
 def PathsIn(system: System, path: str = "") -> Iterator[tuple[System, str]]:
     """Yields a system and all systems in it, each with its path as `robot/plant`.
 
-    A system without a name is called by its class, as in SignalsOf().
+    A system without a name is named after its class, as in SignalsOf().
     """
     yield system, path
     if isinstance(system, Diagram):
@@ -163,7 +163,7 @@ def _HasName(system: System) -> bool:
 
 
 def NamesOf(systems: Sequence[System]) -> list[str]:
-    """Returns a name of each system; of those without one, several are numbered."""
+    """Returns a name for each system; unnamed systems of one class are numbered."""
     taken = {system.get_name() for system in systems}
     classes = Counter(NameOf(system) for system in systems if not _HasName(system))
     names = []
@@ -178,7 +178,7 @@ def NamesOf(systems: Sequence[System]) -> list[str]:
 
 
 def VectorOutputs(system: System) -> list[OutputPort]:
-    """Returns the output ports of a system that are vectors."""
+    """Returns the vector-valued output ports of a system."""
     ports = map(system.get_output_port, range(system.num_output_ports()))
     return [x for x in ports if x.get_data_type() == PortDataType.kVectorValued]
 
@@ -187,13 +187,13 @@ def NamedSignals(systems: Iterable[System]) -> dict[str, OutputPort]:
     """Returns every vector output of a loop's systems by the name of its signal.
 
     Args:
-        systems: Those at the top level of the loop. Of those that are no part of
-            Fig. 2.1 or of the tracking, a meter say, the last one has a name that
-            several put out.
+        systems: The systems at the top level of the loop. Systems that are neither in
+            Fig. 2.1 nor in the tracking, such as meters, may share the name of an
+            output; the last of them is returned.
 
     Raises:
-        ValueError: If a port has the name of a signal of the loop that is not its own;
-            it says which port of which system.
+        ValueError: If a port has the name of another system's signal in the loop; the
+            message names the port and its system.
     """
     signals: dict[str, OutputPort] = {}
     for system in systems:

@@ -1,13 +1,13 @@
 """The two ends of the loop: the master station and the slave station (Fig. 2.1).
 
-A control architecture is a pair of them: a master side, which MakeMasterStation puts
+A control architecture is a pair of systems: a master side, which MakeMasterStation puts
 between the operator and the channels, and a slave side, which is the station at the
-robot. They speak in packets, which is all that the channels between them carry. What a
-packet holds is the architecture's own affair; those of the thesis are
+robot. Through the channels they exchange packets only. Each architecture defines the
+contents of its packets; those of the thesis are
 
     forward packet [F_h; v_d] (2n)      return packet [p_WT; v_WT] (2n)
 
-CheckPorts and AsChannel check what a user has in the place of one of the systems.
+CheckPorts and AsChannel check a user's replacement for one of the systems.
 """
 
 from collections.abc import Mapping, Sequence
@@ -47,25 +47,26 @@ def MakeMasterStation(
     | out  | forward_packet | m_f  | of the packet; thesis [N; m/s]   |
     | out  | surgeon_mode   | 1    | see ModalOperator                      |
 
-    A master side stands between the hand and the channels: it hears what the operator
-    applies and commands, and says what the operator feels. With one, the station has
-    as further outputs felt_position (n, m), felt_velocity (n, m/s), velocity_command
-    (n, m/s), force_command (n, N) and every further output of the master side (its
-    telemetry), by its own name.
+    A master side computes the forward packet from the operator's force and velocity
+    command, and the felt motion from the return packet. With a master side, the station
+    has further outputs: felt_position (n, m), felt_velocity (n, m/s), velocity_command
+    (n, m/s), force_command (n, N) and every other output of the master side (its
+    telemetry), under its own name.
 
     Args:
-        scenario: Its fields surgeon, haptic_device and environment are used.
-        master_side: A system with the inputs haptic_force (n, N: what the operator
-            applies), velocity_command (n, m/s) and return_packet (m_r) and the
+        scenario: The scenario, of which the fields robot, surgeon, haptic_device and
+            environment are used.
+        master_side: A system with the inputs haptic_force (n, N: the force that the
+            operator applies), velocity_command (n, m/s) and return_packet (m_r) and the
             outputs felt_position (n, m), felt_velocity (n, m/s) and forward_packet
             (m_f). None: the thesis's packets, [F_h; v_d] sent and [p_WT; v_WT] felt.
-        surfaces: Of the environment, of which the operator feels the contact; None:
-            those of the scenario's.
-        operator: An operator of your own in the place of the scenario's; see
+        surfaces: The surfaces of the environment, with which the operator perceives
+            contact; None: the scenario's.
+        operator: An operator that replaces the scenario's; see
             OperatorConfig.MakeOperator for its ports.
-        haptic_device: A device of your own in the place of the scenario's, with the
-            inputs velocity_command and felt_velocity and the output haptic_force (n
-            each). It may leave out inputs.
+        haptic_device: A device that replaces the scenario's, with the inputs
+            velocity_command and felt_velocity and the output haptic_force (n each). It
+            may lack inputs.
 
     Raises:
         ValueError: If a parameter is not allowed, or a port does not have n entries.
@@ -82,7 +83,7 @@ def MakeMasterStation(
     device.set_name("haptic_device")
     systems = {"surgeon": operator, "haptic_device": device}
     outputs = {"surgeon_mode": "surgeon.mode"}
-    # Where the master side's ports are; by default they are those of a pair of blocks.
+    # The ports of the master side. Without one, two blocks pack and unpack the packets.
     ports = {
         "haptic_force": "pack.u0",
         "velocity_command": "pack.u1",
@@ -109,7 +110,7 @@ def MakeMasterStation(
         "haptic_device.velocity_command": "surgeon.velocity_command",
         "surgeon.haptic_force": "haptic_device.haptic_force",
     }
-    for target in list(connections):  # They may leave out inputs.
+    for target in list(connections):  # Operator and device may lack inputs.
         name, _, port = target.partition(".")
         if not systems[name].HasInputPort(port):
             del connections[target]
@@ -134,10 +135,9 @@ def MakeArchitecture(
     """Makes the architecture that the scenario names.
 
     Args:
-        control_law: A control law of your own, which takes the place of the
-            scenario's; it gets the thesis's packets. A system, see MakeSlaveStation,
-            or a function, see FunctionLaw.
-        facts: What the defaults derive from; None: the scenario's.
+        control_law: A control law that replaces the scenario's and uses the thesis's
+            packets: a system, see MakeSlaveStation, or a function, see FunctionLaw.
+        facts: The facts of the loop from which defaults derive; None: the scenario's.
 
     Raises:
         ScenarioError: If a parameter is not allowed, or a default cannot be derived.
@@ -164,10 +164,11 @@ def MakeArchitecture(
 def WithDrivesAndSensors(slave_side: System, scenario: Scenario) -> System:
     """Puts the scenario's drives and sensors between a slave side and the robot.
 
-    The station has the ports of the slave side. Its control_force is what the drive
-    delivers, and what the law asks for is commanded_force. What is measured is
-    measured_position, measured_velocity and measured_force; it is what the law gets,
-    and what is returned to the operator.
+    The station has the ports of the slave side. With a drive, control_force is the
+    force that the drive delivers, and the further output commanded_force is the force
+    that the law commands. With sensors, the outputs measured_position,
+    measured_velocity and measured_force are the signals that the law receives, and from
+    which it makes the return packet.
 
     Returns:
         The station, a Diagram; the slave side itself where both are ideal.
@@ -179,7 +180,7 @@ def WithDrivesAndSensors(slave_side: System, scenario: Scenario) -> System:
     inputs = {name: [name] for name in LAW_INPUTS[2:]}
     systems = {"law": slave_side, **{name: PassThrough(n) for name in inputs}}
     outputs = {name: f"law.{name}" for name in OutputNames(slave_side)}
-    # Where the law reads what it measures: from a sensor, if there is one.
+    # The source of each signal that the law measures: a sensor, if there is one.
     measured = {name: name for name in inputs}
     connections: Connections = {}
     sensors = {
@@ -227,8 +228,10 @@ def WithDrivesAndSensors(slave_side: System, scenario: Scenario) -> System:
 def ResolveController(scenario: Scenario) -> Any:
     """Returns the config of the scenario's architecture with every default derived.
 
-    Gains are n x n matrices; see ArchitectureConfig.Resolve. What cannot be derived is
-    refused.
+    Gains are n x n matrices; see ArchitectureConfig.Resolve.
+
+    Raises:
+        ScenarioError: If a default cannot be derived.
     """
     controller = scenario.controller
     return controller.Chosen().Resolve(scenario.Facts(), controller.path)
@@ -242,16 +245,17 @@ def CheckPorts(
     outputs: Mapping[str, int],
     num_axes: int | None = None,
 ) -> None:
-    """Refuses what is no system, or lacks ports, or has ports of another width.
+    """Refuses an object that is no system, lacks ports, or has ports of another width.
 
     Args:
         name: The argument that holds the system, for messages.
         inputs: Width of each input by its name.
         outputs: Width of each output by its name.
-        num_axes: Number of task axes, for messages; None: they do not matter.
+        num_axes: Number of task axes, for messages; None: messages do not mention it.
 
     Raises:
-        ScenarioError: Naming all missing ports, or the first port of another width.
+        ScenarioError: The message names all missing ports, or the first port of
+            another width.
     """
     CheckIsSystem(name, system)
     missing = [f"input {x}" for x in inputs if not system.HasInputPort(x)]
@@ -274,7 +278,7 @@ def CheckPorts(
 
 
 def CheckIsSystem(name: str, system: Any) -> None:
-    """Refuses what is no system of Drake's, such as a class in its place."""
+    """Refuses an object that is no System of Drake's, such as a class."""
     if isinstance(system, type):
         called = f"{name}={system.__name__}(...)"
         Refuse(name, system, f"an instance: {called}, not {system.__name__}")
@@ -283,7 +287,7 @@ def CheckIsSystem(name: str, system: Any) -> None:
 
 
 def AsChannel(name: str, system: Any, size: int) -> System:
-    """Returns a system as a channel: its ports are `signal` and `delayed_signal`.
+    """Returns a system as a channel, with the ports `signal` and `delayed_signal`.
 
     Args:
         name: The argument that holds the system, for messages.
@@ -291,7 +295,7 @@ def AsChannel(name: str, system: Any, size: int) -> System:
         size: Width of the packet.
 
     Raises:
-        ScenarioError: If it has other ports, or they have another width.
+        ScenarioError: If the system has more or fewer ports, or ports of another width.
     """
     CheckIsSystem(name, system)
     if system.num_input_ports() != 1 or system.num_output_ports() != 1:

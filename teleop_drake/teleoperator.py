@@ -40,42 +40,44 @@ def MakeTeleoperator(
           ^                              |
           +------- return_channel <------+
 
-    Before the first packet arrives, the channels deliver what the architecture says:
-    in the thesis's, no force and no velocity command forward, and the start position at
-    rest back.
+    Before the first packet arrives, the channels deliver the architecture's initial
+    packets. In the thesis's architectures these are zero force and zero velocity
+    command (forward), and the start position at rest (return).
+
+    The systems that are given replace those of the scenario.
 
     Args:
-        scenario: What to build, or its name or file.
-        side: One of SIDES, of which only the systems are made; None: both sides.
-        control_law: A control law of your own in the place of the scenario's: a system
-            with the ports of stations.MakeSlaveStation, or a plain function as
-            FunctionLaw takes it.
-        architecture: Both sides of your own in the place of the scenario's; not
-            together with control_law.
-        robot: A robot of your own; see robots.MakeRobotDiagram for its ports, of which
+        scenario: The scenario, or its name or file.
+        side: One of SIDES, to make only the systems of this side; None: both sides.
+        control_law: A control law: a system with the ports of
+            stations.MakeSlaveStation, or a plain function as FunctionLaw takes it.
+        architecture: An architecture, which is both sides; not together with
+            control_law.
+        robot: A robot; see robots.MakeRobotDiagram for its ports, of which
             control_force, environment_force, tool_position and tool_velocity are
-            needed.
-        environment: An environment of your own; inputs tool_position and
-            tool_velocity, output environment_force (n each); see
-            EnvironmentConfig.MakeEnvironment for what it may tell.
-        forward_channel: A channel of your own: any system with one input and one
-            output, both as wide as the forward packet.
-        return_channel: A channel of your own, as wide as the return packet.
-        operator: An operator of your own; see OperatorConfig.MakeOperator for its ports
-            and what it may tell. Limits of a run, operating points of an analysis and
-            defaults of the controller still go by the scenario's surgeon.velocity.
-        haptic_device: A haptic device of your own; inputs velocity_command and
-            felt_velocity, output haptic_force (n each).
+            required.
+        environment: An environment; inputs tool_position and tool_velocity, output
+            environment_force (n each); see EnvironmentConfig.MakeEnvironment for its
+            optional method Surfaces().
+        forward_channel: A channel: any system with one input and one output, both as
+            wide as the forward packet.
+        return_channel: A channel as wide as the return packet.
+        operator: An operator; see OperatorConfig.MakeOperator for its ports and its
+            optional attributes. Limits of a run, operating points of an analysis and
+            defaults of the controller still derive from the scenario's
+            surgeon.velocity.
+        haptic_device: A haptic device; inputs velocity_command and felt_velocity,
+            output haptic_force (n each).
 
     Returns:
-        The Diagram, named `teleoperator`. Its default context is the start.
+        The Diagram, named `teleoperator`. Its default Context is the start of a run.
 
     Raises:
         ScenarioError: If the scenario is not valid.
         ValueError: If both a control law and an architecture are given, or a packet
-            does not have the width of its initial value, or an output of a system of
-            yours has the name of another signal of the loop.
-        ScenarioError: If a system of yours lacks a port, or a port has another width.
+            does not have the width of its initial value, or an output of a given system
+            has the name of another signal of the loop.
+        ScenarioError: If a given system lacks a port, or a port has another width.
     """
     builder = DiagramBuilder()
     AddTeleoperator(
@@ -100,7 +102,7 @@ def MakeTeleoperator(
 
 @dataclass(frozen=True, kw_only=True)
 class OwnSystems:
-    """Systems of your own in the place of the scenario's; see MakeTeleoperator()."""
+    """A user's systems, which replace the scenario's; see MakeTeleoperator()."""
 
     control_law: System | Law | None = None
     architecture: Architecture | None = None
@@ -116,7 +118,7 @@ SIDES = {
     "operator": ("master", "return_channel"),
     "robot": ("forward_channel", "controller", "robot", "environment"),
 }
-"""The systems of each side, with the channel through which it hears the other one."""
+"""The systems of each side, including the channel through which it gets packets."""
 
 
 def AddTeleoperator(
@@ -128,11 +130,11 @@ def AddTeleoperator(
 ) -> Architecture:
     """Adds the teleoperator's six systems and connects them; returns its architecture.
 
-    MakeTeleoperator() calls it. Call it yourself for a diagram that has more in it,
-    such as a meter of energy (see analysis.energy). Afterwards
-    `builder.GetSubsystemByName("master")` finds a system. Of one of SIDES only its
-    systems are added, and the input of its channel, which lets pass what it gets, stays
-    open.
+    MakeTeleoperator() calls this function. Call it directly to make a diagram with
+    further systems, such as a meter of energy (see analysis.energy). Afterwards
+    `builder.GetSubsystemByName("master")` returns one of the six systems. With `side`,
+    only the systems of that side are added. Its channel has no delay then, and the
+    input of the channel is not connected.
     """
     scenario = AsTeleoperation(scenario)
     scenario.Validate()
@@ -196,7 +198,7 @@ def _CheckOwn(
     haptic_device: System | None,
     num_axes: int,
 ) -> None:
-    """Refuses a system that lacks ports of Fig. 2.1, or has some of another width."""
+    """Refuses a system that lacks a port of Fig. 2.1, or has one of another width."""
     n = num_axes
     motion = {"tool_position": n, "tool_velocity": n}
     force = {"environment_force": n}
@@ -220,10 +222,7 @@ def _MakeChannel(
     own: OwnSystems,
     side: str | None,
 ) -> System:
-    """Returns a channel: a user's own, or that of the scenario.
-
-    Of one side of the loop it lets pass what it gets.
-    """
+    """Returns a channel: the user's, the scenario's or, for one side, no delay."""
     channel = getattr(own, name)
     if side is not None:
         if channel is not None:
@@ -252,14 +251,11 @@ _CONNECTIONS = (
     ("controller", "return_packet", "return_channel", "signal"),
     ("return_channel", "delayed_signal", "master", "return_packet"),
 )
-"""From which output of which system to which input of which, in Fig. 2.1."""
+"""The connections of Fig. 2.1: a system, its output, the next system, its input."""
 
 
 def _CloseLoop(builder: DiagramBuilder) -> None:
-    """Connects the six systems, after checking that each signal has its own name.
-
-    Of a side, those that there are.
-    """
+    """Connects the systems that exist, after checking that signals' names differ."""
     names = dict.fromkeys(source for source, _, _, _ in _CONNECTIONS)
     present = [name for name in names if builder.HasSubsystemNamed(name)]
     systems = [builder.GetSubsystemByName(name) for name in present]

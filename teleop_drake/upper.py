@@ -1,8 +1,8 @@
 """Functions of upper rooms that lower rooms call.
 
-A lower room must not import an upper one. It calls `UpperFunction(name)` instead. The
-root of the package, which stands above all rooms, provides each function together with
-the import that loads it at the first call.
+A room is a subpackage of teleop_drake, or a module beside them. A lower room must not
+import an upper one. It calls `UpperFunction(name)` instead. The root of the package,
+which stands above all rooms, provides each function together with its import.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ _loaders: dict[str, Callable[[], Callable[..., Any]]] = {}
 
 
 def ProvideUpperFunction(name: str, load: Callable[[], Callable[..., Any]]) -> None:
-    """Provides a function of an upper room; a second one of its name replaces it.
+    """Provides a function of an upper room; it replaces a function of the same name.
 
     Args:
         name: The name by which lower rooms call it.
@@ -22,7 +22,7 @@ def ProvideUpperFunction(name: str, load: Callable[[], Callable[..., Any]]) -> N
 
 
 def UpperFunction(name: str) -> Callable[..., Any]:
-    """Returns a function of an upper room, which is imported now.
+    """Imports and returns a function of an upper room.
 
     Raises:
         KeyError: If nothing provides a function of this name.

@@ -1,6 +1,7 @@
 """Checks of input and their messages, for every part of the package.
 
-All of them refuse with one line: the field, its value and what is allowed.
+To refuse a value is to raise a ScenarioError. Its message is one line: the field, its
+value and what is allowed.
 """
 
 import contextlib
@@ -16,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from teleop_drake.arrays import Array, Record
 
-# The default of a field that has none. Every config is constructible without
-# arguments; its checks refuse what is missing.
+# Stands for a value that is missing. Every config can be constructed without arguments;
+# its checks refuse required fields that are missing.
 REQUIRED: Any = None
 
 _T = TypeVar("_T")
@@ -35,18 +36,18 @@ def Number(
     minimum: float = -math.inf,
     maximum: float = math.inf,
 ) -> Any:
-    """Returns a field with a unit and the bounds of CheckNumber; see FixedFields."""
+    """Returns a field for a number with the bounds of CheckNumber; see FixedFields."""
     bounds = {"above": above, "minimum": minimum, "maximum": maximum}
     return field(default=default, metadata={_NUMBER: {"unit": unit, **bounds}})
 
 
 def GainField(default: float | None, *, may_be_zero: bool = False) -> Any:
-    """Returns a field that is a gain, as CheckGain has it; see FixedFields."""
+    """Returns a field for a gain, as CheckGain() allows it; see FixedFields."""
     return field(default=default, metadata={_GAIN: {"may_be_zero": may_be_zero}})
 
 
 Gains = np.ndarray | float
-"""The type of a gain: a number, which stands for that times the identity, or (n, n)."""
+"""The type of a gain: a matrix (n, n), or a number x that stands for x times I."""
 
 _NUMBER = "number"
 _GAIN = "gain"
@@ -54,32 +55,30 @@ _GAIN = "gain"
 
 @dataclass_transform(kw_only_default=True, eq_default=False, field_specifiers=(field,))
 def Config(kind: type[_T]) -> type[_T]:
-    """Makes a dataclass whose fields are keywords and which compares by identity.
-
-    Every config is one.
-    """
+    """Makes a config: a keyword-only dataclass that is compared by identity."""
     return dataclass(kw_only=True, eq=False)(kind)
 
 
 class FixedFields:
-    """Base of config dataclasses: a field that none of them declares is refused.
+    """Base of config dataclasses, in which only declared fields can be set.
 
-    It would be set without effect. Names that begin with an underscore are free.
+    Any other field would have no effect. Names that begin with an underscore are
+    allowed.
     """
 
     def CheckNumbers(self, path: str = "") -> None:
-        """Checks every field of Number(); null is allowed where its type has it."""
+        """Checks every field of Number(); null is allowed if its type has None."""
         for name, limits in self._Limits(_NUMBER).items():
             place = f"{path}.{name}" if path else name
             CheckNumber(place, getattr(self, name), **limits)
 
     def CheckGains(self, path: str, num_axes: int) -> None:
-        """Checks every field of GainField(); null is allowed where its type has it."""
+        """Checks every field of GainField(); null is allowed if its type has None."""
         for name, limits in self._Limits(_GAIN).items():
             CheckGain(f"{path}.{name}", getattr(self, name), num_axes, **limits)
 
     def MakeMatrices(self, num_axes: int) -> None:
-        """Turns the fields of GainField() into matrices (n, n), except for nulls."""
+        """Converts the fields of GainField() to matrices (n, n), except for null."""
         for name in self._Limits(_GAIN):
             value = getattr(self, name)
             if value is not None:
@@ -108,9 +107,9 @@ class FixedFields:
 
 @functools.cache
 def _LimitsOf(config: type, sort: str) -> dict[str, Record]:
-    """Returns what is allowed in the fields of a sort, by name.
+    """Returns the limits of the fields of a sort (_NUMBER or _GAIN), by name.
 
-    A subclass that gives a field another default keeps what is allowed.
+    A subclass that gives a field another default inherits the limits.
     """
     return {
         item.name: {
@@ -141,18 +140,18 @@ def Show(value: Any) -> str:
 
 
 def IsGiven(value: object) -> bool:
-    """Returns whether a value is there: neither null in YAML nor left at REQUIRED."""
+    """Returns whether a value is given: not null in YAML and not left at REQUIRED."""
     return value is not None
 
 
 def Refuse(path: str, value: Any, allowed: str) -> NoReturn:
-    """Raises a ScenarioError that ends in "must be" and what is allowed."""
+    """Raises a ScenarioError with the text `path = value: must be allowed`."""
     raise ScenarioError(f"{path} = {Show(value)}: must be {allowed}")
 
 
 @contextlib.contextmanager
 def Within(path: str) -> Iterator[None]:
-    """Puts the path of a config before the fields that are refused inside of it."""
+    """Prefixes the path of a config to fields that are refused in the context."""
     try:
         yield
     except ScenarioError as e:
@@ -161,7 +160,7 @@ def Within(path: str) -> Iterator[None]:
 
 def Choices(value: Any, choices: Iterable[str]) -> str:
     """Returns "one of a, b (did you mean 'a'?)"."""
-    import difflib  # A name is seldom wrong.
+    import difflib  # Imported here because it is seldom needed.
 
     choices = list(choices)
     text = "one of " + ", ".join(choices)
@@ -170,14 +169,14 @@ def Choices(value: Any, choices: Iterable[str]) -> str:
 
 
 def CheckChoice(path: str, value: Any, choices: Iterable[str]) -> None:
-    """Refuses what is none of the choices."""
+    """Refuses a value that is none of the choices."""
     choices = list(choices)
     if value not in choices:
         Refuse(path, value, Choices(value, choices))
 
 
 def CheckNames(path: str, value: Any) -> None:
-    """Refuses one text in the place of a list of names."""
+    """Refuses a text where a list of names is required."""
     if isinstance(value, str):
         Refuse(path, value, f"a list of names: [{value!r}]")
 
@@ -192,11 +191,13 @@ def CheckNumber(
     maximum: float = math.inf,
     may_be_null: bool = False,
 ) -> None:
-    """Refuses what is not finite or not within the bounds; takes None for missing.
+    """Refuses a number that is missing (None), not finite or out of bounds.
 
     Args:
-        unit: Its unit, for the message.
-        above: Lower bound that is not allowed itself.
+        unit: The unit, for the message.
+        above: Lower bound, exclusive.
+        minimum: Lower bound, inclusive.
+        maximum: Upper bound, inclusive.
         may_be_null: Whether None is allowed.
     """
     if value is None and may_be_null:
@@ -210,14 +211,14 @@ def CheckNumber(
 
 
 def CheckVector(path: str, value: Any, size: int, unit: str) -> None:
-    """Refuses what is not a vector of finite numbers; takes None for missing."""
+    """Refuses a value that is missing (None) or no vector of `size` finite numbers."""
     if value is None or np.shape(value) != (size,) or not np.all(np.isfinite(value)):
         entries = "1 finite number" if size == 1 else f"{size} finite numbers"
         Refuse(path, value, f"a list of {entries} ({unit})")
 
 
 def GainMatrix(gain: ArrayLike, num_axes: int) -> Array:
-    """Returns a gain as an n x n matrix; a number means that times the identity."""
+    """Returns a gain as an n x n matrix; a number x means x times the identity."""
     matrix = np.asarray(gain, dtype=float)
     return np.diag(np.full(num_axes, matrix)) if matrix.ndim == 0 else matrix
 
@@ -233,8 +234,9 @@ def CheckGain(
     """Checks a gain, a number or a symmetric matrix, and returns it as a matrix (n, n).
 
     Args:
-        may_be_zero: Whether the matrix may be semidefinite; else it is definite.
-        may_be_null: Whether None is allowed, of which zeros are returned.
+        may_be_zero: Whether the matrix may be positive semidefinite; else it must be
+            positive definite.
+        may_be_null: Whether None is allowed, for which zeros are returned.
     """
     n = num_axes
     if value is None and may_be_null:

@@ -1,7 +1,7 @@
-"""Diagrams as tables: their systems, and which output leads to which input.
+"""Builds Diagrams from tables of systems and connections.
 
-A place names a port: `system.port`, or `system` alone if that has one such port. A
-table has a row for each input, with the place of the output that leads to it:
+A place names a port: `system.port`, or only `system` if the system has one such port. A
+table of connections has the place of each input, and of the output connected to it:
 
     {"adder.u0": "plant.state", "filter": "adder"}
 """
@@ -12,7 +12,7 @@ from typing import Any
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 Connections = dict[str, str]
-"""The place of an output by the place of the input to which it leads."""
+"""The place of the output that is connected to each input, by the input's place."""
 
 
 def Wire(
@@ -27,13 +27,15 @@ def Wire(
     """Builds systems and their connections into an empty diagram, and returns it.
 
     Args:
-        diagram: The diagram.
-        name: The name that the diagram gets.
-        systems: The systems by the names by which places call them. Those without a
-            name of their own get this one.
-        inputs: The inputs to which each input port of the diagram leads.
+        diagram: An empty Diagram.
+        name: The new name of the diagram.
+        systems: The systems, by their names in places. A system without a name gets
+            this name.
+        inputs: The places of the inputs that each input port of the diagram feeds, by
+            the name of the port.
         connections: The connections between the systems.
-        outputs: The output that each output port of the diagram exports.
+        outputs: The place of the output that each output port of the diagram exports,
+            by the name of the port.
 
     Raises:
         RuntimeError: If a system lacks a port.

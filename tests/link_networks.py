@@ -1,4 +1,4 @@
-"""Two sides in one process: clocks that tests move, and a network with a seed."""
+"""Two sides in one process, with simulated clocks and a network with a seed."""
 
 import heapq
 from types import SimpleNamespace
@@ -11,7 +11,10 @@ KEY = bytes(range(32))
 
 
 def Fates(seed, *, delay=0.02, std=0.004, loss=0.05, duration=100.0):
-    """Returns the delays in s of the copies of datagram k: some lost, some doubled."""
+    """Returns a function of k: the delays in s of the copies of datagram k.
+
+    A datagram without copies is lost; some have two copies.
+    """
     network = PacketNetwork(
         profile=DelayProfile(delay=delay, duration=duration),
         sample_period=0.001,
@@ -34,8 +37,8 @@ class Network:
     """Carries datagrams between two sides, in simulated time.
 
     Args:
-        fates: Of each direction, what Fates() returns.
-        offsets: What the clocks of the sides show at time 0, ns.
+        fates: A function as Fates() returns it, for each direction.
+        offsets: The times of the sides' clocks at time 0, ns.
     """
 
     def __init__(self, *fates, offsets=(1, 1)):
@@ -63,10 +66,11 @@ class Network:
         ]
 
     def Run(self, sides, *, until=float("inf"), phase=0.00037, stopped=()):
-        """Ticks whoever is due next, until a time in s or until all have ended.
+        """Ticks the side that is due next, until a time in s or until all have ended.
 
         Args:
-            phase: How much later than the other one the robot's side is at first, s.
+            until: The last time, s.
+            phase: The delay of the robot's first tick after the operator's, s.
             stopped: Sides that do not tick, as if their processes were suspended.
         """
         if self.now == 0:
@@ -83,7 +87,7 @@ class Network:
             sides[i].Tick()
 
     def Skip(self, sides, i, seconds):
-        """Sets a clock ahead."""
+        """Sets the clock of side i ahead."""
         self._offsets[i] += round(seconds * 1e9)
 
     def Send(self, i, data):

@@ -1,4 +1,4 @@
-"""Tests of what a notebook and pandas make of a recording."""
+"""Tests of recordings in notebooks and in pandas, and of their deferred fields."""
 
 import copy
 import dataclasses
@@ -51,7 +51,7 @@ def test_html_has_every_metric_with_its_unit_and_a_figure():
 
 
 def test_events_and_notes_are_found_once_and_when_they_are_asked_for():
-    recording = dataclasses.replace(ShortRun(), scenario=None)  # It does not pickle.
+    recording = dataclasses.replace(ShortRun(), scenario=None)  # Not pickled.
     calls = []
 
     def FindEvents(run):
@@ -81,7 +81,7 @@ def test_html_of_a_run_without_a_number_says_so():
 
 def test_a_notebook_shows_the_figure_of_a_run():
     figure = PlotRun(ShortRun("one_dof"), signals=["tool_velocity"])
-    # A notebook shows it without pyplot.
+    # A notebook shows the figure without pyplot.
     assert figure._repr_png_()[0].startswith(b"\x89PNG")
     labels = [ax.get_ylabel() for ax in figure.axes]
     assert any("velocity" in label for label in labels)

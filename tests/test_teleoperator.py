@@ -44,7 +44,7 @@ def test_every_station_opens_and_every_system_is_named():
     diagram = MakeTeleoperator(LoadScenario("two_dof_combined"))
 
     def Names(system):
-        """Yields the path of every system inside."""
+        """Yields the path of every system inside a system."""
         for child in getattr(system, "GetSystems", list)():
             yield child.get_name()
             yield from (f"{child.get_name()}.{name}" for name in Names(child))
@@ -84,7 +84,7 @@ def test_stations_speak_in_packets():
     assert slave.GetInputPort("forward_packet").size() == 4
     assert slave.GetOutputPort("return_packet").size() == 4
     assert slave.GetOutputPort("psi").size() == 4
-    # What the operator does never reaches the channel without a delay in between.
+    # The felt motion does not reach the forward packet without a delay in between.
     assert not master.HasDirectFeedthrough(0, 0)
 
 
@@ -99,7 +99,7 @@ def test_an_invalid_scenario_is_refused():
     "kind", ["smith_predictor", "adaptive_backstepping", "four_channel"]
 )
 def test_defaults_derive_from_the_robot_in_the_diagram(kind):
-    """An own robot of 5 kg gets the gains of 5 kg, not of the scenario's 0.5 kg."""
+    """A user's robot of 5 kg gets the gains for 5 kg, not for the scenario's 0.5 kg."""
     scenarios = [
         LoadScenario(
             "one_dof", {"controller.kind": kind, "duration": 0.5, "robot.mass": mass}
@@ -150,7 +150,7 @@ def test_outputs_with_the_name_of_another_signal_are_refused(output, owner):
 
 
 def test_a_diagram_is_run_and_analysed_in_any_order():
-    """A run makes the diagram part of another one, in which its Contexts change."""
+    """An analysis and runs of one diagram do not change each other's results."""
     scenario = LoadScenario(
         "one_dof", {"controller.kind": "direct_force", "duration": 0.05}
     )
@@ -164,4 +164,4 @@ def test_a_diagram_is_run_and_analysed_in_any_order():
     first, again = (simulate(scenario, teleoperator=teleoperator) for _ in range(2))
     assert Analyze() == before
     np.testing.assert_array_equal(first["tool_position"], again["tool_position"])
-    CheckKernel(teleoperator, num_states=1)  # What a compiled run begins with.
+    CheckKernel(teleoperator, num_states=1)  # Compiled runs use these kernels.

@@ -1,4 +1,4 @@
-"""Fields of configs that are checked."""
+"""Tests of the fields of configs that are checked."""
 
 import math
 from dataclasses import dataclass

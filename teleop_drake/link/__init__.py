@@ -1,1 +1,1 @@
-"""The loop over a real network: two processes, cut at the channels."""
+"""The loop over a real network: two processes, separated at the channels."""

@@ -1,4 +1,4 @@
-"""One half of the loop: it is simulated, and fed with what the other half sends."""
+"""One half of the loop, simulated with the packets that the other half sends."""
 
 from collections.abc import Callable
 from enum import IntEnum
@@ -19,21 +19,21 @@ from teleop_drake.teleoperator import AddTeleoperator
 from teleop_drake.validation import Refuse
 
 Driver = Callable[[float, Array], Any]
-"""Takes the time in s and the packet that is in use; returns what to send."""
+"""A function of the time in s and the packet that is fed; returns the one to send."""
 
-# Parts of a packet that are held where nothing is heard: positions and energies.
+# First letters of the parts that are held while trust falls: positions, energies.
 _HELD_PARTS = ("p", "x", "E")
 
-# How fast the tool is held in its place, rad/s at most.
+# The largest natural frequency of the spring that holds the tool, rad/s.
 _HOLD_RATE = 20.0
 
 
 WAYS = {"operator": ("return", "forward"), "robot": ("forward", "return")}
-"""The directions in which each side hears and speaks."""
+"""The directions in which each side receives and sends packets."""
 
 
 class Turn(IntEnum):
-    """What trust does in a period; in one that is missed, nothing is fed."""
+    """The change of trust in a period; in a missed period nothing is fed."""
 
     COMES_BACK = -1
     MISSED = 0
@@ -41,33 +41,35 @@ class Turn(IntEnum):
 
 
 class _Row(NamedTuple):
-    """What is recorded of a step: what was fed before it, and the signals."""
+    """The record of a step: the packet that was fed before it, and the signals."""
 
     fed: Array
     signals: Array
 
 
 class Half:
-    """A side that is simulated, and fed with what is heard as far as that is trusted.
+    """A simulated side, fed with the received packets as far as they are trusted.
 
-    As trust falls, so do forces, velocities, accelerations and waves, and positions are
-    held; as it comes back, they all go to what is heard. Meanwhile a spring and a
-    damper hold the tool of the robot in its place. With its inertia at the start they
-    are critically damped.
+    Trust is a number from 0 to 1. While it falls, the forces, velocities, accelerations
+    and waves that are fed fall to zero, and positions and energies are held. While it
+    comes back, all of them approach the received packet. As long as trust is below 1, a
+    spring and a damper hold the robot's tool in its place, with the share 1 - trust.
+    They are critically damped for the tool's inertia at the start.
 
     Args:
-        scenario: Of the whole loop.
+        scenario: The scenario of the whole loop.
         side: One of WAYS.
-        period: Between steps, s.
-        fade: In which time trust falls from 1 to 0, and comes back, s.
-        step: A driver in the place of a simulation.
+        period: The time between steps, s.
+        fade: The time in which trust falls from 1 to 0, and comes back, s.
+        step: A driver that replaces the simulation.
 
     Attributes:
-        heard: The direction in which the side hears.
-        spoken: The direction in which it speaks.
-        fed: The packet that is in use.
-        sent: Those that were sent; the first ones are the architecture's, as `fed` is.
-        trust: 0 to 1.
+        heard: The direction of the packets that the side receives.
+        spoken: The direction of the packets that it sends.
+        fed: The packet that is fed: the received one, changed as trust requires. At the
+            start, the architecture's initial packet.
+        sent: The packets that were sent, after the architecture's initial packet.
+        trust: The present trust, 0 to 1.
         model: The scenario, the side's diagram and the config of the solver.
         run: The compiled run; None where there is a driver.
 
@@ -98,12 +100,12 @@ class Half:
         self.fed = initial[self.heard]
         self.sent = [initial[self.spoken]]
         self.trust = 1.0
-        # Periods in which trust has fallen, and in which it falls from 1 to 0.
+        # Number of periods by which trust has fallen, and of a fall from 1 to 0.
         self._faded = 0
         self._num_fades = int(np.ceil(fade / period))
         self._falls = self._PartsThatFall()
         self._rows: list[_Row] = []
-        # What the inputs of the diagram are fed with at first.
+        # Initial values of the inputs of the diagram.
         inputs = {"packet": self.fed}
         channel = builder.GetSubsystemByName(f"{self.heard}_channel")
         builder.ExportInput(channel.get_input_port(), "packet")
@@ -111,7 +113,7 @@ class Half:
             inputs["force"] = self._AddHold(builder)
         diagram = builder.Build()
         self.systems = SystemsByPath(diagram)
-        # A driver has one signal only, and feeds itself.
+        # With a driver, the packet to send is the only signal, and no input is fed.
         self._driver = step
         self.run: CompiledRun | None = None
         self._places = {f"{self.spoken}_packet_sent": slice(None)}
@@ -122,7 +124,7 @@ class Half:
             )
 
     def _PartsThatFall(self) -> Array:
-        """Returns which numbers of the packet fall with trust; the others are held."""
+        """Returns a mask of the packet's numbers that fall with trust."""
         controller = self.scenario.controller
         parts = getattr(controller.Chosen(), f"{self.heard}_parts")
         names = np.repeat(parts, self.scenario.num_axes)[: self.fed.size]
@@ -132,10 +134,10 @@ class Half:
         return np.array([not name.startswith(_HELD_PARTS) for name in names])
 
     def _AddHold(self, builder: DiagramBuilder) -> Array:
-        """Adds the force that holds the tool to that of the law.
+        """Adds the exported input `force`, which holds the tool, to the law's force.
 
         Returns:
-            The force at first, which the exported input `force` is fed with.
+            The initial value of the input.
         """
         robot = builder.GetSubsystemByName("robot")
         inertia = FactsOfRobot(robot).inertia
@@ -145,7 +147,7 @@ class Half:
         rate = min(_HOLD_RATE, 0.2 / self.period)
         self._stiffness = rate**2 * inertia
         self._lead = 2 / rate
-        # Between the law and the robot.
+        # The sum of both forces is put between the law and the robot.
         law = builder.GetSubsystemByName("controller").GetOutputPort("control_force")
         target = robot.GetInputPort("control_force")
         hold = builder.AddNamedSystem("hold", Adder(2, num_axes))
@@ -156,14 +158,16 @@ class Half:
         return np.zeros(num_axes)
 
     def Step(self, t: float, heard: Array, turn: Turn) -> None:
-        """Goes on to t in s; sends what there is then, and is fed from then on.
+        """Advances to t in s, and appends the packet to `sent`; then feeds the inputs.
 
         Args:
-            heard: The packet that is in use.
-            turn: What trust does.
+            t: The time of the step, s.
+            heard: The received packet that is in use.
+            turn: The change of trust.
 
         Raises:
-            ArithmeticError: If what is sent is not as many finite numbers as it was.
+            ArithmeticError: If the packet has another size than the initial one, or
+                numbers that are not finite; or if the run cannot continue.
         """
         before = self.fed
         if turn != Turn.MISSED:
@@ -182,7 +186,10 @@ class Half:
             self.run.Feed(self._inputs["hold"], self._HoldingForce(signals))
 
     def _Fade(self, heard: Array, turn: Turn) -> None:
-        """Changes trust by a period, and goes to what is heard, or to what is safe."""
+        """Changes trust by one period, and moves `fed` towards a target.
+
+        The target is the received packet or, while trust falls, a safe packet.
+        """
         self._faded = min(max(self._faded + turn, 0), self._num_fades)
         self.trust = 1 - self._faded / self._num_fades
         if turn == Turn.FALLS:
@@ -191,6 +198,7 @@ class Half:
         else:
             target = heard
             num_left = self._faded
+        # In equal steps, of which the last one reaches the target.
         if num_left == 0:
             self.fed = target
         else:
@@ -205,6 +213,7 @@ class Half:
 
     def _HoldingForce(self, signals: Array) -> Array:
         """Returns the force of the spring and the damper; 0 as long as trust is 1."""
+        # The place to hold is the last one with full trust, or that of the first step.
         p = signals[self._places["tool_position"]]
         v = signals[self._places["tool_velocity"]]
         if self.trust == 1 or len(self._rows) == 1:
@@ -213,7 +222,7 @@ class Half:
         return (1 - self.trust) * self._stiffness @ (apart - self._lead * v)
 
     def Signals(self, num: int) -> dict[str, Array]:
-        """Returns the signals (N, k) of the first steps, by their names."""
+        """Returns the signals (N, k) of the first `num` steps, by their names."""
         rows = self._rows[:num]
         signals = np.array([row.signals for row in rows])
         received = {f"{self.heard}_packet_received": np.array([x.fed for x in rows])}

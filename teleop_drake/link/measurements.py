@@ -1,4 +1,7 @@
-"""What a side measures of the network: ticks, packets in use, delays."""
+"""Measurements of the network by a side: ticks, packets in use, delays.
+
+The packet in use at a tick is the newest packet that has been received.
+"""
 
 from typing import Any, NamedTuple
 
@@ -8,22 +11,23 @@ from teleop_drake.arrays import Array
 from teleop_drake.link.half import Half
 from teleop_drake.link.packets import NUM_USED
 
-# What `used` has where no packet was in use, and where that is not known.
+# Entries of `used` where no packet was in use, and where it is not known which was.
 _NONE = -1
 _UNKNOWN = -2
 
 
 class Tick(NamedTuple):
-    """A tick that was not missed, and what was measured then.
+    """A tick that was not missed, with its measurements.
 
     Attributes:
-        tick: Its number.
-        is_stale: Whether what was in use was too old.
-        packet_age: Age of what was in use, s.
-        round_trip: Age of the echo in it, s.
-        period: How long after the one before it began, s.
-        lateness: How late it began, s.
-        trust: How far what was in use was trusted, 0 to 1.
+        tick: The number of the tick.
+        is_stale: Whether the packet in use was too old, or the other side had ended.
+        packet_age: The age of the packet in use, s.
+        round_trip: The age of the echo in it, s. The echo is this side's packet that
+            the other side had in use when it sent.
+        period: The time since the beginning of the tick before, s.
+        lateness: The time by which the tick began too late, s.
+        trust: The trust in the packet in use, 0 to 1.
     """
 
     tick: int
@@ -49,16 +53,17 @@ class Measurements:
         last: The number of its last tick.
 
     Attributes:
-        ticks: Those that were not missed.
-        used: Of each way, the tick of the packet that was in use at each tick where it
-            is heard; -1: none, or it was missed; -2: not known.
+        ticks: The ticks that were not missed.
+        used: For each direction, the tick of the packet that was in use at each tick of
+            the side that receives it; -1: there was none, or the tick was missed; -2:
+            it is not known.
     """
 
     def __init__(self, half: Half, last: int):
         self._spoken = half.spoken
         self._period = half.period
         self.ticks: list[Tick] = []
-        # Entries before tick 0 are those of the first packets.
+        # The first packets report entries before tick 0, for which there is room.
         num = NUM_USED + last + 1
         self._padded = {
             half.heard: np.full(num, _NONE),
@@ -72,10 +77,11 @@ class Measurements:
         return self.ticks[-1].tick if self.ticks else -1
 
     def LatestUsed(self, way: str, tick: int) -> Array:
-        """Returns what was in use at a tick and before (NUM_USED), to read or to set.
+        """Returns a view of the NUM_USED entries of `used` that end at a tick.
 
         Args:
             way: The direction of the packets.
+            tick: The last tick.
         """
         return self._padded[way][tick + 1 :][:NUM_USED]
 
@@ -84,16 +90,17 @@ class Measurements:
         return self._period * np.array([x.tick for x in self.ticks], float)
 
     def Signals(self) -> dict[str, Array]:
-        """Returns what was measured (N, 1), by its name."""
+        """Returns the measured signals (N, 1), by their names."""
         return {
             name: np.array([[getattr(tick, name)] for tick in self.ticks], float)
             for name in MEASURED
         }
 
     def Used(self) -> dict[str, Array]:
-        """Returns of each way which packet was in use at each tick where it is heard.
+        """Returns `used` up to the last tick, without gaps, for each direction.
 
-        In between of what is known, packets are taken in steady steps.
+        Where the packet in use is not known, its tick grows in steady steps between the
+        known ones. It never decreases.
         """
         ticks = np.arange(self.last_tick + 1)
         steady = {}
@@ -105,15 +112,16 @@ class Measurements:
         return steady
 
     def Delays(self) -> dict[str, Array]:
-        """Returns how long each packet took until it was in use, s; NaN: it never was.
+        """Returns the delay from each packet's tick until it was in use, s.
 
         Returns:
-            By `forward` and `return`; entry k is of the packet of tick k. It is less
-            than 0 if clocks have drifted so far that it was in use before its tick.
+            The delays for `forward` and `return`. Entry k belongs to the packet of tick
+            k; it is NaN if that was never in use, and negative if clocks have drifted
+            so far that it was in use before its tick.
         """
         delays = {}
         for way, used in self.Used().items():
-            # The first entry is that of the packet before tick 0.
+            # The first entry belongs to the packet before tick 0.
             packets, first_ticks = np.unique(np.append(_NONE, used), return_index=True)
             delays[way] = np.full(self.last_tick + 1, np.nan)
             num_ticks = first_ticks - 1 - packets
@@ -121,7 +129,7 @@ class Measurements:
         return delays
 
     def Outages(self) -> list[list[float]]:
-        """Returns when what was in use began and ceased to be too old, s."""
+        """Returns the begin and the end in s of each interval of stale ticks."""
         is_stale = [False, *(tick.is_stale for tick in self.ticks), False]
         changes = np.flatnonzero(np.diff(is_stale))
         time = self.Time()
@@ -129,7 +137,7 @@ class Measurements:
         return ends[changes].reshape(-1, 2).round(6).tolist()
 
     def Report(self) -> dict[str, Any]:
-        """Returns what was measured, times in s, as JSON has it."""
+        """Returns a summary of the measurements for JSON, with times in s."""
         delays = self.Delays()
         known = np.flatnonzero(self.used[self._spoken] > _UNKNOWN)
         num_periods = self.last_tick - self.ticks[0].tick + 1
@@ -146,7 +154,7 @@ class Measurements:
 
 
 def _Statistics(x: Array) -> dict[str, float]:
-    """Returns the statistics of some numbers."""
+    """Returns mean, deviation, extremes and median of an array."""
     statistics = {
         "mean": x.mean(),
         "deviation": x.std(),
@@ -157,8 +165,8 @@ def _Statistics(x: Array) -> dict[str, float]:
     return {name: round(float(value), 9) for name, value in statistics.items()}
 
 
-# The log of a side is a CSV file. Each line is handed to the operating system as it is
-# written, so that it is there when the process is not any more.
+# The log of a side is a CSV file. Each line is written without a buffer, so that it
+# remains if the process is killed.
 
 
 def LogHeader(half: Half) -> bytes:
@@ -174,8 +182,9 @@ def LogLine(half: Half, tick: Tick, packet_tick: int) -> bytes:
     """Returns the line of a tick in a side's log.
 
     Args:
-        half: The side; the line has its packets.
-        packet_tick: That of the packet that was in use.
+        half: The side, whose last packets, fed and sent, are in the line.
+        tick: The measurements.
+        packet_tick: The tick of the packet in use.
     """
     numbers = [
         tick.tick * half.period,

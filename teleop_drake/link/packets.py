@@ -1,13 +1,13 @@
 """The packets of a link; docs/network.md has their layout.
 
-A packet is believed if its keyed hash is right, if it is newer than those before, and
-if it names the session of the process that it comes to. A session is a random number
-of a process, so that a packet of another run, sent again, names another session.
+A packet is accepted if its keyed hash is right, if it is newer than all accepted ones,
+and if it contains the session number of the receiver. Each process draws its session
+number at random, so a packet that is replayed from another run contains another number.
 
-The robot's side does not know who will call. It answers each hello, a packet that does
-not name its session yet, with one packet. Only a caller that names the session in turn
-is sent more. A caller that has another key gets a short notice instead, which is not
-authenticated and is therefore only reported.
+The robot's side does not know in advance who will call. It answers each hello, which is
+a packet without its session number, with one packet. It sends more packets only to a
+caller whose packets then contain this number. A caller with another key gets a short
+notice instead. A notice is not authenticated and is therefore only reported.
 """
 
 import functools
@@ -27,13 +27,13 @@ from teleop_drake.arrays import Array
 from teleop_drake.validation import Refuse
 
 NUM_USED = 32
-"""A packet says what was in use at so many ticks: so many in a row may be lost."""
+"""Number of ticks whose packets in use are reported, in case packets are lost."""
 
 WRONG_KEY_NOTICE = b"TDL?key"
-"""What a caller is sent whose packets have another key."""
+"""The datagram that a caller gets if its packets have another key."""
 
 Address = tuple[Any, ...]
-"""Where a socket sends to: host, port, and more with IPv6."""
+"""The address of a socket: host, port, and further entries for IPv6."""
 
 _MAGIC = b"TDL"
 _VERSION = 1
@@ -41,7 +41,7 @@ _HASH_SIZE = 16
 
 
 class Reason(StrEnum):
-    """Why a datagram is not believed; they are examined in this order."""
+    """The reason why a datagram is rejected; reasons are tested in this order."""
 
     NOTICE = "notice"
     FOREIGN = "foreign"
@@ -56,11 +56,11 @@ class Reason(StrEnum):
 
 
 class Opened(NamedTuple):
-    """A datagram that was opened.
+    """A datagram that was checked.
 
     Attributes:
-        packet: Its packet, of PacketType(); None if it is not believed.
-        reason: Why it is not believed; None if it is.
+        packet: The packet, of PacketType(); None if it is rejected.
+        reason: The reason why it is rejected; None if it is accepted.
     """
 
     packet: Any
@@ -71,10 +71,10 @@ class Opened(NamedTuple):
 def PacketType(size: int) -> np.dtype[Any]:
     """Returns the layout of a packet with a signal of some size.
 
-    Each field is an attribute of a packet. `start` is when tick 0 of the sender was, by
-    its own clock, ns; 0: not yet. `tick` is its last one; -1 before the start. `used`
-    is the tick of the packet that was in use at each of its last ticks; -1: none.
-    `ended` is 1 if it sends no more than this.
+    Each field is an attribute of a packet. `start` is the time of the sender's tick 0
+    by its own clock, ns; 0 if there is none yet. `tick` is the sender's last tick; -1
+    before the start. `used` are the ticks of the packets in use at the sender's last
+    NUM_USED ticks; -1: none. `ended` is 1 if the sender has ended.
     """
     fields: list[Any] = [
         ("magic", "S3"),
@@ -99,7 +99,7 @@ def PacketType(size: int) -> np.dtype[Any]:
 
 
 def FirstPacket(values: Array) -> Any:
-    """Returns what is in use before any packet is heard: a signal of no tick."""
+    """Returns the packet in use before any packet is received; its tick is -1."""
     packet = np.zeros(1, PacketType(len(values)))[0]
     packet.tick = -1
     packet.used = -1
@@ -108,21 +108,21 @@ def FirstPacket(values: Array) -> Any:
 
 
 class Session:
-    """One end of a conversation: seals what it sends, and opens what it receives.
+    """One end of a connection, which authenticates packets in both directions.
 
     Args:
         key: The key of both sides (32 bytes).
         role: 0 at the operator, 1 at the robot.
-        agreement: What both sides must have in common, as a number.
-        size: Width of the signal that comes in.
-        address: Where the other side is; None: not known yet.
+        agreement: A digest of the settings that both sides must have in common.
+        size: Width of the signal that is received.
+        address: The address of the other side; None: not known yet.
 
     Attributes:
-        refused: How many datagrams were not believed, by the reason.
-        exchanges: How many packets were believed.
-        round_trip: The shortest round trip of these, ns.
-        offset: What to add to this clock to have the other one's, ns, if both ways of
-            the shortest round trip took half of it.
+        refused: The number of rejected datagrams, by the reason.
+        exchanges: The number of accepted packets.
+        round_trip: The shortest round trip of these packets, ns.
+        offset: The other side's clock minus this one, ns, if both directions of the
+            shortest round trip took half of it.
     """
 
     def __init__(
@@ -140,8 +140,9 @@ class Session:
         self._session = secrets.randbits(63)
         # The number of the last packet that was sent.
         self._sequence = 0
-        # Of the other side: its session, and of its last packet that counts its number,
-        # when it was sent by its clock, and when it came by this clock.
+        # The other side's session number, and the number of its last accepted packet.
+        # Then the time when its last packet, maybe a hello, was sent, by its clock, and
+        # the time when it arrived, by this clock.
         self._peer = 0
         self._last = 0
         self._heard = 0
@@ -162,11 +163,11 @@ class Session:
         used: Array,
         ended: bool,
     ) -> bytes:
-        """Returns the next packet.
+        """Returns the next packet, with its keyed hash.
 
         Args:
-            now: This clock, ns.
-            values: The signal that goes out.
+            now: The time of this clock, ns.
+            values: The signal to send.
             start, tick, used, ended: See PacketType().
         """
         self._sequence += 1
@@ -191,6 +192,7 @@ class Session:
         packet = np.zeros((), PacketType(len(values)))
         for name, value in fields.items():
             packet[name] = value
+        # The hash covers everything before it.
         data = packet.tobytes()[:-_HASH_SIZE]
         return data + self._Hash(data)
 
@@ -198,14 +200,15 @@ class Session:
         return hashlib.blake2b(data, key=self._key, digest_size=_HASH_SIZE).digest()
 
     def Open(self, data: bytes, address: Address, now: int) -> Opened:
-        """Opens a datagram that came now, and takes note of what is believed.
+        """Checks a datagram that has arrived; if it is accepted, updates the session.
 
-        A hello proves nothing about who sent it. It is remembered only so that the
-        answer names its session.
+        A hello does not prove who sent it. Its session number and time are stored only
+        for the answer.
 
         Args:
-            address: Where it came from.
-            now: This clock, ns.
+            data: The datagram.
+            address: The address of its sender.
+            now: The time of this clock, ns.
         """
         packet, reason = self._Read(data)
         if reason is not None:
@@ -227,9 +230,9 @@ class Session:
         return Opened(packet, None)
 
     def _Read(self, data: bytes) -> tuple[Any, Reason | None]:
-        """Returns the packet of a datagram, if it has one, and why it does not count.
+        """Returns the packet of a datagram, or None, and why it is rejected, or None.
 
-        Nothing of it is looked at before its hash, but for its first letters.
+        Only its first letters are read before the hash has been verified.
         """
         if data == WRONG_KEY_NOTICE:
             return None, Reason.NOTICE
@@ -247,7 +250,7 @@ class Session:
         return packet, self._WhyNotBelieved(packet)
 
     def _WhyNotBelieved(self, packet: Any) -> Reason | None:
-        """Returns why a packet of somebody who has the key is not believed."""
+        """Returns why a packet with the right hash is rejected; None if accepted."""
         has_peer = self._last > 0
         if packet.agreement != self._agreement:
             return Reason.SCENARIO
@@ -266,7 +269,7 @@ def NewKey(file: str) -> None:
     """Writes a random key to a new file that only its owner can read.
 
     Raises:
-        FileExistsError: If there is such a file.
+        FileExistsError: If the file exists already.
     """
     descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with open(descriptor, "w") as stream:
@@ -274,7 +277,7 @@ def NewKey(file: str) -> None:
 
 
 def ReadKey(file: str) -> bytes:
-    """Returns the key in a file; refuses one that others can read."""
+    """Returns the key in a file; refuses a file that other users have access to."""
     allowed = (
         "a file that `teleop-drake serve --new-key FILE` made, for its owner alone"
     )
@@ -293,7 +296,7 @@ def ReadKey(file: str) -> bytes:
 
 
 def OpenSocket(address: str, *, listens: bool) -> tuple[socket.socket, Address]:
-    """Returns a UDP socket that never waits, and what HOST:PORT means.
+    """Returns a non-blocking UDP socket, and the address that HOST:PORT means.
 
     Args:
         address: HOST:PORT.
@@ -307,7 +310,7 @@ def OpenSocket(address: str, *, listens: bool) -> tuple[socket.socket, Address]:
         places = socket.getaddrinfo(host.strip("[]"), int(port), type=socket.SOCK_DGRAM)
         family, *_, place = places[0]
         end = socket.socket(family, socket.SOCK_DGRAM)
-        # A burst of others' datagrams pushes nothing out.
+        # So large that a burst of foreign datagrams displaces no packets.
         end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
         if listens:
             end.bind(place)

@@ -1,4 +1,4 @@
-"""The prediction of a run over a real network: the same loop, its packets replayed."""
+"""Predicts a run over a real network: simulates the loop with the packets in use."""
 
 import dataclasses
 from pathlib import Path
@@ -20,11 +20,15 @@ from teleop_drake.stations import ResolveController
 
 
 def SaveRun(side: Side, folder: Path) -> dict[str, Any]:
-    """Writes what a side has recorded, predicts it, and returns its report.
+    """Writes the recording of a side and its prediction; returns the side's report.
 
-    It writes <side>.npz, a trace for each direction, <side>_forward.csv and
-    <side>_return.csv, the scenario with these as channels, <side>_predicted.yaml, and
-    <side>_prediction.png. In the traces no delay is negative.
+    The files are
+
+    * <side>.npz: the recording;
+    * <side>_forward.csv and <side>_return.csv: the delays as traces, 0 if negative;
+    * <side>_predicted.yaml: the scenario with the traces as its channels;
+    * <side>_prediction.png: the packets as measured and as predicted, unless the
+      prediction diverges.
     """
     recording = side.Recording()
     recording.Save(folder / f"{side.side}.npz")
@@ -38,7 +42,7 @@ def SaveRun(side: Side, folder: Path) -> dict[str, Any]:
     report = side.Report()
     try:
         predicted = Predict(side)
-    except ArithmeticError as error:  # It diverges.
+    except ArithmeticError as error:  # The prediction diverges.
         side.Say(f"no prediction: {error}")
         return report
     picture = folder / f"{side.side}_prediction.png"
@@ -55,17 +59,20 @@ def _WithTraces(side: Side, traces: dict[str, str], duration: float) -> Scenario
         )
     controller = side.scenario.controller
     if hasattr(controller, controller.kind):
-        # Not the gains that these channels would give.
+        # Otherwise gains that depend on channels would differ from those of the run.
         gains = {controller.kind: ResolveController(side.scenario)}
         changes["controller"] = dataclasses.replace(controller, **gains)
     return dataclasses.replace(side.scenario, **changes)
 
 
 def Predict(side: Side) -> Recording:
-    """Simulates both sides at each tick, from what they had in use.
+    """Simulates both sides at each tick with the packets that they had in use.
 
     Returns:
         The signals of both sides at the times of the side's recording.
+
+    Raises:
+        ArithmeticError: If a side diverges.
     """
     num_ticks = side.measured.last_tick + 1
     used = side.measured.Used()
@@ -77,17 +84,18 @@ def Predict(side: Side) -> Recording:
         return len(half.sent) - 1
 
     def Order(half: Half) -> tuple[int, int]:
-        """Returns how many packets a half would have to wait for, and its tick."""
+        """Returns the number of packets that a half waits for, and its next tick."""
         tick = NextTick(half)
         num_needed = used[half.heard][tick] + 2
         return max(num_needed - len(sent[half.heard]), 0), tick
 
-    # As it happened: a packet is there before it is in use, whatever the clocks say.
+    # The half that waits for the fewest packets is next. Thus packets are sent before
+    # they are in use, even if clocks have drifted.
     for _ in range(len(halves) * num_ticks):
         half = min((x for x in halves if NextTick(x) < num_ticks), key=Order)
         tick = NextTick(half)
         packets = sent[half.heard]
-        # The first one is the architecture's, that of tick 0 is the second.
+        # packets[0] is the initial packet, and packets[k + 1] the packet of tick k.
         newest = min(used[half.heard][tick] + 1, len(packets) - 1)
         half.Step(tick * side.period, packets[newest], turns[half.side][tick])
     signals = halves[0].Signals(num_ticks) | halves[1].Signals(num_ticks)
@@ -97,22 +105,22 @@ def Predict(side: Side) -> Recording:
 
 
 def _Turns(side: Side, used: dict[str, Array]) -> dict[str, list[Turn]]:
-    """Returns what trust did at each tick, by the side.
+    """Returns the change of trust at each tick, for both sides.
 
-    The turns of the side itself were recorded. Those of the other side follow from what
-    it had in use, but for the ticks that it missed.
+    The changes of the given side were recorded. The changes of the other side follow
+    from the packets that it had in use, except at the ticks that it missed.
     """
     num_ticks = side.measured.last_tick + 1
     own = [Turn.MISSED] * num_ticks
     for measured in side.measured.ticks:
         own[measured.tick] = Turn.FALLS if measured.is_stale else Turn.COMES_BACK
     ticks = np.arange(num_ticks)
-    # Where it is not known, a tick was missed if the next known one was.
+    # An unknown tick counts as missed if the next known tick was missed.
     rows = side.measured.used[side.spoken][:num_ticks]
     known = np.append(np.flatnonzero(rows > -2), num_ticks - 1)
     next_known = known[np.searchsorted(known, ticks)]
     is_missed = rows[next_known] == -1
-    # The tick of the echo in what it had in use.
+    # The tick of the echo in the packet that the other side had in use.
     heard = used[side.spoken].clip(0)
     echoes = used[side.heard][heard].clip(0)
     is_stale = (ticks - echoes) * side.period > side.limit
@@ -125,12 +133,15 @@ def _Turns(side: Side, used: dict[str, Array]) -> dict[str, list[Turn]]:
 def Compare(
     run: Recording, expected: Recording, file: Path | None = None
 ) -> dict[str, float]:
-    """Returns how far the packets of a run and of its prediction differ.
+    """Returns the difference between the packets of a run and of its prediction.
 
-    That is the largest difference as a share of the largest value, by the signal.
+    For each signal, it is the largest difference of a component, as a share of the
+    component's largest predicted magnitude.
 
     Args:
-        file: Where to draw both; None: nowhere.
+        run: The recording of the run.
+        expected: The prediction.
+        file: The file for a picture of both; None: no picture.
     """
     differences = {}
     for name in run:
@@ -140,7 +151,7 @@ def Compare(
         shares = np.abs(run[name] - expected[name]) / size
         differences[name] = float(shares.max())
     if file is not None:
-        # A figure wants to know where the tool is, which the operator's side does not.
+        # A figure needs the tool's position, which the operator's side does not record.
         measured = dataclasses.replace(run, signals=expected.signals | run.signals)
         runs = {"measured": measured, "predicted": expected}
         rows = SelectRows([], list(runs.values()), list(differences))

@@ -25,16 +25,16 @@ def OperateRemotely(
     """Runs the operator's side: the operator, the device and the master side.
 
     Args:
-        scenario: Of the whole loop.
+        scenario: The scenario of the whole loop.
         connect: HOST:PORT of the robot's side.
         key: A file that `serve --new-key FILE` wrote, the same on both sides.
-        period: See Side, as for those that follow.
+        period: See Side for this argument and all that follow.
 
     Returns:
-        The side after its end: its Recording(), Delays() and Report().
+        The side after its end, with Recording(), Report() and measured.Delays().
 
     Raises:
-        ConnectionError: If the two sides have not met.
+        ConnectionError: If the two sides have not been connected.
     """
     end, address = OpenSocket(connect, listens=False)
     with end:
@@ -71,16 +71,16 @@ def ServeRobot(
     """Runs the robot's side; waits until OperateRemotely() calls.
 
     Args:
-        scenario: Of the whole loop.
-        listen: HOST:PORT at which it is called.
+        scenario: The scenario of the whole loop.
+        listen: HOST:PORT at which the side receives packets.
         key: A file that `serve --new-key FILE` wrote, the same on both sides.
-        period: See Side, as for those that follow.
+        period: See Side for this argument and all that follow.
 
     Returns:
-        The side after its end: its Recording(), Delays() and Report().
+        The side after its end, with Recording(), Report() and measured.Delays().
 
     Raises:
-        ConnectionError: If the two sides have not met.
+        ConnectionError: If the two sides have not been connected.
     """
     end, _ = OpenSocket(listen, listens=True)
     with end:

@@ -1,4 +1,4 @@
-"""One side of the loop over a real network: hears, computes, speaks once a period."""
+"""One side of the loop over a real network, with one packet each way per period."""
 
 import contextlib
 import functools
@@ -33,10 +33,11 @@ from teleop_drake.simulation.run import Ending
 from teleop_drake.simulation.simulate import MakeRecording
 from teleop_drake.validation import CheckNumber
 
-# Round trips that are measured before the start.
+# Packets that the operator's side receives before the start, to measure round trips.
 _NUM_EXCHANGES = 10
+# Packets that report the end of a side, in case some are lost.
 _NUM_FAREWELLS = 3
-# The most datagrams that are read in a period: a flood takes no longer.
+# The most datagrams that are read in a period, so that a flood takes little time.
 _MAX_DATAGRAMS = 256
 _DATAGRAM_SIZE = 2048
 # The least time between two notices of a wrong key, ns.
@@ -49,36 +50,38 @@ Say = functools.partial(print, "teleop-drake:", file=sys.stderr, flush=True)
 
 
 class Side(Half):
-    """One side; its tick k is at k periods.
+    """One side of the loop in real time, whose tick k is k periods after tick 0.
 
-    The robot's side counts from where the operator's tick 0 was by its own clock, if
-    both ways of the shortest round trip took half of it. A clock that is off makes one
-    way longer and the other one shorter, and changes nothing that is felt.
+    The robot's side has its tick 0 at the time of the operator's tick 0, converted to
+    its own clock. The conversion assumes that both directions of the shortest round
+    trip took half of it. An error of the conversion makes one measured delay longer and
+    the other one shorter, and changes nothing that the operator feels.
 
     Args:
-        scenario: Of the whole loop; but for the operator, it is the same on both sides,
-            and so are `period`, `limit` and `fade`.
+        scenario: The scenario of the whole loop. Except for the operator, it must be
+            the same on both sides, and so must `period`, `limit` and `fade`.
         side: `operator`, which calls, or `robot`, which answers.
         key: The key of both sides (32 bytes).
-        end: A socket that never waits.
-        address: Where the robot's side is, at the operator's.
-        clock: A monotonic one, ns.
-        period: Time between packets, s.
-        limit: Most age of what is in use, s: since that was sent which the other side
-            had in use then. If it is more, trust falls within `fade` s of periods that
-            were not missed; see Half.
-        fade: In which time trust falls from 1 to 0, and comes back, s.
-        patience: After which silence it ends, s.
-        say: Takes the lines for the user.
-        step: A driver in the place of a simulation, called once a period. When it is no
-            longer called, what it drives has to let go by itself.
-        log_file: To which each tick is appended; None: to none.
+        end: A non-blocking socket.
+        address: The address of the robot's side, which the operator's side needs.
+        clock: A function that returns the time of a monotonic clock, ns.
+        period: The time between packets, s.
+        limit: The largest round trip of the packet in use, s: the time since this side
+            sent the packet that the other side had in use when it answered. Beyond the
+            limit, trust falls within `fade` s of periods that were not missed; see
+            Half.
+        fade: The time in which trust falls from 1 to 0, and comes back, s.
+        patience: The duration of silence after which the side ends, s.
+        say: A function that shows a line to the user.
+        step: A driver that replaces the simulation, called once a period. The device
+            that it drives has to become safe by itself when it is no longer called.
+        log_file: The file to which each tick is appended; None: none.
 
     Attributes:
-        next_time: When Tick() is due, by the clock.
-        tick: The last one; -1 before the start.
-        reason: Why it has ended, empty: it is complete; None while it goes on.
-        measured: The ticks, and what was in use at them.
+        next_time: The time at which Tick() is due, by the clock, ns.
+        tick: The last tick; -1 before the start.
+        reason: Why the side has ended; empty if it is complete, None while it runs.
+        measured: The ticks, and the packets in use at them.
     """
 
     def __init__(
@@ -113,13 +116,13 @@ class Side(Half):
         agreement = _Agreement(scenario, period, limit, fade)
         role = 1 if side == "robot" else 0
         self._session = Session(key, role, agreement, self.fed.size, address)
-        # The newest packet that was heard.
+        # The newest packet that was received: the packet in use.
         self._newest = FirstPacket(self.fed)
         self._peer_has_ended = False
-        # What the user was told of why the two sides cannot meet.
+        # The reasons that were reported why the two sides cannot connect.
         self._told: dict[Reason, str] = {}
         self._next_notice = 0
-        # Time, by the clock. Tick 0 is at _start; 0: it is not known yet.
+        # Times by the clock, ns. Tick 0 is at _start, which is 0 before it is known.
         self._ns = round(period * 1e9)
         self._start = 0
         self.next_time = self._began = self._heard_at = clock()
@@ -136,13 +139,13 @@ class Side(Half):
             self._log.write(LogHeader(self))
 
     def Run(self) -> "Side":
-        """Goes on in real time until the end, by SIGINT or SIGTERM too; returns itself.
+        """Runs in real time until the end, SIGINT or SIGTERM; returns the side itself.
 
         Raises:
-            ConnectionError: If the two sides have not met.
+            ConnectionError: If the two sides have not been connected.
         """
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-        gc.disable()  # It would take milliseconds.
+        gc.disable()  # A collection takes milliseconds.
         try:
             while self.reason is None:
                 time.sleep(max(self.next_time - self._clock(), 0) * 1e-9)
@@ -157,7 +160,7 @@ class Side(Half):
         return self
 
     def Tick(self) -> None:
-        """Does what is due: hears, computes, speaks."""
+        """Receives packets, computes the tick that is due, and sends a packet."""
         self._Hear()
         now = self._clock()
         if self._start == 0:
@@ -171,14 +174,14 @@ class Side(Half):
         self._EndIfOver(now)
 
     def _EndIfOver(self, now: int) -> None:
-        """Ends after the last tick, after the other side has ended, or in silence."""
+        """Ends the side after its last tick, the other side's end or a long silence."""
         if self._peer_has_ended and (self.trust == 0 or self._start == 0):
             self._End(_OVER)
             return
         if self.tick == self._last:
             self._End("", "completed")
             return
-        # The robot's side waits for a caller for as long as it takes.
+        # The robot's side waits for a caller without a limit.
         is_waiting = self.side == "robot" and self._session.exchanges == 0
         silence = (now - self._heard_at) * 1e-9
         if silence > self._patience and not is_waiting:
@@ -188,7 +191,7 @@ class Side(Half):
             self._End(reason)
 
     def _End(self, reason: str, termination: str = "interrupted") -> None:
-        """Sends farewells and closes the socket, unless it has ended."""
+        """Ends the side: reports it to the other side, and closes socket and log."""
         if self.reason is not None:
             return
         self.reason = reason
@@ -200,11 +203,11 @@ class Side(Half):
             self._log.close()
 
     def _Hear(self) -> None:
-        """Opens the datagrams that have come."""
+        """Reads and checks the datagrams that have arrived."""
         for _ in range(_MAX_DATAGRAMS):
             try:
                 data, address = self._socket.recvfrom(_DATAGRAM_SIZE)
-            except OSError:  # None is left.
+            except OSError:  # No datagram is left.
                 return
             now = self._clock()
             opened = self._session.Open(data, address, now)
@@ -214,9 +217,9 @@ class Side(Half):
                 self._AnswerRefused(opened.reason, address, now)
 
     def _Take(self, packet: Any, now: int) -> None:
-        """Takes note of a packet that is believed."""
+        """Stores an accepted packet and the packets in use that it reports."""
         self._heard_at = now
-        # A side that is complete is no loss.
+        # After its last tick a side is complete, and trust need not fall.
         if packet.ended and packet.tick < self._last:
             self._peer_has_ended = True
         if packet.tick > self._newest.tick:
@@ -224,9 +227,9 @@ class Side(Half):
             self.measured.LatestUsed(self.spoken, packet.tick)[:] = packet.used
 
     def _AnswerRefused(self, reason: Reason, address: Address, now: int) -> None:
-        """Answers a hello, and reports why the two sides cannot meet.
+        """Answers a hello, and reports why the two sides cannot connect.
 
-        A caller may be forged: what is sent is no more than what has come.
+        The address may be forged, so a datagram is answered by one datagram at most.
         """
         is_robot = self.side == "robot"
         if reason == Reason.HELLO and is_robot:
@@ -239,7 +242,7 @@ class Side(Half):
         elif reason == Reason.HASH and is_robot:
             why = f"packets of {address[0]}:{address[1]} have another key"
             self._TellWhyNotHeard(reason, why)
-            # At most so often, and shorter than any packet.
+            # A notice is shorter than any packet, and is not sent more often than this.
             if now >= self._next_notice:
                 self._next_notice = now + _NOTICE_PERIOD
                 self._Send(WRONG_KEY_NOTICE, address)
@@ -248,13 +251,13 @@ class Side(Half):
             self._TellWhyNotHeard(reason, why)
 
     def _TellWhyNotHeard(self, reason: Reason, why: str) -> None:
-        """Tells the user why the two sides cannot meet; once for each reason."""
+        """Reports to the user why the sides cannot connect, once for each reason."""
         if reason not in self._told:
             self._told[reason] = why
             self.Say(f"not heard: {why}")
 
     def _Meet(self, now: int) -> None:
-        """Sets tick 0 if both sides hear each other."""
+        """Sets the time of tick 0 once both sides receive each other's packets."""
         if self.side == "robot":
             if self._newest.tick < 0:
                 return
@@ -268,12 +271,12 @@ class Side(Half):
         self.Say(f"connected, round trip {self._session.round_trip * 1e-6:.3g} ms")
 
     def _GoOn(self, now: int) -> None:
-        """Goes on to the tick that is due; those that were missed send nothing."""
+        """Advances to the tick that is due; ticks that were missed send nothing."""
         due = min((now - self._start) // self._ns, self._last)
         tick = max(due, self.tick + 1)
         newest = self._newest
         t = tick * self.period
-        # The tick of what the other side had in use then.
+        # The tick of the own packet that the other side had in use when it sent.
         echo = max(newest.used[-1], 0)
         round_trip = float(tick - echo) * self.period
         is_stale = round_trip > self.limit or self._peer_has_ended
@@ -296,11 +299,11 @@ class Side(Half):
         self.measured.used[self.heard][tick] = newest.tick
         self.tick = tick
         self._began = now
-        # This is last: whatever interrupts, there is nothing that is half done.
+        # Last, so that an interruption leaves no incomplete tick.
         self.measured.ticks.append(measured)
 
     def _TellIfChanged(self, t: float, is_stale: bool, round_trip: float) -> None:
-        """Tells the user that forces fall, or come back."""
+        """Reports to the user when forces begin to fall or to come back."""
         ticks = self.measured.ticks
         was_stale = bool(ticks) and ticks[-1].is_stale
         if is_stale == was_stale:
@@ -312,7 +315,7 @@ class Side(Half):
         self.Say(f"t = {t:.3f} s, {why}: forces {so}")
 
     def _Speak(self) -> None:
-        """Sends a packet, if it is known where to."""
+        """Sends a packet if the address of the other side is known."""
         if self._session.address is not None:
             self._SendTo(self._session.address)
 
@@ -329,12 +332,12 @@ class Side(Half):
         self._Send(data, address)
 
     def _Send(self, data: bytes, address: Address) -> None:
-        """Sends a datagram; one that is not taken is lost."""
+        """Sends a datagram, which is lost if the socket does not accept it."""
         with contextlib.suppress(OSError):
             self._socket.sendto(data, address)
 
     def _WriteLog(self) -> None:
-        """Appends the tick to the log; goes on without one that cannot be written."""
+        """Appends the tick to the log; closes a log that cannot be written."""
         if self._log is None or self._start == 0 or self.reason is not None:
             return
         try:
@@ -346,11 +349,12 @@ class Side(Half):
             self._log = None
 
     def Recording(self) -> Recording:
-        """Returns the signals each period.
+        """Returns the recording, with one sample for each tick that was not missed.
 
-        They include the age in s of what was in use (`packet_age`), of the echo in it
-        (`round_trip`), how long after the one before a period began (`period`), how
-        late (`lateness`), and how far what was in use was trusted, 0 to 1 (`trust`).
+        Its signals include the fields of a Tick, in s: the age of the packet in use
+        (`packet_age`) and of the echo in it (`round_trip`), the time since the tick
+        before (`period`) and the lateness (`lateness`); and the trust (`trust`), 0 to
+        1.
         """
         time = self.measured.Time()
         signals = self.measured.Signals() | self.Signals(len(time))
@@ -364,7 +368,7 @@ class Side(Half):
         return MakeRecording(self.scenario, self.scenario.simulator, outcome, [])
 
     def Report(self) -> dict[str, Any]:
-        """Returns what was measured, times in s, as JSON has it."""
+        """Returns a summary of the run and its measurements for JSON, times in s."""
         report = {
             "scenario": self.scenario.name,
             "controller": self.scenario.controller.kind,
@@ -379,7 +383,11 @@ class Side(Half):
 
 
 def _Agreement(scenario: Scenario, period: float, limit: float, fade: float) -> int:
-    """Returns all that both sides have in common as a number: not the operator."""
+    """Returns a digest of the settings that both sides must have in common.
+
+    These are the times, the velocity of the operator, and the scenario without its
+    name, description, solver and operator.
+    """
     others = ("name", "description", "simulator", "surgeon")
     tree = {x: y for x, y in ToTree(scenario).items() if x not in others}
     velocity = list(scenario.surgeon.velocity)

@@ -1,4 +1,4 @@
-"""Runs a scenario and records it."""
+"""Simulates a scenario or a System, and records its signals."""
 
 from teleop_drake.simulation.simulate import MakeDiagram, simulate
 from teleop_drake.simulation.simulator import MakeSimulator

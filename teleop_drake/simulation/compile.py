@@ -1,13 +1,13 @@
-"""A scenario as a program that is kept, and runs with other numbers.
+"""Compiles a scenario once, and runs it with different numbers.
 
     loop = Compile("one_dof")
     for delay in (0.02, 0.07, 0.2):
         print(loop.Run(delay=delay).EventTimes("contact"))
 
-Machine code has no number of the scenario in it, so one program serves for all of them.
-To make a teleoperator takes far longer than to run it. Therefore a run makes only those
-blocks anew that its changes reach: the channels, the environment, the sides of the
-architecture. Other changes make the whole diagram anew, and still use the program.
+The machine code contains no numbers of the scenario, so one program serves all runs.
+Making a teleoperator takes far longer than running it. Therefore a run remakes only the
+blocks that its changes affect: the channels, the environment, the sides of the
+architecture. Other changes remake the whole diagram, which still uses the program.
 """
 
 import copy
@@ -52,17 +52,17 @@ from teleop_drake.stations import MakeArchitecture
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.validation import Refuse
 
-# Fields of a scenario from which no system but a channel is made, unless the
+# Fields of a scenario that affect no systems other than the channels, unless the
 # architecture derives defaults from them.
 _OF_THE_RUN = {"name", "description", "duration", "simulator", "divergence_speed_ratio"}
 _OF_CHANNELS = {*_OF_THE_RUN, *CHANNELS}
 
-# Fields from which parts are made that can be exchanged.
+# Fields that affect only systems that can be replaced in a compiled diagram.
 _OF_PARTS = {*_OF_CHANNELS, "controller", "environment"}
 
 
 class NeedsAnotherProgram(ScenarioError):
-    """A change that a compiled scenario cannot take; the message names the key."""
+    """A change that needs another compiled program; the message names the key."""
 
 
 @overload
@@ -91,12 +91,13 @@ def Compile(
         pendulum = Compile(diagram, context=context, duration=10.0)
         recording = pendulum.Run(**{"plant.length": 2.0})
 
-    What laws read from outside of their arguments is read now, when they are traced.
+    Laws are traced now: values that they read from outside their arguments, such as
+    global variables, are fixed.
 
     Args:
-        scenario: What to compile, or its name or file; or a System.
-        context: Where the runs of a System begin; None: the default Context.
-        duration: How long the runs of a System are, s.
+        scenario: The scenario, or its name or file; or a System.
+        context: The Context where runs of a System begin; None: the default Context.
+        duration: The duration of the runs of a System, s.
         simulator: The solver for a System; None: DefaultSimulator().
 
     Raises:
@@ -113,10 +114,10 @@ def Compile(
 
 
 class CompiledScenario:
-    """A scenario as machine code; see Compile(). Runs may go side by side in threads.
+    """A scenario as machine code; see Compile(). Threads may call Run() concurrently.
 
     Args:
-        scenario: What to compile.
+        scenario: The scenario to compile.
     """
 
     def __init__(self, scenario: AnyScenario):
@@ -129,7 +130,7 @@ class CompiledScenario:
 
     @property
     def scenario(self) -> AnyScenario:
-        """What Run() simulates without changes; a copy."""
+        """A copy of the scenario that Run() simulates without changes."""
         return copy.deepcopy(self._scenario)
 
     def Run(self, **changes: Any) -> Recording:
@@ -162,7 +163,7 @@ class CompiledScenario:
         return Finish(scenario, self._task, job, compiled.Run(job), [])
 
     def _Changed(self, changes: Mapping[str, Any]) -> tuple[Any, CompiledDiagram]:
-        """Returns the scenario with changes, and what runs it."""
+        """Returns the changed scenario, and the compiled diagram that runs it."""
         scenario, replaced = LoadOverridden(self._scenario, changes)
         fields = {path.partition(".")[0] for path in replaced}
         CheckSteps(scenario)
@@ -171,13 +172,13 @@ class CompiledScenario:
             raise NeedsAnotherProgram(f"{_Named(changes)}: {why}")
         parts = self._Parts(scenario, fields)
         compiled = None if parts is None else _With(self._compiled, parts, scenario)
-        # A user's own code is compared with the diagram that it is a part of.
+        # A user's own code is compared with Drake in the diagram that contains it.
         if compiled is None or HoldsOwnCode(compiled.evaluator):
             compiled = self._Remade(scenario, changes)
         return scenario, compiled
 
     def _Remade(self, scenario: Any, changes: Mapping[str, Any]) -> CompiledDiagram:
-        """Returns a new diagram with the same program, or refuses the changes."""
+        """Returns a new diagram that uses the same program, or refuses the changes."""
         known = self._compiled.evaluator
         diagram = self._task.MakeDiagram(scenario)
         compiled = CompileDiagram(diagram, scenario.simulator, like=known)
@@ -198,14 +199,16 @@ class CompiledScenario:
                 self._Changed({key: value})
             except NeedsAnotherProgram:
                 raise
-            except ScenarioError:  # It is not valid without the others.
+            except ScenarioError:  # The change is valid only with others.
                 continue
 
     def _Parts(self, scenario: Any, fields: set[str]) -> dict[str, System] | None:
-        """Returns the systems that differ by their paths; None: the diagram does.
+        """Returns the systems that have changed, by their paths in the diagram.
+
+        Returns None if the whole diagram has to be made again.
 
         Args:
-            scenario: With its changes.
+            scenario: The changed scenario.
             fields: The fields of the scenario that changed.
         """
         has_channels = bool(self._task.Channels(scenario))
@@ -214,6 +217,7 @@ class CompiledScenario:
         parts: dict[str, System] = {}
         architecture = self._architecture
         chosen = scenario.controller.Chosen()
+        # The sides of the architecture change unless only channels do.
         is_free = _IsOfPackage(chosen) and not chosen.derives_from_channels
         if not (is_free and fields <= _OF_CHANNELS):
             environment = self._compiled.diagram.GetSubsystemByName("environment")
@@ -222,6 +226,7 @@ class CompiledScenario:
             facts = scenario.Facts(environment=environment)
             architecture = MakeArchitecture(scenario, facts=facts)
             _AddSides(parts, scenario, architecture)
+        # Initial packets follow from the sides, so that all channels change with them.
         packets = {
             "forward_channel": architecture.initial_forward_packet,
             "return_channel": architecture.initial_return_packet,
@@ -241,7 +246,7 @@ class CompiledScenario:
 
     @cached_property
     def _architecture(self) -> Architecture:
-        """The architecture of the scenario, whose systems belong to no diagram."""
+        """The architecture of the unchanged scenario, outside of any diagram."""
         return MakeArchitecture(self._scenario)
 
 
@@ -254,7 +259,7 @@ def _Named(changes: Mapping[str, Any]) -> str:
 
 
 def _AddEnvironment(parts: dict[str, System], scenario: Scenario) -> System:
-    """Adds the environment of a scenario and its operator, who feels its surfaces."""
+    """Adds the environment of a scenario and its operator; returns the environment."""
     start = scenario.robot.start
     environment = scenario.environment.MakeEnvironment(start)
     contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
@@ -268,7 +273,7 @@ def _AddEnvironment(parts: dict[str, System], scenario: Scenario) -> System:
 def _AddSides(
     parts: dict[str, System], scenario: Scenario, architecture: Architecture
 ) -> None:
-    """Adds the two sides of an architecture."""
+    """Adds the two sides of an architecture to the changed systems."""
     is_ideal = scenario.actuator.is_ideal and scenario.sensor.is_ideal
     parts["controller" if is_ideal else "controller/law"] = architecture.slave_side
     master_side = architecture.master_side
@@ -279,7 +284,14 @@ def _AddSides(
 def _With(
     compiled: CompiledDiagram, parts: Mapping[str, System], scenario: Any
 ) -> CompiledDiagram | None:
-    """Returns a model with other systems in its diagram's places, None if none fits."""
+    """Returns a compiled diagram with replaced systems, None if they do not fit.
+
+    They fit if the machine code of the diagram remains the same.
+
+    Args:
+        parts: The new systems, by the paths of the systems that they replace.
+        scenario: The changed scenario.
+    """
     program = compiled.evaluator.program
     blocks = list(compiled.evaluator.blocks)
     kernels = list(program.kernels)
@@ -296,6 +308,7 @@ def _With(
         return None
     if not changed.HasCodeOf(program):
         return None
+    # Only the initial values of the new systems differ.
     start = Visited(compiled.start.t, *(array.copy() for array in compiled.start[1:]))
     for i, context in contexts.items():
         state = context.get_continuous_state_vector()
@@ -319,10 +332,18 @@ def _Replace(
     system: System,
     context: Context,
 ) -> dict[int, Context] | None:
-    """Puts a system in its place among blocks and kernels.
+    """Replaces one system of a compiled diagram, in its lists of blocks and kernels.
+
+    Args:
+        blocks: The blocks of the diagram; changed in place.
+        kernels: The kernel of each block; changed in place.
+        path: The path of the system that is replaced.
+        system: The new system.
+        context: The Context of the new system.
 
     Returns:
-        The Contexts of its blocks, by their numbers; None if it does not fit.
+        The Contexts of the new system's blocks, by the index of the block; None if the
+        system does not fit.
 
     Raises:
         UnsupportedSystem: If one of its blocks has no kernel.
@@ -338,11 +359,13 @@ def _Replace(
         own, other = (
             getattr(x.system, "longest_step", None) for x in (block, blocks[i])
         )
-        # The longest step of a delay is for Drake alone.
+        # The longest step of a delay matters in Drake's Simulator only.
         if own != other and not kernel.delays:
             return None
+        # Only for an environment does _StartOfPart() find the initial mode.
         if kernel.initial_mode is not None and path != "environment":
             return None
+        # Connections within the system are new, those from outside remain.
         inner = {
             port: Source(source.block + first, source.port)
             for port, source in block.inputs.items()
@@ -353,10 +376,13 @@ def _Replace(
 
 
 def _StartOfPart(system: System, path: str, scenario: Any) -> Context:
-    """Returns the Context of a part at the start, where an environment has its tool."""
+    """Returns the initial Context of a new system.
+
+    An environment is initialised with the tool at rest at its start position.
+    """
     context = system.CreateDefaultContext()
     if path == "environment":
-        position = FactsOfConfig(scenario.robot).start  # As Drake's numbers have it.
+        position = FactsOfConfig(scenario.robot).start  # As Drake evaluates it.
         system.GetInputPort("tool_position").FixValue(context, position)
         system.GetInputPort("tool_velocity").FixValue(context, 0 * position)
         system.ExecuteInitializationEvents(context)

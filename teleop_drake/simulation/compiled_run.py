@@ -40,7 +40,7 @@ from teleop_drake.validation import ScenarioError
 
 
 class CannotCompile(ScenarioError):
-    """A run that has to be Drake's; the message says why."""
+    """A diagram or a solver that has no machine code; the message says why."""
 
 
 @dataclass(kw_only=True)
@@ -48,16 +48,16 @@ class CompiledDiagram:
     """A diagram as machine code.
 
     Attributes:
-        diagram: The model.
+        diagram: The System that was compiled.
         context: Its Context, which the comparison with Drake's callbacks changes.
-        evaluator: What the blocks compute.
+        evaluator: Evaluates the rates, outputs and transitions of the blocks.
         places: The columns of each recorded signal in a row, by its name.
-        start: Where a run begins.
-        past: What was sent through delays before; None: nothing.
+        start: The time, states and signals at the start of a run.
+        past: The signals sent through delays before the start; None: no signals.
         longest_step: The longest step that the blocks allow, s.
-        is_checked: Whether there is no code of a user's own in it that has not been
-            compared with Drake yet.
-        parts: Systems that stand in the place of the diagram's, by their paths.
+        is_checked: Whether all code of a user's own has been compared with Drake, or
+            there is no such code.
+        parts: Systems that replace systems of the diagram, by their paths.
     """
 
     diagram: System
@@ -86,7 +86,7 @@ class CompiledDiagram:
         return CanWritePast(self.evaluator) and not self.parts
 
     def Start(self, config: SimulatorConfig, end: float) -> CompiledRun:
-        """Returns a run until a time in s; it has not begun."""
+        """Returns a new run, not begun yet, whose last possible time is `end` in s."""
         problem = self._problems.get(end)
         if problem is None:
             problem = MakeProblem(self.evaluator.program, self.start.t, end)
@@ -104,7 +104,7 @@ class CompiledDiagram:
         )
 
     def Run(self, job: Job) -> Outcome:
-        """Runs it. The first run of a user's own code is compared with Drake.
+        """Executes a run; compares the first run of a user's own code with Drake.
 
         Raises:
             KernelDisagrees: If the machine code does not compute what the diagram does.
@@ -129,12 +129,12 @@ class CompiledDiagram:
         return context
 
     def Check(self, visited: Iterable[Visited] = ()) -> None:
-        """Compares a user's own code with Drake's callbacks, the first time.
+        """Compares a user's own code with Drake's callbacks, unless it was done before.
 
         Args:
-            visited: Where it is compared, besides the start.
+            visited: Times and states of a run where it is compared, besides the start.
         """
-        with self._lock:  # There is one Context.
+        with self._lock:  # All threads share one Context.
             if self.is_checked:
                 return
             states = [self.start, *visited]
@@ -153,10 +153,11 @@ def CompileDiagram(
     """Compiles a diagram, or a block by itself.
 
     Args:
-        config: The solver that will be asked for.
-        context: Where its runs begin, with their parameters and fixed inputs; it is not
-            changed. None: the default Context.
-        like: Of another diagram, whose machine code is used if it would be the same.
+        config: The solver of the runs.
+        context: The Context where runs begin, with its parameters and fixed inputs; it
+            is not changed. None: the default Context.
+        like: The evaluator of another diagram, whose machine code is reused if it is
+            the same.
         continues: Whether the initialization events have happened already.
 
     Raises:
@@ -190,7 +191,7 @@ def StartOf(
     """Returns a new Context at which a compiled run begins.
 
     Args:
-        context: Where it begins; it is not changed. None: the default Context.
+        context: The Context to copy; None: the default Context.
         continues: Whether the initialization events have happened already.
     """
     start = diagram.CreateDefaultContext() if context is None else context.Clone()
@@ -203,14 +204,17 @@ def StartOf(
 def StartFed(
     diagram: Diagram, config: SimulatorConfig, end: float, **inputs: Array
 ) -> tuple[CompiledRun, dict[str, slice], dict[str, slice]]:
-    """Returns a run until a time in s that is fed, as its CompiledRun.Feed() has it.
+    """Returns a new run whose open inputs are set by CompiledRun.Feed().
 
     Args:
-        inputs: What the inputs of the diagram are fed with at first, by their names.
+        config: The solver.
+        end: The last time that the run may reach, s.
+        inputs: The initial values of the diagram's inputs, by their names.
 
     Returns:
-        The run, which agrees with the diagram where it starts; where the signals are in
-        its rows, by their names; and what is fed, by the names of the blocks.
+        The run, whose code has been compared with Drake at the start; the columns of
+        each signal in its rows, by the signal's name; and the places that Feed() takes,
+        by the names of the blocks that are fed.
     """
     context = diagram.CreateDefaultContext()
     for name, values in inputs.items():
@@ -224,7 +228,7 @@ def StartFed(
 
 
 def WhyNotSolved(config: SimulatorConfig) -> str:
-    """Returns why compiled runs have no such solver; empty: they have."""
+    """Returns why a solver is not available in compiled runs; empty if it is."""
     if config.integration_scheme == "runge_kutta5" and config.use_error_control:
         return ""
     scheme = config.integration_scheme
@@ -232,9 +236,9 @@ def WhyNotSolved(config: SimulatorConfig) -> str:
 
 
 def WhyNotCompiled(scenario: AnyScenario) -> str:
-    """Returns why a scenario runs in Drake's Simulator only; empty: it does not.
+    """Returns why a scenario cannot be compiled; empty if it can.
 
-    Nothing is compiled for that.
+    This check does not compile the scenario.
     """
     why = WhyNotSolved(scenario.simulator)
     if why:
@@ -253,7 +257,7 @@ def _Run(
     places: Mapping[str, slice],
     systems: Mapping[str, System],
 ) -> Outcome:
-    """Runs to the end of a job, or less far.
+    """Executes a run to the end of its job, or until it ends early.
 
     Args:
         places: The columns of each recorded signal in a row, by its name.
@@ -264,7 +268,7 @@ def _Run(
     end = begin + job.duration
     pace = Pace(job.duration, begin)
     start = clock.monotonic()
-    # Without a tool, whatever is computed has to stay finite.
+    # Without a tool, all signals have to stay finite.
     watched = places.get("tool_velocity", slice(None))
     ending = COMPLETED
     is_too_fast = False
@@ -280,12 +284,12 @@ def _Run(
             if too_fast.size > 0:
                 is_too_fast = bool(np.isfinite(too_fast[0]))
                 ending = Ending("diverged", limit.Reason(too_fast[0]))
-                del run.visited[-1:]  # Beyond the limit numbers are of any size.
+                del run.visited[-1:]  # Too large to be compared with Drake.
             elif run.failure or run.error is not None:
                 ending = Ending("diverged", _ReasonOf(run))
             if job.progress is not None:
                 job.progress(run.time)
-    if interruption.has_come:  # However it ended, as in Drake's Simulator.
+    if interruption.has_come:  # It takes precedence, as in RunInDrake().
         ending = INTERRUPTED
     times, rows = run.Rows()
     signals = {name: rows[:, place] for name, place in places.items()}
@@ -308,7 +312,15 @@ def OutcomeOf(
     ending: Ending,
     is_too_fast: bool = False,
 ) -> Outcome:
-    """Returns the outcome of a run; None: of a driver, nothing is simulated."""
+    """Returns the outcome of a run.
+
+    Args:
+        run: The run; None for a side of a link whose driver replaces the simulation.
+        series: The times, the signals by name, and the steps.
+        wall_time: Real time that the run took, s.
+        ending: How the run ended.
+        is_too_fast: Whether it ended because the tool was faster than allowed.
+    """
     counts = np.zeros(TRIES) if run is None else run.memory.counts
     return Outcome(
         engine="compiled" if run else "step",
@@ -323,7 +335,7 @@ def OutcomeOf(
 
 
 def _ReasonOf(run: CompiledRun) -> str:
-    """Returns why a run cannot go on, or raises what a law raised by mistake."""
+    """Returns why a run diverged; raises an error of a law that is no divergence."""
     if run.error is None or run.failure:
         return run.failure
     if not (IsArithmetic(run.error) or not run.is_finite):
@@ -332,10 +344,10 @@ def _ReasonOf(run: CompiledRun) -> str:
 
 
 def SignalPlaces(evaluator: Evaluator, diagram: System) -> dict[str, slice]:
-    """Returns where the outputs of the diagram's systems are in a row, by name.
+    """Returns the columns of each recorded signal in a row, by its name.
 
     Raises:
-        UnsupportedSystem: If the kernel of a block does not have one of them.
+        UnsupportedSystem: If the kernel of a block lacks one of the signals.
     """
     places = {}
     for name, port in SignalsOf(diagram).items():

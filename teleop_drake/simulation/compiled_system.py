@@ -1,4 +1,4 @@
-"""A System of Drake's as a program that is kept, and runs with other parameters."""
+"""Compiles a System of Drake's once, and runs it with different parameters."""
 
 from numpy.typing import ArrayLike
 from pydrake.systems.analysis import SimulatorConfig
@@ -14,12 +14,13 @@ from teleop_drake.validation import Refuse
 
 
 class CompiledSystem:
-    """A System as machine code; see Compile(). Runs may go side by side in threads.
+    """A System as machine code; see Compile(). Threads may call Run() concurrently.
 
     Args:
-        system: What to compile.
-        context: Where runs begin; it is copied.
-        duration: How long runs are, s.
+        system: The System to compile.
+        context: The Context where runs begin, which is copied; None: the default
+            Context.
+        duration: The duration of the runs, s.
         simulator: The solver; None: DefaultSimulator().
 
     Raises:
@@ -45,12 +46,13 @@ class CompiledSystem:
             recording = pendulum.Run(**{"plant.length": 2.0})
 
         Args:
-            duration: How long, s; None: as it was compiled.
+            duration: The duration, s; None: as given for the compilation.
             numbers: New values by the names of NamedParameters() and ScalarsIn(),
-                or `delay`: of all delays.
+                or `delay` for all delays.
 
         Raises:
-            ScenarioError: If there is no such parameter, or a value does not fit.
+            ScenarioError: If there is no such parameter, or if a value does not fit or
+                needs another program.
         """
         job = self._job
         compiled = self._compiled
@@ -70,7 +72,11 @@ class CompiledSystem:
     def _Compiled(
         self, context: Context, like: Evaluator | None = None
     ) -> CompiledDiagram:
-        """Returns the program with the numbers of a Context."""
+        """Returns the compiled System with the numbers of a Context.
+
+        Args:
+            like: An earlier evaluator, whose machine code is reused if it is the same.
+        """
         return CompileDiagram(
             self._job.diagram,
             self._job.config,

@@ -1,4 +1,4 @@
-"""Runs a diagram in Drake's Simulator, under the eyes of a monitor."""
+"""Runs a diagram in Drake's Simulator, with a monitor that records and checks it."""
 
 import math
 import time as clock
@@ -43,18 +43,19 @@ from teleop_drake.simulation.stale_cache_guard import HasOwnBlocks
 from teleop_drake.simulation.stepping import LongestStepOf
 from teleop_drake.validation import ScenarioError
 
-# Most steps that a block may force on a run. Each takes some milliseconds.
+# The most steps that a block may force on a run. Each takes some milliseconds.
 _MOST_FORCED_STEPS = 100_000
 
-# A run in the plain Simulator is looked at after so many steps.
+# A run that is recorded at the ends of steps only is checked after so many steps.
 _STRIDE = 64
 
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
 
-# Where samples are taken within a step, as shares of it, and the weights of a cubic
-# polynomial there: of its values at both ends and of its rates times the step. They are
-# powers of the share times Hermite's coefficients.
+# The instants of samples within a step, as shares of its length, and for each instant
+# the weights of a cubic Hermite polynomial: those of the values at both ends, and those
+# of the rates at both ends times the length. They are the powers of the share times the
+# matrix of Hermite's coefficients.
 _INSIDE = shares(DEGREE)[1:-1]
 _HERMITE = [[1, 0, 0, 0], [0, 0, 1, 0], [-3, 3, -2, -1], [2, -2, 1, 1]]
 _WEIGHTS = np.vander(_INSIDE, 4, increasing=True) @ _HERMITE
@@ -63,8 +64,8 @@ _WEIGHTS = np.vander(_INSIDE, 4, increasing=True) @ _HERMITE
 def RunInDrake(job: Job) -> Outcome:
     """Runs a system in Drake's Simulator.
 
-    Without a block of this package that is the plain Simulator. The signals of a system
-    without discrete state are then recorded at the ends of its steps alone.
+    A system without a block of this package runs in the plain Simulator. If it also has
+    no discrete state, its signals are recorded at the ends of steps only.
 
     Raises:
         ScenarioError: If a block forces more than 100 000 steps.
@@ -88,15 +89,15 @@ def RunInDrake(job: Job) -> Outcome:
             is_controlled = not simulator.get_integrator().get_fixed_step_mode()
             reason = ReasonOfDivergence(error, has_error_control=is_controlled)
             ending = Ending("diverged", reason)
-    if interruption.has_come:  # However it ended: more runs may be to come.
+    if interruption.has_come:  # It takes precedence: it ends a whole sweep.
         ending = INTERRUPTED
     wall_time = clock.monotonic() - start
-    # The samples know the Context, and pydrake keeps the Simulator alive with that.
+    # The monitor refers to the Context, with which pydrake keeps the Simulator alive.
     simulator.clear_monitor()
     counts = CountsOf(simulator)
     series = run.recorder.Finish()
     if ending == COMPLETED:
-        series[0][-1] = job.end  # The last step ends there but for rounding.
+        series[0][-1] = job.end  # The last step ends there, up to rounding.
     return Outcome(
         engine="drake",
         series=series,
@@ -123,7 +124,7 @@ def _MakeSimulator(job: Job) -> Simulator:
 
 
 def _IsDense(job: Job) -> bool:
-    """Returns whether samples are taken within steps, and after discrete updates."""
+    """Returns whether samples are also taken within steps and after updates."""
     num_groups = job.context.num_discrete_state_groups()
     return num_groups > 0 or HasOwnBlocks(job.diagram)
 
@@ -142,21 +143,21 @@ def _CheckSteps(job: Job) -> None:
 
 
 class Recorder:
-    """Samples every vector output of the systems of a diagram, step by step.
+    """A sampler of the signals of a diagram (see SignalsOf), step by step.
 
-    Drake tells the states at the ends of a step only. Within it they are the cubic
-    polynomials that have their rates there, and the outputs are evaluated at these
-    states, in a Context of its own. Where the discrete state differs from that at the
-    last sample, a block has changed it at the beginning of the step: that is sampled
-    again, with the new one.
+    Drake provides the states at the ends of a step only. Within a step they are
+    interpolated by cubic polynomials that match states and rates at both ends. The
+    outputs are evaluated at these states, in a separate Context. If the discrete state
+    differs from that of the last sample, a block has changed it at the beginning of the
+    step. The beginning is then sampled again, with the new discrete state.
 
     Attributes:
-        names: Of the signals, in the order of a sample's values.
+        names: The names of the signals, in the order of a sample's values.
 
     Args:
-        diagram: What is simulated.
+        diagram: The simulated System.
         root_context: The Context of the Simulator.
-        is_dense: Whether samples are taken within steps, too.
+        is_dense: Whether samples are also taken within steps.
     """
 
     def __init__(
@@ -180,7 +181,7 @@ class Recorder:
         self._state = self._rate = self._mode = np.empty(0)
 
     def Sample(self) -> list[np.ndarray]:
-        """Takes a sample now, and those in the step that ends; returns its values."""
+        """Samples the interior and the end of a step; returns the values at its end."""
         root = self._root_context
         time = root.get_time()
         values = [evaluate(context) for evaluate, context in self._at_end]
@@ -209,16 +210,22 @@ class Recorder:
     def _RateIn(self, root_context: Context) -> np.ndarray:
         """Returns the rate of the state in a Context."""
         if root_context.num_continuous_states() == 0:
-            return np.empty(0)  # Some systems without such a state refuse to tell.
+            return np.empty(0)  # Some systems without such a state raise an error.
         return self._diagram.EvalTimeDerivatives(root_context).CopyToVector()
 
     def _SampleBeginning(self) -> None:
-        """Takes a sample at the beginning of the step, after what happened there."""
+        """Takes a sample at the beginning of the step, after its discrete update."""
         self._SampleAt(self._rows[-1][0], self._state)
         self._rate = self._RateIn(self._inner_context)
 
     def _SampleInside(self, end: float, state: np.ndarray, rate: np.ndarray) -> None:
-        """Takes the samples between the last one and a time."""
+        """Takes the samples between the last one and the end of the step.
+
+        Args:
+            end: The time of the end, s.
+            state: The state at the end.
+            rate: The rate of the state at the end.
+        """
         begin = self._rows[-1][0]
         h = end - begin
         ends = [self._state, state, h * self._rate, h * rate]
@@ -245,12 +252,12 @@ class Recorder:
 
 
 class _DrakeRun:
-    """A run in Drake's Simulator: it watches each step, and records.
+    """A run in Drake's Simulator, whose steps are recorded and checked.
 
     Attributes:
-        recorder: What it records with.
-        is_too_fast: Whether the monitor has ended the run for the speed of the tool.
-        interruption: Ends it because of Ctrl-C.
+        recorder: The sampler of the signals.
+        is_too_fast: Whether the speed limit has ended the run.
+        interruption: The handler of Ctrl-C.
     """
 
     def __init__(self, simulator: Simulator, job: Job):
@@ -268,29 +275,30 @@ class _DrakeRun:
         self.interruption = Interruption()
         self._last_report = clock.monotonic()
         names = self.recorder.names
-        # Without a tool, whatever is recorded has to stay finite.
+        # Without a tool, all recorded signals have to stay finite.
         self._watched = [i for i, x in enumerate(names) if x == "tool_velocity"]
         self._watched = self._watched or list(range(len(names)))
 
     @property
     def has_begun(self) -> bool:
-        """Whether there is a sample."""
+        """Whether a step has been recorded."""
         return self._num_samples > 0
 
     def Advance(self) -> Ending:
-        """Runs to the end of the job, or less far; returns how it ended."""
+        """Runs to the end of the job, or until it ends early; returns how it ended."""
         with NamingBlocks():
             if self._job.continues:
                 self._simulator.Initialize(
                     InitializeParams(suppress_initialization_events=True)
                 )
             status = self._simulator.AdvanceTo(self._job.end)
+        # The stride may have skipped the check of the last step.
         self._Check(*self.recorder.Last())
-        # An event has ended what the monitor has not.
+        # If the monitor has not ended the run, an event of a block has.
         return self._ending or Ending("terminated", status.message())
 
     def Monitor(self, root_context: Context) -> EventStatus | None:
-        """Records the end of a step; ends the run if it cannot go on."""
+        """Records a step at its end; ends the run if a check requires it."""
         now = self.recorder.Sample()
         self._num_samples += 1
         if self._num_samples % self._stride:
@@ -298,7 +306,15 @@ class _DrakeRun:
         return self._Check(root_context.get_time(), now)
 
     def _Check(self, time: float, now: list[np.ndarray]) -> EventStatus | None:
-        """Ends the run after a sample from which it cannot go on."""
+        """Ends the run if it is too fast, interrupted or complete.
+
+        Args:
+            time: The time of the last sample, s.
+            now: The values of the last sample.
+
+        Raises:
+            ScenarioError: If the run would take too many steps; see Pace.
+        """
         limit = self._job.speed_limit
         self._pace.Check(self._num_samples + CountsOf(self._simulator).rejected, time)
         speed = math.hypot(*(x for i in self._watched for x in now[i]))
@@ -312,7 +328,7 @@ class _DrakeRun:
         if self.interruption.has_come:
             return self._End(INTERRUPTED)
         if time >= self._job.end - same_within(self._job.end):
-            return self._End(COMPLETED)  # What is due now does not happen.
+            return self._End(COMPLETED)  # Events at the end do not happen.
         return None
 
     def _End(self, ending: Ending) -> EventStatus:

@@ -1,4 +1,4 @@
-"""Where a run of a loop ends early: bounds that its signals have to stay in."""
+"""Bounds on the signals of a loop: a run ends where a signal leaves its bound."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -14,21 +14,21 @@ from teleop_drake.numerics.step_polynomials import part
 from teleop_drake.simulation.run import Ending, Outcome
 from teleop_drake.tasks.base import SpeedLimit
 
-# How far a joint may be past its limit, rad or m: rounding errors of a pose at it.
+# Tolerance of a joint's limits, rad or m, for rounding errors of a pose at a limit.
 _TOLERANCE = 1e-9
 
 
 class Bound(NamedTuple):
-    """A run ends where a part of a signal leaves a range.
+    """A range of one or more components of a signal.
 
     Attributes:
-        name: What happens there.
-        detail: The numbers of this run that belong to the name.
+        name: The reason for the end of a run that leaves the range.
+        detail: The numbers of this run that complete the reason.
         signal: Name of the signal.
-        first: The first of the components.
-        size: How many they are.
+        first: Index of the first component.
+        size: Number of components.
         lower: The least value of a single component.
-        upper: The largest one, or the largest length of several components.
+        upper: The largest value of a single component, or the largest norm of several.
     """
 
     name: str
@@ -40,27 +40,30 @@ class Bound(NamedTuple):
     upper: float
 
     def Excess(self, samples: Array) -> Array:
-        """Returns how far samples (N, n) of the signal are out of the range (N)."""
+        """Returns the excess (N) of samples (N, n) over the range, < 0 inside.
+
+        For several components, it is a share of `upper`.
+        """
         x = samples[:, self.first : self.first + self.size]
         if self.size == 1:
             return np.maximum(self.lower - x, x - self.upper)[:, 0]
-        # A square must not overflow.
+        # Scaled first, so that squares do not overflow.
         return np.linalg.norm(x / self.upper, axis=1) - 1.0
 
 
 def BoundsOf(
     diagram: Diagram, sizes: Mapping[str, int], limit: SpeedLimit
 ) -> list[Bound]:
-    """Returns the bounds of a loop's runs, that of the tool's speed first.
+    """Returns the bounds of a loop's runs, the bound of the tool's speed first.
 
-    The others are the ranges of the joints of the robot's plant, which itself knows no
-    stops, and how far its tool can be turned. A robot without a system `plant`, or
-    whose joints turn without limit, has none of them.
+    The other bounds are the ranges of the joints of the robot's plant, which does not
+    simulate stops, and the largest rotation of its tool. A robot without a system
+    `plant` does not have them. A joint without limits has an infinite range.
 
     Args:
-        diagram: What is simulated.
-        sizes: Of the signals that are recorded, by their names.
-        limit: What speed of the tool ends a run.
+        diagram: The simulated Diagram.
+        sizes: The sizes of the recorded signals, by name.
+        limit: The speed of the tool that ends a run.
     """
     name = "the tool exceeds its speed limit"
     size = sizes["tool_velocity"]
@@ -81,10 +84,10 @@ def BoundsOf(
 
 
 def EndAtBound(diagram: Diagram, limit: SpeedLimit, run: Outcome) -> None:
-    """Ends a run, in place, where a signal first leaves one of its bounds.
+    """Cuts off a run, in place, where a signal first leaves one of its bounds.
 
-    At the speed limit it ends only if it was the speed that ended the run: beyond, an
-    overflow may be to blame.
+    The bound of the speed counts only if the speed limit ended the run. Otherwise an
+    overflow may have exceeded it.
     """
     times, signals, steps = run.series
     sizes = {name: samples.shape[1] for name, samples in signals.items()}
@@ -100,15 +103,15 @@ def EndAtBound(diagram: Diagram, limit: SpeedLimit, run: Outcome) -> None:
         return
     first = min(ends, key=ends.__getitem__)
     run.series = part(run.series, times[0], ends[first])
-    # How fast the tool was is known to what ended the run.
+    # The reason of the speed limit already contains the speed of the tool.
     if first is not speed:
         run.ending = Ending("diverged", first.name + first.detail)
 
 
 def JointRanges(diagram: Diagram) -> dict[str, tuple[float, float]]:
-    """Returns the ranges of the joints of the robot's plant by their names.
+    """Returns the ranges of the joints of the robot's plant, by their names.
 
-    None of a robot without a system `plant`.
+    The dict is empty for a robot without a system `plant`.
     """
     if not diagram.HasSubsystemNamed("robot"):
         return {}

@@ -1,4 +1,4 @@
-"""Tells a run that blows up from a block that is wrong."""
+"""Distinguishes errors of a diverging run from errors of a block."""
 
 import contextlib
 import weakref
@@ -7,34 +7,34 @@ from collections.abc import Iterator
 import numpy as np
 from pydrake.systems.framework import Context, System
 
-# How Drake's own complaints begin, in 1.51 to 1.58: of the integrator, which finds no
-# step that is short enough, and of MultibodyPlant.
+# How messages of Drake begin, in 1.51 to 1.58: if the integrator finds no step that is
+# short enough, and if MultibodyPlant computes a NaN.
 _GIVING_UP = (
     "Error control wants to select step smaller",
     "Integrator has been directed to a near zero-length step",
 )
 _NOT_FINITE = "Detected NaN in"
 
-# How the SystemExit begins that pydrake makes of a violated contract.
+# How the SystemExit begins with which pydrake reports a violated contract.
 _VIOLATED_CONTRACT = "Failure at "
 
 
 def FirstLine(error: BaseException) -> str:
-    """Returns the first line of what an error says, and in which block it is.
+    """Returns the first line of an error's message, and its notes.
 
     Args:
-        error: One that went through NamingBlocks().
+        error: An error. A note that NamingBlocks() has added names its block.
     """
     text = " ".join([*str(error).splitlines()[:1], *getattr(error, "__notes__", [])])
     return text or type(error).__name__
 
 
 def ReasonOfDivergence(error: BaseException, *, has_error_control: bool) -> str:
-    """Returns why a run ended that blew up.
+    """Returns the reason why a run diverged.
 
     Args:
-        error: For which IsDivergence().
-        has_error_control: Whether shorter steps have been tried.
+        error: An error for which IsDivergence() is true.
+        has_error_control: Whether the solver has tried shorter steps.
     """
     reason = FirstLine(error)
     if IsGivingUp(error):
@@ -48,15 +48,15 @@ def ReasonOfDivergence(error: BaseException, *, has_error_control: bool) -> str:
 
 
 def IsDivergence(error: BaseException, root_context: Context) -> bool:
-    """Returns whether an error means that the run blew up.
+    """Returns whether an error means that the run diverged.
 
-    So it is if the integrator gives up, or if numbers leave the finite: the state that
-    it tries, or what is computed of it (a singular matrix, an overflow). Anything else
-    is an error of a block.
+    A run has diverged if the integrator finds no step that is short enough, if the
+    state that it tries is not finite, or if a computation with this state fails (a
+    singular matrix, an overflow). Any other error is an error of a block.
 
     Args:
-        error: What came out of the Simulator's AdvanceTo().
-        root_context: Of the Simulator, as the error left it.
+        error: An error raised by the Simulator's AdvanceTo().
+        root_context: The Context of the Simulator after the error.
     """
     if IsArithmetic(error) or IsGivingUp(error) or _IsOfDrake(error, _NOT_FINITE):
         return True
@@ -65,7 +65,7 @@ def IsDivergence(error: BaseException, root_context: Context) -> bool:
 
 
 def IsArithmetic(error: BaseException) -> bool:
-    """Returns whether an error is of numbers: a singular matrix, an overflow."""
+    """Returns whether an error is numerical: a singular matrix, an overflow."""
     return isinstance(error, ArithmeticError | np.linalg.LinAlgError)
 
 
@@ -73,7 +73,7 @@ def IsGivingUp(error: BaseException) -> bool:
     """Returns whether the integrator has found no step that is short enough.
 
     Args:
-        error: What came out of the Simulator's AdvanceTo().
+        error: An error raised by the Simulator's AdvanceTo().
     """
     return _IsOfDrake(error, _GIVING_UP)
 
@@ -84,10 +84,10 @@ def _IsOfDrake(error: BaseException, beginning: str | tuple[str, ...]) -> bool:
 
 @contextlib.contextmanager
 def NamingBlocks() -> Iterator[None]:
-    """Adds to an error a note of the block in which it was raised.
+    """Adds a note to an error that names the block in which it was raised.
 
-    A SystemExit that pydrake makes of a violated contract becomes a RuntimeError: it
-    would end the interpreter.
+    The SystemExit with which pydrake reports a violated contract becomes a
+    RuntimeError, because it would end the interpreter.
     """
     try:
         yield
@@ -95,7 +95,7 @@ def NamingBlocks() -> Iterator[None]:
         block = _BlockOf(error)
         note = [f"(in the block {block})"] if block else []
         if isinstance(error, SystemExit) and str(error).startswith(_VIOLATED_CONTRACT):
-            # Behind the file and the line in Drake.
+            # The text after the file and line of Drake's source.
             contract = str(error).partition(" in ")[2]
             raise RuntimeError(" ".join(["Drake:", contract, *note])) from error
         if not hasattr(error, "__notes__"):
@@ -105,11 +105,11 @@ def NamingBlocks() -> Iterator[None]:
 
 
 def _BlockOf(error: BaseException) -> str:
-    """Returns the path of the block whose Python raised an error; empty: none's."""
+    """Returns the path of the block whose Python code raised an error, or ""."""
     path = ""
     traceback = error.__traceback__
     while traceback is not None:
-        for name in ("self", "block"):  # A method's, and a KernelBlock's callback's.
+        for name in ("self", "block"):  # In methods, in callbacks of a KernelBlock.
             block = traceback.tb_frame.f_locals.get(name)
             block = block() if isinstance(block, weakref.ref) else block
             if isinstance(block, System):

@@ -1,4 +1,4 @@
-"""The inputs of a system that have to be connected or fixed before a run."""
+"""Checks that the inputs of a system are connected or fixed before a run."""
 
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
@@ -45,13 +45,13 @@ def CheckInputs(system: System, context: Context) -> None:
 
 
 def _NeedsInputs(block: System) -> bool:
-    """Returns whether it is known which inputs a block can do without."""
+    """Returns whether it is known which inputs a block requires."""
     is_primitive = type(block).__module__ == "pydrake.systems.primitives"
     return is_primitive or hasattr(block, "Kernel")
 
 
 def _IsOptional(port: InputPort) -> bool:
-    """Returns whether nothing needs the value of an input."""
+    """Returns whether no block requires a value of an input."""
     return all(
         isinstance(leaf.get_system(), MultibodyPlant)
         or leaf.get_data_type() == PortDataType.kAbstractValued
@@ -61,6 +61,6 @@ def _IsOptional(port: InputPort) -> bool:
 
 
 def LeafInputs(port: InputPort) -> list[InputPort]:
-    """Returns the inputs of blocks to which an input leads."""
+    """Returns the inputs of blocks to which an input is connected inside a Diagram."""
     found = InputsOf(port.get_system(), int(port.get_index()))
     return [system.GetInputPort(name) for system, name in found]

@@ -1,4 +1,4 @@
-"""A run of a diagram, whichever engine does it."""
+"""A run of a diagram: its specification and its outcome, for both engines."""
 
 import signal
 import threading
@@ -15,26 +15,27 @@ from teleop_drake.scenario.loading import MAX_STEPS
 from teleop_drake.tasks.base import SpeedLimit
 from teleop_drake.validation import ScenarioError
 
-# Steps of a run, among them those that were tried in vain and events at one instant.
-# Error control may want a few more than a run is forced to take.
+# The most steps of a run, including rejected steps and events at one instant. Error
+# control may take more steps than a scenario forces, of which MAX_STEPS are allowed.
 _MOST_STEPS = 2 * MAX_STEPS
 
-# In so many steps a run shows its pace.
+# The pace of a run is measured over so many steps.
 _STRETCH = 10_000
 
 
 class Job(NamedTuple):
-    """What to run.
+    """The specification of a run.
 
     Attributes:
-        diagram: The model.
-        context: Where the run begins. It is not changed.
+        diagram: The System to simulate.
+        context: The Context where the run begins. It is not changed.
         config: The solver.
-        duration: How long, s.
-        speed_limit: When to end early.
-        progress: Called now and then with the simulated time in s.
-        continues: Whether an earlier run has ended there, so that the initialization
-            events have happened.
+        duration: The duration of the run, s.
+        speed_limit: The speed at which the run ends early.
+        progress: A function that is called from time to time with the simulated time
+            in s; None: none.
+        continues: Whether the Context is the end of an earlier run, so that the
+            initialization events have happened already.
     """
 
     diagram: System
@@ -47,12 +48,12 @@ class Job(NamedTuple):
 
     @property
     def start(self) -> float:
-        """When the run begins, s."""
+        """The time when the run begins, s."""
         return float(self.context.get_time())
 
     @property
     def end(self) -> float:
-        """When the run ends, s."""
+        """The time when the run ends, s."""
         return self.start + self.duration
 
 
@@ -60,8 +61,8 @@ class Ending(NamedTuple):
     """How a run has ended.
 
     Attributes:
-        termination: As in Recording, and so is the reason.
-        reason: Why it did not complete.
+        termination: As in Recording.
+        reason: Why the run did not complete, as in Recording.
     """
 
     termination: str
@@ -70,7 +71,7 @@ class Ending(NamedTuple):
 
 COMPLETED = Ending("completed")
 INTERRUPTED = Ending("interrupted", "interrupted by the user")
-"""A run that was ended by Ctrl-C, whatever else was about to end it."""
+"""The ending of a run after Ctrl-C; it takes precedence over all other endings."""
 
 
 @dataclass(kw_only=True)
@@ -86,8 +87,8 @@ class Outcome:
         ending: How it has ended.
         is_too_fast: Whether it ended because the tool was faster than allowed.
         systems: The systems of the model by their paths.
-        make_final_context: Returns the Context at the end of the run; None if it has
-            none, as in Recording.
+        make_final_context: A function that returns the Context at the end of the run;
+            None if there is no such Context, see Recording.
     """
 
     engine: str
@@ -102,13 +103,13 @@ class Outcome:
 
 
 class Pace:
-    """Refuses to go on with a run that would take steps without end.
+    """A limit to the number of steps of a run.
 
-    A loop may be so stiff that the solver takes ever so many steps of nanoseconds.
+    A loop may be so stiff that the solver takes steps of nanoseconds.
 
     Args:
-        duration: How far the run should come, s.
-        start: When it begins, s.
+        duration: The duration of the run, s.
+        start: The time when it begins, s.
     """
 
     def __init__(self, duration: float, start: float = 0.0):
@@ -118,13 +119,15 @@ class Pace:
         self._time = start
 
     def Check(self, num_steps: int, time: float) -> None:
-        """Looks at how far a run has come, after 10 000 steps again.
+        """Extrapolates the number of steps of a run, after every 10 000 steps.
 
         Args:
-            time: How far it has come, s.
+            num_steps: Number of steps so far.
+            time: The simulated time, s.
 
         Raises:
-            ScenarioError: If it would take more than 2 000 000 steps, as it goes on.
+            ScenarioError: If the run would take more than 2 000 000 steps at the pace
+                of the last steps.
         """
         steps = num_steps - self._num_steps
         if steps < _STRETCH:
@@ -144,13 +147,13 @@ class Pace:
 
 
 class Interruption:
-    """Lets Ctrl-C end a run with the step, instead of anywhere in Python.
+    """A handler of Ctrl-C with which a run ends at the end of a step.
 
-    There it could leave a state that is half written. A second Ctrl-C is a
-    KeyboardInterrupt at once, for systems that never return.
+    A KeyboardInterrupt within a step could leave a partly written state. A second
+    Ctrl-C raises KeyboardInterrupt at once, for systems that never return.
 
     Attributes:
-        has_come: Whether there was a first Ctrl-C.
+        has_come: Whether Ctrl-C was pressed.
     """
 
     def __init__(self) -> None:
@@ -160,7 +163,7 @@ class Interruption:
     def __enter__(self) -> "Interruption":
         handler = signal.default_int_handler
         self._is_watching = (
-            # Only there are signals handled, or their handlers set.
+            # Only the main thread receives signals and can set their handlers.
             threading.current_thread() is threading.main_thread()
             and signal.getsignal(signal.SIGINT) is handler
         )

@@ -1,4 +1,4 @@
-"""Runs a scenario and records it."""
+"""Simulates scenarios and Systems, and makes their recordings."""
 
 import dataclasses
 import math
@@ -39,10 +39,10 @@ _NO_FINAL_CONTEXT = (
 
 
 def MakeDiagram(scenario: ScenarioLike) -> Diagram:
-    """Makes what a scenario describes: a teleoperator or the tracking of chapter 3.
+    """Makes the Diagram of a scenario: a teleoperator or the tracking of chapter 3.
 
     Args:
-        scenario: What to make, or its name or file.
+        scenario: The scenario, or its name or file.
 
     Raises:
         ScenarioError: If the scenario is not valid.
@@ -64,19 +64,19 @@ def simulate(
 ) -> Recording:
     """Simulates a scenario, or any System of Drake's, and records its signals.
 
-    A System begins where its Context is: time, states, numeric parameters and fixed
-    inputs are those of the Context. The recorded signals are its vector outputs or, for
-    a Diagram that exports none, all vector outputs of its systems, named `system.port`.
-    The recording has no scenario, and therefore no events and no metrics. Its
-    `final_context` continues the run.
+    The run of a System begins with the time, the states, the numeric parameters and the
+    fixed inputs of its Context. The recorded signals are its vector outputs or, for a
+    Diagram that exports none, all vector outputs of its systems, named `system.port`.
+    The recording has no scenario, and therefore no events and no metrics. A further run
+    can begin at its `final_context`.
 
         context = diagram.CreateDefaultContext()
         context.SetContinuousState([0.1, 0.0])
         first = simulate(diagram, context=context, duration=10.0)
         second = simulate(diagram, context=first.final_context, duration=10.0)
 
-    Initialization events are executed at the start, as by Drake's Simulator, unless the
-    Context is the `final_context` of a recording itself.
+    Initialization events are executed at the start, as in Drake's Simulator, unless the
+    Context is a recording's `final_context` itself, not a copy.
 
     The signals of a scenario, with n task axes and four rows for each step of the
     integrator:
@@ -104,33 +104,39 @@ def simulate(
     desired_position, desired_velocity, desired_acceleration and disturbance_estimate
     (n each).
 
-    What is due at the end of a run does not happen, in either engine: a packet, a
-    sample, an echo of a jump, or an event whose time is `duration`, except for rounding
-    (1e-12 s, or 2e-15 of the duration if that is more).
+    Events at the end of a run do not happen, in either engine: a packet, a sample, an
+    echo of a jump, or an event whose time is `duration` up to rounding (1e-12 s, or
+    2e-15 of the duration if that is more).
 
-    A run ends early, as a recording that says why, if the tool's speed exceeds
-    divergence_speed_ratio times the commanded speed (divergence_speed, for a
-    TrackingScenario), if a joint leaves its range, if the solver finds no step that is
-    short enough, if numbers leave the finite (under error control: however short the
-    step is), or with the step at Ctrl-C (at once at a second one). Any other error of a
-    block comes out as it is, with a note that names the block.
+    A run ends early, and its recording has the reason, if
+
+    * the tool's speed exceeds divergence_speed_ratio times the commanded speed
+      (divergence_speed, for a TrackingScenario),
+    * a joint leaves its range, or the tool is turned too far,
+    * the solver finds no step that is short enough,
+    * numbers are no longer finite (under error control: however short the step is), or
+    * Ctrl-C is pressed: the run ends with the step, or at once after a second Ctrl-C.
+
+    Any other error of a block is raised unchanged, with a note that names the block.
 
     Args:
-        scenario: What to simulate, or its name or file; or a System.
-        duration: How long, s; None: as the scenario says.
-        context: Where the run of a System begins; it is not changed. None: the default
-            Context.
-        simulator: The solver; None: the scenario's, for a Diagram DefaultSimulator().
+        scenario: The scenario, or its name or file; or a System.
+        duration: The duration, s; None: the scenario's. A System needs a duration.
+        context: The Context where the run of a System begins, which is not changed;
+            None: the default Context.
+        simulator: The solver; None: the scenario's, for a System DefaultSimulator().
         teleoperator: The Diagram to simulate, made by MakeTeleoperator for this
-            scenario with systems of your own; None makes the scenario's.
-        task: What it is run for: makes the diagram, limits the speed, and finds the
-            events; None: the task of the scenario.
-        progress: Called now and then with the simulated time in s.
-        engine: What runs it: `drake`, or `compiled`, machine code, which runs many
-            times as fast and is compiled once for each structure of a diagram; `auto`:
-            machine code where possible. What laws read from outside of their arguments
-            is read at the start, when they are traced. What cannot be compiled is run
-            by Drake, and a note in the recording says why. Compile() is for many runs.
+            scenario with a user's systems; None: the scenario's Diagram.
+        task: The task, which makes the diagram, limits the speed and finds the events;
+            None: the task of the scenario.
+        progress: A function that is called from time to time with the simulated time
+            in s.
+        engine: `drake` for Drake's Simulator; `compiled` or `auto` for machine code,
+            which is many times as fast and is compiled once for each structure of a
+            diagram. A diagram that cannot be compiled runs in Drake's Simulator, and a
+            note in the recording gives the reason. For machine code, laws are traced at
+            the start: values that they read from outside their arguments are fixed
+            then. For many runs, see Compile().
 
     Returns:
         The recording.
@@ -138,8 +144,8 @@ def simulate(
     Raises:
         ScenarioError: If the scenario is not valid, or takes too many steps.
         KernelDisagrees: If the machine code does not compute what the diagram does.
-        ValueError: If the teleoperator is not one for this scenario, or what it
-            puts out is not finite at the start, or there is no such engine.
+        ValueError: If the teleoperator is not made for this scenario, if a signal is
+            not finite at the start, or if there is no such engine.
     """
     CheckChoice("engine", engine, ENGINES)
     if isinstance(scenario, System):
@@ -152,6 +158,7 @@ def simulate(
         return RecordingOf(job, run, notes)
     if context is not None:
         Refuse("context", "a Context", "left out where a scenario is simulated")
+    # Arguments that are given override the scenario.
     scenario = AsScenario(scenario)
     given = {"duration": duration, "simulator": simulator}
     changes = {key: value for key, value in given.items() if value is not None}
@@ -183,14 +190,14 @@ def Finish(
     run: Outcome,
     notes: list[str],
 ) -> Recording:
-    """Makes the recording of a scenario's run, with its events."""
+    """Cuts off a scenario's run where it leaves a bound, and makes its recording."""
     _EndWhereFinite(run)
     EndAtBound(job.diagram, job.speed_limit, run)
     return MakeRecording(scenario, job.config, run, notes, task.FindEvents)
 
 
 class _Finite(SpeedLimit):
-    """No limit: a run ends only where numbers leave the finite."""
+    """An infinite limit: a run ends only where a signal is not finite."""
 
     def __init__(self) -> None:
         SpeedLimit.__init__(self, speed=math.inf, name="")
@@ -210,7 +217,7 @@ def MakeJob(
     simulator: SimulatorConfig | None,
     progress: Callable[[float], None] | None = None,
 ) -> Job:
-    """Returns what to run for a System; None for the defaults.
+    """Returns the specification of a System's run; None stands for a default.
 
     Raises:
         ScenarioError: If there is no duration, or the Context is that of another
@@ -239,7 +246,7 @@ def RecordingOf(job: Job, run: Outcome, notes: list[str]) -> Recording:
     """Makes the recording of a System's run.
 
     Args:
-        notes: Those that are known already.
+        notes: Notes on the run; one may be appended.
     """
     _EndWhereFinite(run)
     make_final = run.make_final_context
@@ -252,14 +259,14 @@ def RecordingOf(job: Job, run: Outcome, notes: list[str]) -> Recording:
 
 
 def _FinalContext(make: Callable[[], Context]) -> Context:
-    """Returns the Context at which a run has ended; a run that continues knows it."""
+    """Makes the Context at the end of a run, and marks it as such for MakeJob()."""
     context = make()
     _final_contexts.add(context)
     return context
 
 
 def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:
-    """Runs a diagram, and says why it was not compiled if it should have been."""
+    """Runs a diagram; returns its outcome and notes, such as why Drake ran it."""
     notes: list[str] = []
     if engine != "drake":
         from teleop_drake.simulation.compiled_run import CannotCompile, CompileDiagram
@@ -275,7 +282,7 @@ def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:
 
 
 def NotesOnSinks(paths: Sequence[str]) -> list[str]:
-    """Returns what to note of the blocks that a compiled run has left out."""
+    """Returns notes on the blocks that a compiled run has left out."""
     if not paths:
         return []
     return [
@@ -285,7 +292,7 @@ def NotesOnSinks(paths: Sequence[str]) -> list[str]:
 
 
 def _EndWhereFinite(run: Outcome) -> None:
-    """Leaves out, in place, what a diverged run has after its last finite numbers."""
+    """Cuts off a diverged run, in place, at the last step with finite signals."""
     if run.ending.termination != "diverged":
         return
     run.series = finite_part(run.series)
@@ -308,10 +315,10 @@ def _CheckTeleoperator(
 
 
 def SurfacesIn(systems: Mapping[str, System]) -> tuple[Surface, ...] | None:
-    """Returns the surfaces of the environment; None: it tells none.
+    """Returns the surfaces of the environment; None if it does not report any.
 
     Args:
-        systems: Those of the model by their paths.
+        systems: The systems of the diagram, by their paths.
     """
     if "environment" not in systems:
         return ()
@@ -319,7 +326,7 @@ def SurfacesIn(systems: Mapping[str, System]) -> tuple[Surface, ...] | None:
 
 
 def _Channels(systems: Iterable[System], end: float) -> dict[str, PacketStatistics]:
-    """Returns what became of the packets of network channels until a time in s."""
+    """Returns the statistics of the packets of network channels until a time in s."""
     channels = {}
     for system in systems:
         if isinstance(system, NetworkDelay):
@@ -336,13 +343,14 @@ def MakeRecording(
     notes: list[str],
     find_events: Callable[[Recording], list[Event]] = lambda recording: [],
 ) -> Recording:
-    """Makes the recording of a run, whose events and notes are found when asked for.
+    """Makes the recording of a run; events and notes are computed on first use.
 
     Args:
-        notes: Those that are known already.
-        find_events: Returns the events of a recording.
+        notes: Notes that are known already.
+        find_events: A function that returns the events of a recording.
     """
     surfaces = () if scenario is None else SurfacesIn(run.systems)
+    # Blocks that may add notes on their part of the run.
     reporters = [x for x in run.systems.values() if hasattr(x, "RunNotes")]
     time, signals, steps = run.series
 
@@ -378,6 +386,6 @@ def MakeRecording(
 
 
 def HasConstantCommand(systems: Mapping[str, System]) -> bool:
-    """Returns whether the operator among systems, if there is one, tells so."""
+    """Returns whether the operator, if there is one, reports a constant command."""
     operators = [x for x in systems.values() if x.get_name() == "surgeon"]
     return all(getattr(x, "has_constant_command", False) for x in operators)

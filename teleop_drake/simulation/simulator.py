@@ -1,4 +1,4 @@
-"""The Simulator for teleoperators: simulate() runs it, and so should everybody."""
+"""The Simulator for teleoperators, which simulate() uses with Drake's engine."""
 
 import math
 import weakref
@@ -24,7 +24,7 @@ from teleop_drake.simulation.stepping import LongestStep, Stepping
 # better than a microsecond.
 EVENT_ACCURACY = 1e-4
 
-# So often one update may bring about another one at an instant.
+# The most times that the events of one instant are repeated.
 _MOST_UPDATES = 10
 
 _ENDS = (EventStatus.Severity.kReachedTermination, EventStatus.Severity.kFailed)
@@ -37,28 +37,29 @@ def MakeSimulator(
 ) -> "TeleoperatorSimulator":
     """Makes the Simulator of a diagram that has delays or walls in it.
 
-    It does what simulate() does, to the last bit; Drake's own Simulator, with the same
-    configuration, is wrong by up to some per cent after a collision. It
+    A single call of AdvanceTo() takes the same steps as simulate() with engine="drake",
+    to the last bit. Drake's own Simulator, with the same configuration, is wrong by up
+    to some per cent after a collision. This Simulator
 
     * locates events, such as a puncture and contact, to better than a microsecond
       (context.SetAccuracy),
     * takes no step longer than the shortest delay, whatever the configuration says,
-    * ends steps where a signal jumps, and where the echo of a jump arrives, and takes
-      short ones behind it, from which a delayed signal is interpolated,
-    * where a block has periodic discrete updates, executes what is due once more until
-      nothing changes, so that delays and guards see these updates at their instant,
-    * repeats a rejected step as if it were the first attempt, and
-    * under error control, tries a shorter step where numbers leave the finite within a
-      step, or a block cannot compute with them (TrialStep for both).
+    * ends steps where a signal jumps and where the echo of a jump arrives, and takes
+      short steps after it, because a delayed signal is interpolated from these steps,
+    * repeats the events at a periodic discrete update until no discrete state changes,
+      so that delays and guards respond to the update at the same instant,
+    * repeats a rejected step without results that are out of date, and
+    * under error control, tries a shorter step if a state within a step is not finite,
+      or if a block cannot compute with it (for the last two see TrialStep).
 
-    The last two need a block of this package in the diagram, which looks at each step.
-    What is published at the end of a step is published again if the step is repeated.
+    The last two need a block of this package in the diagram, which observes each step.
+    Publish events at the end of a step happen again if the step is repeated.
 
     Args:
-        diagram: What to simulate; not part of another Diagram.
-        config: Drake's. Its start_time is not used if there is a Context.
-        context: Where the run begins; the Simulator changes it, as Drake's does. None:
-            the default Context.
+        diagram: The System to simulate; not part of another Diagram.
+        config: Drake's configuration. Its start_time is ignored if there is a Context.
+        context: The Context where the run begins, which the Simulator changes, as
+            Drake's does; None: the default Context.
 
     Returns:
         The Simulator.
@@ -72,12 +73,12 @@ def MakeSimulator(
 
 
 class Counts(NamedTuple):
-    """What a Simulator has done since the run began.
+    """Statistics of a Simulator since its run began.
 
     Attributes:
-        steps: Steps taken.
-        evaluations: Evaluations of the rates.
-        rejected: Steps that were tried in vain.
+        steps: Number of steps taken.
+        evaluations: Number of evaluations of the rates.
+        rejected: Number of rejected steps.
     """
 
     steps: int
@@ -86,7 +87,7 @@ class Counts(NamedTuple):
 
 
 def CountsOf(simulator: Simulator) -> Counts:
-    """Returns what a Simulator has done since the run began."""
+    """Returns the statistics of a Simulator since its run began."""
     earlier = getattr(simulator, "earlier_counts", Counts(0, 0, 0))
     integrator = simulator.get_integrator()
     num_shrinkages = (
@@ -103,15 +104,15 @@ def CountsOf(simulator: Simulator) -> Counts:
 class TeleoperatorSimulator(Simulator):
     """A Simulator that ends its steps where signals jump; see MakeSimulator().
 
-    It is used like any Simulator. The integrator's longest step, as it is when the run
-    begins, is a limit that the run may stay below.
+    It is used like Drake's Simulator. During a run, the integrator's maximum step size
+    may be smaller than the value that it had at the beginning of the run.
 
     Attributes:
-        earlier_counts: What the integrator had counted when it was last reset.
+        earlier_counts: The statistics from before the last reset of the integrator.
 
     Args:
-        diagram: What to simulate; not part of another Diagram.
-        context: Where the run begins; None: the default Context.
+        diagram: The System to simulate; not part of another Diagram.
+        context: The Context where the run begins; None: the default Context.
     """
 
     def __init__(self, diagram: System, context: Context | None = None):
@@ -126,7 +127,7 @@ class TeleoperatorSimulator(Simulator):
         # Whether Drake calls the monitor although no step has ended.
         self._is_between_steps = False
         self.earlier_counts = Counts(0, 0, 0)
-        # Neither may know the other and live: Python does not see what Drake holds.
+        # Weak, because Python's garbage collector cannot see references inside Drake.
         reference = weakref.ref(self)
 
         def Monitor(root_context: Context) -> EventStatus:
@@ -137,28 +138,29 @@ class TeleoperatorSimulator(Simulator):
         Simulator.set_monitor(self, Monitor)
 
     def set_monitor(self, monitor: _Monitor) -> None:
-        """Sets what is called at the end of each step, as in Drake.
+        """Sets the function that is called at the end of each step, as in Drake.
 
         Args:
-            monitor: Takes the Simulator's Context; may end AdvanceTo() by
-                EventStatus.ReachedTermination.
+            monitor: A function of the Simulator's Context. It may end AdvanceTo() by
+                returning EventStatus.ReachedTermination().
         """
         self._monitor = monitor
 
     def clear_monitor(self) -> None:
-        """Lets go of the monitor."""
+        """Removes the monitor."""
         self._monitor = None
 
     def get_monitor(self) -> _Monitor | None:
-        """Returns what set_monitor() has set, or None."""
+        """Returns the function that set_monitor() has set, or None."""
         return self._monitor
 
     def Initialize(self, *arguments: object, **keywords: object) -> SimulatorStatus:
-        """Begins a run at the Context as it is, as in Drake."""
+        """Begins a run at the present Context, as in Drake."""
         integrator = self.get_mutable_integrator()
         longest_step = integrator.get_maximum_step_size()
+        # Undo the limit that an earlier run has set.
         if longest_step == self._stepping.step_limit:
-            longest_step = self._stepping.longest_step  # What an earlier run has left.
+            longest_step = self._stepping.longest_step
         longest_step = min(longest_step, LongestStep(self._diagram, self.get_context()))
         integrator.set_maximum_step_size(longest_step)
         start = self.get_context().get_time()
@@ -173,7 +175,7 @@ class TeleoperatorSimulator(Simulator):
         return Simulator.Initialize(self, *arguments, **keywords)
 
     def AdvancePendingEvents(self) -> SimulatorStatus:
-        """Lets happen what is due now, as in Drake."""
+        """Executes the pending events, as in Drake."""
         if not self._is_initialized:
             self.Initialize()
         return Simulator.AdvancePendingEvents(self)
@@ -184,10 +186,11 @@ class TeleoperatorSimulator(Simulator):
         """Advances to a time, as in Drake.
 
         Args:
-            boundary_time: In s.
+            boundary_time: The time to which to advance, s.
+            interruptible: As in Drake.
 
         Returns:
-            Where and why it ended.
+            The status, which reports the time and the reason of the return.
         """
         if not self._is_initialized:
             status = self.Initialize()
@@ -199,7 +202,7 @@ class TeleoperatorSimulator(Simulator):
             if stepping.IsAtDiscreteUpdate(context.get_time()):
                 self._Settle()
             if stepping.IsAtJump(context.get_time()):
-                # Both sides of a jump are seen by the monitor.
+                # The monitor is called before and after the jump.
                 status = self.AdvancePendingEvents()
                 if self._IsEndedByOthers(status):
                     return status
@@ -207,6 +210,7 @@ class TeleoperatorSimulator(Simulator):
             try:
                 status = Simulator.AdvanceTo(self, stop, interruptible)
             except (Exception, SystemExit) as error:
+                # A step that failed is repeated with a shorter length.
                 if not IsDivergence(error, context) or IsGivingUp(error):
                     raise
                 shorter = self._ShorterStep()
@@ -214,6 +218,7 @@ class TeleoperatorSimulator(Simulator):
                     raise
                 self._BeginAgain(shorter)
                 continue
+            # _EndStep() has found the step to be wrong.
             if self._rejected_to is not None:
                 self._BeginAgain(self._rejected_to)
                 continue
@@ -221,10 +226,11 @@ class TeleoperatorSimulator(Simulator):
                 return status
 
     def _Settle(self) -> None:
-        """Executes what is due now, until no discrete state changes any more.
+        """Executes the pending events until no discrete state changes any more.
 
-        The discrete updates of an instant do not see each other. So the per-step ones
-        of delays and guards see a periodic one when they are executed once more.
+        Simultaneous discrete updates do not see each other's results. Therefore the
+        per-step updates of delays and guards see the result of a periodic update only
+        when they are executed once more.
         """
         context = self.get_context()
         self._is_between_steps = True
@@ -236,23 +242,23 @@ class TeleoperatorSimulator(Simulator):
         self._is_between_steps = False
 
     def _ShorterStep(self) -> float | None:
-        """Returns the longest step to try instead of a failed one; None: none is."""
+        """Returns the longest step to try after a failure, s; None: no step helps."""
         return self._trial.ShorterStep(self, self._stepping.step_limit)
 
     def _BeginAgain(self, step: float) -> None:
-        """Goes back to the start of a step, and tries one of at most `step` s."""
+        """Restores the start of a step, to be repeated with at most `step` s."""
         integrator = self.get_mutable_integrator()
         counts = CountsOf(self)
         self.earlier_counts = counts._replace(rejected=counts.rejected + 1)
         self._trial.PutBack(self)
         self._stepping.Reject(step, integrator)
-        # Drake wants the first step to be no longer than the longest.
+        # Drake requires that the first step is not longer than the maximum step size.
         first_step = integrator.get_initial_step_size_target()
         integrator.request_initial_step_size_target(step)
         self._rejected_to = None
         self._is_between_steps = True
         try:
-            # Otherwise Drake would not go on after an error.
+            # After an error, Drake cannot continue without an initialization.
             Simulator.Initialize(
                 self, InitializeParams(suppress_initialization_events=True)
             )
@@ -262,19 +268,23 @@ class TeleoperatorSimulator(Simulator):
         self._trial.Begin(self)
 
     def _IsEndedByOthers(self, status: SimulatorStatus) -> bool:
-        """Returns whether something else than the stepping ended AdvanceTo()."""
+        """Returns whether a monitor or an event of a block has ended AdvanceTo()."""
         reason = SimulatorStatus.ReturnReason.kReachedBoundaryTime
         return not self._is_stopped and status.reason() != reason
 
     def _EndStep(self, root_context: Context) -> EventStatus:
-        """Calls the monitor; ends AdvanceTo() if there is more to do."""
+        """Checks a step at its end, calls the monitor and limits the next step.
+
+        The returned status ends AdvanceTo() if the step has to be repeated, if the
+        monitor ends the run, or if the next step needs a stop here.
+        """
         self._is_stopped = False
         if self._is_between_steps:
             return EventStatus.DidNothing()
         state = root_context.get_continuous_state_vector().CopyToVector()
         if math.isfinite(state.sum()):
             self._rejected_to = self._trial.StaleStep(self)
-        else:  # The norm of the error has overlooked it.
+        else:  # The norm of the error ignores it.
             self._rejected_to = self._ShorterStep()
         if self._rejected_to is not None:
             return EventStatus.ReachedTermination(self._diagram, "repeated")

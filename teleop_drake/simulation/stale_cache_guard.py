@@ -1,12 +1,13 @@
-"""A way around results that Drake keeps when it repeats a step.
+"""A workaround for cache entries that are out of date when Drake repeats a step.
 
-When error control rejects a step, Drake's IntegratorBase puts time and continuous state
-back to the start of the step, but tells the Context about the time only: it writes the
-state through a reference that it took before the step. Whatever is cached and depends
-on the state, but not on the time, stays as it was at the end of the rejected step: the
-motion of a MultibodyPlant, for example, or the output of a controller's state. The
-first stage of the repeated step is computed from that. So a repeated step has an error
-of the second order, whatever the order of the method, and error control cannot see it.
+When error control rejects a step, Drake's IntegratorBase restores the time and the
+continuous state at the start of the step, but it notifies the Context of the time only:
+it writes the state through a reference that it obtained before the step. Cache entries
+that depend on the state, but not on the time, keep their values from the end of the
+rejected step: the motion of a MultibodyPlant, for example, or the output of a
+controller's state. The first stage of the repeated step is computed from them.
+Therefore a repeated step has an error of the second order, whatever the order of the
+method, and error control cannot detect it.
 
 In drake/systems/analysis/integrator_base.cc, StepOnceErrorControlledAtMost(), the same
 from v1.51.1 to v1.58.0 and in the master branch of August 2026:
@@ -19,7 +20,7 @@ from v1.51.1 to v1.58.0 and in the master branch of August 2026:
     176        get_mutable_context()->SetTime(current_time);
     177        xc.SetFromVector(xc0_save_);
 
-The mend is to write the state through the Context, instead of lines 176 and 177:
+The fix is to write the state through the Context, instead of lines 176 and 177:
 
                get_mutable_context()->SetTimeAndContinuousState(current_time,
                                                                 xc0_save_);
@@ -39,35 +40,41 @@ from pydrake.systems.framework import Diagram, System
 from teleop_drake.kernel import KernelBlock
 from teleop_drake.simulation.stepping import SystemsIn
 
-# A shorter step hardly moves the time. A hundred times Drake's own limit.
+# The shortest step that is tried, in multiples of the time if that exceeds 1 s, else in
+# s. It is a hundred times Drake's own limit; a shorter step hardly changes the time.
 _SHORTEST = 1e-12
 
 
 class TrialStep:
-    """The beginning of the step under way, from which it can be repeated.
+    """The start of the current step, from which the step can be repeated.
 
-    Drake's error control rejects a step for its error only. What happens otherwise,
-    with 1.51.1 and 1.58.0: an exception that a block, or MultibodyPlant, raises within
-    a step ends AdvanceTo(), though the state that was tried was nonsense. A rate that
-    is not finite is overlooked by the norm of the error, which then accepts a state of
-    NaN, or, where it belongs to the first variable of a group, makes Drake repeat the
-    smallest step for ever. So the state is looked at before each evaluation of the
-    rates, and a step that fails is begun again as a shorter one.
+    Drake's error control rejects a step only if its error is too large. Two other
+    failures are not handled, in 1.51.1 and 1.58.0:
 
-    When time goes back, Look() marks everything that is cached as out of date. It is
-    called by a block, so the rates of systems in front of that block have been computed
-    from stale results by then. Where one of these has a state, a step that error
-    control has rejected is begun again with the length that was accepted.
+    * An exception that a block, or MultibodyPlant, raises within a step ends
+      AdvanceTo(), even if the state that was tried is far from the solution.
+    * The norm of the error ignores a rate that is not finite. The integrator then
+      accepts a state of NaN or, if the rate belongs to the first variable of a group,
+      repeats the smallest step for ever.
 
-    It belongs to one run, and keeps no Context: that would keep the Simulator alive.
+    Therefore Look() checks the state before each evaluation of the rates, and a step
+    that fails is repeated with a shorter length.
+
+    When time goes back, Look() marks all cache entries as out of date. A block calls
+    Look(), so the rates of systems that precede this block have been computed from
+    stale results by then. If one of these systems has a state, a step that error
+    control has rejected is repeated with the length that was finally accepted.
+
+    The object belongs to one run. It keeps no Context, which would keep the Simulator
+    alive.
 
     A block of this package calls Look() before each evaluation of the rates, so that a
-    Diagram need not become a part of another one. Without such a block, steps are
-    Drake's own: none is begun again.
+    Diagram need not become part of another one. Without such a block, all steps are
+    Drake's own, and none is repeated.
 
     Args:
-        simulator: What takes the steps.
-        system: What it simulates.
+        simulator: The Simulator that takes the steps.
+        system: The simulated System.
     """
 
     def __init__(self, simulator: Simulator, system: System):
@@ -87,14 +94,14 @@ class TrialStep:
         self._num_rejected = 0
 
     def Begin(self, simulator: Simulator) -> None:
-        """Notes that a step begins, maybe with events that change the state yet."""
+        """Stores the start of a step, whose events may still change the state."""
         root_context = simulator.get_context()
         self._time = self._last_time = root_context.get_time()
         self._state = root_context.get_continuous_state_vector().CopyToVector()
         self._num_rejected = _NumRejected(simulator)
 
     def Look(self, simulator: Simulator) -> None:
-        """Looks at the time and the state of which rates are to be evaluated.
+        """Checks the time and the state for which rates are about to be evaluated.
 
         Raises:
             FloatingPointError: If the state is not finite.
@@ -105,16 +112,17 @@ class TrialStep:
             simulator.get_mutable_context().SetAllCacheEntriesOutOfDate()
         self._last_time = time
         state = root_context.get_continuous_state_vector().CopyToVector()
-        # Of so many numbers that are finite the sum is, or the step is absurd.
+        # The sum of finite numbers is finite, unless they are absurdly large.
         if not math.isfinite(state.sum()):
             raise FloatingPointError("the state is not finite")
-        if time == self._time:  # The events at the start have happened.
+        if time == self._time:  # Events at the start have changed the state.
             self._state = state
 
     def StaleStep(self, simulator: Simulator) -> float | None:
-        """Returns the length in s of a step that has to be repeated; None: it is good.
+        """Returns the length in s of the last step if it has to be repeated, else None.
 
-        Its first attempts were rejected, and it began with stale results.
+        It has to be repeated if its first attempts were rejected, because the accepted
+        attempt began with stale results.
         """
         may_be_stale = self._is_watched and not self._is_first
         if not may_be_stale or _NumRejected(simulator) == self._num_rejected:
@@ -123,11 +131,11 @@ class TrialStep:
         return length if length > 0 else None
 
     def ShorterStep(self, simulator: Simulator, longest_step: float) -> float | None:
-        """Returns the longest step to try next in s, or None: it would not help.
+        """Returns the longest step to try after a failure, s; None: no step helps.
 
         Args:
-            simulator: As the failure left it.
-            longest_step: That could have been tried, in s.
+            simulator: The Simulator after the failure.
+            longest_step: The longest step that the failed attempt could have, s.
         """
         is_fixed = simulator.get_integrator().get_fixed_step_mode()
         if is_fixed or not self._is_watched:
@@ -139,10 +147,10 @@ class TrialStep:
         return step if step > _SHORTEST * max(1.0, self._time) else None
 
     def PutBack(self, simulator: Simulator) -> None:
-        """Puts time and state back to the start of the step.
+        """Restores the time and the state at the start of the step.
 
-        What is due at the start has happened. So that it does not happen again, the
-        time is the next larger number.
+        The events at the start have happened already. The time is set to the next
+        larger number, so that they do not happen again.
         """
         time = max(math.nextafter(self._time, math.inf), sys.float_info.min)
         root_context = simulator.get_mutable_context()
@@ -158,11 +166,11 @@ def _NumRejected(simulator: Simulator) -> int:
 
 
 def HasOwnBlocks(system: System) -> bool:
-    """Returns whether there is a block of this package in a system."""
+    """Returns whether a system contains a block of this package."""
     return any(isinstance(part, KernelBlock) for part in SystemsIn(system))
 
 
 def _CallsWatchers(system: Any) -> bool:
-    """Returns whether a block calls those that watch the evaluation of its rates."""
+    """Returns whether a block calls the functions that WatchRates() registers."""
     own = KernelBlock.DoCalcTimeDerivatives
     return isinstance(system, KernelBlock) and type(system).DoCalcTimeDerivatives is own

@@ -5,7 +5,7 @@ The blocks announce what limits a step through optional attributes:
 | attribute       | of                   | meaning                                    |
 |-----------------|----------------------|--------------------------------------------|
 | longest_step    | a delay, an operator | no step may be longer, s                   |
-| delays          | a delay              | what is under way                          |
+| delays          | a delay              | the signals that are under way             |
 | NextJumpTime()  | a channel, a sensor  | when its output jumps next, s              |
 | jump_times      | an operator          | when its outputs jump or are not smooth, s |
 | Guards()        | a block with events  | an event happens where one becomes positive |
@@ -32,14 +32,14 @@ from teleop_drake.signals import PathsIn
 # A step across a boundary as short as twice this many s is not bisected any further.
 _EVENT_WINDOW = 2e-7
 
-# After a jump or a non-smooth point the first steps are this share of the longest one,
-# and then each is at most that share of the time since. A delayed signal is a
-# polynomial through the steps of its sender: behind a jump there are none but the new
-# ones, and they set its error, which error control does not see. Steps grow even more
+# After a jump or a non-smooth point, the first steps are _FIRST_STEP times the longest
+# one. Later steps are at most _STEP_GROWTH times the time since then. A delayed signal
+# is a polynomial through the ends of its sender's steps. After a jump only the new
+# steps determine it, with an error that error control does not detect. Steps grow more
 # slowly after a crossing of a boundary, because Drake's error norm is absolute and
-# hardly sees a tool that bounces by micrometres. Of some thirty settings these were
-# chosen, which keep one_dof within 1e-5 of its signals' ranges at 46 of 50 delays from
-# 0.02 to 0.4 s.
+# hardly detects a tool that bounces by micrometres. The values were chosen from some
+# thirty settings. They keep one_dof within 1e-5 of its signals' ranges at 46 of 50
+# delays from 0.02 to 0.4 s.
 _FIRST_STEP = 1 / 8
 _STEP_GROWTH = 0.04
 _STEP_GROWTH_AFTER_CROSSING = 0.02
@@ -49,8 +49,8 @@ def LongestStep(diagram: System, context: Context, *, of_delays: bool = True) ->
     """Returns the longest step in s that a diagram's systems allow, or infinity.
 
     Args:
-        context: The Context of the diagram, whose delays count.
-        of_delays: Whether blocks that delay something are considered.
+        context: The Context of the diagram, which has the lengths of delays.
+        of_delays: Whether blocks with delays are considered.
     """
     return min(
         LongestStepOf(system, own)
@@ -71,26 +71,27 @@ def LongestStepOf(system: System, context: Context) -> float:
 
 
 class Stepping:
-    """Determines at the end of each step where the next steps end.
+    """The rules for the ends and the longest lengths of a run's steps.
 
-    The simulator runs by itself except near a jump. There it stops, so that both sides
-    can be recorded. Before an event its steps become short, because Drake would find
-    the event by bisection, with many more steps.
+    The simulator stops at each jump, so that both sides can be recorded. Before an
+    event its steps become short, because Drake would otherwise find the event by
+    bisection, with many more steps.
 
-    It belongs to one run, and keeps no Context: that would keep the Simulator alive.
+    The object belongs to one run. It keeps no Context, which would keep the Simulator
+    alive.
 
     Attributes:
-        longest_step: Of the run, in s.
-        step_limit: Of the steps to come, in s.
+        longest_step: The longest step of the run, s.
+        step_limit: The longest length of the next steps, s.
 
     Args:
-        diagram: What is simulated.
-        longest_step: Of the run, in s.
-        start: When the run begins, in s.
+        diagram: The simulated System.
+        longest_step: The longest step of the run, s.
+        start: The time when the run begins, s.
     """
 
     def __init__(self, diagram: System, longest_step: float, start: float):
-        # A loop announces what its parts do.
+        # A Diagram itself is left out: its parts announce the same limits.
         systems = SystemsIn(diagram)[1:] or [diagram]
 
         def With(member: str) -> Iterator[Any]:
@@ -113,7 +114,7 @@ class Stepping:
             if not getattr(system, "has_guards", False)
             for surface in _SurfacesSeenBy(system)
         ]
-        # The last two instants, with the values of all guards then.
+        # The last two instants, with the values of all guards at each.
         self._guards: list[tuple[float, np.ndarray]] = []
         self.longest_step = longest_step
         self.step_limit = longest_step
@@ -124,16 +125,16 @@ class Stepping:
         self._rejected_step = math.inf
 
     def Reject(self, step: float, integrator: IntegratorBase) -> None:
-        """Makes the next step short; those after it grow again.
+        """Limits the length of the next step, after which steps grow again.
 
         Args:
-            step: The longest that it may be, in s.
+            step: The limit, s.
         """
         self._rejected_step = self.step_limit = step
         integrator.set_maximum_step_size(step)
 
     def EndStep(self, root_context: Context, integrator: IntegratorBase) -> bool:
-        """Takes note of the end of a step, and limits the next ones.
+        """Evaluates guards and jumps at the end of a step, and limits the next steps.
 
         Returns:
             Whether AdvanceTo() has to end here.
@@ -152,9 +153,9 @@ class Stepping:
         """Returns whether an event that makes signals jump is pending at a time.
 
         Args:
-            time: Now, in s.
+            time: The present time, s.
         """
-        # It may be pending an instant before its time; see ticks.
+        # An event may be pending an instant before its time; see kernel.events.Ticks.
         is_next = abs(time - self._next_jump) <= SAME
         is_crossing = time == self._crossing_time
         is_known = is_next or is_crossing or time in self._jump_times
@@ -164,12 +165,12 @@ class Stepping:
         """Returns whether a delay or a guard may see a discrete update at a time.
 
         Args:
-            time: Now, in s.
+            time: The present time, s.
         """
         return any(ticks.At(time) is not None for ticks in self._discrete_updates)
 
     def NextStop(self, root_context: Context) -> float:
-        """Returns where the simulator should stop next, in s; infinity: nowhere."""
+        """Returns the time at which the simulator should stop next, s, or infinity."""
         self._next_jump = self._FindNextJump(root_context)
         self._stop = min(
             self._next_jump, root_context.get_time() + self._ApproachTime()
@@ -179,7 +180,7 @@ class Stepping:
     def _LimitStep(
         self, time: float, is_at_jump: bool, integrator: IntegratorBase
     ) -> None:
-        """Makes steps after a jump or a failure short, and then longer and longer."""
+        """Shortens the steps after a jump or a failure, and lets them grow again."""
         if is_at_jump:
             self._last_jump = time
             self._guards = self._guards[-1:]
@@ -219,7 +220,7 @@ class Stepping:
         return np.array(values)
 
     def _NoteGuards(self, time: float, values: np.ndarray) -> None:
-        """Adds the values of the guards at the end of a step, and finds crossings."""
+        """Stores the values of all guards at the end of a step; detects crossings."""
         if self._guards:
             last_time, last = self._guards[-1]
             if np.any((last < 0) & (values >= 0)):
@@ -229,11 +230,11 @@ class Stepping:
         self._guards = [*self._guards[-1:], (time, values)]
 
     def _ApproachTime(self) -> float:
-        """Returns the length of a step towards an event ahead, infinity if none is.
+        """Returns the length in s of a step towards the next event, or infinity.
 
-        It covers most of the way, or a little more than the whole if that is short
-        enough for Drake to accept the step as the location of the event. The guards
-        are taken to go on as in the last step.
+        The time to the event is extrapolated linearly from the guards in the last step.
+        The step covers 90 % of it or, if Drake accepts the rest as the location of the
+        event, slightly more than all of it.
         """
         if len(self._guards) < 2:
             return math.inf
@@ -251,18 +252,18 @@ class Stepping:
 
 
 def SystemsIn(system: System) -> list[System]:
-    """Returns a system and those inside, in the order in which rates are evaluated."""
+    """Returns a system and all systems in it, in the order of evaluation of rates."""
     return [part for part, _ in PathsIn(system)]
 
 
 def NotesOnSamples(diagram: System, context: Context) -> list[str]:
-    """Returns whether samples come too densely for the delays of a run in Drake.
+    """Returns a note if samples are too dense for the delays of a run in Drake.
 
-    A delay is a polynomial through the ends of steps. A signal that bends at each
-    sample is interpolated across the bends where no step ends between two samples.
+    A delayed signal is a polynomial through the ends of steps. If no step ends between
+    two samples, it does not follow a signal that bends at each sample.
 
     Args:
-        context: The Context of the diagram, whose delays count.
+        context: The Context of the diagram, which has the lengths of delays.
     """
     first_steps = []
     periods = []
@@ -283,10 +284,10 @@ def NotesOnSamples(diagram: System, context: Context) -> list[str]:
 
 
 def _DiscreteUpdates(systems: Sequence[System]) -> list[Ticks]:
-    """Returns when systems have periodic discrete updates.
+    """Returns the instants of the periodic discrete updates of systems.
 
-    A block of this package knows its own. Of any other one Drake reports the period, if
-    it has one alone.
+    A block of this package reports its own instants. For any other block, Drake reports
+    the period, if there is only one.
     """
     ticks: set[Ticks] = set()
     for system in systems:
@@ -300,7 +301,7 @@ def _DiscreteUpdates(systems: Sequence[System]) -> list[Ticks]:
 
 
 def _SurfacesSeenBy(system: Any) -> Iterator[tuple[InputPort, Surface]]:
-    """Yields surfaces of an environment or operator, and the input that crosses one."""
+    """Yields the position inputs of an environment or operator, each with a surface."""
     for surface in SurfacesOf(system) or ():
         yield system.GetInputPort("tool_position"), surface
     contact = getattr(system, "contact_surface", None)

@@ -45,7 +45,7 @@ def FindBoundaries(
     *,
     others: Mapping[str, Any],
 ) -> list[Boundary]:
-    """Analyses the loops of a sweep for the values of one of its keys.
+    """Returns the largest stable delays of a sweep's loops over one of its keys.
 
     Args:
         plan: The sweep.

@@ -46,7 +46,7 @@ class SweepFolder:
         plan: The sweep.
         resume: Whether the folder may hold the same sweep already.
         notice: Called with a line of text if a torn record is dropped.
-        stack: Where what has to be closed is entered.
+        stack: The stack whose end closes and unlocks the folder.
 
     Raises:
         SweepError: If the folder cannot be used.
@@ -134,7 +134,7 @@ def Versions() -> dict[str, str]:
     for package in ("teleop-drake", "drake", "numpy", "llvmlite"):
         try:
             versions[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:  # It may run uninstalled.
+        except importlib.metadata.PackageNotFoundError:  # Run without installation.
             versions[package] = "none"
     return versions
 

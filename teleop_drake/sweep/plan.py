@@ -132,6 +132,7 @@ def PlanSweep(
         dict(zip(axes, values, strict=True))
         for values in itertools.product(*axes.values())
     ]
+    # Each value has to be valid in at least one run, and a seed has to have an effect.
     first = _CheckValues(Load, axes, points)
     if "seed" in axes and not _HasRandomNumbers(first, axes):
         raise SweepError(
@@ -172,7 +173,7 @@ def _CheckPaths(
         for path, _ in ParseOverrides({key: value}):
             setters.append(f"grid.{key}")
             paths.append(path)
-    # Of overrides the later one wins, as on the command line.
+    # Among overrides, a later one may replace an earlier one, as on the command line.
     for i in range(len(overrides), len(names)):
         for j in range(i):
             if f"{names[j]}.".startswith(f"{names[i]}."):

@@ -9,7 +9,7 @@ from teleop_drake.sweep.plan import SweepPlan
 from teleop_drake.sweep.values import Point
 
 Programs = dict[tuple[tuple[str, str], ...], CompiledScenario]
-"""The programs to which runs of a sweep have been compiled, by the names they have."""
+"""The compiled scenarios of a sweep, by the texts among the values of their runs."""
 
 
 def SimulatePoint(plan: SweepPlan, point: Point, programs: Programs) -> Recording:
@@ -18,7 +18,7 @@ def SimulatePoint(plan: SweepPlan, point: Point, programs: Programs) -> Recordin
     Args:
         plan: The sweep.
         point: The values of the run, by the keys of the grid.
-        programs: The programs so far, to which that of the run is added.
+        programs: The programs so far, to which a new program is added.
 
     Raises:
         ScenarioError: If the scenario of the run is not valid.

@@ -68,7 +68,7 @@ class SweepResult:
         return np.array(values, dtype=float).reshape(self.shape)  # NaN where None.
 
     def Metrics(self) -> list[str]:
-        """Returns those of the most used metrics that at least one run has."""
+        """Returns the names of the most used metrics that at least one run has."""
         names = SelectMetrics(self.scenario)
         return [name for name in names if np.isfinite(self.Values(name)).any()]
 
@@ -79,11 +79,11 @@ class SweepResult:
         )
 
     def plot(self, *metrics: str) -> Any:
-        """Plots metrics against the delay, or against what else is varied.
+        """Plots metrics against the delay, or against another key that is varied.
 
         Args:
-            *metrics: As in MetricUnits(scenario), for example "collision.peak_force";
-                none: those of Metrics().
+            *metrics: Names in MetricUnits(scenario), such as "collision.peak_force";
+                by default the metrics of Metrics().
 
         Returns:
             The figure of teleop_drake.figures.sweeps.PlotSweep(), which a notebook

@@ -50,7 +50,7 @@ _MIN_CALLS = 16
 
 @dataclass(frozen=True, kw_only=True)
 class Execution:
-    """Where runs are simulated, where their records go, and who is told.
+    """Where runs are simulated and recorded, and how their progress is reported.
 
     Attributes:
         executor: Any Executor whose workers can import this package in the same
@@ -184,14 +184,15 @@ def RunSweeps(
 ) -> dict[str, SweepResult]:
     """Simulates the runs of several plans, for example the plans of a study.
 
-    RunSweep() has the errors.
-
     Args:
         plans: The plans by name. Each has a folder of its name in `out`.
-        execution: Where and how; runs are counted over all plans.
+        execution: The execution; progress is counted over all plans.
 
     Returns:
         The results by the names of the plans.
+
+    Raises:
+        The errors of RunSweep().
     """
     total = sum(len(plan.points) for plan in plans.values())
     results: dict[str, SweepResult] = {}
@@ -253,7 +254,7 @@ def _SimulateHere(plan: SweepPlan, runs: deque[int]) -> Generator[Record, None, 
         if total_time * len(runs) > _START_OF_WORKERS * (num_done - 1) > 0:
             return
         point = plan.points[runs[0]]
-        start = clock.thread_time()  # Other threads may draw.
+        start = clock.thread_time()  # Not that of other threads.
         outcome = _SimulateOne(plan, point, programs)
         if num_done > 0:
             total_time += clock.thread_time() - start
@@ -274,7 +275,7 @@ def _SimulateOn(
         lost: list[Sequence[int]] = []
         futures = {}
         for call in calls:
-            # A worker has no use for the axes, which may be long.
+            # A worker does not need the axes, which may be long.
             own = replace(plan, axes={}, points=[plan.points[run] for run in call])
             futures[executor.submit(_SimulateCall, own, Versions())] = call
         try:

@@ -90,7 +90,7 @@ def Statistics(result: SweepResult) -> list[Record]:
     units = MetricUnits(result.scenario)
     medians = _Medians(result)
     is_diverged = _BySeed(result, result.Status() == "diverged")
-    # An event has happened in the runs with a number.
+    # A finite number means that the event has happened in the run.
     shares = {"diverged": np.where(is_diverged, 1.0, math.nan)}
     if "collision.settling_time" in medians:
         shares["collision.settles"] = medians["collision.settling_time"]

@@ -19,7 +19,7 @@ Grid = dict[str, list[Any]]
 """The values of each key; the last key varies fastest."""
 
 Point = Mapping[str, Any]
-"""A point of a grid: a value of each key."""
+"""A point of a grid: one value for each key."""
 
 GivenGrid = Mapping[str, Iterable[Any]]
 """A grid as users give it: lists of values, or texts for ParseValues()."""

@@ -89,8 +89,8 @@ class Worker:
     """A process, and the connection over which it receives its calls.
 
     Args:
-        context: How it is started.
-        prepare: What it does first.
+        context: The multiprocessing context, which starts the process.
+        prepare: A function that the process calls first; None: none.
     """
 
     def __init__(self, context: BaseContext, prepare: Callable[[], None] | None = None):
@@ -121,7 +121,7 @@ class Worker:
         return result
 
     def End(self) -> None:
-        """Ends the process, which is when its connection is closed."""
+        """Closes the connection, which ends the process, and waits for the end."""
         self.connection.close()
         self.process.join()
 

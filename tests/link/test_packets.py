@@ -23,7 +23,10 @@ KEY = bytes(range(32))
 
 
 def Sessions(agreement=7):
-    """An operator's and a robot's session of 2 and 3 numbers, which do not know."""
+    """Returns the sessions of an operator and a robot, which have not connected yet.
+
+    The operator sends signals of 2 numbers, the robot signals of 3.
+    """
     return Session(KEY, 0, 7, 3, "robot"), Session(KEY, 1, agreement, 2, None)
 
 
@@ -34,7 +37,7 @@ def Seal(session, now, tick=-1):
 
 
 def Introduced(operator, robot):
-    """The same after they have proved to hear each other; the robot is 1000 ahead."""
+    """Returns the sessions after the connection; the robot's clock is 1000 ns ahead."""
     assert robot.Open(Seal(operator, 0), "operator", 1010).reason == Reason.HELLO
     assert operator.Open(Seal(robot, 1030), "robot", 40).reason is None
     assert robot.Open(Seal(operator, 50), "operator", 1060).reason is None
@@ -66,7 +69,7 @@ def test_the_layout_is_the_documented_one():
 
 @pytest.mark.parametrize("num", Slow([10_000, 100_000]))
 def test_packets_that_are_not_meant_change_nothing(num):
-    """Forged ones, cut ones, repeated ones, old ones."""
+    """Forged, truncated, replayed and old packets are rejected."""
     operator, robot = Introduced(*Sessions())
     random = np.random.default_rng(1)
     seen = [Seal(operator, 100 + k, tick=k) for k in range(100)]
@@ -74,7 +77,7 @@ def test_packets_that_are_not_meant_change_nothing(num):
         assert robot.Open(data, "operator", 200 + k).packet["tick"] == k
     other = Introduced(*Sessions())[0]  # The same key, another session.
     seen += [Seal(other, 100 + k, tick=k) for k in range(100)]
-    seen += [Seal(robot, 100)]  # Sent back.
+    seen += [Seal(robot, 100)]  # The robot's own packet, sent back.
     before = vars(robot) | {"refused": None}
     for k in range(num):
         data = bytearray(seen[k % len(seen)])
@@ -99,7 +102,7 @@ def test_a_replay_to_a_process_that_was_started_anew():
         assert robot.Open(data, "anybody", 1).reason == Reason.HELLO
     assert robot.exchanges == 0
     assert robot.address is None
-    # The true one is heard all the same.
+    # The packets of the new process are accepted nevertheless.
     Introduced(operator, robot)
     assert robot.address == "operator"
 
@@ -115,7 +118,7 @@ def test_what_does_not_count():
 
 
 def test_the_version_is_looked_at_after_the_hash(monkeypatch):
-    """Nobody without the key can make a side report another version."""
+    """Without the key, a sender cannot make a side report another version."""
     operator, robot = Sessions()
     forged = bytearray(Seal(operator, 10))
     forged[3] += 1

@@ -1,4 +1,4 @@
-"""Tests of teleop_drake.link over sockets: loopback, and the tests' own namespaces."""
+"""Tests of teleop_drake.link over sockets: loopback and network namespaces."""
 
 import contextlib
 import heapq
@@ -28,7 +28,7 @@ OVERRIDES = {"controller.kind": "direct_force", "duration": 0.3}
 
 
 def test_over_loopback(tmp_path, unrendered):
-    """Both sides in this process: what one computes makes the other one late."""
+    """Both sides run in this process, where each delays the ticks of the other."""
     scenario, lines = LoadScenario("one_dof", OVERRIDES), []
     options = {"period": 0.002, "limit": 60, "say": lines.append}
     listening, _ = OpenSocket("127.0.0.1:0", listens=True)
@@ -37,7 +37,7 @@ def test_over_loopback(tmp_path, unrendered):
         Side(scenario, "operator", KEY, *calling, **options),
         robot := Side(scenario, "robot", KEY, listening, **options),
     ]
-    for _ in range(300):  # No more than 256 are read in a period.
+    for _ in range(300):  # At most 256 are read in a period.
         calling[0].sendto(b"x", listening.getsockname())
     robot.Tick()
     assert robot._session.refused["foreign"] == 256
@@ -48,9 +48,9 @@ def test_over_loopback(tmp_path, unrendered):
     for side in sides:
         assert side.reason == "", lines
         report = SaveRun(side, tmp_path)
-        # The solver's steps are others where a busy machine misses many periods.
+        # If a busy machine misses many periods, the solver takes other steps.
         assert max(report["prediction"].values()) < 5e-6
-        assert not report["outages_s"]  # The end of a complete run is none.
+        assert not report["outages_s"]  # The end of a complete run is no outage.
 
 
 SERVE, OPERATE = ["serve", "one_dof", "--listen"], ["operate", "one_dof", "--connect"]
@@ -79,7 +79,7 @@ def test_bad_input(arguments, message, tmp_path, capsys):
 
 
 class Loop:
-    """`serve` and `operate` as processes."""
+    """The commands `serve` and `operate`, each in its own process."""
 
     def __init__(self, folder, *more, prefixes=((), ())):
         NewKey(str(folder / "key"))
@@ -102,12 +102,12 @@ class Loop:
         return self.processes[command]
 
     def Serve(self, address="127.0.0.1:0"):
-        """Returns where it listens."""
+        """Starts `serve`; returns the address at which it listens."""
         server = self.Start("serve", "--listen", address)
         return server.stderr.readline().split()[-1]
 
     def Report(self, command):
-        """Returns what a side has written when it has ended."""
+        """Waits for the end of a side, and returns its report."""
         _, errors = self.processes[command].communicate(timeout=60)
         assert "Traceback" not in errors, errors
         name = {"serve": "robot", "operate": "operator"}[command]
@@ -118,16 +118,19 @@ class Loop:
 
 
 def IsPredicted(report):
-    """A machine under load may hear nothing for so long that not all is known."""
+    """Returns whether the prediction agrees.
+
+    On a busy machine, a gap may be so long that some packets in use are not known.
+    """
     limit = 0.02 if report["unknown_periods"] else 1e-4
     return max(report["prediction"].values()) < limit
 
 
 def Relay(server, operator, fates, process):
-    """Carries datagrams with given fates until a process ends, and forges others."""
+    """Relays datagrams with given fates until a process ends, and sends forged ones."""
     queue, counts, targets = [], [0, 0], [server, None]
     other = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    # The server answers the forger's wrong key, and not to the relay.
+    # A socket of its own, so that notices of a wrong key do not reach the relay.
     forger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     forged = np.random.default_rng(1)
     with operator, other, forger:
@@ -214,7 +217,7 @@ NAMES = "teleop-drake-a", "teleop-drake-b"
 
 @pytest.fixture(params=["wire", "netem"])
 def namespaces(request):
-    """Two network namespaces with a wire, also one of 20 ms that loses some."""
+    """Two connected network namespaces; with netem, 20 ms of delay and 2 % of loss."""
     if os.geteuid() or not (shutil.which("ip") and shutil.which("tc")):
         pytest.skip("namespaces need root, ip and tc")
     commands = [f"ip netns add {name}" for name in NAMES]
@@ -242,7 +245,7 @@ def namespaces(request):
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group("namespaces")  # Both have the same names.
+@pytest.mark.xdist_group("namespaces")  # Both tests use the same names.
 def test_through_the_network_of_the_kernel(namespaces, tmp_path):
     kind, prefixes = namespaces
     loop = Loop(tmp_path, "--duration", "2", prefixes=prefixes)

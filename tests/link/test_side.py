@@ -18,13 +18,13 @@ def Scenario(kind="direct_force", name="one_dof", duration=1.0):
 
 
 def Made(*options, fates=None, duration=1.0, **both):
-    """Returns a network that loses some, and two sides."""
+    """Returns two sides and their network, which loses packets unless given fates."""
     network = Network(*(fates or map(Fates, (1, 2))))
     return network, network.MakeSides(Scenario(duration=duration), *options, **both)
 
 
 def CheckPrediction(sides):
-    """Both sides, simulated with the packets of each, agree with what it recorded."""
+    """Checks that predictions from the packets in use agree with the recordings."""
     for side in sides:
         apart = Compare(side.Recording(), Predict(side))
         assert len(apart) == 2
@@ -32,7 +32,7 @@ def CheckPrediction(sides):
 
 
 def CheckTraces(sides, folder):
-    """The whole loop with the recorded channels agrees as well, fades apart."""
+    """Checks that the loop with the recorded traces agrees too, if nothing fades."""
     for side in sides:
         SaveRun(side, folder)
         scenario = LoadScenario(folder / f"{side.side}_predicted.yaml")
@@ -40,7 +40,7 @@ def CheckTraces(sides, folder):
         for name in [x for x in recording if "_packet_" in x]:
             expected = predicted.Interpolate(name, recording.time - 1e-9)
             span = np.maximum(np.ptp(expected, axis=0), 1e-9)
-            # At the very start the prediction has heard what came with delay 0.
+            # At time 0 the prediction has already received packets with delay 0.
             apart = np.abs(recording[name] - expected)[1:] / span
             assert apart.max() < 1e-3, name
 
@@ -57,14 +57,14 @@ RUNS = [
 
 @pytest.mark.parametrize(("kind", "name", "seeds"), Slow(RUNS, but=(0,)))
 def test_the_run_is_what_its_trace_predicts(kind, name, seeds, tmp_path, unrendered):
-    """Within the accuracy of the solvers; neither needs the clock of the other."""
+    """They agree within the accuracy of the solvers, although the clocks differ."""
     network = Network(*map(Fates, seeds), offsets=(10**15, 5))
     sides = network.MakeSides(Scenario(kind, name, duration=0.8))
     network.Run(sides)
     for side in sides:
         assert side.reason == ""
         report = side.Report()
-        assert report["refused_packets"]["old"] > 80  # Late and doubled ones.
+        assert report["refused_packets"]["old"] > 80  # Late and doubled packets.
         assert report["unknown_periods"] == 0
         assert report["early_packets"] == {"forward": 0, "return": 0}
     CheckPrediction(sides)
@@ -72,18 +72,18 @@ def test_the_run_is_what_its_trace_predicts(kind, name, seeds, tmp_path, unrende
 
 
 def test_the_delays_are_those_of_the_network():
-    """Exactly so, in whole periods, after the robot's side has set its clock."""
+    """They are exact in whole periods, except for the error of the robot's clock."""
     fates = Fates(0, delay=0.0203, std=0, loss=0), Fates(0, delay=0.0303, std=0, loss=0)
     network, sides = Made(fates=fates, duration=0.4)
     network.Run(sides, phase=0.0)
     for side in sides:
         forward, back = (side.measured.Delays()[way] for way in ("forward", "return"))
         assert np.isfinite(forward[:300]).all()
-        # Half of 50.6 ms each, for what nobody can know.
+        # Half of 50.6 ms each, because only the round trip can be measured.
         assert forward[:300] == pytest.approx(0.026, abs=0.0011)
         assert forward[100] + back[100] == pytest.approx(0.0506, abs=0.0021)
         assert np.ptp(forward[:300]) == 0
-        report = side.Report()  # It is seen each period.
+        report = side.Report()  # Packets are read once a period.
         assert report["shortest_round_trip_s"] == pytest.approx(0.0516, abs=0.0011)
         assert report["round_trip_s"]["median"] == pytest.approx(0.0516, abs=0.0021)
         assert report["period_s"]["mean"] == pytest.approx(0.001)
@@ -106,7 +106,7 @@ def test_a_clock_that_drifts_makes_packets_early(tmp_path, unrendered):
 
 
 def Cut(kind, begin, end, duration, name="one_dof"):
-    """Returns sides and their network after a run, whose way forward was cut."""
+    """Returns the sides and their network after a run with a cut forward direction."""
     fates = Fates(0, delay=0.01, std=0, loss=0)
     network = Network(lambda k: [] if begin <= k < end else fates(k), fates)
     scenario = Scenario(kind, name, duration)
@@ -117,7 +117,7 @@ def Cut(kind, begin, end, duration, name="one_dof"):
 
 @pytest.mark.parametrize("kind", Slow([x[0] for x in RUNS], but=(0,)))
 def test_the_robot_holds_its_place(kind):
-    """Within 0.1 mm, and soon at rest; direct force by itself moves by 0.6 mm."""
+    """It stays within 0.1 mm; with direct force and no hold it moves by 0.6 mm."""
     sides, _ = Cut(kind, 500, 850, 1.8)
     run, ((begin, end),) = sides[1].Recording(), sides[1].Report()["outages_s"]
     held = run["tool_position"][(run.time > begin) & (run.time < end)]
@@ -128,7 +128,7 @@ def test_the_robot_holds_its_place(kind):
 
 
 def test_what_is_too_old_fades_and_comes_back():
-    """The way to the robot is cut for 0.4 s: forces fall on both sides, smoothly."""
+    """The forward direction is cut for 0.4 s: forces fall smoothly on both sides."""
     sides, network = Cut("wave_variables", 200, 400, 1.1)
     recording = sides[1].Recording()
     time, (wave, position) = recording.time, recording["forward_packet_received"].T
@@ -140,7 +140,7 @@ def test_what_is_too_old_fades_and_comes_back():
     assert np.ptp(position[silent]) == 0
     assert position[silent][0] == position[time < begin][-1] > 0
     assert abs(wave[time < begin][-1]) > 0.2 * np.abs(wave).max()
-    # Nothing jumps by more than the share of a period, and a little of its own.
+    # No change exceeds the share of one period in the fade, plus half for the signal.
     jump = np.abs(np.diff(wave))[time[1:] > 0.1].max()
     assert jump < 1.5 * np.abs(wave).max() * 0.002 / 0.05
     for side, lines in zip(sides, network.lines, strict=True):
@@ -160,17 +160,17 @@ def test_who_is_left_alone_ends_safe():
     recording = sides[1].Recording()
     assert recording.termination == "interrupted"
     assert np.all(recording["forward_packet_received"][-250:] == 0)
-    # Nothing of what was recorded is lost.
+    # The recording is complete.
     np.testing.assert_allclose(np.diff(recording.time), 0.002)
-    # The other one wakes up behind the end, and is alone as well.
+    # The other side resumes after the end, when it receives nothing either.
     network.Run(sides)
     assert sides[0].reason in ("", "the other side has ended")
 
 
-@pytest.mark.slow  # The short run has the one that follows.
+@pytest.mark.slow  # The next test covers this in the short run.
 @pytest.mark.parametrize("stopped", [0, 1])
 def test_one_that_slept_is_predicted_all_the_same(stopped, tmp_path, unrendered):
-    """Its clock jumps by 0.2 s: it sends nothing for so long, and holds what it had."""
+    """A side that is stopped for 0.2 s sends nothing, and keeps the packet in use."""
     network, sides = Made(duration=0.6, limit=1.0)
     network.Run(sides, until=0.2)
     network.Run(sides, until=0.4, stopped=[stopped])
@@ -185,7 +185,7 @@ def test_one_that_slept_is_predicted_all_the_same(stopped, tmp_path, unrendered)
 
 @pytest.mark.parametrize("stopped", Slow([1, 0]))
 def test_forces_fade_after_a_sleep_that_is_longer_than_the_fade(stopped):
-    """In periods that are executed, from what was in use before."""
+    """They fade over executed periods, starting from the packet in use before."""
     network, sides = Made(duration=0.9, limit=0.1, fade=0.05)
     network.Run(sides, until=0.4)
     network.Run(sides, until=0.7, stopped=[stopped])
@@ -194,15 +194,15 @@ def test_forces_fade_after_a_sleep_that_is_longer_than_the_fade(stopped):
     recording = sides[stopped].Recording()
     received = recording[f"{sides[stopped].heard}_packet_received"]
     (awake,) = np.flatnonzero(np.diff(recording.time) > 0.2) + 1
-    before = received[awake]  # The row is before what is fed then.
+    before = received[awake]  # Recorded before the next packet is fed.
     assert np.all(np.abs(before) > 1e-5)
-    # The position is held, which comes first from the robot.
+    # The position, which is first in packets from the robot, is held.
     shares = 1 - np.arange(11)[:, np.newaxis] / 50 * [stopped, 1]
     np.testing.assert_allclose(received[awake : awake + 11], before * shares)
 
 
 def test_one_that_was_started_anew_is_another_one():
-    """The robot does not go on with an operator who knows nothing of the run so far."""
+    """The robot does not continue with an operator that has just started."""
     network, sides = Made(duration=3.0, patience=0.7)
     network.Run(sides, until=0.3)
     sides[0] = network.MakeSides(Scenario(duration=3.0), patience=0.7)[0]
@@ -229,7 +229,7 @@ def test_both_have_the_same_period():
 
 
 def test_a_driver_of_ones_own():
-    """It gets what has come; if it fails, the other side ends safe, and says why."""
+    """It gets received packets; if it fails, the other side ends safely."""
     given = []
 
     def Step(t, packet):
@@ -246,7 +246,7 @@ def test_a_driver_of_ones_own():
     assert np.all(recording["forward_packet_sent"] == [0.002, 0.001])
     assert [x.shape for _, x in given] == [(2,)] * 302
     assert sides[1].reason == "the other side has ended"
-    assert sides[1].tick < 450  # It does not wait for the limit.
+    assert sides[1].tick < 450  # The side does not wait for the limit.
     received = sides[1].Recording()["forward_packet_received"]
     assert received[200].tolist() == [0.002, 0.001]
     assert np.all(received[-1] <= [0.00003, 0.000015])
@@ -260,7 +260,7 @@ def test_a_driver_of_ones_own():
 
 
 def test_files_and_a_prediction_that_is_wrong(tmp_path):
-    """Files are those of any run."""
+    """The files can be loaded as those of any run, and differences are found."""
     network, sides = Made(duration=0.3)
     network.Run(sides)
     side, picture = sides[0], tmp_path / "prediction.svg"
@@ -281,7 +281,7 @@ def test_files_and_a_prediction_that_is_wrong(tmp_path):
 
 
 class Wire:
-    """A socket of a test: datagrams that come, and those that were sent."""
+    """A fake socket with lists of the datagrams to receive and of those sent."""
 
     def __init__(self):
         self.inbox = []
@@ -300,7 +300,7 @@ class Wire:
 
 
 class Clock:
-    """A clock that a test sets, ns."""
+    """A clock whose time in ns a test sets."""
 
     def __init__(self):
         self.now = 1
@@ -313,7 +313,7 @@ OPERATOR, ROBOT, VICTIM = ("10.0.0.1", 1), ("10.0.0.2", 2), ("10.0.0.3", 3)
 
 
 class Pair:
-    """An operator's and a robot's side, whose datagrams a test delivers."""
+    """The sides of an operator and a robot, between which a test delivers datagrams."""
 
     def __init__(self, *, robot_key=KEY, patience=5.0):
         self.clock = Clock()
@@ -335,7 +335,7 @@ class Pair:
         )
 
     def Deliver(self):
-        """Carries what the operator has sent, and then what the robot answers."""
+        """Ticks both sides, and delivers their datagrams to each other."""
         caller, called = self.wires
         self.operator.Tick()
         called.inbox += [(data, OPERATOR) for data, _ in caller.sent]
@@ -347,7 +347,7 @@ class Pair:
 
 
 def test_a_hello_gets_one_answer():
-    """Whoever sends it again from another's address has one packet sent there."""
+    """A hello that is replayed with a forged address causes one packet to it."""
     pair = Pair()
     pair.operator.Tick()
     ((hello, _),) = pair.wires[0].sent
@@ -357,7 +357,7 @@ def test_a_hello_gets_one_answer():
             pair.robot.Tick()
             pair.clock.now += 1_000_000
     assert [address for _, address in pair.wires[1].sent] == [VICTIM] * 3
-    # The true one is heard all the same.
+    # The true operator is connected nevertheless.
     pair.wires[1].sent.clear()
     for _ in range(15):
         pair.Deliver()
@@ -375,7 +375,7 @@ def test_a_wrong_key_is_reported_on_both_sides():
     line = "not heard: packets of 10.0.0.1:1 have another key"
     assert pair.lines == ([f"not heard: {why}"], [line])
     assert pair.operator.reason == f"nothing was heard for 0.5 s ({why})"
-    # Half a second: one notice, shorter than what it answers.
+    # One notice in half a second.
     assert num_answers == 1
     assert pair.robot._session.refused["hash"] > 400
 
@@ -393,7 +393,7 @@ def test_a_caller_who_falls_silent_before_the_start_is_given_up():
 
 
 def test_the_log_has_every_tick_while_the_side_runs(tmp_path):
-    """It is complete although the side never ended, as if it had been killed."""
+    """It is complete even if the side does not end, as after a kill."""
     files = [tmp_path / f"{name}.csv" for name in ("operator", "robot")]
     options = [{"log_file": file} for file in files]
     network, sides = Made(options, duration=1.0)

@@ -1,4 +1,4 @@
-"""Odd scenarios that are accepted: a run completes or diverges, and nothing else."""
+"""Odd scenarios that are accepted: each run completes, diverges or is interrupted."""
 
 import json
 import math
@@ -18,7 +18,7 @@ from teleop_drake.scenario import (
 from teleop_drake.simulation import drake_run, simulate
 from teleop_drake.tasks.metrics import RunSummary
 
-# A stiff loop may take days. After as many steps a run is interrupted.
+# A run is interrupted after so many reports of progress: a stiff loop may take days.
 PATIENCE = 40
 
 magnitudes = st.floats(-3, 9).map(lambda exponent: float(f"{10**exponent:.3g}"))
@@ -106,7 +106,7 @@ def test_many_accepted_scenarios_complete_or_diverge(case):
 
 
 def check(name, pairs):
-    """Simulates a scenario, if it is accepted, and looks at how that ends."""
+    """Simulates a scenario, if it is accepted, and checks how the run ends."""
     num_steps = 0
 
     def lose_patience(simulated_time):

@@ -39,7 +39,7 @@ def test_every_signal_halfway_is_that_of_much_smaller_steps(name, engine, overri
         error = recording.Interpolate(signal, times) - reference.Interpolate(
             signal, times
         )
-        # Drake's delay lines know only the ends of steps, and not where a signal bends.
+        # Drake's delay lines store the ends of steps only, not where a signal bends.
         is_late = engine == "drake" and signal.endswith("_received")
         share = 5e-4 if is_late else 1e-4
         assert np.all(np.abs(error) <= share * np.ptp(rows, axis=0) + 1e-12), signal

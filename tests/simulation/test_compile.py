@@ -1,4 +1,4 @@
-"""A compiled scenario gives the numbers of simulate(), bit for bit."""
+"""A compiled scenario gives the same numbers as simulate(), bit for bit."""
 
 import dataclasses
 import time
@@ -49,7 +49,7 @@ CHANNELS = [
     ),
 ]
 
-# The tool starts in the second layer where that begins behind it.
+# Where the start of the second layer is < 0, the tool starts inside this layer.
 NUMBERS = {
     "controller.G1": (1.5, 9.0),
     "controller.leakage": (0.0, 0.1),
@@ -61,7 +61,7 @@ NUMBERS = {
 
 @pytest.fixture
 def made(monkeypatch):
-    """The diagrams that were made."""
+    """A list to which the scenario of each diagram that is made is added."""
     diagrams = []
     task = type(TaskOf(LoadScenario("one_dof")))
     make = task.MakeDiagram
@@ -76,7 +76,7 @@ def made(monkeypatch):
 
 @pytest.fixture
 def traced(monkeypatch):
-    """The programs that were traced."""
+    """A list to which each program that is traced is added."""
     programs = []
     trace = Program.Trace
 
@@ -109,7 +109,7 @@ def Load(task, kind, **others):
     [
         ("one_dof", "adaptive_backstepping", 6),
         ("two_dof_collision", "direct_force", 3),
-        # Their defaults derive from the delays.
+        # The defaults of these kinds derive from the delays.
         ("one_dof", "smith_predictor", 3),
         ("one_dof", "wave_variables", 3),
     ],
@@ -120,7 +120,7 @@ def test_runs_with_other_numbers_are_those_of_simulate(task, kind, num, made, tr
     program = Compile(Load(task, kind, delay=0.05))
     runs, others = [], {}
     for i in range(num):
-        if i % 3:  # Every third run has other channels alone.
+        if i % 3:  # In every third run only the channels change.
             others = {key: rng.uniform(*ends) for key, ends in numbers.items()}
         forward, back = (CHANNELS[k] for k in rng.integers(len(CHANNELS), size=2))
         channels = {"forward_channel": forward, "return_channel": back}
@@ -250,7 +250,7 @@ def test_threads_give_the_numbers_of_one_after_the_other(one_dof):
     "kind", [x.kind for x in ARCHITECTURE_KINDS.kinds if not x.derives_from_channels]
 )
 def test_an_architecture_derives_from_channels_or_tells_so(kind):
-    """Of a kind that derives nothing, both sides are the same for other channels."""
+    """If a kind does not derive from channels, they do not change its sides."""
     found = []
     for channel in CHANNELS:
         scenario = Load(
@@ -273,14 +273,14 @@ def test_an_architecture_derives_from_channels_or_tells_so(kind):
 
 @dataclasses.dataclass(kw_only=True, eq=False)
 class Hesitant(DirectForceConfig):
-    """Direct force that is the weaker, the longer the delay is."""
+    """Direct force with a gain that decreases with the delay."""
 
     def MakeControlLaw(self, facts, path):
         return Scaled(1.0 / (1.0 + facts.round_trip))
 
 
 class Scaled(KernelBlock):
-    """F_c = gain F_h, and a second gain from outside."""
+    """F_c = gain F_h, with a second gain in the law that is a global variable."""
 
     def __init__(self, gain, law=None):
         KernelBlock.__init__(self)
@@ -306,7 +306,7 @@ def scaled(gain, force):
 
 
 def test_an_own_architecture_derives_from_channels():
-    """It inherits from a kind of the package that does not."""
+    """Its sides are made again even if it inherits from a kind that does not derive."""
     own = f"{__name__}:Hesitant"
     program = Compile(Load("one_dof", own, delay=0.05))
     run = program.Run(delay=0.1)
@@ -332,7 +332,7 @@ CALLS = []
 
 
 class Shared:
-    """What two laws have in common."""
+    """The state that two laws share."""
 
     gain = 1.0
 
@@ -359,7 +359,7 @@ def reading(position, velocity):
 
 
 class Reader(KernelBlock):
-    """An environment whose force is that of a law."""
+    """An environment whose force is computed by the law reading()."""
 
     def __init__(self):
         KernelBlock.__init__(self)
@@ -392,7 +392,7 @@ def test_a_law_of_which_the_state_changes_in_a_run_runs_in_drake(law, place):
 
 
 class Wrong(LeafSystem):
-    """A law whose kernel is wrong from a force on."""
+    """A law whose kernel is wrong above a limit of the force."""
 
     def __init__(self, limit):
         LeafSystem.__init__(self)
@@ -418,7 +418,7 @@ def unlimited(force):
 
 @dataclasses.dataclass(kw_only=True, eq=False)
 class WrongConfig(ControlLawConfig):
-    """Wrong from a force on."""
+    """The config of Wrong."""
 
     limit: float = -1.0
 
@@ -435,12 +435,12 @@ def test_a_kernel_that_is_wrong_is_found_in_the_first_run(limit):
 
 
 class OwnField(LayeredForceField):
-    """A block of a user's own."""
+    """A user's own block."""
 
 
 @dataclasses.dataclass(kw_only=True, eq=False)
 class OwnLayers(LayersEnvironmentConfig):
-    """The layers of the package, as a block of a user's own."""
+    """The layers of the package, made by a user's own block."""
 
     def MakeEnvironment(self, start):
         return OwnField(

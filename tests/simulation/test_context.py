@@ -1,4 +1,4 @@
-"""A run begins where its Context is, and another one goes on where it has ended."""
+"""Runs that begin at a given Context, or at the final Context of another run."""
 
 from itertools import pairwise
 
@@ -47,7 +47,7 @@ ENGINES = ["drake", "compiled"]
 
 
 def decay(delay: float | None = None) -> Diagram:
-    """x' = u - x, or u - x(t - delay); x is 1 at first, and the output."""
+    """Returns x' = u - x, or x' = u - x(t - delay); the output x begins at 1."""
     builder = DiagramBuilder()
     plant = builder.AddNamedSystem("plant", Integrator([1.0]))
     minus = builder.AddNamedSystem("minus", Gain(-1.0, 1))
@@ -80,7 +80,7 @@ def test_a_run_begins_at_the_time_state_and_inputs_of_the_context(engine):
     assert recording.time[[0, -1]].tolist() == [3.0, 4.5]
     exact = 2.0 - 1.75 * np.exp(3.0 - recording.time)
     np.testing.assert_allclose(recording["x"][:, 0], exact, atol=1e-7)
-    # The Context of the caller is what it was.
+    # The Context of the caller has not changed.
     assert context.get_time() == 3.0
     assert context.get_continuous_state_vector().CopyToVector().tolist() == [0.25]
     assert context.get_accuracy() is None
@@ -125,9 +125,9 @@ def test_a_context_is_of_the_system_that_is_simulated():
         (0.3, "compiled, compiled", 1e-9),
         (0.3, "compiled, drake", 1e-9),
         (0.3, "drake, compiled", 1e-9),
-        # Nothing has arrived at the end of the first half.
+        # At the end of the first half no signal has arrived yet.
         (1.5, "compiled, compiled", 1e-9),
-        # The jump of the start arrives at this very end.
+        # The jump of the start arrives at the end of the first half.
         (0.9, "compiled, compiled", 1e-9),
         (0.9, "compiled, drake", 1e-9),
     ],
@@ -150,7 +150,7 @@ def test_two_halves_are_the_whole(delay, engines, inside):
 
 
 def loop_with_jumps():
-    """A loop with two delays, one of which varies, that packets of a sine disturb."""
+    """Returns a loop with a constant and a varying delay, disturbed by a held sine."""
     profile = DelayProfile(delay=0.2, sinusoid=Sinusoid(amplitude=0.05, frequency=2.0))
     parts = {
         "sine": Sine(1.0, 2.0, 0.0, 1),
@@ -176,7 +176,7 @@ def loop_with_jumps():
 
 @pytest.mark.parametrize("split", [0.55, 1.2, 1.31])
 def test_jumps_under_way_arrive_in_the_second_half(split):
-    """The hold jumps at 0.4, 0.8 ...: at 1.2 at the end of the first half itself."""
+    """The hold jumps at 0.4 s, 0.8 s, ...; 1.2 s is the end of a first half."""
     diagram = loop_with_jumps()
     config = DefaultSimulator()
     config.accuracy = 1e-10
@@ -191,7 +191,7 @@ def test_jumps_under_way_arrive_in_the_second_half(split):
     third = {"duration": 0.9, "simulator": config}
     again = simulate(diagram, context=last.final_context, **third)
     longer = simulate(diagram, duration=3.4, simulator=config)
-    # A step's polynomial is as exact as its length allows, not as the state.
+    # Within a step, a polynomial is less exact than the state at its ends.
     for name, atol in (("x", 1e-8), ("delayed", 2e-6)):
         for part, run in ((last, whole), (again, longer)):
             inner = np.linspace(part.time[0], part.time[-1], 200)[1:-1] + 1e-6
@@ -288,7 +288,7 @@ def test_no_name_of_a_system_makes_it_a_teleoperator():
 
 
 class Speed(LeafSystem):
-    """Has the output of a robot."""
+    """A block with an output that has the name of a robot's."""
 
     def __init__(self):
         LeafSystem.__init__(self)

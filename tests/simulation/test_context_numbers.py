@@ -1,4 +1,4 @@
-"""Numbers that are changed in a Context, against scenarios with the same numbers."""
+"""Numbers changed in a Context have the effect of the same numbers in a scenario."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ NEAR = {
 
 LAW = "controller/adaptive_backstepping"
 
-# A key of a scenario, its value, and the parameters of blocks that stand for it.
+# A key of a scenario, a value, and the parameters of blocks that it sets.
 NUMBERS = [
     ("surgeon.velocity", [0.0012], ["master/surgeon.velocity"]),
     ("surgeon.contact_force", [0.007], ["master/surgeon.contact_force"]),
@@ -69,7 +69,7 @@ def test_a_number_in_a_context_is_that_number_in_a_scenario(key, value, names, e
         np.testing.assert_allclose(
             changed[name][-1], expected[name][-1], rtol=1e-9, atol=1e-12, err_msg=name
         )
-    # The number matters.
+    # The number has an effect.
     unchanged = simulate(scenario, engine="compiled")
     assert any(
         np.abs(changed[name][-1] - unchanged[name][-1]).max(initial=0.0) > 1e-7
@@ -78,7 +78,7 @@ def test_a_number_in_a_context_is_that_number_in_a_scenario(key, value, names, e
 
 
 def late_growth():
-    """x' = x(t - T) with the history 1; T is 0.5 s unless the Context has another."""
+    """Returns x' = x(t - T) with the history 1; T is 0.5 s in the default Context."""
     builder = DiagramBuilder()
     plant = builder.AddNamedSystem("plant", Integrator(1))
     delay = TransportDelay(delay=0.5, size=1, initial_value=[1.0])
@@ -90,7 +90,7 @@ def late_growth():
 
 
 def exact(start, delay, time):
-    """The method of steps, up to two delays after the start."""
+    """Returns x by the method of steps, up to two delays after the start."""
     s = np.maximum(time - delay, 0)
     return start + np.minimum(time, delay) + start * s + s**2 / 2
 
@@ -110,7 +110,7 @@ def test_a_compiled_system_runs_with_the_numbers_of_its_context_and_with_others(
 
 
 def test_what_runs_of_a_compiled_system_share_is_made_once(monkeypatch):
-    """The delays of a run until some time; another end needs them anew."""
+    """The problem of a run depends on its end, and is kept for the last end only."""
     program = Compile(late_growth(), duration=0.8)
     ends = []
 

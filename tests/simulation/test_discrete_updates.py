@@ -23,7 +23,7 @@ ENGINES = ("drake", "compiled")
 
 
 def chain(source, *blocks):
-    """Returns a diagram of blocks in a row; its outputs are theirs: y0, y1, ..."""
+    """Returns a diagram of blocks in series, which exports their outputs y0, y1, ..."""
     builder = DiagramBuilder()
     output = builder.AddNamedSystem("source", source).get_output_port(0)
     for i, block in enumerate(blocks):
@@ -75,7 +75,7 @@ def test_a_held_signal_is_delayed_exactly(engine, period):
 
 
 class Counter(LeafSystem):
-    """Counts its updates, one each 20 ms."""
+    """A block that counts its updates, one every 20 ms."""
 
     def __init__(self):
         LeafSystem.__init__(self)
@@ -89,7 +89,7 @@ class Counter(LeafSystem):
 
 
 def test_an_own_block_counts_each_instant_once():
-    """Delays need repeated passes at one instant: they repeat no periodic event."""
+    """The passes at one instant that delays need do not repeat a periodic event."""
     diagram = chain(
         ConstantVectorSource([1.0]), Counter(), TransportDelay(delay=0.015, size=1)
     )
@@ -145,7 +145,7 @@ def test_a_relay_behind_a_difference_equation_switches_with_it(engine):
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("early", [1e-7, 1e-9])
 def test_a_packet_just_before_a_sample_is_seen_by_it(engine, early):
-    """Packet 1 is shown just before 0.3 s, packet 2 just before 0.4 s, ..."""
+    """Packet 1 arrives just before 0.3 s, packet 2 just before 0.4 s, ..."""
     network = PacketNetwork(profile=DelayProfile(delay=0.2 - early), sample_period=0.1)
     diagram = chain(
         Sine(1.0, FREQUENCY, 0.4, True),

@@ -1,4 +1,4 @@
-"""Compiled runs against those of Drake's Simulator."""
+"""Compiled runs agree with runs in Drake's Simulator."""
 
 import re
 import signal
@@ -16,7 +16,7 @@ from teleop_drake.simulation import compiled_run, simulate
 from teleop_drake.tasks.metrics import RunSummary
 from teleop_drake.teleoperator import MakeTeleoperator
 
-# What one of them compiles, the others find on the disk.
+# The tests share the machine code on the disk.
 pytestmark = pytest.mark.xdist_group("machine_code")
 
 
@@ -33,7 +33,7 @@ def test_a_run_that_is_too_fast_ends_at_its_limit():
 
 @pytest.fixture
 def in_python(monkeypatch):
-    """What the compiled engine does about a run, without machine code."""
+    """The compiled engine with an evaluator that is interpreted."""
     monkeypatch.setattr(
         compiled_run,
         "Evaluator",
@@ -42,7 +42,7 @@ def in_python(monkeypatch):
 
 
 class Wall(LeafSystem):
-    """A force that depends on the velocity."""
+    """An environment with a force that depends on the velocity."""
 
     def __init__(self, law):
         LeafSystem.__init__(self)
@@ -69,7 +69,7 @@ def chattering(v):
 
 
 def dividing(v):
-    """The tool gets so fast on its way to 1 mm/s; differences of the force do not."""
+    """Fails at a speed that the tool reaches on its way to 1 mm/s."""
     if v[0] > 0.0011:
         raise ZeroDivisionError("nobody divides")
     return 0 * v
@@ -143,7 +143,7 @@ def test_what_cannot_be_compiled_says_why():
 
 
 class Measured(DirectForce):
-    """A law with an output of which its kernel knows nothing."""
+    """A law with an output that its kernel lacks."""
 
     def __init__(self):
         super().__init__(num_axes=1)
@@ -155,7 +155,7 @@ class Measured(DirectForce):
 
 
 class Restless(DirectForce):
-    """A law with derivatives of which its kernel knows nothing."""
+    """A law with time derivatives that its kernel lacks."""
 
     def DoCalcTimeDerivatives(self, context, derivatives):
         pass

@@ -1,4 +1,4 @@
-"""What is due at the end of a run does not happen, in either engine."""
+"""Events at the end of a run do not happen, in either engine."""
 
 import pytest
 from pydrake.systems.framework import DiagramBuilder
@@ -28,8 +28,8 @@ def sensor():
     return SampledSensor(sample_period=0.3, initial_value=[0.0])
 
 
-# A block, the end of a run at which its output jumps, and the output until then. In
-# floating point, the jump is a little before the end, at it, or a little after it.
+# A block, the end of a run at which its output jumps, and the output until then. The
+# rounded time of the jump is slightly before the end, at it, or slightly after it.
 CASES = {
     "packet before": (lambda: network(0.037), 0.057, 0.0),
     "packet at": (lambda: network(0.5), 0.52, 0.0),

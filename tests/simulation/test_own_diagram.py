@@ -1,4 +1,4 @@
-"""simulate() with a Diagram of a user's own, against closed forms."""
+"""Runs of a user's own Diagrams, against closed forms."""
 
 import math
 from functools import partial
@@ -45,7 +45,7 @@ class Halver(LeafSystem):
 
 
 def LateLoop(gain, *, exports=True):
-    """x' = -x(t - 1), x = 1 at first; `gain` is a block that makes x of the delayed."""
+    """Returns x' = -x(t - 1) from x = 1; the block `gain` halves the delayed signal."""
     builder = DiagramBuilder()
     plant = builder.AddNamedSystem("plant", Integrator([1.0]))
     delay = TransportDelay(delay=1.0, size=1, initial_value=[1.0])
@@ -64,7 +64,7 @@ def LateLoop(gain, *, exports=True):
 
 
 def Exact(t):
-    """The method of steps for x' = -x(t - 1)."""
+    """Returns the solution of x' = -x(t - 1) by the method of steps."""
     return sum(
         (-1) ** k * np.maximum(t - k + 1, 0) ** k / math.factorial(k)
         for k in range(math.ceil(t.max()) + 2)
@@ -98,7 +98,7 @@ def test_without_exported_outputs_all_of_its_systems_are_recorded():
 
 @pytest.mark.parametrize("engine", ["compiled", "drake"])
 def test_jumps_are_where_they_are(engine):
-    """An integrated sine, held every 0.3 s: each jump stands twice."""
+    """A sine is held for 0.3 s and integrated; each jump of the hold has two rows."""
     builder = DiagramBuilder()
     source = builder.AddSystem(Sine(1.0, 2.0, 0.0, 1))
     hold = builder.AddSystem(SampledDelay(size=1, delay=0.5, sample_period=0.3))
@@ -189,7 +189,7 @@ def no_number(u):
 @pytest.mark.filterwarnings("ignore:invalid value encountered")
 @pytest.mark.parametrize("engine", ["compiled", "drake"])
 def test_a_law_without_a_number_at_the_start_is_refused_in_both_engines(engine):
-    """In machine code as well: two results that are no numbers agree."""
+    """This includes machine code, where two NaN are equal in the comparison."""
     kernel = Kernel(outputs={"y": (no_number, "u")})
     law = FixedBlock("law", kernel, inputs={"u": 1}, outputs={"y": 1})
     builder = DiagramBuilder()
@@ -208,7 +208,7 @@ def test_the_duration_of_a_scenario_can_be_given():
 
 
 class Switch(LeafSystem):
-    """x' = 1 until x is 0.25, and -2 from then on."""
+    """A block with x' = 1 until x is 0.25, then x' = -2."""
 
     def __init__(self):
         LeafSystem.__init__(self)

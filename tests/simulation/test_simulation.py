@@ -1,4 +1,4 @@
-"""Tests of simulate(): what is recorded, how runs end, what does not matter."""
+"""Tests of simulate(): recorded signals, ends of runs, errors and interrupts."""
 
 import gc
 import math
@@ -20,7 +20,7 @@ from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
 from teleop_drake.simulation import MakeDiagram, drake_run, simulate
 from teleop_drake.teleoperator import MakeTeleoperator
 
-# They look at the same runs.
+# The tests share their runs.
 pytestmark = pytest.mark.xdist_group("runs")
 
 DIRECT, ADAPTIVE = CONTROLLERS
@@ -67,7 +67,7 @@ def test_all_signals_of_the_loop(name, kind):
     assert recording.time[0] == 0
     if recording.termination == "completed":
         assert recording.time[-1] == recording.scenario.duration
-    assert np.all(recording["environment_force"][:, 1:] == 0)  # Across the layers.
+    assert np.all(recording["environment_force"][:, 1:] == 0)  # Normal to the layers.
     np.testing.assert_array_equal(
         recording["return_packet_sent"],
         np.hstack((recording["tool_position"], recording["tool_velocity"])),
@@ -99,7 +99,7 @@ def test_both_sides_of_the_puncture():
     velocity = recording.Interpolate("tool_velocity", np.array([time]))[0, 0]
     assert before[0] == pytest.approx(0.01 * 0.0075 + 0.5 * velocity, rel=1e-6)
     assert after[0] == 0
-    # The position is that of the border to a nanometre.
+    # The position is at the border, to a nanometre.
     position, _ = sides(recording, "tool_position", time)
     assert 0.0075 <= position[0] < 0.0075 + 1e-9
 
@@ -142,7 +142,7 @@ def test_mirror_image_elbows_give_mirror_image_runs(kind):
 @pytest.mark.parametrize(
     "overrides",
     [
-        # Without error control there is no shorter step to try.
+        # Without error control no shorter step is tried.
         {"controller.adaptation_rate": 1e8, "simulator.use_error_control": False},
         {
             f"environment.layers.{name}.stiffness": 1e9
@@ -158,7 +158,7 @@ def test_numbers_that_leave_the_finite_end_the_recording(overrides):
         )
     )
     assert recording.termination == "diverged"
-    # Without error control there was one attempt.
+    # Without error control the reason suggests a shorter step.
     reasons = "Error control|numbers left.*max_step_size|the tool's speed"
     assert re.match(reasons, recording.reason)
     assert recording.time[-1] < 0.3
@@ -167,7 +167,7 @@ def test_numbers_that_leave_the_finite_end_the_recording(overrides):
 
 
 class Raising(DirectForce):
-    """A control law that raises an error after 50 ms."""
+    """A control law whose telemetry raises an error after 50 ms."""
 
     def __init__(self, error):
         super().__init__(num_axes=1)
@@ -237,7 +237,7 @@ def test_stop_ends_the_push():
     [(0.05, 0.05), (0.3, 1 / 3)],
 )
 def test_echoes_that_nearly_coincide_do_not_stop_the_clock(forward, back):
-    """0.05 + 0.05 and 0.1 differ by a rounding error in some runs."""
+    """Times of echoes that differ by rounding errors do not cause tiny steps."""
     delays = {"forward_channel.delay": forward, "return_channel.delay": back}
     scenario = LoadScenario("one_dof", delays | {"duration": 1.0})
     steps = []
@@ -281,7 +281,7 @@ def test_progress_is_reported_in_order(monkeypatch):
 
 
 def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
-    """Raised in a callback of Drake, it would become another error."""
+    """A KeyboardInterrupt in a callback of Drake would become another error."""
     scenario = LoadScenario("one_dof", {"duration": 0.3})
     law = AdaptiveBackstepping.DoCalcTimeDerivatives
     calls = 0
@@ -313,7 +313,7 @@ def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
 
 
 def test_interrupt_in_the_step_that_diverges(monkeypatch):
-    """Otherwise a comparison would go on with its next run."""
+    """The interrupt takes precedence, so that it also ends a comparison of runs."""
     scenario = LoadScenario("one_dof", {"divergence_speed_ratio": 1.1})
     assert simulate(scenario).termination == "diverged"
     law = AdaptiveBackstepping.DoCalcTimeDerivatives
@@ -342,7 +342,7 @@ def test_second_interrupt_does_not_wait(monkeypatch):
 
     law = (*AdaptiveBackstepping.law[:2], interrupt_twice)
     monkeypatch.setattr(AdaptiveBackstepping, "law", law)
-    with pytest.raises(KeyboardInterrupt):  # Nothing is recorded yet.
+    with pytest.raises(KeyboardInterrupt):  # No step is recorded yet.
         simulate(LoadScenario("one_dof"), engine="drake")
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
@@ -418,7 +418,7 @@ def test_spring_hit_peaks_at_v_sqrt_k_m():
     times = np.linspace(contact, release, 2001)
     force = recording.Interpolate("environment_force", times)[:, 0]
     speed = recording.Interpolate("tool_velocity", times[:1])[0, 0]
-    # The haptic force still pushes and the rail brakes: both are small.
+    # The haptic force and the friction of the rail are small.
     assert force.max() == pytest.approx(speed * math.sqrt(150 * 0.5), rel=0.01)
 
 

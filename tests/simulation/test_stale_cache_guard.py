@@ -21,7 +21,7 @@ START = [1.0, 0.0]
 
 
 class Memory(LeafSystem):
-    """Integrates its input; the output depends on nothing but the state."""
+    """An integrator whose output depends on the state only."""
 
     def __init__(self):
         LeafSystem.__init__(self)
@@ -33,7 +33,7 @@ class Memory(LeafSystem):
 
 
 class VanDerPol(LeafSystem):
-    """The rate of [x; v] for x'' - 5 (1 - x^2) x' + x = 0."""
+    """A function of [x; v]: its rate for x'' - 5 (1 - x^2) x' + x = 0."""
 
     def __init__(self):
         LeafSystem.__init__(self)
@@ -51,7 +51,7 @@ class VanDerPol(LeafSystem):
 
 
 def make_oscillator(watcher=None):
-    """A block of the package, which looks at each step, is the first or the last."""
+    """Returns an oscillator, with a block of the package in first or last place."""
     builder = DiagramBuilder()
     if watcher == "first":
         builder.AddSystem(make_watcher())
@@ -70,7 +70,7 @@ def make_watcher():
 
 
 def steps(simulator, scheme, **config):
-    """Yields what each step starts from and ends at, and whether it was repeated."""
+    """Yields each step's length, its first and last state, whether it was repeated."""
     ApplySimulatorConfig(
         SimulatorConfig(integration_scheme=scheme, **config), simulator
     )
@@ -96,12 +96,12 @@ def steps(simulator, scheme, **config):
 
 
 def num_repeated(simulator):
-    """Returns how many steps were repeated since the start."""
+    """Returns the number of steps that were repeated since the start."""
     return CountsOf(simulator).rejected
 
 
 def largest_difference(simulator, scheme, *, repeated):
-    """Compares steps under error control with the same steps without it."""
+    """Returns the largest difference between steps with and without error control."""
     config = {"accuracy": 1e-4, "max_step_size": 0.3, "use_error_control": True}
     differences = []
     for h, x0, x1, was_repeated in steps(simulator, scheme, **config):
@@ -126,13 +126,13 @@ def largest_difference(simulator, scheme, *, repeated):
 @pytest.mark.parametrize("scheme", ["runge_kutta5", "runge_kutta3"])
 def test_a_repeated_step_is_as_good_as_the_first(scheme, watcher):
     diagram = make_oscillator(watcher)
-    # Each of those that watch it is guarded.
+    # Each Simulator of the diagram has its own guard.
     for simulator in [MakeSimulator(diagram, SimulatorConfig()) for _ in range(2)]:
         assert largest_difference(simulator, scheme, repeated=True) < 1e-12
 
 
 def test_drake_alone_still_needs_the_guard():
-    """If this fails, Drake has been mended and the guard can go."""
+    """If this test fails, Drake has been repaired and the guard can be removed."""
     for repeated in (False, True):
         simulator = Simulator(make_oscillator())
         difference = largest_difference(simulator, "runge_kutta5", repeated=repeated)
@@ -149,7 +149,7 @@ def test_a_diagram_can_be_simulated_again():
         simulator.AdvanceTo(1.0)
         ends.append(context.get_continuous_state_vector().CopyToVector().tolist())
     assert ends[0] == ends[1] != START
-    # It remains what it was to everybody else.
+    # Other Simulators of the diagram are not affected.
     alone = Simulator(diagram)
     alone.get_mutable_context().SetContinuousState(START)
     alone.AdvanceTo(1.0)
@@ -157,7 +157,7 @@ def test_a_diagram_can_be_simulated_again():
 
 
 def test_the_guard_lets_go_of_the_simulator():
-    gc.disable()  # So that all that is made here is young.
+    gc.disable()  # All objects stay in generation 0, which is collected below.
     simulator = MakeSimulator(make_oscillator("first"), SimulatorConfig())
     simulator.AdvanceTo(0.1)
     reference = weakref.ref(simulator)

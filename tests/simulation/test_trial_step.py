@@ -1,4 +1,4 @@
-"""Tests of steps that are tried in vain: a shorter one is, and the run ends."""
+"""Tests of steps that fail: a shorter step is tried, or the run ends."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ class Decay(LeafSystem):
         self.fail = fail
         self.num_calls = 0
         self.DeclareContinuousState(3)
-        # How many events there were, one every 0.1 s.
+        # The number of events, one every 0.1 s.
         self.DeclareDiscreteState(1)
         self.DeclarePeriodicDiscreteUpdateEvent(0.1, 0.0, self.count)
 
@@ -47,7 +47,7 @@ class Decay(LeafSystem):
 def make_simulator(fail, scheme, **config):
     builder = DiagramBuilder()
     system = builder.AddNamedSystem("decay", Decay(fail))
-    # A block of the package looks at each step.
+    # A block of the package checks each step.
     kernel = Kernel(outputs={"time": "time"})
     builder.AddSystem(FixedBlock("watcher", kernel, inputs={}, outputs={"time": 1}))
     diagram = builder.Build()
@@ -59,7 +59,7 @@ def make_simulator(fail, scheme, **config):
 
 
 def raise_far_away(time, x, rate):
-    """Fails where no solution is, but where a step that is too long comes to."""
+    """Fails at states that only a step that is too long tries."""
     if np.abs(x).max() > 1.5:
         raise np.linalg.LinAlgError("too far away")
     return rate
@@ -78,7 +78,7 @@ def test_a_step_that_fails_is_tried_again_as_a_shorter_one(fail, scheme):
     x = context.get_continuous_state_vector().CopyToVector()
     expected = (K * np.cos(0.25) + np.sin(0.25)) * K / (K**2 + 1)
     np.testing.assert_allclose(x, expected, rtol=0, atol=1e-5)
-    # What happens at the start of a step happens once.
+    # Events at the start of a step happen once.
     assert context.get_discrete_state_vector().GetAtIndex(0) == 3
 
 
@@ -86,7 +86,7 @@ def test_a_step_that_fails_is_tried_again_as_a_shorter_one(fail, scheme):
 @pytest.mark.parametrize("number", [np.nan, np.inf])
 @pytest.mark.parametrize("index", [0, 1])
 def test_rates_that_are_not_finite_end_the_run(index, number, scheme):
-    """Drake alone goes on without end (index 0), or says that all is well (1)."""
+    """Drake by itself would not end (index 0), or would report no error (index 1)."""
 
     def fail(time, x, rate):
         rate[index] = number if time > 0.05 else rate[index]
@@ -111,7 +111,7 @@ RATE = {"controller.adaptation_rate": 1e8, "duration": 1e-6}
 
 
 def test_the_longest_step_does_not_decide_whether_a_run_diverges():
-    """At once the estimates go where the law cannot be evaluated, with 0.002 s."""
+    """The first steps that are tried are too long for the law; shorter ones succeed."""
     runs = [
         simulate(LoadScenario("two_dof_combined", RATE | step))
         for step in ({}, {"simulator.max_step_size": 1e-6})
@@ -126,7 +126,7 @@ def test_the_longest_step_does_not_decide_whether_a_run_diverges():
 
 @pytest.mark.parametrize("engine", ["drake", "compiled"])
 def test_steps_without_end_are_refused(engine, monkeypatch):
-    """After a hundredth of the steps that there may be in all."""
+    """A run is refused after about a hundredth of the steps that are allowed."""
     monkeypatch.setattr(simulation_run, "_MOST_STEPS", 3000)
     monkeypatch.setattr(simulation_run, "_STRETCH", 30)
     monkeypatch.setattr(compiled_runs, "_ROOM", 30)
@@ -138,7 +138,7 @@ def test_steps_without_end_are_refused(engine, monkeypatch):
 
 @pytest.mark.parametrize("is_stuck", [False, True])
 def test_a_slow_stretch_is_no_crawl(is_stuck):
-    """10 000 steps in a hundredth of the time, before and after faster ones."""
+    """10 000 steps may cover a hundredth of the time, between faster stretches."""
     pace = simulation_run.Pace(10.0)
     pace.Check(9_000, 2.0)
     pace.Check(10_000, 2.1)

@@ -1,4 +1,4 @@
-"""The boundary of stability over the keys of a sweep, and its maps."""
+"""Tests of the boundaries of stability over the keys of a sweep, and of maps."""
 
 import functools
 
@@ -11,7 +11,7 @@ from teleop_drake.scenario import LoadScenario
 from teleop_drake.sweep import PlanSweep, SweepResult
 from teleop_drake.sweep.boundary import Boundary, FindBoundaries
 
-# They look at the same boundaries.
+# The tests share their boundaries.
 pytestmark = pytest.mark.xdist_group("boundary")
 
 MASSES = [0.2, 0.5]
@@ -58,7 +58,7 @@ def test_what_lies_beyond_the_map_has_no_end():
 
 
 def test_on_the_bone_it_is_the_loop_of_the_runs():
-    """Who holds a force does not close the loop of direct force."""
+    """If the operator holds a force, the loop of direct force is open."""
     commanding, holding = dict(Find()), dict(Find(overrides=()))
     assert np.all(commanding.pop("bone") < 0.05)
     assert holding.pop("bone, force held").tolist() == [np.inf, np.inf]
@@ -136,7 +136,7 @@ def test_maps_have_the_boundary_over_them():
         "tissue: stable throughout; steel: not stable without delay; "
         "bone: stability not known"
     )
-    # The map ends at the outermost values, and the boundary does not widen it.
+    # The axes end at the outermost values, whatever the boundary.
     assert ax.get_ylim() == (MASSES[0], MASSES[-1])
     assert ax.get_yticks().tolist() == MASSES
     assert ax.get_xlim() == PlotStability(result).axes[0].get_xlim()

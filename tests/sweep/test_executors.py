@@ -1,4 +1,4 @@
-"""Sweeps on executors of all kinds: the bytes are those of this process."""
+"""Sweeps on all kinds of executors write the same bytes as this process."""
 
 import multiprocessing
 import os
@@ -21,7 +21,7 @@ GRID = {"controller": ["direct_force", "adaptive_backstepping"]}
 GRID["delay"] = [0.01 * k for k in range(1, 9)]
 OVERRIDES = {"duration": 0.05, "simulator.accuracy": 1e-5}
 
-# One process imports Dask.
+# Only one process imports Dask.
 pytestmark = [
     pytest.mark.xdist_group("sweep"),
     pytest.mark.usefixtures("in_an_empty_folder"),
@@ -34,14 +34,14 @@ def Files(folder):
 
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory):
-    """The files of the sweep when this process simulates."""
+    """The files of the sweep if this process simulates it."""
     folder = tmp_path_factory.mktemp("here")
     Sweep("one_dof", GRID, overrides=OVERRIDES, out=folder)
     return Files(folder)
 
 
 class Here(Executor):
-    """Does its calls at once, but for those that fail by a function of their number."""
+    """An executor that makes calls at once, unless fail(number) returns an error."""
 
     def __init__(self, fail):
         self.fail = fail
@@ -59,14 +59,14 @@ class Here(Executor):
 
 
 def test_threads_give_the_same_bytes(expected):
-    """The executor stays open."""
+    """The sweep does not shut down the executor."""
     with ThreadPoolExecutor(4) as executor:
         Sweep("one_dof", GRID, overrides=OVERRIDES, out="out", executor=executor)
         executor.submit(int).result()
     assert Files("out") == expected
 
 
-@pytest.mark.slow  # It imports the package twice.
+@pytest.mark.slow  # Two processes import the package.
 def test_processes_of_the_standard_library_give_the_same_bytes(expected):
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(2, mp_context=context) as executor:
@@ -83,7 +83,7 @@ def test_a_lost_call_is_done_again_run_by_run(expected, monkeypatch):
 
 
 def test_a_run_that_is_lost_again_fails():
-    lost = {1, 9}  # The second time is the first call after the eight.
+    lost = {1, 9}  # Run 0 is in call 1, and is repeated in call 9.
     executor = Here(lambda number: OSError("no worker") if number in lost else None)
     grid = {"delay": GRID["delay"]}
     result = Sweep("one_dof", grid, overrides=OVERRIDES, executor=executor)
@@ -123,7 +123,7 @@ def test_cancelled_calls_end_the_sweep():
 
 
 def test_workers_of_another_version_are_refused():
-    """Their records would be others, and nothing in them would tell."""
+    """Their records could differ, without any sign in the records."""
 
     class Another(Here):
         def submit(self, fn, /, *args, **kwargs):
@@ -168,7 +168,7 @@ def Cluster(distributed, **options):
 def test_the_command_waits_for_workers(
     distributed, expected, capsys, monkeypatch, unrendered
 ):
-    """A scheduler without workers is told so."""
+    """The command reports that there are no workers, and waits for them."""
     options = ["--duration", "0.05", "--accuracy", "1e-5", "--delay", "0.01:0.08:8"]
     with Cluster(distributed, n_workers=0, processes=False, protocol="tcp") as cluster:
         address = cluster.scheduler_address
@@ -178,7 +178,7 @@ def test_the_command_waits_for_workers(
             cluster.scale(1)
             return get_executor(client, **options)
 
-        # By then the command has found that there are none.
+        # A worker starts after the command has found none.
         monkeypatch.setattr(distributed.Client, "get_executor", StartWorker)
         command = ["sweep", "one_dof", *options, "--dask", address, "--quiet"]
         assert main(command) == 0
@@ -197,7 +197,7 @@ def test_no_scheduler(distributed, capsys):
 
 @pytest.mark.slow  # Three processes import the package.
 def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(distributed):
-    """Of two processes one is killed while it simulates; its calls are repeated."""
+    """One of two workers is killed while it simulates; its calls are repeated."""
     grid = {"delay": [0.01 * k for k in range(1, 65)]}
     overrides = {"duration": 2.0}
     Sweep("one_dof", grid, overrides=overrides, out="here")

@@ -1,4 +1,4 @@
-"""The processes of a sweep: they may die, are replaced, and leave Ctrl-C to it."""
+"""The worker processes of a sweep may die, are replaced, and ignore Ctrl-C."""
 
 import os
 import signal
@@ -12,22 +12,22 @@ import pytest
 from teleop_drake.sweep import Execution, PlanSweep, RunSweep
 from teleop_drake.sweep.plan import SweepPlan
 
-# The server that forks them is started once.
+# The server that forks the workers is started once.
 pytestmark = pytest.mark.xdist_group("sweep")
 
 
 @dataclass(kw_only=True)
 class Deadly(SweepPlan):
-    """A scenario that ends its process when some masses are loaded, so many times.
+    """A plan whose process dies when it loads certain masses, a number of times each.
 
-    Else it leaves the number of its process in a file.
+    Otherwise it appends the process and a variable of the environment to a file.
     """
 
     folder: Path
     deaths: dict[str, int]
 
     def Load(self, point):
-        signal.raise_signal(signal.SIGINT)  # Is for the owner only.
+        signal.raise_signal(signal.SIGINT)  # Workers ignore it.
         for mass, num_deaths in self.deaths.items():
             file = self.folder / mass
             size = file.stat().st_size if file.exists() else 0
@@ -40,7 +40,7 @@ class Deadly(SweepPlan):
 
 
 def Run(folder, masses, **deaths):
-    """Returns the records, and the processes and what their environment says."""
+    """Returns the records, and each process with its variable of the environment."""
     plan = PlanSweep(
         "one_dof", {"robot.mass": masses}, overrides={"duration": 0.01}, engine="drake"
     )
@@ -65,7 +65,7 @@ def test_a_run_whose_process_dies_is_tried_again(tmp_path):
 
 
 def test_processes_are_recycled(tmp_path, monkeypatch):
-    """A new one has the environment as it is then."""
+    """A new process gets the present environment."""
     monkeypatch.setattr("teleop_drake.sweep.workers._CALLS_PER_PROCESS", 1)
     monkeypatch.setenv("A_VARIABLE", "today")
     _, seen = Run(tmp_path, [1.0, 2.0, 3.0], deaths={})
@@ -73,7 +73,7 @@ def test_processes_are_recycled(tmp_path, monkeypatch):
     assert str(os.getpid()) not in seen
 
 
-@pytest.mark.slow  # It imports the package three times.
+@pytest.mark.slow  # Three processes import the package.
 def test_an_unguarded_script_is_told_so(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(

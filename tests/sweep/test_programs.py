@@ -1,4 +1,4 @@
-"""Runs of a sweep that share a program are those of simulate()."""
+"""Runs of a sweep that share a program have the results of simulate()."""
 
 import pytest
 
@@ -10,7 +10,7 @@ from teleop_drake.sweep.programs import SimulatePoint
 from teleop_drake.tasks.metrics import RunSummary
 
 SHORT = {"duration": 0.5, "controller.kind": "damped_force"}
-# A delay of 0 makes another structure.
+# A delay of 0 needs another program.
 POINTS = [{"delay": 0.1}, {"delay": 0.02}, {"delay": 0.0}, {"delay": 0.05}]
 
 

@@ -1,4 +1,4 @@
-"""Statistics over the seeds of a sweep."""
+"""Tests of statistics over the seeds of a sweep."""
 
 import csv
 import io
@@ -26,7 +26,7 @@ METRIC = "collision.peak_force"
 
 
 def Result(num_diverged=4, **other_axes):
-    """A sweep whose second controller is 1 N above the first, seed by seed."""
+    """Returns a sweep whose second controller has 1 N more than the first per seed."""
     rng = np.random.default_rng(1)
     noise = rng.normal(size=NUM_SEEDS)
     axes = {"controller": ["a", "b"], **other_axes, "seed": list(range(NUM_SEEDS))}
@@ -74,7 +74,7 @@ def test_statistics():
     assert (share["runs"], share["count"], share["value"]) == (40, 4, 0.1)
     assert (share["low"], share["high"]) == ShareInterval(4, 40)
     settles = Row(rows, controller="b", metric="collision.settles")
-    assert settles["value"] == 0.9  # A run that is ended early does not settle.
+    assert settles["value"] == 0.9  # A run that ends early does not settle.
     values = result.Values(METRIC)
     row = Row(rows, controller="b", metric=METRIC)
     assert row["count"] == 36 and row["unit"] == "N"
@@ -87,7 +87,7 @@ def test_differences_are_taken_seed_by_seed():
     rows = Differences(Result())
     row = Row(rows, controller="b", metric=METRIC)
     assert (row["baseline"], row["count"], row["runs"]) == ("a", 36, 40)
-    for key in ("value", "low", "high"):  # Noise that is common to both is gone.
+    for key in ("value", "low", "high"):  # The noise, which is equal for both, cancels.
         assert row[key] == pytest.approx(1.0, abs=1e-9)
     without = SweepResult(
         scenario=LoadScenario("one_dof"), axes={"delay": [0.1]}, records=[]
@@ -123,7 +123,7 @@ NETWORK = (
 
 
 def test_the_commands(tmp_path, monkeypatch, capsys, in_this_process, unrendered):
-    """One random channel is enough, and `compare` takes seeds as well."""
+    """Seeds work with a single random channel, in `sweep` and in `compare`."""
     monkeypatch.chdir(tmp_path)
     channel = ["--set", f"forward_channel={NETWORK}", "--duration", "0.4", "--quiet"]
     channel += ["--engine", "auto"]

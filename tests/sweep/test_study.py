@@ -1,4 +1,4 @@
-"""Studies: several scenarios from a file."""
+"""Tests of studies: sweeps of several scenarios, described by a file."""
 
 import json
 import re
@@ -33,7 +33,7 @@ def Mine(capsys):
 
 
 def test_a_study_has_a_folder_for_each_scenario(capsys, unrendered):
-    """Interrupted and resumed, it has the same bytes."""
+    """A study that was interrupted and resumed has the same bytes."""
     Mine(capsys)
     file = Write(STUDY + "metrics: [velocity_rms_error]\n")
     command = ["sweep", file, "--jobs", "1", "--quiet", "--json", "records.json"]

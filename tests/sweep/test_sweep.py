@@ -44,7 +44,7 @@ from teleop_drake.sweep import (
 )
 from teleop_drake.tasks.metrics import RunSummary
 
-# They use the same worker processes.
+# The tests share worker processes.
 pytestmark = [
     pytest.mark.xdist_group("sweep"),
     pytest.mark.usefixtures("in_an_empty_folder"),
@@ -53,7 +53,7 @@ pytestmark = [
 SHORT = {"duration": 0.02, "simulator.accuracy": 1e-5}
 OPTIONS = ["--duration", "0.02", "--accuracy", "1e-5", "--engine", "drake"]
 
-# What can run so soon is not worth compiling.
+# These runs are too short to be compiled.
 Sweep, PlanSweep = (
     functools.partial(function, engine="drake") for function in (Sweep, PlanSweep)
 )
@@ -63,7 +63,7 @@ def Files(folder):
     return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
 
 
-# What is swept.
+# Grids and records.
 
 
 @pytest.mark.parametrize(
@@ -177,7 +177,7 @@ def test_the_packets_of_network_channels_can_be_swept(in_this_process):
     for record in result.records:
         assert record["forward_delay"] == record["return_delay"] == 0.1
     assert result.Table()[1]["forward_channel.age_mean"] > 0.05
-    # Where the kind of channel varies, some runs depend on a seed.
+    # If the kind of channel varies, some runs may depend on a seed.
     PlanSweep("one_dof", {"forward_channel.kind": ["transport"], "seed": [0, 1]})
 
 
@@ -228,7 +228,7 @@ def test_bad_grids(grid, message):
 
 
 def test_two_names_of_a_field_are_refused():
-    """The earlier one would have no effect, but be an axis of the figures."""
+    """The earlier one would have no effect, but would be an axis of the figures."""
     bone = "environment.layers.bone.stiffness"
     values = {bone: [100.0, 200.0], "environment.layers.2.stiffness": [300.0]}
     message = f"grid.environment.layers.2.stiffness: must leave {bone} alone, grid."
@@ -253,7 +253,7 @@ def test_a_whole_and_then_a_part_can_be_varied():
 
 
 def test_large_grids_are_checked_quickly(monkeypatch):
-    """Nobody waits for a typing error: not every combination is tried."""
+    """Not every combination is tried, so that an error is found soon."""
     calls = []
 
     def Load(*args):
@@ -318,7 +318,7 @@ def test_files(in_this_process):
     assert result.records[0]["reason"].startswith("forward_channel.sample_period = 0.1")
     assert result.records[0]["metrics"] is None
     assert np.isnan(result.Values("velocity_rms_error.x")).sum() == 1
-    # Each line is there as soon as its run has ended.
+    # Each line is written as soon as its run has ended.
     assert seen == [(k, 4, k) for k in range(5)]
     assert set(os.listdir("a/b")) == {"sweep.json", "runs.jsonl", "runs.csv"}
     lines = Path("a/b/runs.jsonl").read_text().splitlines()
@@ -369,7 +369,7 @@ def test_resume_does_only_the_rest(in_this_process):
 
 
 def test_another_trace_is_another_sweep(in_this_process):
-    """What a run reads is a part of what it is, also if it has the same name."""
+    """The contents of the files that a run reads belong to the sweep."""
     trace = Path("trace.csv")
     trace.write_text("time_s,delay_s\n0,0.1\n1,0.1\n")
     channel = {"kind": "variable", "delay": 0.0, "trace": "trace.csv"}
@@ -423,7 +423,7 @@ COMMAND = [sys.executable, "-m", "teleop_drake", "sweep", "one_dof", *OPTIONS]
 
 
 def Start(*options, duration="0.2"):
-    """Starts a sweep in a process of its own, and waits for some runs."""
+    """Starts the command `sweep` in a process, and waits for three runs."""
     process = subprocess.Popen(
         [*COMMAND, "--duration", duration, *options],
         stdout=subprocess.PIPE,
@@ -431,7 +431,7 @@ def Start(*options, duration="0.2"):
         text=True,
     )
     file = Path("out/runs.jsonl")
-    deadline = time.monotonic() + 600  # Of a machine that does not get there.
+    deadline = time.monotonic() + 600  # In case the runs never end.
     while not file.exists() or file.read_bytes().count(b"\n") < 3:
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < deadline
@@ -455,9 +455,9 @@ def IsAlive(pid):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc")
-@pytest.mark.slow  # test_ctrl_c_keeps_what_is_finished() ends a sweep as well.
+@pytest.mark.slow  # test_ctrl_c_keeps_what_is_finished() is faster.
 def test_kill():
-    """kill -9 costs the runs in flight, and no worker outlives its parent."""
+    """kill -9 loses only the present runs, and no worker survives its parent."""
     process = Start("--delay", "0.01:0.2:12", "--jobs", "2")
     children = Children(process.pid)
     assert len(children) >= 2
@@ -487,7 +487,7 @@ def test_ctrl_c_keeps_what_is_finished():
 def test_command(capsys, monkeypatch, in_this_process, unrendered):
     options = ["--vary", "environment.layers.tissue.stiffness=0.01,0.02", "--json", "-"]
     command = ["sweep", "one_dof", *OPTIONS, "--delay", "0:0.1:2", "--jobs", "1"]
-    command.append("--quiet")  # On a slow machine there is progress to show.
+    command.append("--quiet")  # A slow machine would print progress.
     assert main([*command, *options]) == 0
     out, err = capsys.readouterr()
     assert err == ""
@@ -505,7 +505,7 @@ def test_command(capsys, monkeypatch, in_this_process, unrendered):
         "runs.csv",
         *("metrics.png", "metrics_map.png", "stability.png"),
     }
-    # Drawn again, with other metrics, without a run.
+    # Other metrics are drawn without any new run.
     monkeypatch.setattr("teleop_drake.sweep.run.Workers", None)
     options[2:] = ["--metrics", "collision.time", "--separate", "--resume"]
     assert main([*command, *options]) == 0
@@ -523,7 +523,7 @@ def test_a_sweep_without_a_good_run_fails(monkeypatch, capsys, in_this_process):
 
 
 def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, in_this_process):
-    """By default, and if it cannot be, that is said once and not in each run."""
+    """This is the default. A reason against it is reported once, not for each run."""
     from teleop_drake import sweep
 
     assert MakeParser().parse_args(["sweep", "one_dof"]).engine == "auto"
@@ -548,7 +548,7 @@ def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, in_this_process):
 
 
 def test_short_compiled_sweeps_need_no_worker_processes(monkeypatch):
-    """Their numbers are those of single runs, and so are those of longer sweeps."""
+    """Records are those of single runs, with and without worker processes."""
     grid = {"delay": [0.02, 0.05, 0.1, 0.15]}
 
     def Records():
@@ -567,7 +567,7 @@ def test_short_compiled_sweeps_need_no_worker_processes(monkeypatch):
         workers.append(jobs)
         return ThreadPoolExecutor(jobs)
 
-    # Where they would pay, they do what is left after two runs; or all, if asked for.
+    # If workers are faster, they do the runs after the first two; with `jobs`, all.
     monkeypatch.setattr("teleop_drake.sweep.run.Workers", Workers)
     monkeypatch.setattr("teleop_drake.sweep.run._START_OF_WORKERS", 1e-9)
     assert Records() == records and workers == [min(2, os.cpu_count())]
@@ -576,7 +576,7 @@ def test_short_compiled_sweeps_need_no_worker_processes(monkeypatch):
 
 
 def test_the_controllers_are_a_choice():
-    """The thesis's two, unless options say what the controller is."""
+    """They are the thesis's two, unless options specify the controller."""
 
     def Axes(*options, scenario="one_dof"):
         args = MakeParser().parse_args(["sweep", scenario, *options])
@@ -634,7 +634,7 @@ def test_bad_input(options, message, capsys):
 
 
 def MakeResult(axes, make_record):
-    """Returns a sweep of one_dof with made-up records."""
+    """Returns a sweep of one_dof with invented records."""
     plan = PlanSweep("one_dof", axes)
     records = [
         {"run": run, "varied": point, "reason": ""} | make_record(**point)
@@ -679,7 +679,7 @@ def test_plot_against_delay():
     figure = PlotSweep(result, "collision.settling_time")
     marks = [line for line in figure.axes[0].lines if line.get_marker() == "o"]
     assert [line.get_xdata().tolist() for line in marks] == [[0.2], [0.2]]
-    # On one sheet they are the same, and the legend has the marks of both.
+    # A figure with both metrics has the same panels, and the marks of both.
     sheet = PlotSweep(result, "collision.peak_force", "collision.settling_time")
     assert [ax.get_ylabel() for ax in sheet.axes] == [
         "collision peak force [mN]",
@@ -761,7 +761,7 @@ def test_more_that_varies():
     figure = PlotStability(result)
     assert len(figure.axes) == 6
     assert figure.axes[0].get_ylabel() == "bone stiffness [N/m]"
-    # Of each panel: rows are stiffnesses, columns are delays.
+    # The cells of each panel: a row for each stiffness, a column for each delay.
     cells = [ax.collections[0].get_array().tolist() for ax in figure.axes]
     assert cells == [[[1, 2], [1, 2]]] * 4 + [[[1, 3], [1, 3]]] * 2
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
@@ -777,7 +777,7 @@ def test_more_that_varies():
 
 
 def test_words_that_look_like_a_formula(tmp_path):
-    """Between dollars matplotlib reads a formula."""
+    """Matplotlib would parse a text between dollar signs as a formula."""
     value = r"$\frac{$ a $b^$ c"
     texts = {"source": [value, "else"], "description": [value, "other"]}
     result = MakeResult({"delay": [1, 2], **texts}, lambda **point: Outcome(1.0))

@@ -1,4 +1,4 @@
-"""The search for gains: on functions in closed form, and on runs."""
+"""Tests of the search for gains, with functions in closed form and with runs."""
 
 import csv
 from pathlib import Path
@@ -21,7 +21,7 @@ B = "controller.damped_force.damping"
 
 @pytest.fixture
 def fake_runs(monkeypatch):
-    """Lets a function of a point, which returns metrics, take the place of runs."""
+    """A function that replaces runs by a function from points to metrics."""
 
     def Use(metrics):
         def RunSweep(plan, execution):
@@ -47,7 +47,7 @@ TIME, FORCE = "collision.settling_time", "collision.peak_force"
 
 @pytest.mark.parametrize("weights", [(12, 2), (1, 1)])
 def test_the_minimum_of_two_parabolas(weights, fake_runs):
-    """w (x - 1)^2/4 + w' (x - 3)^2/2 with the scenario's own numbers 4 and 2."""
+    """w (x - 1)^2/4 + w' (x - 3)^2/2; 4 and 2 are the metrics of the own gains."""
 
     def Metrics(point):
         x = point.get(B)
@@ -63,7 +63,7 @@ def test_the_minimum_of_two_parabolas(weights, fake_runs):
 
 
 def test_a_front_is_that_of_two_parabolas(fake_runs):
-    """The front of (x - 1)^2 and (x - 2)^2 is 1 to 2; what diverges is not in it."""
+    """The front of (x - 1)^2 and (x - 2)^2 is 1 to 2, without gains that diverge."""
 
     def Metrics(point):
         x = point.get(B, 4.0)
@@ -95,7 +95,7 @@ def test_a_time_that_never_comes_is_the_duration(fake_runs):
 
 
 def test_a_margin_holds(fake_runs):
-    """The least damping is the best, and its loop must stay stable for 0.4 s more."""
+    """The best damping is the least one whose loop stays stable for 0.4 s more."""
     fake_runs(lambda x: Contact(1.0, 1 + x.get(B, 9.0)))
     gains = ["damping=0.1:10"]
     task = TASK | {"scenario": "one_dof"}
@@ -111,7 +111,7 @@ def test_a_margin_holds(fake_runs):
 
 
 def test_felt_stiffness_is_a_spring_in_series():
-    """Waves on bone: k_e = 150 N/m in series with 2 b/T, slowly."""
+    """Wave variables on bone, at low frequency: k_e = 150 N/m in series with 2 b/T."""
     waves = "controller.wave_variables.impedance"
     overrides = {"controller.kind": "wave_variables", waves: 2.0}
     scenario = LoadScenario("one_dof", overrides)
@@ -122,7 +122,7 @@ def test_felt_stiffness_is_a_spring_in_series():
 
 
 def test_the_best_of_real_runs(tmp_path):
-    """Better than a grid; interrupted and resumed, the same bytes; usable at once."""
+    """They are as good as a grid's best. A resumed search writes the same bytes."""
     overrides = {"simulator.accuracy": 1e-5, "duration": 6}
     common = {**TASK, "gains": ["damping=0.5:8"], "minimize": [TIME]}
     common |= {"grid": {"delay": [0.1]}, "held_out": {"delay": [0.15]}}

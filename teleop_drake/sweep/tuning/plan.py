@@ -71,7 +71,7 @@ class TuningPlan:
         }
 
     def Analyze(self, scenario: AnyScenario) -> tuple[float, str]:
-        """Performs those analyses of a scenario that the metrics or the margin need.
+        """Performs the analyses of a scenario that the metrics or the margin need.
 
         Returns:
             The felt stiffness loss, 0 if it is not one of the metrics; and why a delay
@@ -152,6 +152,7 @@ def PlanTuning(
     if evaluations < plan.size:
         allowed = f"{plan.size} or more with {len(ranges)} gains"
         Refuse("evaluations", evaluations, allowed)
+    # Both bounds of each range have to be valid in every sweep.
     for sweep in sweeps:
         for path, bounds in ranges.items():
             if path in sweep.axes:

@@ -114,8 +114,8 @@ def Tune(
 def RunTuning(plan: TuningPlan, execution: Execution = HERE) -> TuningResult:
     """Searches for gains, and simulates the held-out runs.
 
-    The folder `runs` of its folder has a sweep for each generation. Its progress is
-    that of the training runs.
+    The subfolder `runs` of the execution's folder has a sweep for each generation.
+    Progress counts the training runs.
 
     Raises:
         SweepError: If no gains of the first generation are accepted, or the folder
@@ -127,8 +127,8 @@ def RunTuning(plan: TuningPlan, execution: Execution = HERE) -> TuningResult:
 class _Search:
     """The state of a search.
 
-    The gains that were tried are known by their values: their trials, and their places
-    in their ranges (n), 0 to 1 each.
+    The trials and the places of sets of gains are keyed by the gains' values. A place
+    (n) is the position of each gain in its range, from 0 to 1.
     """
 
     def __init__(self, plan: TuningPlan, execution: Execution):
@@ -194,9 +194,9 @@ class _Search:
         return [np.ones(M), *(1 + (_EMPHASIS - 1) * np.eye(M))]
 
     def _Goal(self, trial: Trial, reference: Trial, weights: Array) -> float:
-        """Returns the sum of the weighted scores, or for a Pareto front the largest.
+        """Returns the sum of the weighted scores or, for a Pareto front, the largest.
 
-        It is large if the gains are not accepted.
+        If the gains are not accepted, the goal is a large number instead.
         """
         if trial.reason:
             rows = np.concatenate(list(trial.values.values()))
@@ -231,7 +231,7 @@ class _Search:
             )
 
     def _Minimized(self, goal: Callable[[Trial], float], places: Array) -> Array:
-        """Returns a goal (S) at places (n, S), as SciPy has them."""
+        """Returns a goal (S) at places (n, S), in the shapes of SciPy."""
         return np.array([goal(trial) for trial in self._TryPlaces(places.T)])
 
     def _TryPlaces(self, places: Array) -> list[Trial]:
