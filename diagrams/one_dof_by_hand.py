@@ -28,6 +28,7 @@ from teleop_drake.simulation import MakeSimulator
 
 
 def MakeOneDofByHand() -> Diagram:
+    """Makes the teleoperator of chapter 4 from its blocks."""
     builder = DiagramBuilder()
 
     # The blocks, in the order of the picture from left to right. The master: the haptic

@@ -44,6 +44,7 @@ class BandLimitedChannel(ChannelConfig):
         CheckNumber(f"{path}.bandwidth", self.bandwidth, "rad/s", above=0)
 
     def MakeChannel(self, *, size, initial_value, duration=math.inf, stream=""):
+        """Makes the diagram of delay and low-pass, with the ports of a channel."""
         builder = DiagramBuilder()
         delay = builder.AddNamedSystem(
             "delay",

@@ -54,6 +54,7 @@ class Lever:
 
 
 def main(picture: Path) -> None:
+    # The robot's side without a network: its packets are ports.
     scenario = LoadScenario("one_dof", OVERRIDES)
     builder = DiagramBuilder()
     AddTeleoperator(builder, scenario, side="robot")
@@ -65,6 +66,7 @@ def main(picture: Path) -> None:
     robot_side.set_name("robot_side")
     WriteDiagram(robot_side, picture, max_depth=1)
 
+    # The other process prints its address on stderr, and ends after the run.
     command = [sys.executable, "-m", "teleop_drake", "serve", "one_dof"]
     command += [f"--set={override}" for override in OVERRIDES]
     with tempfile.TemporaryDirectory() as folder:

@@ -39,6 +39,7 @@ EFFORT_LIMITS = np.array([97.6, 186.4, 89.4, 24.2, 20.1, 21.3])  # N m
 
 
 def MakePuma() -> Diagram:
+    """Makes the robot, from the forces at the tool to the motion of the tool."""
     config = Puma560Config(start=START)
     builder = DiagramBuilder()
 

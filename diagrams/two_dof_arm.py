@@ -19,6 +19,7 @@ from teleop_drake.stations import MakeArchitecture, MakeMasterStation
 
 
 def MakeTwoDofArm(scenario: Scenario) -> Diagram:
+    """Makes the teleoperator of a scenario with the two-link arm from its stations."""
     start = scenario.robot.start
     builder = DiagramBuilder()
     master = builder.AddNamedSystem("master", MakeMasterStation(scenario))

@@ -10,7 +10,7 @@ from teleop_drake.cli.progress import Notice
 
 @contextmanager
 def DaskExecutor(address: str | None) -> Iterator[Executor | None]:
-    """Yields the executor of the Dask cluster at an address; without address, None.
+    """Yields the executor of the Dask cluster at an address; None without an address.
 
     If the cluster has no workers yet, a line on stderr reports it.
 

@@ -144,7 +144,7 @@ _WITHOUT_OWN_KINDS = ("list", "show", "check", "completion", "docs")
 
 
 class _ShowVersion(argparse.Action):
-    """Prints the versions of this package and of Drake, NumPy and Python."""
+    """The action of --version; prints versions, also of Drake, NumPy and Python."""
 
     def __call__(self, parser: argparse.ArgumentParser, *args: Any) -> None:
         from importlib import metadata

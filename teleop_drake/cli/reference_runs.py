@@ -25,8 +25,8 @@ _SAME_INSTANT = 1e-6
 _DELAY_ERROR = "delay_error"
 _DELAY_ERROR_SIZE = 1e-3
 
-# A fault of any size always fits better than a fault of a fixed size. So the former
-# has this handicap.
+# A fault whose size is fitted explains more errors than one of a fixed size. So it has
+# this handicap.
 _PREFERENCE = 0.02
 
 # A fault is named if the share of the errors that it leaves unexplained, root mean

@@ -283,6 +283,7 @@ def _Draw(
     from teleop_drake.figures.sweeps import PlotSweep
 
     metrics = list(names) or result.Metrics()
+    # Curves of the metrics, in one figure or in one for each metric.
     try:
         grid = SweepGrid(result)
         is_separate |= len(grid.panel_points) * len(metrics) > MAX_PANELS
@@ -293,6 +294,7 @@ def _Draw(
     except ValueError as e:
         return [], f"No figures ({e})"
     note = ""
+    # With two varied fields, maps too, with the stability boundaries of the analysis.
     if grid.has_two_keys:
         from teleop_drake.figures.sweep_maps import PlotMap, PlotStability
 
