@@ -45,7 +45,7 @@ class Page:
 
 
 def _Html(title: str, story: str, data: dict[str, Any]) -> str:
-    """Returns the page: its parts, and the data as text without HTML's characters."""
+    """Returns the page: its parts, and the data as text that needs no escapes."""
     texts = {
         "title": html.escape(title),
         "story": html.escape(story),

@@ -153,7 +153,7 @@ class Input:
 
 
 class NotSums(ValueError):
-    """An error: the changes of a number by several inputs do not add up."""
+    """The error that the changes of a number by several inputs do not add up."""
 
 
 def FindChange(one: Input, make: Maker) -> Change:

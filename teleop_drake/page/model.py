@@ -95,9 +95,9 @@ class Model:
 
     @property
     def structure(self) -> tuple[Any, ...]:
-        """What must be equal in two runs, so that one module serves for both.
+        """The properties that all runs of one module have in common.
 
-        It is the structure of the program, the arrays of indices and the facts.
+        They are the structure of the program, the arrays of indices and the facts.
         """
         program = self.run.evaluator.program
         fields = Fields(self.run.problem)
@@ -305,7 +305,7 @@ def _Labels(scenario: AnyScenario) -> dict[str, str]:
 
 
 def _Lags(channel: ChannelConfig, name: str, duration: float) -> Array:
-    """Returns how long packets are under way, s, of which one is sent every PERIOD.
+    """Returns how long each packet is under way, s, if one is sent every PERIOD.
 
     A lost packet is under way for an infinite time. If the time is constant, the result
     has one element.

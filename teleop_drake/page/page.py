@@ -157,8 +157,8 @@ def MakePage(
 
     Raises:
         UnsupportedSystem: If a block has no kernel; the message names the block.
-        ScenarioError: If a scenario or a range is not allowed, or two of `vary` change
-            a number together.
+        ScenarioError: If a scenario or a range is not allowed, or if the changes of a
+            number by two of `vary` do not add up.
     """
     notes: list[str] = []
     if isinstance(scenario_or_diagram, System) or callable(scenario_or_diagram):
@@ -172,6 +172,7 @@ def MakePage(
         scenario, _ = LoadOverridden(scenario_or_diagram, overrides)
         story = scenario.story
         data = _OfScenario(scenario, controllers, vary or {}, has_hand, notes)
+    # A signal may exist with some controllers only.
     known = set().union(*(loop["signals"] for loop in data["controllers"]))
     CheckNames("signals", signals)
     for signal in signals:
@@ -201,6 +202,7 @@ def _OfDiagram(
         SetNumbers(system, changed, values)
         return MakeModel(system, DefaultSimulator(), duration, changed)
 
+    # A diagram has one run, which takes the place of a controller's.
     title = NameOf(system)
     runs = Runs({(title,): Make}, notes)
     model = runs.models[(title,)]
@@ -276,11 +278,11 @@ def _Hand(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Any]:
         "seed": getattr(scenario.forward_channel, "seed", None),
         "num_axes": v_d.size,
         "full_speed": _FULL_SPEED * float(np.linalg.norm(v_d)),
-        # At twice the force that is held on contact, a gamepad rumbles its strongest.
+        # The force at which a gamepad rumbles most: twice the force held on contact.
         "newtons": 2 * float(np.linalg.norm(0.0 if force is None else force)),
         "command": f"teleop-drake compare {scenario.name} --controllers all "
         "--set surgeon.kind=recorded --set surgeon.file=hand.csv "
-        # A hand goes on commanding a velocity on contact.
+        # On contact a hand still commands a velocity.
         "--set surgeon.contact_force=null",
     }
 

@@ -80,7 +80,7 @@ class Runs:
     def HasChanges(self, one: Input) -> bool:
         """Sets the changes by an input; returns whether there are any.
 
-        An input that cannot be changed is noted, unless it is a field.
+        The reason why an input cannot be changed is noted, unless it is a field.
 
         Raises:
             ScenarioError: If an input is wanted, but cannot be changed.
@@ -202,6 +202,7 @@ def DataOfInputs(
         }
         for one in inputs
     ]
+    # The slider of both delays covers the values that both may have.
     ways = [x for x in result if x["name"] in _DELAYS and not x["stops"]]
     if len(ways) == 2:
         both = {

@@ -58,7 +58,7 @@ class Run:
 
     @functools.cached_property
     def inside(self) -> "Run":
-        """The part of the run before the arm is nearly stretched, as in case I."""
+        """The part of the run before the arm is nearly stretched; used for case I."""
         is_outside = self.recording["tool_position"][:, 0] >= _INSIDE_WORKSPACE
         end = self.recording.time[is_outside].min(initial=math.inf)
         return Run(self.recording.Part(0.0, float(end)))

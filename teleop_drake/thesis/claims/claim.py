@@ -100,7 +100,7 @@ class Claim:
         criterion = self.criterion
         thesis = "no number"
         ours = str(found.ours)
-        # A printed number is compared within its tolerance; `holds` is second to that.
+        # If the thesis prints a number, its tolerance is decisive before `holds`.
         if self.printed is not None:
             number = _SCALES[self.unit] * float(found.ours)
             verdict = IN_KIND if found.holds else REFUTED

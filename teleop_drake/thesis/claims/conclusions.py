@@ -185,7 +185,8 @@ def _AddsRobustness(runs: ThesisRuns) -> Found:
     for title, (name, change) in _ENVIRONMENTS.items():
         tried = [runs(name, ADAPTIVE, change, x) for x in ({}, NO_ADAPTATION)]
         for metric in (*_COMPARED, _SETTLING):
-            # NaN where neither has the metric, infinity where only one is 0 or never.
+            # A metric is skipped if no run has it (NaN), if it is 0 in both runs, or if
+            # no run settles (infinity).
             values = [_OrNever(run, metric) for run in tried]
             if max(values) > 0 and min(values) < np.inf:
                 label = f"{title}: {metric.split('.')[-1].replace('_', ' ')}"

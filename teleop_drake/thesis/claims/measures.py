@@ -144,8 +144,8 @@ def UnlearnedShare(recording: Recording) -> float:
 def FarShare(recording: Recording) -> float:
     """Returns the influence of centres more than two widths away, as a share.
 
-    It is their share in the sum of |w_i phi_i| over all samples, of that network for
-    which it is larger.
+    It is their share in the sum of |w_i phi_i| over all samples; of both networks, the
+    larger share.
     """
     Phi = BasisFunctions(recording)
     is_far = Phi < math.exp(-4.0)
