@@ -1,11 +1,12 @@
 """A delay in the loop of a cart-pole: Drake's LQR, 50 ms late.
 
-How long may the measured state be under way until the pole falls? DelayMargin() says
-so, and simulate() confirms it on both sides. In the page the delay is a slider.
+DelayMargin() returns the longest delay of the measured state with which the pole does
+not fall, and simulate() confirms it on both sides. In the page the delay is a slider.
 
 Run `python diagrams/delay_on_a_cart_pole.py`: it draws the diagram beside this file (or
-into the file given as an argument), writes the page into a second file if one is given,
-and prints the margin and what a small push becomes a little inside and outside of it.
+into the file given as an argument) and writes the page into a second file if one is
+given. It prints the margin, and whether a small push decays or grows with a delay
+slightly below and above the margin.
 """
 
 import sys
@@ -27,7 +28,7 @@ UPRIGHT = np.array([0.0, np.pi, 0.0, 0.0])
 
 
 def MakeCartPole() -> MultibodyPlant:
-    """Makes Drake's cart-pole; it begins upright."""
+    """Makes Drake's cart-pole, which is upright by default."""
     plant = MultibodyPlant(time_step=0.0)
     Parser(plant).AddModelsFromUrl(CART_POLE)
     plant.Finalize()
@@ -36,7 +37,7 @@ def MakeCartPole() -> MultibodyPlant:
 
 
 def MakeLqr() -> AffineSystem:
-    """Makes the regulator of the upright pole, which knows nothing of a delay."""
+    """Makes the regulator of the upright pole, designed without a delay."""
     plant = MakeCartPole()
     context = plant.CreateDefaultContext()
     motor = plant.get_actuation_input_port()
@@ -50,7 +51,7 @@ def MakeLqr() -> AffineSystem:
 
 
 def MakeDiagram(delay: float = 0.05) -> Diagram:
-    """The regulator holds the pole upright and sees the state late."""
+    """The regulator holds the pole upright and receives the state late."""
     builder = DiagramBuilder()
     plant = builder.AddNamedSystem("plant", MakeCartPole())
     sensor = builder.AddNamedSystem(
@@ -67,7 +68,7 @@ def MakeDiagram(delay: float = 0.05) -> Diagram:
 
 
 def MakePushed(diagram: Diagram, push: float) -> Context:
-    """Makes a Context in which the pole turns at first, rad/s."""
+    """Makes a Context in which the pole initially turns with `push`, rad/s."""
     context = diagram.CreateDefaultContext()
     plant = diagram.GetSubsystemByName("plant")
     start = [*UPRIGHT[:3], push]

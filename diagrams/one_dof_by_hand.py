@@ -1,6 +1,6 @@
 """The one-axis teleoperator of chapter 4, wired by hand from its blocks.
 
-Every number of the thesis's one-axis task stands below, next to the block it goes into.
+Every number of the thesis's one-axis task is given below, at the block that uses it.
 Run `python diagrams/one_dof_by_hand.py`: it draws the diagram beside this file (or into
 the file given as an argument) and simulates the first two seconds.
 """
@@ -28,10 +28,11 @@ from teleop_drake.simulation import MakeSimulator
 
 
 def MakeOneDofByHand() -> Diagram:
+    """Makes the teleoperator of chapter 4 from its blocks."""
     builder = DiagramBuilder()
 
-    # The blocks, in the order in which the picture shows them from left to right. The
-    # master: what the hand holds, and whose hand it is.
+    # The blocks, in the order of the picture from left to right. The master: the haptic
+    # device and its operator.
     haptic_device = builder.AddNamedSystem(
         "haptic_device",
         HapticDevice(numerator=[25, 50], denominator=[1, 25, 0], num_axes=1),
@@ -45,14 +46,14 @@ def MakeOneDofByHand() -> Diagram:
         ),
     )
 
-    # Over the forward channel travel the haptic force and the velocity command.
+    # The forward channel transmits the haptic force and the velocity command.
     pack_forward = builder.AddNamedSystem("pack_forward", Multiplexer([1, 1]))
     forward_channel = builder.AddNamedSystem(
         "forward_channel", TransportDelay(delay=0.1, size=2)
     )
     unpack_forward = builder.AddNamedSystem("unpack_forward", Demultiplexer([1, 1]))
 
-    # The slave: controller, robot, and what the robot touches.
+    # The slave: controller, robot and environment.
     controller = builder.AddNamedSystem(
         "controller",
         AdaptiveBackstepping(
@@ -90,14 +91,14 @@ def MakeOneDofByHand() -> Diagram:
         ),
     )
 
-    # Over the return channel travel the tool's position and velocity.
+    # The return channel transmits the position and the velocity of the tool.
     pack_return = builder.AddNamedSystem("pack_return", Multiplexer([1, 1]))
     return_channel = builder.AddNamedSystem(
         "return_channel", TransportDelay(delay=0.1, size=2)
     )
     unpack_return = builder.AddNamedSystem("unpack_return", Demultiplexer([1, 1]))
 
-    # Now the wires, in the order in which a signal runs through the loop.
+    # The connections, in the order in which a signal runs through the loop.
     velocity_command = operator.GetOutputPort("velocity_command")
     builder.Connect(velocity_command, haptic_device.GetInputPort("velocity_command"))
     builder.Connect(
@@ -156,9 +157,9 @@ def main(picture: Path) -> None:
     diagram = MakeOneDofByHand()
     WriteDiagram(diagram, picture, max_depth=1)
 
-    # Drake's Simulator, set up for signals that jump and arrive later. The plain
+    # Drake's Simulator, configured for signals that jump and are delayed. The plain
     # Simulator(diagram) locates no contact unless its Context has an accuracy; the
-    # blocks warn of that.
+    # blocks warn about this.
     simulator = MakeSimulator(
         diagram,
         SimulatorConfig(

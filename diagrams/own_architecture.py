@@ -1,13 +1,13 @@
-"""An architecture of your own: what stands at either end of the channels.
+"""An architecture of your own: the control laws at both ends of the channels.
 
-CompliantMaster and BrakedSlave below are all that it takes: what their packets hold is
-between the two of them, and the channels have the widths of their ports. The hand gives
-way for as long as its force has not come back from the tool, and the tool is braked.
+It consists of the two blocks CompliantMaster and BrakedSlave below. They define the
+contents of their packets, and the channels have the widths of their ports. The hand is
+compliant until its force has returned from the tool, and the tool is braked.
 
 Run `python diagrams/own_architecture.py`: it draws the master station with the new side
-in it beside this file (or into the file given as an argument), simulates the one-axis
-task with this architecture and with direct force application, and prints how far the
-tool shoots ahead after the puncture.
+beside this file (or into the file given as an argument), simulates the one-axis task
+with this architecture and with direct force application, and prints the velocity
+overshoot of the tool after the puncture.
 """
 
 import sys
@@ -25,7 +25,7 @@ from teleop_drake.teleoperator import MakeTeleoperator
 
 
 def Declare(system, name, size, calc, *inputs):
-    """Declares an output of a system that depends on nothing but these inputs."""
+    """Declares an output of a system that depends on these inputs only."""
     system.DeclareVectorOutputPort(
         name,
         size,
@@ -37,7 +37,7 @@ def Declare(system, name, size, calc, *inputs):
 
 
 class CompliantMaster(LeafSystem):
-    """Sends F_h; of the returning [p_WT; v; F] feels v + (F_h - F) / damping."""
+    """Sends F_h. From the return packet [p_WT; v; F], feels v + (F_h - F) / damping."""
 
     def __init__(self, damping):
         LeafSystem.__init__(self)
@@ -55,7 +55,7 @@ class CompliantMaster(LeafSystem):
 
 
 class BrakedSlave(LeafSystem):
-    """Applies F - damping v of the F that arrives, and returns [p_WT; v; F]."""
+    """Applies F - damping v, where F is the received force; returns [p_WT; v; F]."""
 
     def __init__(self, damping):
         LeafSystem.__init__(self)
@@ -68,17 +68,17 @@ class BrakedSlave(LeafSystem):
 
 
 def Overshoot(scenario, teleoperator=None):
-    """How much faster than commanded the tool gets after the puncture, mm/s."""
+    """Returns the velocity overshoot of the tool after the puncture, mm/s."""
     metrics = RunMetrics(simulate(scenario, teleoperator=teleoperator, engine="auto"))
     return 1000 * metrics["puncture"]["velocity_overshoot"]
 
 
 def main(picture: Path) -> None:
-    # Nine seconds, past the puncture and short of the bone. No step is longer than
-    # the delay.
+    # The run of nine seconds includes the puncture and ends before the bone. No step is
+    # longer than the delay.
     overrides = {"controller.kind": "direct_force", "duration": 9.0}
     scenario = LoadScenario("one_dof", {**overrides, "simulator.max_step_size": 0.1})
-    # With these two dampings they are the wave line of impedance 1 N s/m, matched.
+    # With these dampings the architecture is a matched wave line of impedance 1 N s/m.
     architecture = Architecture(
         master_side=CompliantMaster(damping=2.0),
         slave_side=BrakedSlave(damping=1.0),

@@ -1,12 +1,12 @@
 """An arm of your own, from a URDF file.
 
 own_arm.urdf beside this file is an arm of three joints, and own_arm.yaml is a task for
-it along three axes: no more than `robot: {model: arm, file: own_arm.urdf, ...}` says
-which robot it is. Run `python diagrams/own_arm.py`: it draws the robot beside this file
-(or into the file given as an argument), asks it what it feels like at its tool,
-simulates the task and prints how hard the tool meets the wall.
+it along three axes. The robot is defined by `robot: {model: arm, file: own_arm.urdf,
+...}` only. Run `python diagrams/own_arm.py`: it draws the robot beside this file (or
+into the file given as an argument), simulates the task, and prints the mass at the tool
+and the force of the first impact on the wall.
 
-The command line takes the scenario as well: `teleop-drake run diagrams/own_arm.yaml`.
+The scenario also runs on the command line: `teleop-drake run diagrams/own_arm.yaml`.
 """
 
 import sys

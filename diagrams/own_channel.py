@@ -1,16 +1,16 @@
-"""A channel of your own: a delay behind which the signal arrives smoothed.
+"""A channel of your own: a delay followed by a low-pass filter.
 
-BandLimitedChannel below is all that it takes. It is a kind of channel like those that
-come along: its fields are checked, it makes its block, and it tells what others ask. So
-it works wherever a channel is named, in a scenario file or on the command line, if this
-folder is on Python's path:
+It consists of the class BandLimitedChannel below, a kind of channel like the built-in
+ones. The class checks its fields, makes its block, and provides the longest step of a
+simulation and the delay for the analysis. It can be named in a scenario file or on the
+command line if this folder is on Python's path:
 
     teleop-drake compare one_dof --set \
         'return_channel={kind: own_channel:BandLimitedChannel, bandwidth: 20}'
 
 Run `python diagrams/own_channel.py`: it draws the channel beside this file (or into the
 file given as an argument), simulates the one-axis task with several bandwidths of the
-way back, and prints how far the tool shoots ahead after the puncture.
+return channel, and prints the velocity overshoot of the tool after the puncture.
 """
 
 import math
@@ -44,6 +44,7 @@ class BandLimitedChannel(ChannelConfig):
         CheckNumber(f"{path}.bandwidth", self.bandwidth, "rad/s", above=0)
 
     def MakeChannel(self, *, size, initial_value, duration=math.inf, stream=""):
+        """Makes the diagram of delay and low-pass, with the ports of a channel."""
         builder = DiagramBuilder()
         delay = builder.AddNamedSystem(
             "delay",
@@ -82,7 +83,7 @@ def main(picture: Path) -> None:
         channel.MakeChannel(size=2, initial_value=[0.0, 0.0]), picture, max_depth=1
     )
 
-    # Twelve seconds: past the puncture and short of the bone.
+    # The run of twelve seconds includes the puncture and ends before the bone.
     scenario = LoadScenario("one_dof", ["controller.kind=direct_force", "duration=12"])
     for bandwidth in (1000.0, 100.0, 20.0):
         scenario.return_channel = BandLimitedChannel(delay=0.1, bandwidth=bandwidth)

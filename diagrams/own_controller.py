@@ -1,15 +1,15 @@
 """A controller of your own in the place of the adaptive one.
 
 A control law is a plain function, such as damped() below, or a LeafSystem with the
-ports of a control law, such as DampingInjection. The function runs as machine code and
+ports of a control law, such as DampingInjection. The function can be compiled and runs
 in a page. The LeafSystem runs in Drake's Simulator, and it may have a state.
 
 Run `python diagrams/own_controller.py`: it draws the slave station with the LeafSystem
-in it beside this file (or into the file given as an argument), simulates the one-axis
-task with both laws and with direct force application, and prints how far the tool
-shoots ahead after the puncture.
+beside this file (or into the file given as an argument), simulates the one-axis task
+with both laws and with direct force application, and prints the velocity overshoot of
+the tool after the puncture.
 
-Both are kinds of controllers, too, where this folder is on Python's path. The gain is a
+If this folder is on Python's path, both are kinds of controllers, too. The gain is a
 field: `--set controller.parameters.damping=2`. In this folder, run
 
     teleop-drake compare one_dof --controllers all,own_controller:DampingInjection
@@ -57,8 +57,8 @@ class DampingInjection(LeafSystem):
         self.DeclareVectorInputPort("tool_position", num_axes)
         self._velocity = self.DeclareVectorInputPort("tool_velocity", num_axes)
         self.DeclareVectorInputPort("environment_force", num_axes)
-        # Naming what the output depends on spares Drake from seeing an algebraic loop
-        # through the environment, whose force this law does not use.
+        # With these prerequisites Drake finds no algebraic loop through the
+        # environment, whose force this law does not use.
         self.DeclareVectorOutputPort(
             "control_force",
             num_axes,
@@ -78,15 +78,15 @@ class DampingInjection(LeafSystem):
 
 
 def Overshoot(recording: Recording) -> float:
-    """How much faster than commanded the tool gets after the puncture, m/s."""
+    """Returns the velocity overshoot of the tool after the puncture, m/s."""
     puncture = next(e.time for e in recording.events if e.name == "puncture")
     velocity = recording.signals["tool_velocity"][recording.time >= puncture, 0]
     return velocity.max() - recording.scenario.surgeon.velocity[0]
 
 
 def main(picture: Path) -> None:
-    # Nine seconds, past the puncture and short of the bone. No step is longer than
-    # the delay.
+    # The run of nine seconds includes the puncture and ends before the bone. No step is
+    # longer than the delay.
     overrides = {"controller.kind": "direct_force", "duration": 9.0}
     scenario = LoadScenario("one_dof", {**overrides, "simulator.max_step_size": 0.1})
     teleoperator = MakeTeleoperator(

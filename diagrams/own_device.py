@@ -1,14 +1,15 @@
 """A haptic device of your own, over a real network.
 
-A device is driven by a function that is called once a period: it gets the time and what
-has arrived from the robot, and returns what to send. Lever below stands for yours: it
-would read the encoder of a lever and set its motor; here a hand moves it as planned,
-and lets go once it feels enough.
+A device is driven by a function that is called once per period. The function takes the
+time and the packet received from the robot, and returns the packet to send. Lever below
+is a placeholder for your device. A real device would read its encoder and set its
+motor. Here a simulated hand moves the lever at a constant speed and stops when the
+force reaches a limit.
 
 Run `python diagrams/own_device.py`: it draws the robot's side of the loop beside this
-file (or into the file given as an argument), starts it in another process, which could
-be on another machine, operates it for a second, and prints what was felt and how long
-the packets took.
+file (or into the file given as an argument), starts this side in another process, which
+could be on another machine, and operates it for a second. It prints the motion and the
+force that were felt, and the round trip of the packets.
 """
 
 import subprocess
@@ -29,11 +30,11 @@ OVERRIDES = ["controller.kind=direct_force", "duration=1.0"]
 
 
 class Lever:
-    """A lever with a spring between it and what is felt of the tool.
+    """A lever that a spring and a damper couple to the felt motion of the tool.
 
     Args:
-        speed: With which the hand moves it, m/s.
-        most_force: At which the hand stops it, N.
+        speed: The speed with which the hand moves the lever, m/s.
+        most_force: The force at which the hand stops, N.
     """
 
     def __init__(self, *, speed: float = 0.01, most_force: float = 0.01):
@@ -53,6 +54,7 @@ class Lever:
 
 
 def main(picture: Path) -> None:
+    # The robot's side without a network: its packets are ports.
     scenario = LoadScenario("one_dof", OVERRIDES)
     builder = DiagramBuilder()
     AddTeleoperator(builder, scenario, side="robot")
@@ -64,6 +66,7 @@ def main(picture: Path) -> None:
     robot_side.set_name("robot_side")
     WriteDiagram(robot_side, picture, max_depth=1)
 
+    # The other process prints its address on stderr, and ends after the run.
     command = [sys.executable, "-m", "teleop_drake", "serve", "one_dof"]
     command += [f"--set={override}" for override in OVERRIDES]
     with tempfile.TemporaryDirectory() as folder:

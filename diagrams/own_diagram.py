@@ -1,7 +1,7 @@
-"""A delay in a diagram of your own: a plant of Drake's with late feedback.
+"""A delay in a diagram of your own: one of Drake's plants with late feedback.
 
-The diagram has nothing of teleoperation but the delay. simulate() runs it as machine
-code, with the delay exact, and records what the diagram exports.
+From this package the diagram has only the delay. simulate() compiles it to machine
+code, with an exact delay, and records the exported outputs.
 
 Run `python diagrams/own_diagram.py`: it draws the diagram beside this file (or into the
 file given as an argument), simulates a step response, and prints its overshoot with and

@@ -1,19 +1,18 @@
 """An environment of your own: a floor under the arm, softer at first touch.
 
-The two classes below are all that it takes: a block with two inputs and one output, and
-a config that makes it. The block tells where its surface is and which way the normal
-points; the operator, the events, the metrics and the analysis ask it. So it works
-wherever an environment is named, in a scenario file or on the command line, if this
-folder is on Python's path:
+It consists of the two classes below: a block with two inputs and one output, and a
+config that makes it. The block provides its surface, a point and a normal, which the
+operator, the events, the metrics and the analysis use. The config can be named in a
+scenario file or on the command line if this folder is on Python's path:
 
     teleop-drake run two_dof_collision --set "environment={kind: own_environment:Floor}"
 
-The block's law is a function of its own, which `Kernel` names: that is all that Drake's
-Simulator and machine code (`--engine compiled`) take.
+The block's law is a separate function, which `Kernel` names. Drake's Simulator and
+compiled runs (`--engine compiled`) both use it.
 
-Run `python diagrams/own_environment.py`: it draws the loop with the floor in it beside
-this file (or into the file given as an argument), lets the arm come down on the floor,
-and prints when it touches and how hard.
+Run `python diagrams/own_environment.py`: it draws the loop with the floor beside this
+file (or into the file given as an argument), simulates how the arm moves down on to the
+floor, and prints the time of the contact and the force of the first impact.
 """
 
 import sys
@@ -79,9 +78,9 @@ class HuntCrossleyWall(KernelBlock):
 
 @dataclass(kw_only=True, eq=False)
 class Floor(EnvironmentConfig):
-    """A floor at `y`; what is below it is stiff."""
+    """A floor at `y`, which is stiff below."""
 
-    # Where it is, m.
+    # The height of the floor, m.
     y: float = Number(-0.05, "m")
     # K, N/m^(3/2), > 0.
     stiffness: float = Number(1000.0, "N/m^1.5", above=0)
@@ -90,7 +89,7 @@ class Floor(EnvironmentConfig):
 
     def MakeEnvironment(self, start):
         n = np.size(start)
-        normal_W = -np.eye(n)[1]  # Into the floor: down.
+        normal_W = -np.eye(n)[1]  # Downwards, into the floor.
         surface = Surface("contact", -self.y * normal_W, normal_W)
         return HuntCrossleyWall(
             surface=surface, stiffness=self.stiffness, damping=self.damping

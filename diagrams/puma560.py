@@ -1,14 +1,14 @@
-"""A Puma 560 in space, from its blocks.
+"""A Puma 560 in space, built from its blocks.
 
-The task moves the needle's tip along three axes, and the arm has six joints, weighs
-something and rubs. Five torques meet at its joints: the task's, what holds the needle's
-direction, what carries the weight, the environment's and friction. The first three are
-the motors', and limited.
+The task moves the needle's tip along three axes. The arm has six joints, weight and
+friction. Five torques act at its joints: the torque of the task, the torque that holds
+the direction of the needle, the compensation of gravity, the torque of the environment,
+and friction. The motors apply the first three, whose sum is limited.
 
 `MakeRobot(model="puma560", start=...)` makes this diagram in one call. Run `python
 diagrams/puma560.py`: it draws the robot beside this file (or into the file given as an
-argument), pushes at the needle for half a second and prints how far it went and how far
-it turned. The whole loop: `teleop-drake compare puma560_insertion`.
+argument), pushes at the needle for half a second, and prints the distance and the angle
+by which it moved. `teleop-drake compare puma560_insertion` simulates the whole loop.
 """
 
 import math
@@ -39,10 +39,11 @@ EFFORT_LIMITS = np.array([97.6, 186.4, 89.4, 24.2, 20.1, 21.3])  # N m
 
 
 def MakePuma() -> Diagram:
+    """Makes the robot, from the forces at the tool to the motion of the tool."""
     config = Puma560Config(start=START)
     builder = DiagramBuilder()
 
-    # The arm, and its tool as the task sees it.
+    # The arm, and the coordinates of its tool in the task.
     plant = builder.AddNamedSystem("plant", config.LoadPlant())
     q_0 = config.JointPositions(START)
     plant.SetDefaultPositions(q_0)
@@ -53,7 +54,7 @@ def MakePuma() -> Diagram:
     motion = builder.AddNamedSystem("tool_motion", Demultiplexer([3, 3, 18]))
     joints = builder.AddNamedSystem("joint_state", Demultiplexer([6, 6]))
 
-    # What acts beside the task.
+    # The torques in addition to those of the task.
     hold = builder.AddNamedSystem(
         "posture_hold",
         PostureHold(
@@ -121,7 +122,7 @@ def main(picture: Path) -> None:
     robot = MakePuma()
     WriteDiagram(robot, picture)
 
-    # A push of 25 N along the needle, across no environment.
+    # A push of 25 N along the needle, without an environment.
     builder = DiagramBuilder()
     builder.AddNamedSystem("robot", robot)
     for name, force in (

@@ -1,6 +1,6 @@
 """The two-axis teleoperator of chapter 5, built from its stations.
 
-The six boxes are those of Fig. 2.1. Their numbers come from a scenario file. Run
+The six boxes are those of Fig. 2.1. Their numbers are from a scenario file. Run
 `python diagrams/two_dof_arm.py`: it draws the diagram beside this file (or into the
 file given as an argument) and simulates the first second.
 """
@@ -19,11 +19,12 @@ from teleop_drake.stations import MakeArchitecture, MakeMasterStation
 
 
 def MakeTwoDofArm(scenario: Scenario) -> Diagram:
+    """Makes the teleoperator of a scenario with the two-link arm from its stations."""
     start = scenario.robot.start
     builder = DiagramBuilder()
     master = builder.AddNamedSystem("master", MakeMasterStation(scenario))
-    # Until something arrives, the robot gets neither a force nor a command, and the
-    # operator feels the tool at rest at its start.
+    # Until the first signals arrive, the robot receives a force and a command of zero,
+    # and the operator feels the tool at rest at its start.
     forward_channel = builder.AddNamedSystem(
         "forward_channel",
         scenario.forward_channel.MakeChannel(size=4, initial_value=[0.0] * 4),
@@ -68,7 +69,7 @@ def main(picture: Path) -> None:
     diagram = MakeTwoDofArm(scenario)
     WriteDiagram(diagram, picture, max_depth=1)
 
-    # Drake's Simulator, set up for signals that jump and arrive later.
+    # Drake's Simulator, configured for signals that jump and are delayed.
     simulator = MakeSimulator(diagram, scenario.simulator)
     simulator.AdvanceTo(1.0)
     robot = diagram.GetSubsystemByName("robot")

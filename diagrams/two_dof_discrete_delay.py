@@ -1,14 +1,14 @@
 """The planar arm with Drake's own DiscreteTimeDelay, beside an exact delay.
 
-Who comes from Simulink knows the Integer Delay: a signal is sampled every h and comes
-out n samples later. Drake's DiscreteTimeDelay(h, n) is that block, and its mean delay
-is (n + 1/2) h, because each sample is held for h. As a channel it is `kind: discrete`.
-The exact delay is TransportDelay, `kind: transport`.
+Drake's DiscreteTimeDelay(h, n) corresponds to the Integer Delay of Simulink: it samples
+a signal every h and outputs it n samples later. Its mean delay is (n + 1/2) h, because
+each sample is held for h. As a channel it is `kind: discrete`. The exact delay is
+TransportDelay, `kind: transport`.
 
 Run `python diagrams/two_dof_discrete_delay.py`: it draws the loop with the discrete
 delays beside this file (or into the file given as an argument), simulates the arm with
-both kinds of delays, and prints the answers of both side by side, as well as those of
-an exact delay of (n + 1/2) h.
+both kinds of delays, and prints the overshoots of both side by side, as well as those
+with an exact delay of (n + 1/2) h.
 """
 
 import sys
@@ -28,7 +28,7 @@ NUM_PERIODS = 5  # n
 
 
 def WithChannels(kind: str, delay: float) -> Scenario:
-    """Returns the arm's task under direct force, with both channels of a kind."""
+    """Returns the arm's task under direct force, with two channels of a kind."""
     channel = {"kind": kind, "delay": delay}
     if kind == "discrete":
         channel["sample_period"] = PERIOD

@@ -1,10 +1,10 @@
-"""Makes motion.gif, the moving picture with which the README begins.
+"""Makes motion.gif, the animation at the top of the README.
 
     python diagrams/scene/make_motion.py [FILE.gif]
 
-takes case III with both controllers, 0.1 s each way: an arm that pushes its tool
-through tissue onto bone. Above are both arms, below the velocity of both tools against
-time. It needs no browser.
+simulates case III with both controllers and delays of 0.1 s each way: an arm pushes its
+tool through tissue on to bone. The animation shows both arms and, below them, the
+velocity of both tools over time. The script needs no browser.
 """
 
 import io
@@ -41,14 +41,14 @@ def DrawPlace(ax, title):
 
 
 def Elbow(position):
-    """Returns where the elbow is, above the line from the base to the tool."""
+    """Returns the position of the elbow, above the line from the base to the tool."""
     half = position / 2
     height = np.sqrt(LINK_LENGTH**2 - half @ half)
     return half + height * np.array([-position[1], position[0]]) / np.hypot(*position)
 
 
 def Frames(runs):
-    """Yields the pictures."""
+    """Yields the frames of the animation."""
     figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH)
     panels = figure.subplot_mosaic([list(runs), ["velocity"] * 2], height_ratios=[1, 1])
     below = panels["velocity"]
@@ -77,7 +77,7 @@ def Frames(runs):
 
 
 def main(file: Path) -> None:
-    """Writes the picture, which shows its last frame for two seconds."""
+    """Writes the animation, which shows its last frame for two seconds."""
     runs = {
         kind: simulate(LoadScenario(SCENARIO, {"controller.kind": kind}))
         for kind in TITLES

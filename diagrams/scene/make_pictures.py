@@ -2,11 +2,11 @@
 
     python diagrams/scene/make_pictures.py [FOLDER]
 
-takes case III with both controllers, makes the pages that `teleop-drake page` and
-`replay` make, opens them in Chromium without a window and takes their pictures:
-`page.png`; a still, `scene.png`; and the contact, animated, `scene.webp`; in the folder
-of this script if no other one is named. It needs a Chromium (`apt-get install
-chromium`), which draws without a graphics card.
+simulates case III with both controllers, makes the pages of `teleop-drake page` and
+`replay`, opens them in a headless Chromium and takes their pictures: `page.png`; a
+still of the scene, `scene.png`; and an animation of the contact, `scene.webp`. They are
+written into the folder of this script by default. Chromium (`apt-get install chromium`)
+is necessary; it draws without a graphics card.
 """
 
 import base64
@@ -31,34 +31,34 @@ from teleop_drake.simulation import simulate
 SCENARIO = "two_dof_combined"
 CONTROLLERS = ("direct_force", "adaptive_backstepping")
 
-STILL = 2.6  # s: one tool has bounced off the bone, and still feels as if it were in it
+STILL = 2.6  # s: one tool has bounced off the bone, and is still felt in contact
 BEGIN, END = 2.25, 2.85  # s, of the animated picture
 NUM_FRAMES, FRAME_MS = 40, 120
 SIZE, ANIMATED_SIZE = (1280, 720), (960, 540)
-# A README shows it 830 px wide: the names of ports are 9 px high there.
+# In the README the page is 830 px wide, and the names of ports are 9 px high.
 PAGE_SIZE = (900, 1000)
 PAGE_SCALE = 2
 
-PATIENCE = 120  # s, with a browser that does not answer
+PATIENCE = 120  # s, for an answer of the browser
 
 
 class Browser:
-    """A Chromium without a window that shows one page.
+    """A headless Chromium that shows one page.
 
-    It is spoken to as its developer tools do, in JSON through a pair of pipes.
+    It is controlled by the protocol of its developer tools, JSON through two pipes.
     """
 
     def __init__(self, page: Path, size: tuple[int, int] = SIZE, scale: int = 1):
         program = shutil.which("chromium") or shutil.which("google-chrome")
         if program is None:
             raise SystemExit("no browser: `apt-get install chromium` brings one")
-        # Processes of the browser may still write there when it is deleted.
+        # Processes of the browser may still write there during the deletion.
         self._profile = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
         to_browser, self._write = os.pipe()
         self._read, from_browser = os.pipe()
         width, height = size
-        # Chromium reads from file 3 and writes to file 4. A plain sh knows no files
-        # with two digits.
+        # Chromium reads from file descriptor 3 and writes to 4. A plain sh does not
+        # support descriptors of two digits, so bash redirects them.
         command = [
             *("bash", "-c", f'exec "$@" 3<&{to_browser} 4>&{from_browser}', "bash"),
             *(program, "--headless", "--no-sandbox", "--disable-dev-shm-usage"),
@@ -86,13 +86,13 @@ class Browser:
             deviceScaleFactor=scale,
             mobile=False,
         )
-        # Before the page there is an empty one, which is complete at once.
+        # An empty page, which is complete at once, precedes the page.
         there = "location.href != 'about:blank' && document.readyState == 'complete'"
         while not self.Evaluate(there):
             pass
 
     def Call(self, method, **parameters):
-        """Calls a method of the developer tools and returns what it returns."""
+        """Calls a method of the developer tools and returns its result."""
         self._count += 1
         message = {"id": self._count, "method": method, "params": parameters}
         if self._session is not None:
@@ -122,8 +122,8 @@ class Browser:
         return answer["result"].get("value")
 
     def Picture(self, time: float) -> Image.Image:
-        """Returns what the page looks like at a time of the runs, in s."""
-        # Two frames later everything is drawn.
+        """Returns a picture of the page at a time of the runs, in s."""
+        # After three frames everything is drawn.
         self.Evaluate(
             "new Promise((done) => { viewer.gui.hide(); viewer.animator.pause();"
             f"viewer.animator.seek({time});"
@@ -133,7 +133,7 @@ class Browser:
         return self.Screenshot()
 
     def Screenshot(self) -> Image.Image:
-        """Returns what the page looks like now."""
+        """Returns a picture of the current page."""
         data = self.Call("Page.captureScreenshot")["data"]
         return Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")
 

@@ -10,9 +10,9 @@ from teleop_drake.cli.progress import Notice
 
 @contextmanager
 def DaskExecutor(address: str | None) -> Iterator[Executor | None]:
-    """Yields the executor of the cluster at an address; None without one.
+    """Yields the executor of the Dask cluster at an address; None without an address.
 
-    A line on stderr tells if the cluster has no workers yet.
+    If the cluster has no workers yet, a line on stderr reports it.
 
     Raises:
         BadInput: If there is no scheduler at the address, or Dask is not installed.
@@ -39,5 +39,5 @@ def DaskExecutor(address: str | None) -> Iterator[Executor | None]:
                 f"{address} has no workers; the runs wait for the first one (dask "
                 f"worker {address}). Ctrl-C ends the sweep"
             )
-        # By default, pure, two calls with equal arguments would be one.
+        # With Dask's default, pure=True, calls with equal arguments would run once.
         yield client.get_executor(pure=False)

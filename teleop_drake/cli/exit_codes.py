@@ -3,28 +3,28 @@
 import sys
 
 DONE = 0
-"""What was asked for is done."""
+"""The command succeeded."""
 
 FAILED = 1
-"""It could not be simulated, drawn or written."""
+"""A simulation, a figure or a file failed, or a check found a difference."""
 
 BAD_INPUT = 2
-"""One line on stderr names the field, the value and what is allowed."""
+"""The input is invalid; a line on stderr has the field, value and allowed values."""
 
 INTERRUPTED = 130
-"""Ctrl-C; what there was by then is written."""
+"""Ctrl-C ended the command; the results obtained until then are written."""
 
 
 class BadInput(Exception):
-    """Its text is the one line that the user gets to see."""
+    """Invalid input; the message is the one line that the user sees."""
 
 
 class Failed(Exception):
-    """Its text says why something failed that was asked for correctly."""
+    """The failure of a valid request; the message gives the reason."""
 
 
 class Interrupted(Exception):
-    """Its text says what there is of what Ctrl-C has ended."""
+    """The end of a command by Ctrl-C; the message states which results remain."""
 
 
 def Fail(exit_code: int, message: object) -> int:
@@ -35,12 +35,13 @@ def Fail(exit_code: int, message: object) -> int:
 
 
 def IsInterrupted(error: BaseException) -> bool:
-    """Returns whether an error is what Ctrl-C became on its way.
+    """Returns whether an error was caused by Ctrl-C.
 
-    In machine code it becomes a SystemError, and an ImportError while that is imported.
+    Ctrl-C raises a KeyboardInterrupt. In compiled code this becomes a SystemError, and
+    an ImportError while compiled code is imported.
 
     Args:
-        error: With those that it was raised from, or while handling them.
+        error: The error; its chain of causes and contexts is searched too.
     """
     chain: BaseException | None = error
     while chain is not None:

@@ -1,8 +1,8 @@
 """The command `teleop-drake`.
 
-Each command is a file of commands/, imported when it is called, with its options and
-what it does. Drake, numpy and matplotlib are imported by the commands that need them:
-help and bad options cost no second.
+Each command is a module in commands/ that defines its options and its action. Drake,
+NumPy and Matplotlib take a second to import, so only the commands that need them do;
+help and errors in options appear at once.
 """
 
 import argparse
@@ -33,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command `teleop-drake` and returns its exit code.
 
     Args:
-        argv: The arguments after the command's name; None: those of the process.
+        argv: The arguments after `teleop-drake`; by default, those of the process.
     """
     # Matrices are small here: BLAS's threads would only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -41,12 +41,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     _ReplaceWhatCannotBeWritten()
     try:
         parser = MakeParser()
-        if "_ARGCOMPLETE" in os.environ:  # A shell asks at the tab key.
+        if "_ARGCOMPLETE" in os.environ:  # A shell sets it at the tab key.
             from teleop_drake.cli.commands.completion import Complete
 
             Complete(parser)
         args = parser.parse_args(argv)
-        # So that a scenario can name kinds in modules of the folder one works in.
+        # A scenario may name kinds that are defined in modules of the current folder.
         if args.command_name not in _WITHOUT_OWN_KINDS and os.getcwd() not in sys.path:
             sys.path.append(os.getcwd())
         exit_code: int = args.command(args)
@@ -57,48 +57,49 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _CollectLessGarbage() -> None:
-    """Spares an eighth of a short command's time.
+    """Collects garbage less often, which saves an eighth of a short command's time.
 
-    Imports make many objects that stay, and at exit all memory is returned at once.
+    Imports create many objects that live until the exit, where freezing them excludes
+    them from the last collection.
     """
     gc.set_threshold(5000)
     atexit.register(gc.freeze)
 
 
 def _ReplaceWhatCannotBeWritten() -> None:
-    """Makes stdout replace letters that its encoding lacks, such as the sign ±."""
+    """Makes stdout replace characters that its encoding lacks, such as ±."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
 
 
 def _ExitCodeOf(error: BaseException) -> int:
-    """Returns the exit code after an error, printed on a line; raises what is none."""
+    """Prints an error on one line and returns its exit code; re-raises bugs."""
     if isinstance(error, Interrupted):
         return Fail(INTERRUPTED, error)
     if IsInterrupted(error):
         return Fail(INTERRUPTED, "interrupted")
-    # SciPy's and NumPy's errors are of numbers that no check has foreseen.
+    # SciPy and NumPy raise a ValueError for numbers that no check has foreseen.
     if isinstance(error, BadInput | ValueError):
         return Fail(BAD_INPUT, error)
     if isinstance(error, BrokenPipeError):
-        # The reader, `head` perhaps, has seen enough. Python would complain when it
-        # flushes stdout at exit.
+        # The reader of the pipe, such as `head`, has ended. Without the redirection
+        # Python would report another error when it flushes stdout at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    # The disk is full, say: all else was checked beforehand.
+    # For example, the disk is full. Other reasons were checked beforehand.
     if isinstance(error, OSError | Failed):
         return Fail(FAILED, error)
     raise error
 
 
-# What argparse says of an option whose value is none of its choices.
+# The message of argparse for a value that is not among an option's choices.
 _INVALID_CHOICE = re.compile(
     r"argument (.+): invalid choice: '?(.*?)'? \(choose from (.*)\)$"
 )
 
 
 class _Parser(argparse.ArgumentParser):
-    """Reports a bad option on one line, without the usage."""
+    """A parser that reports a bad option on one line, without the usage."""
 
     def error(self, message: str) -> typing.NoReturn:
         choice = _INVALID_CHOICE.match(message)
@@ -135,15 +136,15 @@ _COMMANDS = {
     "docs": "Say where the documentation is, or write it as HTML.",
 }
 
-# Commands that another one's file has.
+# The modules of commands that share one with another command.
 _FILES = {"drive": "page", "operate": "serve"}
 
-# Commands that run nothing of a scenario.
+# Commands that never run a scenario's own kinds.
 _WITHOUT_OWN_KINDS = ("list", "show", "check", "completion", "docs")
 
 
 class _ShowVersion(argparse.Action):
-    """Prints the versions of this package and of what its numbers depend on."""
+    """The action of --version; prints versions, also of Drake, NumPy and Python."""
 
     def __call__(self, parser: argparse.ArgumentParser, *args: Any) -> None:
         from importlib import metadata
@@ -157,13 +158,14 @@ class _ShowVersion(argparse.Action):
 
 
 class _CommandParser(_Parser):
-    """Imports the file of its command when the command is called.
+    """The parser of a command, whose module is imported when the command is called.
 
-    That file has AddOptions(parser) and Execute(args), which returns the exit code.
+    The module defines AddOptions(parser) and Execute(args), which returns the exit
+    code.
     """
 
     def AddOptionsOfCommand(self) -> None:
-        """Adds the options of the command, if it does not have them yet."""
+        """Adds the options of the command unless they have been added."""
         if self.get_default("command") is None:
             name = self.prog.split()[-1]
             file = _FILES.get(name, name)
@@ -179,7 +181,8 @@ class _CommandParser(_Parser):
 def MakeParser() -> argparse.ArgumentParser:
     """Returns the parser of the whole command line.
 
-    Its result has `command`, which takes the result and returns the exit code.
+    The parsed arguments have a function `command`, which takes the parsed arguments
+    and returns the exit code.
     """
     parser = _Parser(
         prog="teleop-drake",

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from teleop_drake.scenario.overrides import Override
 
 
-# The channel of a trace. What is shorter than the run begins again.
+# The channel of a measured trace, which is repeated if it is shorter than the run.
 _TRACE_CHANNEL = {
     "kind": "network",
     "delay": 0.0,
@@ -25,7 +25,7 @@ _TRACE_CHANNEL = {
     "trace_end": "repeat",
 }
 
-# Options that stand for fields of the scenario. `--set` comes after them.
+# Options that set a field of the scenario. `--set` is applied after them.
 OVERRIDES = {
     "controller": "controller",
     "delay": "delay",
@@ -43,7 +43,13 @@ def AddScenarioOptions(
     is_sweep: bool = False,
     has_diagrams: bool = False,
 ) -> None:
-    """Adds the scenario and the options that stand for its fields."""
+    """Adds the argument SCENARIO and the options that set fields of the scenario.
+
+    Args:
+        has_controller: Whether to add --controller.
+        is_sweep: Whether the help calls the delays VALUES.
+        has_diagrams: Whether SCENARIO may also be a function that makes a Diagram.
+    """
     parser.add_argument(
         "scenario",
         metavar="SCENARIO",
@@ -101,7 +107,7 @@ def AddFormatOption(parser: argparse.ArgumentParser, default: str = "png") -> No
 
 
 def AddFigureOptions(parser: argparse.ArgumentParser) -> None:
-    """Adds what figures, --html and the table show of runs."""
+    """Adds the options of figures, of the page --html and of the metrics table."""
     AddFormatOption(parser)
     parser.add_argument(
         "--columns",
@@ -133,10 +139,10 @@ def AddFigureOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def FormatsOf(args: argparse.Namespace) -> list[str]:
-    """Returns the formats that --format asks for.
+    """Returns the formats of --format, each once.
 
     Raises:
-        BadInput: If one is none.
+        ScenarioError: If a format is unknown.
     """
     from teleop_drake.files import FIGURE_FORMATS
 
@@ -148,10 +154,10 @@ def FormatsOf(args: argparse.Namespace) -> list[str]:
 
 
 def FigureOptionsOf(args: argparse.Namespace) -> dict[str, Any]:
-    """Returns the options of a figure as PlotRun() and PlotComparison() take them.
+    """Returns the keyword arguments of PlotRun() and PlotComparison().
 
     Raises:
-        BadInput: If the window is none.
+        ScenarioError: If --window is not FROM:TO with 0 <= FROM < TO.
     """
     time = None
     if args.window is not None:
@@ -172,7 +178,7 @@ def CheckSignals(args: argparse.Namespace, scenario: "AnyScenario") -> None:
     """Refuses names in --signals that a run of the scenario does not record.
 
     Raises:
-        BadInput: Naming the first one.
+        ScenarioError: Naming the first one.
     """
     if args.signals is None:
         return
@@ -185,10 +191,10 @@ def CheckSignals(args: argparse.Namespace, scenario: "AnyScenario") -> None:
 
 
 def ControllersOf(args: argparse.Namespace) -> list[str]:
-    """Returns the names that --controllers has, or else --controller; maybe none.
+    """Returns the names in --controllers or in --controller; empty without both.
 
     Raises:
-        BadInput: If a name stands there twice, or both options are given.
+        ScenarioError: If a name occurs twice, or both options are given.
     """
     from teleop_drake.scenario import ARCHITECTURES
 
@@ -238,15 +244,14 @@ def AddGridOptions(
 def GridOf(
     args: argparse.Namespace, controllers: list[str], *more: tuple[str, str]
 ) -> dict[str, list[Any]]:
-    """Returns the grid that --vary and --seeds ask for, see MakeGrid().
+    """Returns the grid of --vary and --seeds; see MakeGrid().
 
     Args:
-        controllers: Those that are varied, if any.
-        more: Further paths and the text of their values.
+        controllers: The controllers to vary; may be empty.
+        more: Further varied paths, each with its values as text.
 
     Raises:
-        BadInput: If --vary has no path.
-        ScenarioError: If it is none.
+        ScenarioError: If an item of --vary has no path, or the grid is invalid.
     """
     from teleop_drake.sweep.values import MakeGrid
 
@@ -257,7 +262,13 @@ def GridOf(
 def SplitVary(
     item: str, allowed: str = "PATH=VALUES", *, option: str = "--vary"
 ) -> tuple[str, str]:
-    """Returns the path and the values that an item of an option has, as text."""
+    """Returns the path and the values, both as text, of an option's item.
+
+    Args:
+        item: The item, such as "forward_channel.delay=0.1,0.2".
+        allowed: The form of an item, for the error message.
+        option: The option's name, for the error message.
+    """
     path, equals, text = item.partition("=")
     if not equals or not path.strip():
         Refuse(option, item, allowed)
@@ -279,7 +290,8 @@ def Load(args: argparse.Namespace, *more: str, is_run: bool = False) -> "AnyScen
     """Returns the scenario with all overrides of the command line.
 
     Args:
-        is_run: Whether it is going to be simulated.
+        more: Further overrides, which are applied last.
+        is_run: Whether it will be simulated; then its number of steps is checked.
 
     Raises:
         ScenarioError: If the scenario is not valid, or would take too long to simulate.
@@ -288,7 +300,7 @@ def Load(args: argparse.Namespace, *more: str, is_run: bool = False) -> "AnyScen
     from teleop_drake.tasks import TaskOf
 
     scenario = LoadScenario(args.scenario, [*OverridesOf(args), *more])
-    # Loading checks each parameter, but not what derives from others.
+    # Loading checks each field, but not the values that are computed from several.
     TaskOf(scenario).Check(scenario)
     if is_run:
         CheckSteps(scenario)
@@ -296,10 +308,11 @@ def Load(args: argparse.Namespace, *more: str, is_run: bool = False) -> "AnyScen
 
 
 def MakerOf(args: argparse.Namespace) -> "Callable[[], System] | None":
-    """Returns the function that the scenario names as module:Make; None: it is a file.
+    """Returns the function that SCENARIO names as module:Make; None for a scenario.
 
     Raises:
-        BadInput: If there is no such function, or an option is for scenarios only.
+        BadInput: If an option is given that only scenarios have.
+        ScenarioError: If there is no such function, or it requires arguments.
     """
     from teleop_drake.kinds import ImportOwn
 
@@ -320,13 +333,14 @@ def MakerOf(args: argparse.Namespace) -> "Callable[[], System] | None":
 def ChannelOverrides(
     args: argparse.Namespace, *, imports: bool = True
 ) -> "list[Override]":
-    """Returns the overrides that --channel stands for, none without it.
+    """Returns the overrides of --channel; empty without this option.
 
     Args:
-        imports: Whether to look up, and so to import, a channel of the user's own.
+        imports: Whether to import a user-defined channel, whose relative file names
+            are then resolved.
 
     Raises:
-        BadInput: If it is none of what it may be.
+        ScenarioError: If --channel is neither a YAML file, a trace nor a kind.
     """
     given = getattr(args, "channel", None)
     if given is None:
@@ -364,7 +378,7 @@ def OverridesOf(
     """Returns the overrides of the command line.
 
     Args:
-        names: The options that are overrides, besides --channel and --set.
+        names: The options to convert, in addition to --channel and --set.
         imports: As in ChannelOverrides().
     """
     overrides = ChannelOverrides(args, imports=imports)
@@ -376,7 +390,7 @@ def OverridesOf(
 
 
 def FieldsOf(args: argparse.Namespace) -> "list[Override]":
-    """Returns the fields of --set and their values, also those of its files."""
+    """Returns the overrides of --set, including those in its YAML files."""
     from teleop_drake.scenario.overrides import OverridesOfFile
 
     fields: list[Override] = []

@@ -1,4 +1,4 @@
-"""Writing files. Every file appears complete or not at all."""
+"""Writes the results of commands. Every file appears complete or not at all."""
 
 import argparse
 import json
@@ -14,12 +14,13 @@ from teleop_drake.validation import Refuse
 
 
 def PrepareFolder(folder: str | None, *names: str) -> list[Path]:
-    """Returns paths in a folder, after making it and checking that they can be written.
+    """Makes a folder, checks that files can be written there, and returns their paths.
 
-    Without a folder nothing is going to be written.
+    Without a folder nothing is made or checked, because the command writes no files.
 
     Raises:
-        BadInput: If one of them cannot be written.
+        ScenarioError: If the folder cannot be made.
+        BadInput: If a file cannot be written.
     """
     paths = [Path(folder or "") / name for name in names]
     if folder is None:
@@ -35,19 +36,19 @@ def PrepareFolder(folder: str | None, *names: str) -> list[Path]:
 
 
 def CheckFile(file: str | None, option: str) -> None:
-    """Refuses a file that cannot be written; None is good."""
+    """Raises BadInput if a file cannot be written; None is allowed."""
     if file is not None:
         _CheckWritable(Path(file), f"{option} = {file!r}")
 
 
 def CheckJson(file: str | None) -> None:
-    """Refuses a file of --json that cannot be written; "-" and None are good."""
+    """Raises BadInput if --json cannot be written; "-" and None are allowed."""
     if file != "-":
         CheckFile(file, "--json")
 
 
 def CheckHtml(file: str | None, option: str = "--html") -> None:
-    """Refuses a page that cannot be written, or is none by its name; None is good."""
+    """Raises BadInput if a file is not .html or cannot be written; None is allowed."""
     if file is None:
         return
     if Path(file).suffix not in (".html", ".htm") and not IsDevice(Path(file)):
@@ -56,7 +57,7 @@ def CheckHtml(file: str | None, option: str = "--html") -> None:
 
 
 def _CheckWritable(path: Path, option: str) -> None:
-    """Refuses a path at which no file can be written, by trying."""
+    """Raises BadInput if a trial to create a file at a path fails."""
     try:
         if path.is_dir():
             raise IsADirectoryError(None, "Is a directory")
@@ -74,7 +75,7 @@ def _CheckWritable(path: Path, option: str) -> None:
 
 
 def OpenInBrowser(page: str, name: str) -> None:
-    """Writes a page where files do not stay, and opens it in the browser."""
+    """Writes a page into a temporary folder, and opens it in the browser."""
     import tempfile
     import webbrowser
 
@@ -86,7 +87,7 @@ def OpenInBrowser(page: str, name: str) -> None:
 
 def ToJson(value: Any) -> str:
     """Returns a value as JSON text that ends with a line break."""
-    # NaN is not JSON; RunSummary has none.
+    # JSON has no NaN, and RunSummary() contains none.
     return json.dumps(value, indent=2, allow_nan=False) + "\n"
 
 
@@ -101,7 +102,10 @@ def WriteJson(file: str, value: Any) -> None:
 def Tell(
     args: argparse.Namespace, record: Any, *texts: str, written: Iterable[object] = ()
 ) -> None:
-    """Writes a record to --json; prints texts and files unless stdout is for that."""
+    """Writes a record to --json, and prints texts and the names of written files.
+
+    With `--json -` only the record is printed.
+    """
     if args.json is not None:
         WriteJson(args.json, record)
     if args.json != "-":

@@ -19,18 +19,18 @@ def Notice(text: object) -> None:
 
 
 def TellLine(is_quiet: bool, line: str) -> None:
-    """Prints what is made now, or what is found, on stderr, unless it is quiet."""
+    """Prints a line about progress or a result on stderr, unless `is_quiet`."""
     if not is_quiet:
         print(line, file=sys.stderr, flush=True)
 
 
 def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording":
-    """Returns the recording of a run; shows its progress unless it is quiet.
+    """Simulates a scenario, shows its progress unless `is_quiet`, returns a recording.
 
-    Warnings, and why an engine cannot be used, go to stderr all the same.
+    Warnings, and why an engine cannot be used, are printed on stderr in any case.
 
     Raises:
-        ScenarioError: If the scenario is not valid, or comes no further.
+        ScenarioError: If the scenario is invalid, or takes too many steps.
         Failed: If a block of the loop raises an error; it names the block.
     """
     from teleop_drake.scenario import ScenarioError
@@ -64,13 +64,16 @@ def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording
 def SweepProgress(
     is_quiet: bool, what: str = "runs"
 ) -> Iterator[Callable[[int, int], None]]:
-    """Yields a function that shows the finished runs and the time left on stderr."""
+    """Yields a function that shows the progress and the time left on stderr.
+
+    The function takes the number of finished runs and the number of all runs.
+    """
     with ExitStack() as stack:
         bar: Any = None
 
         def Report(num_finished: int, num_runs: int) -> None:
             nonlocal bar
-            if bar is None:  # An interrupted sweep has finished some before.
+            if bar is None:  # A resumed sweep has finished some before.
                 bar = _Bar(is_quiet, what, num_runs, initial=num_finished)
                 stack.enter_context(bar)
             bar.update(num_finished - bar.n)
@@ -83,14 +86,14 @@ def _Bar(
 ) -> Any:
     """Returns a bar of tqdm on stderr.
 
-    A terminal has it while the work goes on; a file gets a line every 10 s.
+    A terminal shows it until the work is done; a file gets a line every 10 s.
     """
     from tqdm import tqdm
 
     is_terminal = sys.stderr.isatty()
     period = 0.2 if is_terminal else 10.0
     text = "{desc}{n:.4g} of {total:g} {unit}, {remaining} left"
-    tqdm.monitor_interval = 0  # No thread: sweeps fork.
+    tqdm.monitor_interval = 0  # No monitor thread, because sweeps fork this process.
     return tqdm(
         total=total,
         unit=unit,

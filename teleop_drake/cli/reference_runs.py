@@ -1,4 +1,4 @@
-"""The published reference runs, and what is wrong with a run that differs from one."""
+"""The published reference runs, and the likely faults of a run that differs."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -15,36 +15,41 @@ FOLDER = Path(__file__).parents[1] / "references"
 TIME = "time"
 _DELAYS = FOLDER / "delays"
 
-# An instant of a reference and that of a run are the same within so many s: a clock of
-# single precision that adds up steps of 0.01 s is off by half of it after 0.8 s.
+# The largest difference, in s, between an instant of a reference and the same instant
+# of a run. A single-precision clock that adds up steps of 0.01 s has half this error
+# after 0.8 s.
 _SAME_INSTANT = 1e-6
 
-# The fault whose effect is proportional to its size, and the size in the reference, s.
+# The fault whose effect is proportional to its size, and its size in the file of the
+# faults, s.
 _DELAY_ERROR = "delay_error"
 _DELAY_ERROR_SIZE = 1e-3
 
-# A fault of any size explains more than one of a certain size, which is preferred.
+# A fault whose size is fitted explains more errors than one of a fixed size. So it has
+# this handicap.
 _PREFERENCE = 0.02
 
-# A fault is named where it leaves so much of the error unexplained, root mean square.
+# A fault is named if the share of the errors that it leaves unexplained, root mean
+# square, is less than this.
 _UNEXPLAINED = 0.1
 
 
 class Table(NamedTuple):
-    """A file of comments `# KEY: TEXT` and columns with names."""
+    """The contents of a file: comments `# KEY: TEXT` and named columns."""
 
     notes: dict[str, str]
     columns: dict[str, Array]
 
 
 class Difference(NamedTuple):
-    """How far a signal of a run is from its reference.
+    """The difference of a signal of a run from its reference.
 
     Attributes:
         largest: The largest difference.
-        tube: The largest difference that is allowed.
-        time: When the difference is largest, s.
-        fault: The likely fault in words; empty if it is unknown, or there is none.
+        tube: The largest allowed difference.
+        time: The time of the largest difference, s.
+        fault: The likely fault in words; empty if it is unknown, or if the signal is
+            inside its tube.
     """
 
     largest: float
@@ -64,18 +69,18 @@ def Names() -> list[str]:
 
 
 def _Files() -> dict[str, Path]:
-    """Returns the files with the numbers of the references, by name."""
+    """Returns the files with the numbers of the references, keyed by name."""
     paths = [*FOLDER.glob("*.csv"), *_DELAYS.glob("*.csv")]
     return {path.stem: path for path in paths}
 
 
 def Describe(name: str) -> dict[str, str]:
-    """Returns what a reference is of: a `title` of one line, and the `task`."""
+    """Returns the one-line `title` of a reference, and the `task` that it solves."""
     return ParseFile(_Files()[name].with_suffix(".yaml"))
 
 
 def Template(name: str) -> str:
-    """Returns a file without numbers: the columns and instants of a reference."""
+    """Returns a file to fill in: the columns and the instants of a reference."""
     columns = _ReadReference(name).columns
     lines = [f"# reference: {name}", ",".join(columns)]
     empty = "," * (len(columns) - 1)
@@ -88,7 +93,7 @@ def Compare(name: str, run: Table, origin: str) -> dict[str, Difference]:
 
     Args:
         name: The reference's name.
-        run: With the columns of the reference.
+        run: The run, with at least the columns of the reference.
         origin: The name of the run's file, for messages.
 
     Raises:
@@ -115,9 +120,10 @@ def Compare(name: str, run: Table, origin: str) -> dict[str, Difference]:
 
 
 def _AtInstants(run: Table, times: Array, origin: str) -> dict[str, Array]:
-    """Returns the columns of a run at instants which must be in the run.
+    """Returns the columns of a run at instants, each of which the run must contain.
 
-    The last of several rows with one instant counts: it has the values behind a jump.
+    If several rows have the same instant, the last is used: it has the values after a
+    jump.
     """
     own = run.columns[TIME]
     if (np.diff(own) < 0).any():
@@ -134,7 +140,7 @@ def _AtInstants(run: Table, times: Array, origin: str) -> dict[str, Array]:
 
 
 def _Between(run: Table, times: Array, origin: str) -> dict[str, Array]:
-    """Returns the columns of a run at times, by straight lines."""
+    """Returns the columns of a run at times, interpolated linearly."""
     own = run.columns[TIME]
     if (np.diff(own) < 0).any() or own[0] > times[0] or own[-1] < times[-1]:
         raise BadInput(
@@ -145,7 +151,7 @@ def _Between(run: Table, times: Array, origin: str) -> dict[str, Array]:
 
 
 def _LikelyFault(name: str, signal: str, errors: Array) -> str:
-    """Returns the fault in words whose effect the errors of a signal resemble most."""
+    """Returns the fault that explains a signal's errors best, in words, or ""."""
     path = _DELAYS / "faults" / f"{name}.csv"
     if not path.exists():
         return ""
@@ -153,13 +159,14 @@ def _LikelyFault(name: str, signal: str, errors: Array) -> str:
     texts = ParseFile(_DELAYS / "faults.yaml")
     best = ""
     smallest = _UNEXPLAINED
-    # The share of the errors that is left once the effect of a fault is taken away.
+    # `rest` is the share of the errors that remains without the effect of a fault.
     for column, wrong in ReadTable(path).columns.items():
         owner, _, fault = column.partition(":")
         if owner != signal:
             continue
         effect = wrong - reference
-        # A delay that is wrong by a little has an effect in proportion to it.
+        # The effect of a small error of the delay is proportional to the error, whose
+        # size is fitted by least squares.
         is_delay = fault == _DELAY_ERROR
         size = float(errors @ effect / (effect @ effect)) if is_delay else 1.0
         rest = np.linalg.norm(errors - size * effect) / np.linalg.norm(errors)
@@ -180,11 +187,11 @@ def _ReadReference(name: str) -> Table:
 
 
 def ReadTable(path: Path) -> Table:
-    """Returns what is in a file.
+    """Returns the contents of a file of a run.
 
     Raises:
-        BadInput: If it has no column `time`.
-        ScenarioError: If a line is not of finite numbers.
+        ScenarioError: If there is no column `time` or no row, or if a row does not
+            consist of finite numbers.
     """
     lines = ReadText(path, str(path)).splitlines()
     comments = [line[1:].partition(":") for line in lines if line.startswith("#")]

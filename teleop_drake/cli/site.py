@@ -19,21 +19,21 @@ _PACKAGE = Path(teleop_drake.__file__).parent
 _DOCS = _PACKAGE / "docs"
 _TEMPLATES = _DOCS / "site"
 
-# Of a repository; an installed package has none.
+# The notebooks are in the repository; an installed package has none.
 _NOTEBOOKS = _PACKAGE.parent / "notebooks"
 
 _INDEX = _DOCS / "index.md"
 
-# The pages, the index first, in its order. The misprints of the thesis stand beside its
-# claims.
+# The pages: the index, then the pages in its order. The list of the thesis's misprints
+# is in the folder of its claims.
 PAGES = [
     _INDEX,
     *(_DOCS / name for name in re.findall(r"\((\w+\.md)\)", _INDEX.read_text("utf-8"))),
     _PACKAGE / "thesis" / "errata.md",
 ]
 
-# Living diagrams by the names of their files: title, scenario, and whether who opens
-# it drives.
+# Living diagrams by the names of their files: title, scenario, and whether the user
+# drives.
 _LIVE = {
     "one_dof": ("Tissue, then bone", "one_dof", False),
     "two_dof_combined": ("The same with an arm", "two_dof_combined", False),
@@ -41,7 +41,7 @@ _LIVE = {
 }
 
 PARTS = ("live", "api", "thesis", "notebooks")
-"""What a site has beside its pages."""
+"""The optional parts of a site, in addition to its pages."""
 
 Progress = Callable[[str], None]
 
@@ -56,9 +56,9 @@ class Site:
 
     Args:
         out: An existing folder; `index.html` in it is the first page.
-        parts: Which of PARTS it has. The notebooks are those of a repository, and
-            left out where there are none.
-        progress: Called with a line of text before each part.
+        parts: The members of PARTS to include. The notebooks are left out where the
+            package is not in its repository.
+        progress: Called with a line of text before each part and each notebook.
 
     Raises:
         ModuleNotFoundError: If pdoc is not installed, or in Write() nbclient for
@@ -80,7 +80,7 @@ class Site:
         self._templates = jinja2.Environment(loader=loader)
 
     def Write(self) -> None:
-        """Writes all parts; whatever takes long comes last."""
+        """Writes all pages and parts; the slowest parts come last."""
         for file in (_TEMPLATES / "site.css", *_DOCS.glob("*.png")):
             shutil.copy(file, self._out)
         for page in PAGES[1:]:
@@ -104,14 +104,15 @@ class Site:
                 write()
 
     def WithLinks(self, text: str, folder: Path, up: str = "") -> str:
-        """Returns a text in which the links to files are those of the site.
+        """Returns a text whose links to files are replaced by links to the site.
 
         A link to a file of the repository that the site does not have becomes plain
         text.
 
         Args:
-            folder: Of the file that has the text.
-            up: What leads from the text's page to the first folder of the site.
+            folder: The folder of the file that contains the text.
+            up: The relative path from the text's page to the site's top folder, either
+                empty or with a final slash.
         """
 
         def Link(match: re.Match[str]) -> str:
@@ -128,7 +129,7 @@ class Site:
         return re.sub(r"(?<!!)(\[[^]]+\])\(([^):#]+)(#[^)]*|)\)", Link, text)
 
     def _Save(self, name: str, title: str, body: str) -> None:
-        """Writes a page with the side bar, in which it is the current one."""
+        """Writes a page with the side bar, which marks this page as the current one."""
         path = self._out / name
         path.parent.mkdir(parents=True, exist_ok=True)
         text = self._templates.get_template("page.html").render(
@@ -142,7 +143,7 @@ class Site:
         path.write_text(text, encoding="utf-8")
 
     def _Groups(self) -> Mapping[str, Mapping[str, str]]:
-        """Returns the groups of the side bar: titles by the names of files."""
+        """Returns the groups of the side bar, each a map from files to their titles."""
         groups = {"": {"index.html": "Start"}}
         if "thesis" in self._parts:
             groups[""]["thesis/report.html"] = "The executable thesis"
@@ -171,8 +172,9 @@ class Site:
         self._pdoc.render.configure(
             docformat="google", show_source=False, template_directory=_TEMPLATES
         )
-        # pdoc does not see that the package's own names are imported on demand, and
-        # finds no module that is not in __all__ by itself, but others twice.
+        # pdoc warns about names of the package that are imported on demand. As it does
+        # not find modules outside of __all__, all modules are listed here, so that it
+        # finds some twice and warns again.
         twice = "The module specification"
         warnings.filterwarnings("ignore", f"Found .* in teleop_drake.__all__|{twice}")
         found = pkgutil.walk_packages([str(_PACKAGE)], "teleop_drake.")
@@ -187,7 +189,7 @@ class Site:
         Reproduce(folder, formats=["svg"], progress=self._progress)
 
     def _WriteNotebooks(self) -> None:
-        """Runs the notebooks, and writes them with their outputs and a gallery."""
+        """Runs the notebooks; writes them with their outputs, and a gallery of them."""
         import nbformat
         from nbclient import NotebookClient
 
@@ -230,7 +232,7 @@ def _NotebookTitle(path: Path) -> str:
 
 
 def _CellHtml(cell: Any) -> str:
-    """Returns a cell of a notebook that has run, its outputs below it."""
+    """Returns a cell of an executed notebook, followed by its outputs, as HTML."""
     if cell.cell_type != "code":
         return _Markdown(cell.source, "latex")  # Formulas become MathML.
     source = _Markdown(f"```python\n{cell.source}\n```")
@@ -238,7 +240,7 @@ def _CellHtml(cell: Any) -> str:
 
 
 def _OutputHtml(output: Any) -> str:
-    """Returns an output in the richest form that it has."""
+    """Returns an output as HTML, in the richest format available."""
     data = output.get("data", {})
     rich = data.get("text/html") or data.get("image/svg+xml")
     if rich is None and "image/png" in data:

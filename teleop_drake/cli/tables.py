@@ -23,7 +23,10 @@ def Ending(recording: "Recording") -> str:
 
 
 def Headline(recording: "Recording") -> str:
-    """Returns what was simulated, for how long and how it ended, on one line."""
+    """Returns a line with the scenario, the delays, the simulated time and the ending.
+
+    After a divergence a second line names the command that explains it.
+    """
     from teleop_drake.tasks import TaskOf
 
     scenario = recording.scenario
@@ -43,7 +46,7 @@ def Headline(recording: "Recording") -> str:
 
 
 def _Delay(channel: Any) -> str:
-    """Returns the delay of a channel in s, and the file that adds to it."""
+    """Returns the delay of a channel in s, and the trace that adds to it, as text."""
     trace = getattr(channel, "trace", None)
     if not trace:
         return f"{channel.delay:g} s"
@@ -54,7 +57,8 @@ def _Delay(channel: Any) -> str:
     return f"{channel.delay:g} s and {trace}{halved}"
 
 
-# More runs than these have a row each: a column each would be too wide to read.
+# The largest number of runs with a column each. More runs have a row each, because so
+# many columns would be too wide to read.
 MAX_COLUMNS = 3
 
 _SOLVER = ("engine", "steps", "derivative_evaluations", "wall_time_s")
@@ -66,14 +70,16 @@ def Table(
     *,
     is_verbose: bool = False,
 ) -> str:
-    """Returns the metrics of some runs.
+    """Returns the metrics of several runs as a table.
 
     Up to three runs have a column each. More have a row each, with the most used
     metrics.
 
     Args:
-        is_verbose: Whether to show all metrics and what the solver did, a column for
-            each run.
+        recordings: The runs, keyed by label.
+        records: The runs' RunSummary(), in the same order.
+        is_verbose: Whether to show all metrics and the solver's statistics, with a
+            column for each run.
     """
     from teleop_drake.figures.style import ShortLabels
     from teleop_drake.sweep import SelectMetrics
@@ -95,7 +101,8 @@ def Table(
         labels = [[label] for label in recordings]
         ends = [Ending(recording) for recording in runs]
         return MetricRows([""], labels, columns, {x: units[x] for x in shown}, ends)
-    # A group such as `puncture` is null where there was none.
+    # A group of metrics such as `puncture` is null in a run without that event. It has
+    # no row, because its metrics have rows.
     rows = list(dict.fromkeys(itertools.chain(*columns)))
     groups = {row.split(".")[0] for row in rows if "." in row}
     lines = [["", *ShortLabels(list(recordings)), ""]]
@@ -108,14 +115,14 @@ def Table(
 
 
 def SeedsTable(result: "SweepResult", metrics: Sequence[str] = ()) -> str:
-    """Returns statistics over the seeds: a row for each metric.
+    """Returns statistics over the seeds as a table with a row for each metric.
 
-    There is a column for each controller, and one for each difference to the first of
-    them. A cell has a median, or a share of the runs, and its interval.
+    Each controller has a column, and each difference from the first controller has one.
+    A cell shows a median, or a share of the runs, and its interval.
 
     Args:
         result: A sweep that varies the seed, and beside it at most the controller.
-        metrics: The metrics; none: those that most people look at.
+        metrics: Names of metrics; by default, the most used ones.
     """
     from teleop_drake.sweep import Differences, SelectMetrics, Statistics
     from teleop_drake.sweep.statistics import CONTROLLERS
@@ -148,15 +155,15 @@ def _CellWithInterval(row: Mapping[str, Any]) -> str:
     return f"{row['value']:.4g} [{row['low']:.3g}, {row['high']:.3g}]"
 
 
-# More rows of a sweep do not fit on a screen.
+# The largest number of rows of a sweep; more do not fit on a screen.
 _MAX_ROWS = 40
 
 
 def SweepTable(result: "SweepResult", metrics: Sequence[str] = ()) -> str:
-    """Returns the metrics of the runs of a sweep, a row for each.
+    """Returns the metrics of a sweep as a table with a row for each run.
 
     Args:
-        metrics: The metrics; none: the most used ones that the runs have.
+        metrics: Names of metrics; by default, the most used ones that the runs have.
     """
     from teleop_drake.figures.style import ValueLabel
     from teleop_drake.tasks.metrics import MetricUnits
@@ -174,7 +181,7 @@ def SweepTable(result: "SweepResult", metrics: Sequence[str] = ()) -> str:
     return text
 
 
-# Letters of a line in the head of a column.
+# The width of a column's head, in characters, at which its words are wrapped.
 _HEAD_WIDTH = 12
 
 
@@ -185,13 +192,13 @@ def MetricRows(
     units: Mapping[str, str],
     ends: Sequence[str],
 ) -> str:
-    """Returns a table with a row for each run, and how it ended.
+    """Returns a table with a row for each run: its labels, metrics and ending.
 
     Args:
-        heads: Names of the columns that tell which run it is.
-        labels: What stands there, for each run.
-        values: The metrics of each run by their names.
-        units: Units of the metrics that are shown, by their names.
+        heads: The heads of the columns that identify a run.
+        labels: The cells of these columns, for each run.
+        values: The metrics of each run, keyed by name.
+        units: The units of the metrics to show, keyed by name.
         ends: How each run ended.
     """
     stacks = [[head] for head in heads]
@@ -208,7 +215,10 @@ def MetricRows(
 
 
 def Align(lines: Sequence[Sequence[str]]) -> str:
-    """Returns columns: the first and the last to the left, the others to the right."""
+    """Returns lines of cells as a table.
+
+    The first and the last column are aligned to the left, the others to the right.
+    """
     first, *others, last = zip(*lines, strict=True)
     columns = [_Fit(first, str.ljust), *(_Fit(x, str.rjust) for x in others), last]
     rows = zip(*columns, strict=True)
@@ -216,7 +226,7 @@ def Align(lines: Sequence[Sequence[str]]) -> str:
 
 
 def _Fit(cells: Sequence[str], justify: Callable[[str, int], str]) -> list[str]:
-    """Returns the cells of a column, all as wide as the widest."""
+    """Returns the cells of a column, padded to the width of the widest."""
     width = max(map(len, cells))
     return [justify(cell, width) for cell in cells]
 

@@ -1,6 +1,6 @@
 """Colours of a page's curves, which are legible on light and on dark paper."""
 
-# The papers: --panel of page.css, on which curves have the least contrast.
+# The papers: --panel of page.css, the background with the least contrast to curves.
 LIGHT_PAPER = "#f5f6f8"
 DARK_PAPER = "#1d2026"
 
@@ -20,10 +20,10 @@ _ON_LIGHT_AND_DARK = (
 
 
 def PageColor(index: int) -> str:
-    """Returns the colour of a controller as CSS has it, for light and dark paper.
+    """Returns the CSS colour of a controller, for light and dark paper.
 
     Args:
-        index: Of the controller; after the last colour they begin anew.
+        index: The index of the controller; after the last colour the first one follows.
     """
     light, dark = _ON_LIGHT_AND_DARK[index % len(_ON_LIGHT_AND_DARK)]
     return f"light-dark({light}, {dark})"

@@ -7,10 +7,10 @@ from teleop_drake.page.sliders import Ranges, RangeWith, Runs
 from teleop_drake.parameters import Scalar
 from teleop_drake.validation import CheckChoice
 
-# Parameters that have sliders if no ranges are given.
+# The number of parameters with sliders, beside the delays, if no ranges are given.
 _NUM_SLIDERS = 4
 
-# Parameters that have fields in the opened boxes of their blocks, at most.
+# The largest number of parameters with fields in the opened boxes of their blocks.
 _MOST_FIELDS = 40
 
 # A range reaches from a parameter's value divided by this to its value times this.
@@ -21,14 +21,14 @@ _FACTOR_OF_FIELD = 4
 def MakeDiagramInputs(
     numbers: Mapping[str, Scalar], runs: Runs, vary: Ranges | None, notes: list[str]
 ) -> list[Input]:
-    """Returns the inputs of a diagram's page: the sliders, and behind them the fields.
+    """Returns the inputs of a diagram's page: first the sliders, then the fields.
 
     Args:
-        numbers: Those of the diagram's Context; see ScalarsIn().
-        runs: Those of `numbers`.
-        vary: The least and the largest value of numbers by name; see SetNumbers().
-            None: all delays, and some parameters.
-        notes: Gets what has no slider, and why.
+        numbers: The numbers of the diagram's Context, keyed by name; see ScalarsIn().
+        runs: The runs of the diagram.
+        vary: The least and the largest value of each number with a slider, keyed by
+            name; see SetNumbers(). None selects all delays and some parameters.
+        notes: The list to which the reasons for missing sliders and fields are added.
 
     Raises:
         ScenarioError: If a number of `vary` does not exist or cannot be changed.
@@ -61,7 +61,7 @@ def MakeDiagramInputs(
 
 
 def _DefaultRanges(parameters: Mapping[str, Scalar], runs: Runs) -> Ranges:
-    """Returns ranges of the delays, and of the first parameters that have a size."""
+    """Returns the ranges of all delays and of the first parameters that are not 0."""
     delays = [name for name, x in parameters.items() if x.is_delay]
     sizes = [name for name, x in parameters.items() if not x.is_delay and x.value != 0]
     return {
@@ -71,7 +71,7 @@ def _DefaultRanges(parameters: Mapping[str, Scalar], runs: Runs) -> Ranges:
 
 
 def _Ranges(number: Scalar, factor: float, runs: Runs) -> list[Sequence[float]]:
-    """Returns ranges for a number, of which a field has the first that is possible."""
+    """Returns ranges for a number; a field takes the first one that is possible."""
     value = number.value
     if number.is_delay:
         return [runs.DelayRange(value)]
@@ -88,7 +88,10 @@ def _MakeInput(
     is_wanted: bool = False,
     is_field: bool = False,
 ) -> Input:
-    """Returns an input for a number; the box of a field has its block's path."""
+    """Returns an input for a number.
+
+    The label of a field omits the path of its block, in whose box the field is.
+    """
     low, high = RangeWith(key, ends, number.value)
     name = key.rpartition("/")[2] if is_field else key
     return Input(
@@ -105,7 +108,7 @@ def _MakeInput(
 
 
 def _CanAdd(field: Input, inputs: Sequence[Input], runs: Runs) -> bool:
-    """Returns whether a field is linear, and adds to what other inputs change."""
+    """Returns whether a field is continuous, and its changes add to other inputs'."""
     if not (runs.HasChanges(field) and field.is_continuous):
         return False
     change = field.changes[0]

@@ -1,4 +1,4 @@
-"""A page as a file: the parts of the web page, joined, and the data in it."""
+"""A page as one HTML file: the parts of the web page, and its data."""
 
 import base64
 import gzip
@@ -18,12 +18,12 @@ from teleop_drake.page.script import JoinModules, ReadPart
 
 
 class Page:
-    """A living diagram as one HTML file; a notebook shows it where it is the result.
+    """A living diagram as one HTML file; a notebook shows it as the result of a cell.
 
     Attributes:
-        html: The file.
-        data: The model in it; see _Data().
-        notes: What it lacks, and why: a sentence each.
+        html: The content of the file.
+        data: The data in the file; see _Data() of page.py.
+        notes: Sentences on missing parts of the page, with reasons.
     """
 
     def __init__(self, title: str, story: str, data: dict[str, Any], notes: list[str]):
@@ -45,7 +45,7 @@ class Page:
 
 
 def _Html(title: str, story: str, data: dict[str, Any]) -> str:
-    """Returns the page: its parts, and the model as text that says nothing to HTML."""
+    """Returns the page: its parts, and the data as text that needs no escapes."""
     texts = {
         "title": html.escape(title),
         "story": html.escape(story),
@@ -58,16 +58,17 @@ def _Html(title: str, story: str, data: dict[str, Any]) -> str:
 
 
 def PackedData(data: Mapping[str, Any]) -> str:
-    """Returns data as the text that a page's script unpacks."""
-    # Without a time, so that it is always the same for the same data.
+    """Returns data as compressed base64 text, which the page's script unpacks."""
+    # Without a time stamp, so that equal data give equal text.
     return base64.b64encode(gzip.compress(_Bytes(data), mtime=0)).decode()
 
 
 def _Bytes(data: Mapping[str, Any]) -> bytes:
-    """Returns data as the size of its JSON, the JSON, and what stands in that by place.
+    """Returns data as the size of its JSON (8 bytes), the JSON, and a pool of bytes.
 
-    That are bytes, as {"$b": [begin, size]}, and arrays, as {"$f": [begin, count]}. The
-    same ones have the same place.
+    In the JSON, {"$b": [begin, size]} stands for bytes in the pool, and {"$f": [begin,
+    count]} for an array of doubles; begin and size are in bytes. Equal objects are
+    stored once. Each part begins at a multiple of 8 bytes.
     """
     places: dict[bytes, int] = {}
     rest = bytearray()

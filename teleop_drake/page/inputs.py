@@ -1,8 +1,9 @@
-"""What a number of a scenario changes in a run: the inputs of a page.
+"""The inputs of a page: numbers of a scenario, and what each changes in a run.
 
-Each number z of a run is a function of the inputs. Where it is affine in an input, at
-values at which that was not assumed too, the input is continuous; else it has stops.
-With several inputs z is the sum of what each changes, which is checked as well.
+Each number z of a run, see Model.numbers, is a function of the inputs. An input is
+continuous if every z is affine in it, which is checked at further values inside the
+range. Otherwise it has stops, for which the numbers are tabulated. With several inputs
+their changes of z are added, which is checked as well.
 """
 
 import itertools
@@ -20,33 +21,33 @@ from teleop_drake.validation import Refuse
 Numbers = dict[str, Array]
 
 Slopes = dict[str, tuple[NDArray[np.int64], Array]]
-"""By the name of an array: places in it, and the change for each unit of an input."""
+"""Keyed by array: the indices of elements, and their change per unit of an input."""
 
 Maker = Callable[[Mapping[str, float]], Model]
-"""Returns the run at values of inputs."""
+"""A function that makes the model of a run from values of inputs, keyed by input."""
 
-# Shares of a range at which an input is looked at beside its ends.
+# Fractions of a range at which an input is checked, in addition to the ends.
 _SHARES = (0.31, 0.5, 0.77)
 
-# What two numbers may differ by, as a share of the larger one.
+# The relative difference up to which two numbers are equal.
 _ROUNDING = 1e-9
 
-# What stands for no delay where programs are compared, s.
+# The delay, in s, that takes the place of 0 where programs are compared.
 _ALMOST_ZERO = 1e-6
 
 NUM_STOPS = 21
-"""Stops of an input that is not continuous."""
+"""The number of stops of an input that is neither continuous nor whole."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Change:
-    """What an input changes in the runs of one controller.
+    """The changes of a run's numbers by an input.
 
     Attributes:
         value: The input's value in the scenario.
-        values: The ends of its range, or its stops.
-        slopes: Of the numbers that are affine.
-        stops: Of the others, by the name of the array: the array at each stop.
+        values: The ends of the range of a continuous input; the stops of any other.
+        slopes: The slopes of a continuous input; empty for any other.
+        stops: For an input with stops: the changed arrays by name, each at every stop.
     """
 
     value: float
@@ -60,7 +61,7 @@ class Change:
         return {*self.slopes, *self.stops}
 
     def Meets(self, other: "Change") -> bool:
-        """Returns whether another input changes one of the numbers, too."""
+        """Returns whether another input may change the same number."""
         for name in self.names & other.names:
             mine = self.slopes.get(name)
             its = other.slopes.get(name)
@@ -69,13 +70,13 @@ class Change:
         return False
 
     def Added(self, name: str, base: Array, z: Array, value: float) -> Array:
-        """Returns an array with what the input changes, as the page's script does.
+        """Returns an array with the input's change added, as the page's script does.
 
         Args:
-            name: Of the array.
+            name: The name of the array.
             base: The array at the scenario's own values.
-            z: The array with what other inputs change.
-            value: Of the input.
+            z: The array with the changes by other inputs.
+            value: The value of the input.
         """
         if name in self.slopes:
             z = z.copy()
@@ -91,17 +92,18 @@ class Change:
 
 @dataclass(kw_only=True)
 class Input:
-    """A number that can be changed.
+    """A number that can be changed in the page.
 
     Attributes:
-        key: Dotted path in the scenario, an alias of several, or a number's name.
-        low, high, value: Its range, and its value in the scenario.
-        is_wanted: Whether it is an error if it cannot be changed.
+        key: A dotted path in the scenario, an alias of several paths, or the name of a
+            number of a Context.
+        low, high, value: Its range, and its value in the scenario or the Context.
+        is_wanted: Whether an error is raised if it cannot be changed.
         label: Its name in the page, with its unit in brackets.
-        owners: Paths of the blocks to which it belongs.
-        is_delay: Whether it is one.
+        owners: The paths of the blocks to which it belongs.
+        is_delay: Whether it is a delay.
         is_field: Whether it is shown only in the opened box of its block.
-        changes: Of each controller.
+        changes: Its changes of each run, in the order of Runs.models.
     """
 
     key: str
@@ -119,7 +121,8 @@ class Input:
     def ends(self) -> tuple[float, float]:
         """The ends of its range at which runs are compared.
 
-        A block that is made without a delay has another program.
+        A delay of 0 is replaced by a tiny one, because a block that is made without a
+        delay has another program.
         """
         is_zero = self.is_delay and self.low == 0
         least = _ALMOST_ZERO if is_zero else self.low
@@ -132,12 +135,12 @@ class Input:
 
     @property
     def is_whole(self) -> bool:
-        """Whether it has whole numbers only, as seeds are."""
+        """Whether its values are whole numbers; true for seeds."""
         return self.key.rpartition(".")[2] == "seed"
 
     @property
     def stops(self) -> list[float]:
-        """Its values if it is not continuous, that of now among them."""
+        """Its values if it is not continuous, including its value in the scenario."""
         if self.is_whole:
             end = math.floor(self.high) + 1
             return [float(k) for k in range(math.ceil(self.low), end)]
@@ -145,19 +148,19 @@ class Input:
 
     @property
     def is_continuous(self) -> bool:
-        """Whether it is, for every controller."""
+        """Whether it is continuous in every run."""
         return not any(change.stops for change in self.changes)
 
 
 class NotSums(ValueError):
-    """Two inputs that change the same number together."""
+    """The error that the changes of a number by several inputs do not add up."""
 
 
 def FindChange(one: Input, make: Maker) -> Change:
-    """Returns what an input changes.
+    """Returns the changes of a run by an input.
 
     Raises:
-        ScenarioError: If another structure or whole numbers come out at a value.
+        ScenarioError: If Model.structure differs at a value.
     """
     base = make({one.key: one.value})
 
@@ -176,7 +179,7 @@ def FindChange(one: Input, make: Maker) -> Change:
         slopes = _FindSlopes(known, one.value, base.numbers)
         if slopes is not None:
             return Change(value=one.value, values=one.ends, slopes=slopes, stops={})
-    # All of it comes from the tables, so that no number is between two stops.
+    # If one number is not affine, all are tabulated: none is between two stops.
     tables = [At(v) for v in one.stops]
     stops = {
         name: [table[name] for table in tables]
@@ -189,13 +192,13 @@ def FindChange(one: Input, make: Maker) -> Change:
 def _FindSlopes(
     known: list[tuple[float, Numbers]], value: float, base: Numbers
 ) -> Slopes | None:
-    """Returns the slopes of numbers, None if not all are affine.
+    """Returns the slopes of all numbers that change; None if one is not affine.
 
     Args:
-        known: Values of the input and the numbers there, at the ends of its range
-            first.
-        value: Its value in the scenario.
-        base: The numbers there.
+        known: Values of the input, each with the numbers at this value. The first two
+            are the ends of the range.
+        value: The input's value in the scenario.
+        base: The numbers at this value.
     """
     (low, first), (high, last) = known[:2]
     slopes = {}
@@ -214,18 +217,18 @@ def _FindSlopes(
 
 
 def CheckSums(base: Numbers, changes: Mapping[str, Change], make: Maker) -> None:
-    """Checks that the numbers are the sum of what each input changes.
+    """Checks that the changes of numbers by several inputs add up.
 
-    That is done where all inputs are at one end of their ranges, and at the corners of
-    each two that change one number.
+    They are checked with all inputs at the lower ends of their ranges, with all at the
+    upper ends, and at two corners for each pair of inputs that may change one number.
 
     Args:
-        base: At the scenario's own values.
-        changes: What each input changes, by its name.
-        make: Returns the run at values of the inputs.
+        base: The numbers at the scenario's own values.
+        changes: The changes by each input, keyed by input.
+        make: Makes the run at values of the inputs.
 
     Raises:
-        NotSums: Naming two of them and an array.
+        NotSums: If they do not; the message names the inputs and an array.
     """
     highest = {name: change.values[-1] for name, change in changes.items()}
     lowest = {name: change.values[0] for name, change in changes.items()}

@@ -20,7 +20,7 @@ _HEADER = re.compile(r'<TD BORDER="1" COLSPAN')
 # Replacements in the picture that Graphviz has drawn.
 _REPLACED = (
     (r"<!--.*?-->\n?|<title>.*?</title>\n?| font-family=\"[^\"]*\"", ""),
-    # Links, which name boxes and ports, and wires.
+    # Links, which name boxes and ports, and the groups of wires.
     (r'<g id="a_[^"]*">\s*<a xlink:href="([^"]*)"[^>]*>', r'<g data-at="\1">'),
     (r"</a>\n?</g>", "</g>"),
     (r'<g id="wire ([^"]*)" class="edge">', r'<g data-wire="\1" class="edge">'),
@@ -32,12 +32,12 @@ _WIRE = re.compile(r"^(\{?)s(\d+)(?:in|out)?[:_]([uy]\d+)\S* -> \S+( \[(.*)\])?$
 
 
 def Levels(diagram: System) -> list[dict[str, Any]]:
-    """Returns a picture of each diagram in a diagram, the outermost first.
+    """Returns a picture of a diagram and of each diagram in it, the outermost first.
 
-    Each has its `path`, the picture `svg` as bytes, and `boxes`: path, class, first
-    sentence and ports of its systems. In the picture the attribute `data-box` is the
-    path of a box, of one with a level in it `data-level` too, and `data-port` that of a
-    port or a wire.
+    Each picture has the `path` of its diagram, the bytes `svg`, and `boxes`, the
+    descriptions of the diagram and its systems by _Box(). In the SVG a box has the
+    attribute `data-box` with its path; a box that opens has `data-level` too. A port or
+    a wire has `data-port` with the path and the name of the port.
     """
     paths = dict(PathsIn(diagram))
     levels = []
@@ -57,7 +57,7 @@ def Levels(diagram: System) -> list[dict[str, Any]]:
             if side is None:
                 is_level = place > 0 and isinstance(systems[place], Diagram)
                 return _BoxAttributes(box, is_level)
-            # A side without ports has an empty place.
+            # A side of a box without ports has an empty cell.
             names = box[side][int(port) :]
             kind = "wire" if sort == "wire" else side
             return _PortAttributes(box, names[0], kind) if names else ""
@@ -69,7 +69,7 @@ def Levels(diagram: System) -> list[dict[str, Any]]:
 
 
 def _BoxAttributes(box: dict[str, Any], is_level: bool) -> str:
-    """Returns the attributes of a box in the picture, its label for readers too."""
+    """Returns the SVG attributes of a box, among them its label for screen readers."""
     path = html.escape(box["path"])
     opens = ", opens" if is_level else ""
     num_ports = len(box["u"]) + len(box["y"])
@@ -81,7 +81,7 @@ def _BoxAttributes(box: dict[str, Any], is_level: bool) -> str:
 
 
 def _PortAttributes(box: dict[str, Any], port: str, kind: str) -> str:
-    """Returns the attributes of a port, "u" or "y", or of a "wire" from a port."""
+    """Returns the SVG attributes of a port, "u" or "y", or of a "wire" from a port."""
     words = {"u": "input", "y": "output", "wire": "wire from"}[kind]
     path, name = html.escape(box["path"]), html.escape(port)
     label = f"{words} {name} of {path or 'the diagram'}"
@@ -91,6 +91,7 @@ def _PortAttributes(box: dict[str, Any], port: str, kind: str) -> str:
 
 
 def _Box(system: System, path: str) -> dict[str, Any]:
+    """Returns path, class, first paragraph of the docstring, and ports of a system."""
     text = "" if isinstance(system, Diagram) else inspect.getdoc(type(system)) or ""
     inputs = [system.get_input_port(i) for i in range(system.num_input_ports())]
     outputs = [system.get_output_port(i) for i in range(system.num_output_ports())]
@@ -104,7 +105,7 @@ def _Box(system: System, path: str) -> dict[str, Any]:
 
 
 def _NameFirst(found: re.Match[str]) -> str:
-    """Returns a box's head: its name in words, and its class."""
+    """Returns the head of a box: its name in words, and its class below."""
     kind, name = found[1], found[2].replace("_", " ")
     return (
         f'<FONT POINT-SIZE="17"><B>{name}</B></FONT><BR/>\n'
@@ -114,9 +115,13 @@ def _NameFirst(found: re.Match[str]) -> str:
 
 @functools.lru_cache(maxsize=64)
 def _Picture(dot: str) -> str:
-    """Lays a level out, with data-at="1" at a box, "1:y0" at a port or wire."""
+    """Lays out a level as SVG, in which boxes, ports and wires have numbers.
+
+    They are data-at="1" at a box, data-at="1:y0" at a port of it, and data-wire="1:y0"
+    at a wire from this port.
+    """
     lines, box = [], "0"
-    # People look for the name; the class stands beneath it in small letters.
+    # The name is above the class and larger, because people search for names.
     named = _CLASS_AND_NAME.sub(_NameFirst, dot)
     for line in named.splitlines():
         if found := _BOX.match(line):

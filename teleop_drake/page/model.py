@@ -1,4 +1,4 @@
-"""A run as a page needs it: a program, its numbers, and where its signals are."""
+"""The model of a run in a page: a program, its numbers, the places of signals."""
 
 import functools
 import inspect
@@ -44,7 +44,7 @@ from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.metrics import MetricUnits
 from teleop_drake.teleoperator import MakeTeleoperator
 
-# Of a port table's row in a block's docstring: the port's name and its unit.
+# A row of the port table in a block's docstring: the port's name and its unit.
 _ROW = re.compile(r"^\s*\|\s*(?:in|out)\s*\|\s*(\w+)\s*\|[^|]*\|\s*([^|]*?)\s*\|", re.M)
 
 # The arrays of Memory that do not begin as zeros.
@@ -54,44 +54,44 @@ _START = (
 )
 
 PERIOD = 0.02
-"""Time between two packets that are drawn, s."""
+"""The time between the sending of two packets that are drawn, s."""
 
-# How long packets are drawn in a drive, whose duration is a bound, s.
+# The time until which packets are drawn in a drive, whose duration is only a bound, s.
 _LONGEST_FLIGHTS = 60.0
 
-# What has as much room as a run takes.
+# The arrays of Memory that the page enlarges as a run needs more room.
 _GROWING = ("row_times", "row_ends", "rows", "breaks")
 
-# The largest number that can be squared in a sum.
+# Larger signals end a run, because their squares may overflow in a sum.
 _LARGEST = 1e150
 
-# What a unit may be called that is none.
+# The texts in the place of a unit that mean no unit.
 _NO_UNIT = ("", "any", "of signal", "-", "1")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Model:
-    """A run of a diagram.
+    """A run of a diagram as a page takes it.
 
     Attributes:
-        diagram: What is simulated.
-        run: Its run, in Python, which has not begun.
-        numbers: All that may differ between runs of one program, by name: the arrays of
-            Problem, of Memory what does not begin as zeros, and what the page itself
-            takes: `run` (end, accuracy, longest step), `bounds` (for each the
-            first of its columns in a row and their number, the least and the largest
-            value; see simulation.ending.Bound), `surfaces` (point, normal), `command`
-            (the operator's velocity) and `command_delay` of metrics, and `forward` and
-            `return` (how long what is sent every PERIOD is under way, s; if that is
-            constant, once).
-        surfaces: Of the environment.
+        diagram: The simulated system.
+        run: The run before its start, with an evaluator that is not compiled.
+        numbers: All values that may differ between runs of one program, as flat arrays
+            keyed by name: the arrays of Problem, those of Memory that do not begin as
+            zeros, and values for the page itself. These are `run` (end, accuracy,
+            longest step), `bounds` (for each the first of its columns in a row, their
+            number, the least and the largest value; see simulation.ending.Bound),
+            `surfaces` (point and normal of each), `command` (the operator's velocity)
+            and `command_delay` for metrics, and `forward` and `return` (how long each
+            packet is under way that is sent every PERIOD, s; one number if constant).
+        surfaces: The surfaces of the environment.
         has_zero_delays: Whether constant delays may be 0 in the program.
-        facts: What the page's script takes of the run that no number changes: `reasons`
-            (why a run ends at each of the bounds), `metrics` (what computes them in the
-            page, see Task.page_metrics), `labels` (of the metrics, by their names),
+        facts: Data for the page's script that no number changes: `reasons` (why a run
+            ends at each of the bounds), `metrics` (the function of the script that
+            computes them, see Task.page_metrics), `labels` (of the metrics, by name),
             `has_constant_command` (as in Recording), and the names of `surfaces` and
             `materials`.
-        plants: What is drawn of the MultibodyPlants; see PlantsIn().
+        plants: The links of the MultibodyPlants to draw; see PlantsIn().
     """
 
     diagram: System
@@ -104,7 +104,10 @@ class Model:
 
     @property
     def structure(self) -> tuple[Any, ...]:
-        """All that a module and a page rely on, whatever the numbers are."""
+        """The properties that all runs of one module have in common.
+
+        They are the structure of the program, the arrays of indices and the facts.
+        """
         program = self.run.evaluator.program
         fields = Fields(self.run.problem)
         return (
@@ -119,7 +122,7 @@ class Model:
         return MakeModule(run.evaluator.program, run.problem, run.memory)
 
     def Data(self) -> dict[str, Any]:
-        """Returns what the page's script takes of a run."""
+        """Returns the data of a run for the page's script."""
         module = self.Module()
         return {
             **self.facts,
@@ -136,10 +139,10 @@ class Model:
         }
 
     def Headers(self) -> dict[str, list[Any]]:
-        """Returns name, shape, whether it is of whole numbers and grows, of each array.
+        """Returns the layout of the arrays of `problem` and of `memory`.
 
-        They stand in the order of a header of `problem` and of `memory`; see
-        native.Header().
+        For each array, in the order of native.Header(), these are its name, its shape,
+        whether it has whole numbers, and whether it grows.
         """
         return {
             name: [
@@ -153,9 +156,10 @@ class Model:
         }
 
     def Ports(self) -> dict[str, tuple[int, int, str]]:
-        """Returns begin and size in y and the unit of each port that has a place there.
+        """Returns begin, size and unit of each port in y, the vector of all signals.
 
-        Their names are `path:port`; the path of the diagram itself is empty.
+        They are keyed by `path:port`; the path of the diagram itself is empty. Ports
+        without a place in y are left out.
         """
         program = self.run.evaluator.program
         blocks = self.run.evaluator.blocks
@@ -181,7 +185,7 @@ class Model:
         return result
 
     def Feed(self) -> tuple[int, int] | None:
-        """Returns begin and size in y of what a hand commands; None without a hand."""
+        """Returns begin and size in y of the hand's command; None without a hand."""
         evaluator = self.run.evaluator
         for i, block in enumerate(evaluator.blocks):
             if isinstance(block.system, HandOperator):
@@ -190,7 +194,7 @@ class Model:
         return None
 
     def Signals(self) -> dict[str, str]:
-        """Returns the port of each signal that a recording has, by its name."""
+        """Returns the port of each recorded signal as `path:port`, keyed by signal."""
         paths = dict(PathsIn(self.diagram))
         return {
             name: f"{paths[port.get_system()]}:{port.get_name()}"
@@ -199,12 +203,12 @@ class Model:
 
 
 def _IsWiring(name: str, array: NDArray[Any]) -> bool:
-    """Returns whether an array of Problem says what belongs to what."""
+    """Returns whether an array of Problem has indices, which define connections."""
     return array.dtype.kind == "i" and not name.endswith("_ranges")
 
 
 def Unit(system: System, port: str, size: int = 1) -> str:
-    """Returns the unit of a port, as its block's table says; "" if nothing does."""
+    """Returns the unit of a port; "" if neither its name nor its block defines one."""
     block: Any = type(system)
     unit = UnitOf(port, size) or _PortTable(block).get(port, "")
     return "" if unit in _NO_UNIT else unit
@@ -212,12 +216,12 @@ def Unit(system: System, port: str, size: int = 1) -> str:
 
 @functools.cache
 def _PortTable(block: Any) -> dict[str, str]:
-    """Returns the units of ports, as the docstring of their block has them."""
+    """Returns the units in the port table of a block's docstring, keyed by port."""
     return dict(_ROW.findall(inspect.getdoc(block) or ""))
 
 
 def Fields(value: Any, path: str = "") -> dict[str, NDArray[Any]]:
-    """Returns the arrays in a named tuple of named tuples, by their dotted names."""
+    """Returns the arrays in nested named tuples, keyed by their dotted names."""
     if isinstance(value, np.ndarray):
         return {path: value}
     return {
@@ -230,19 +234,19 @@ def Fields(value: Any, path: str = "") -> dict[str, NDArray[Any]]:
 
 
 def _Flat(numbers: Mapping[str, ArrayLike]) -> dict[str, Array]:
-    """Returns numbers as the page's script takes them."""
+    """Returns numbers as flat arrays of doubles, for the page's script."""
     return {name: np.array(x, float).ravel() for name, x in numbers.items()}
 
 
 def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
-    """Returns the run of a scenario.
+    """Returns the model of a scenario's run.
 
     Args:
-        scenario: A valid one.
-        has_hand: Whether a hand that is not known yet takes the operator's place.
+        scenario: A valid scenario.
+        has_hand: Whether the user of the page takes the operator's place.
 
     Raises:
-        UnsupportedSystem: If a block of it has no kernel; it is named.
+        UnsupportedSystem: If a block has no kernel; the message names the block.
     """
     task = TaskOf(scenario)
     diagram = task.MakeDiagram(scenario)
@@ -254,6 +258,7 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
     ports = model.Ports()
     signals = {name: ports[port] for name, port in model.Signals().items()}
     sizes = {name: size for name, (_, size, _) in signals.items()}
+    # Each bound is given by the columns of its signal in a row of y.
     bounds = BoundsOf(diagram, sizes, task.MakeSpeedLimit(scenario))
     rows = [
         (signals[bound.signal][0] + bound.first, bound.size, bound.lower, bound.upper)
@@ -281,9 +286,10 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
 
 
 def _PageMetrics(task: Task[Any]) -> str:
-    """Returns what computes a task's metrics in a page; see Task.page_metrics.
+    """Returns the function that computes a task's metrics in a page.
 
-    A class that has Metrics() of its own has its own metrics.
+    See Task.page_metrics. It is defined by the class that defines Metrics(). If this
+    class does not define it, the result is "".
     """
     for kind in type(task).__mro__:
         if "Metrics" in vars(kind):
@@ -293,9 +299,9 @@ def _PageMetrics(task: Task[Any]) -> str:
 
 
 def _Labels(scenario: AnyScenario) -> dict[str, str]:
-    """Returns what a page calls each metric, with its unit.
+    """Returns the label of each metric in a page, with its unit.
 
-    How a run ended has a row of its own there, and packets are not counted.
+    The ending of a run has another row in the page, and packets are not counted.
     """
     labels = {}
     channels = TaskOf(scenario).Channels(scenario)
@@ -308,7 +314,11 @@ def _Labels(scenario: AnyScenario) -> dict[str, str]:
 
 
 def _Lags(channel: ChannelConfig, name: str, duration: float) -> Array:
-    """Returns how long what is sent every PERIOD is under way, s; lost: infinity."""
+    """Returns how long each packet is under way, s, if one is sent every PERIOD.
+
+    A lost packet is under way for an infinite time. If the time is constant, the result
+    has one element.
+    """
     sent = np.arange(0.0, min(duration, _LONGEST_FLIGHTS), PERIOD)
     lags = channel.Arrivals(sent, duration, name) - sent
     is_constant = np.abs(lags - lags[0]).max() < SAME
@@ -332,19 +342,20 @@ def MakeModel(
     *,
     continues: bool = False,
 ) -> Model:
-    """Returns the run of a diagram, of which nothing is measured.
+    """Returns the model of a diagram's run, without metrics.
 
     Args:
-        diagram: What to simulate.
-        config: How accurately.
-        duration: How long, s.
-        context: Where the run begins; it is not changed. None: the default Context.
+        diagram: The system to simulate.
+        config: The accuracy and the longest step.
+        duration: The simulated time, s.
+        context: The initial Context, which is not changed; None: the default Context.
         continues: Whether the initialization events have happened already.
 
     Raises:
-        UnsupportedSystem: If a block of it has no kernel; it is named.
+        UnsupportedSystem: If a block has no kernel; the message names the block.
     """
     context = StartOf(diagram, context, continues=continues)
+    # Delays may be 0 unless an algebraic loop would result.
     try:
         evaluator = Evaluator(diagram, context, has_zero_delays=True)
         has_zero_delays = True
@@ -364,7 +375,7 @@ def MakeModel(
         max_step=max_step,
     )
     surfaces = SurfacesIn(SystemsByPath(diagram)) or ()
-    # Whatever is computed has to stay finite.
+    # The run ends when a signal is not finite, or is too large.
     width = run.evaluator.program.sizes[0]
     planes = [x for s in surfaces for x in (*s.point_W, *s.normal_W)]
     numbers: dict[str, ArrayLike] = {

@@ -36,12 +36,12 @@ from teleop_drake.tasks.insertion_metrics import FirstNormal
 from teleop_drake.validation import CheckChoice, CheckNames, Refuse
 
 DURATION = 10.0
-"""How long the runs of a diagram are, s."""
+"""The default duration of the runs of a diagram, s."""
 
 # The longest drive, s.
 _LONGEST_DRIVE = 600.0
 
-# The fastest that a hand commands, in multiples of |surgeon.velocity|.
+# The largest speed that a hand commands, in multiples of |surgeon.velocity|.
 _FULL_SPEED = 2.0
 
 
@@ -61,9 +61,10 @@ def Explore(
     """Returns the living diagram for a notebook, with a slider for each range.
 
     Args:
-        context: Where the runs of a diagram begin.
-        **ranges: As `vary`, by whose least and largest values numbers go. All other
-            arguments and errors are those of MakePage().
+        context: The initial Context of the runs of a diagram.
+        **ranges: As `vary` of MakePage(), except that the range of a number may be
+            given by any values, of which the least and the largest are its ends. All
+            other arguments and errors are those of MakePage().
     """
     for key, values in ranges.items():
         if np.ndim(values) == 0 or not len(values):
@@ -96,10 +97,10 @@ def WritePage(
 ) -> list[str]:
     """Writes a living diagram.
 
-    All arguments but the path are those of MakePage().
+    All arguments except the path are those of MakePage().
 
     Returns:
-        What the page lacks, and why: a sentence each.
+        Sentences on missing parts of the page, with reasons.
 
     Raises:
         OSError: If the file cannot be written. All others are those of MakePage().
@@ -131,32 +132,33 @@ def MakePage(
 ) -> Page:
     """Makes a page that shows a block diagram and simulates it.
 
-    It opens from disk in any browser of today, needs no network and asks for nothing
-    outside of itself.
+    The page opens from disk in any current browser. It needs no network and loads no
+    other file.
 
     Args:
         scenario_or_diagram: A scenario, its name or file; any system whose blocks have
             kernels; or a function that makes one, whose docstring is the page's story.
-        controllers: Kinds that are shown side by side; None: those that the task
-            compares. A diagram has none.
-        signals: That are in the scopes at first, by the names that recordings have;
-            empty: velocity, force and position of the tool.
-        vary: Numbers of the scenario that can be changed, with the least and the
-            largest value of each. The delays, where they are constant, are always
-            among them. Of what is no number, as `surgeon.kind`, the values to choose
-            from: each has a program of its own. Of a diagram, parameters and initial
-            states by their names, or `delay`; see SetNumbers(). None: all delays, and
-            four parameters. The other parameters have fields in the boxes of blocks.
-        overrides: For the scenario, as LoadScenario takes them.
-        duration: Of a diagram's runs, s.
-        context: Where a diagram's runs begin, with their parameters and fixed inputs;
-            None: the default Context.
-        has_hand: Whether whoever opens the page takes the operator's place.
+        controllers: The kinds of controllers to show side by side; None: those that the
+            task compares. A diagram has none.
+        signals: The signals that the scopes show at first, by their names in
+            recordings; empty: velocity, force and position of the tool.
+        vary: The numbers that can be changed, each with its least and largest value.
+            Constant delays of a scenario can always be changed. A field that is not a
+            number, such as `surgeon.kind`, has the values to choose from, each with a
+            separate program. For a diagram, the keys are names of parameters and
+            initial states, or `delay`; see SetNumbers(). None: all delays and, of a
+            diagram, four parameters. Its other parameters have fields in the boxes of
+            blocks.
+        overrides: Overrides of the scenario, as for LoadScenario().
+        duration: The duration of a diagram's runs, s.
+        context: The initial Context of a diagram's runs, with parameters and fixed
+            inputs; None: the default Context.
+        has_hand: Whether the user of the page takes the operator's place.
 
     Raises:
-        UnsupportedSystem: If a block has no kernel; it is named.
-        ScenarioError: If a scenario or a range is not allowed, or two of `vary` change
-            a number together.
+        UnsupportedSystem: If a block has no kernel; the message names the block.
+        ScenarioError: If a scenario or a range is not allowed, or if the changes of a
+            number by two of `vary` do not add up.
     """
     notes: list[str] = []
     if isinstance(scenario_or_diagram, System) or callable(scenario_or_diagram):
@@ -170,6 +172,7 @@ def MakePage(
         scenario, _ = LoadOverridden(scenario_or_diagram, overrides)
         story = scenario.story
         data = _OfScenario(scenario, controllers, vary or {}, has_hand, notes)
+    # A signal may exist with some controllers only.
     known = set().union(*(loop["signals"] for loop in data["controllers"]))
     CheckNames("signals", signals)
     for signal in signals:
@@ -185,7 +188,7 @@ def _OfDiagram(
     context: Context | None,
     notes: list[str],
 ) -> dict[str, Any]:
-    """Returns all that the script of a diagram's page takes, but for the scopes."""
+    """Returns the data of a diagram's page for its script, except the scopes."""
     system = source if isinstance(source, System) else source()
     if not isinstance(system, System):
         Refuse("scenario_or_diagram", source, "a function that returns a System")
@@ -198,6 +201,7 @@ def _OfDiagram(
         SetNumbers(system, changed, values)
         return MakeModel(system, job.config, duration, changed, continues=job.continues)
 
+    # A diagram has one run, which takes the place of a controller's.
     title = NameOf(system)
     runs = Runs({(title,): Make}, notes)
     model = runs.models[(title,)]
@@ -220,7 +224,7 @@ def _OfScenario(
     has_hand: bool,
     notes: list[str],
 ) -> dict[str, Any]:
-    """Returns all that the script of a scenario's page takes, but for the scopes."""
+    """Returns the data of a scenario's page for its script, except the scopes."""
     kinds = TaskOf(scenario).controllers if controllers is None else controllers
     kinds = list(kinds) or [scenario.controller.kind]
     choices, ranges = _Choices(scenario, vary, has_hand)
@@ -242,7 +246,7 @@ def _OfScenario(
 
 
 def DiagramPage(diagram: System) -> Page:
-    """Makes a page that shows any block diagram of Drake and simulates nothing."""
+    """Makes a page that shows any block diagram of Drake, without simulating it."""
     title = NameOf(diagram)
     shown: dict[str, Any] = {"kind": title, "title": title, "levels": Levels(diagram)}
     shown |= {"ports": {}, "signals": {}, "choice": {}}
@@ -259,9 +263,9 @@ def _Story(source: System | Callable[[], System]) -> str:
 
 
 def _Hand(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Any]:
-    """Returns what the page takes for a hand.
+    """Returns the data of a drive by the user's hand for the page's script.
 
-    A drive begins with the adaptive controller where it is among the kinds.
+    A drive begins with the adaptive controller if it is among the kinds.
     """
     v_d = np.asarray(scenario.surgeon.velocity, float)
     force = getattr(scenario.surgeon, "contact_force", None)
@@ -273,11 +277,11 @@ def _Hand(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Any]:
         "seed": getattr(scenario.forward_channel, "seed", None),
         "num_axes": v_d.size,
         "full_speed": _FULL_SPEED * float(np.linalg.norm(v_d)),
-        # At twice the force that is held on contact, a gamepad rumbles its strongest.
+        # The force at which a gamepad rumbles most: twice the force held on contact.
         "newtons": 2 * float(np.linalg.norm(0.0 if force is None else force)),
         "command": f"teleop-drake compare {scenario.name} --controllers all "
         "--set surgeon.kind=recorded --set surgeon.file=hand.csv "
-        # A hand goes on commanding a velocity on contact.
+        # On contact a hand still commands a velocity.
         "--set surgeon.contact_force=null",
     }
 
@@ -285,7 +289,7 @@ def _Hand(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Any]:
 def _Choices(
     scenario: AnyScenario, vary: Ranges, has_hand: bool
 ) -> tuple[dict[str, list[str]], Ranges]:
-    """Returns what is chosen among programs, the scenario's own first, and the rest."""
+    """Returns the choices in `vary`, the scenario's own value first, and its ranges."""
     choices: dict[str, list[str]] = {}
     ranges: dict[str, Sequence[float]] = {}
     for key, values in vary.items():
@@ -302,7 +306,7 @@ def _Choices(
 
 
 def _View(scenario: AnyScenario, surfaces: tuple[Surface, ...]) -> list[list[float]]:
-    """Returns what points to the right and upwards in the drawing of the task."""
+    """Returns the directions to the right and upwards in the drawing of the task."""
     n = scenario.num_axes
     if n < 3:
         axes = np.zeros((2, 3))
@@ -313,7 +317,7 @@ def _View(scenario: AnyScenario, surfaces: tuple[Surface, ...]) -> list[list[flo
     v_d = x
     if hasattr(scenario, "surgeon"):
         v_d = np.asarray(scenario.surgeon.velocity, float)
-    # The normal without its part upwards.
+    # The horizontal part of the normal.
     forward = FirstNormal(surfaces, v_d)[:3] * [1, 1, 0]
     size = np.linalg.norm(forward)
     forward = forward / size if size > 0.1 else x
@@ -321,7 +325,7 @@ def _View(scenario: AnyScenario, surfaces: tuple[Surface, ...]) -> list[list[flo
 
 
 def _Maker(source: AnyScenario, overrides: Mapping[str, Any], has_hand: bool) -> Maker:
-    """Returns what makes the run of a scenario with overrides at values of inputs."""
+    """Returns a function that makes the run of a scenario from values of inputs."""
 
     def Make(values: Mapping[str, float]) -> Model:
         scenario, _ = LoadOverridden(source, {**overrides, **values})
@@ -336,7 +340,7 @@ def _Maker(source: AnyScenario, overrides: Mapping[str, Any], has_hand: bool) ->
 def _Data(
     title: str, inputs: list[Input], choices: Mapping[str, list[str]], runs: Runs
 ) -> dict[str, Any]:
-    """Returns what the page's script takes of every page with runs."""
+    """Returns the data that the script needs in every page with runs."""
     kinds = list(dict.fromkeys(which[0] for which in runs.models))
     controllers = []
     for i, (which, model) in enumerate(runs.models.items()):

@@ -11,19 +11,19 @@ from teleop_drake.blocks.systems.plant_tree import ReadPlantTree
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.signals import PathsIn
 
-# What points to the right and upwards where joints turn about several axes: from the
-# side and from above.
+# The directions to the right and upwards in a drawing of joints about several axes,
+# which is a view from the side and from above.
 _OBLIQUE = [[0.866, -0.5, 0.0], [0.25, 0.433, 0.866]]
 
 _PARALLEL = 1e-6
 
 
 def PlantsIn(diagram: System, context: Context) -> list[dict[str, Any]]:
-    """Returns the links of each plant, and the port with its state.
+    """Returns the links of each plant, and the name of the port with its state.
 
-    Each link has its `parent` (-1: the world), the `frame` of its joint in the
-    parent's frame as [R, p] (3, 4), the joint's `axis`, whether it `turns` about that,
-    and the `centre` of its mass.
+    Each link has its `parent` (-1: the world), the `frame` of its joint in the parent's
+    frame as [R, p] (3, 4), the `axis` of the joint, `turns`, which is False for a
+    prismatic joint, and its `centre` of mass.
     """
     contexts = ContextsIn(diagram, context)
     plants = []
@@ -48,9 +48,9 @@ def PlantsIn(diagram: System, context: Context) -> list[dict[str, Any]]:
 
 
 def ViewOf(plants: list[dict[str, Any]]) -> list[list[float]]:
-    """Returns what points to the right and upwards in the drawing of plants."""
+    """Returns the directions to the right and upwards in the drawing of plants."""
     axes = [axis for plant in plants for axis in _AxesOf(plant["links"])]
-    # Where all turn about one axis, it points out of the picture.
+    # If all joints turn about one axis, it points out of the picture.
     for k in (1, 0, 2):
         if all(abs(abs(axis[k]) - 1) < _PARALLEL for axis in axes):
             view: list[list[float]] = np.delete(np.eye(3), k, axis=0).tolist()
@@ -59,7 +59,7 @@ def ViewOf(plants: list[dict[str, Any]]) -> list[list[float]]:
 
 
 def _AxesOf(links: list[dict[str, Any]]) -> list[Array]:
-    """Returns the axes about which joints turn, in the world, at q = 0."""
+    """Returns the axes of the revolute joints in the world frame at q = 0."""
     rotations = [np.eye(3)]
     axes = []
     for link in links:

@@ -9,11 +9,11 @@ _EXPORT = re.compile(r"^export (?=async|class|const|function)", re.M)
 
 
 def JoinModules(name: str) -> str:
-    """Returns an ES module and all that it imports as one plain script.
+    """Returns an ES module and all of its imports as one plain script.
 
-    Browsers load no modules from a page on the disk, so that the modules stand one
-    behind another, each after those that it imports, without `import` and `export`.
-    Their top-level names must differ, which the tests check.
+    Browsers load no modules from a page on the disk. So the texts of the modules are
+    joined, each after its imports, without `import` and `export`. Their top-level names
+    must differ, which the tests check.
     """
     joined: dict[str, str] = {}
 
@@ -30,5 +30,5 @@ def JoinModules(name: str) -> str:
 
 
 def ReadPart(name: str) -> str:
-    """Returns the text of a file beside this one."""
+    """Returns the text of a file in the folder of this module."""
     return resources.files("teleop_drake.page").joinpath(name).read_text("utf-8")

@@ -13,15 +13,15 @@ from teleop_drake.validation import Refuse
 
 _DELAYS = ("forward_delay", "return_delay")
 
-# The least delay of a slider, s, where a loop without any is another program.
+# The least delay of a slider, s, where a loop without delay is another program.
 _LEAST_DELAY = 0.005
 
-# The largest one is at least this, s, and at least twice that of the scenario.
+# The end of a delay's default range, s; twice the scenario's delay if that is more.
 _LARGE_DELAY = 0.5
 
 Ranges = Mapping[str, Sequence[Any]]
 
-# Whose an input is beside the block that its key begins with.
+# The blocks to which an input belongs, where its key does not begin with their name.
 _OWNERS = {
     "delay": ["forward_channel", "return_channel"],
     "seed": ["forward_channel", "return_channel"],
@@ -30,14 +30,15 @@ _OWNERS = {
 
 
 class Runs:
-    """The runs of a page, whose numbers inputs change.
+    """The runs of a page, whose numbers are changed by inputs.
 
     Args:
-        makers: By the controller and what is chosen: what makes the run.
-        notes: Gets what has no slider, and why.
+        makers: Functions that make a run, keyed by its controller and chosen values.
+        notes: The list to which the reasons for missing sliders are added.
 
     Attributes:
-        models: The runs with the numbers of the scenario or the Context.
+        models: The runs at the scenario's or the Context's own values, keyed as in
+            `makers`.
     """
 
     def __init__(self, makers: Mapping[tuple[str, ...], Maker], notes: list[str]):
@@ -48,19 +49,20 @@ class Runs:
         self._may_be_zero = all(x.has_zero_delays for x in self.models.values())
 
     def DelayRange(self, value: float) -> tuple[float, float]:
-        """Returns the range of a delay's slider if none is given, s."""
+        """Returns the default range of a delay's slider, s."""
         least = 0.0 if self._may_be_zero else _LEAST_DELAY
         return least, max(_LARGE_DELAY, 2 * value)
 
     def FindInputs(self, alternatives: Iterable[Sequence[Input]]) -> list[Input]:
-        """Returns the inputs that can be changed.
+        """Returns those inputs of an alternative that can be changed.
 
         Args:
-            alternatives: Inputs; where two of them change a number together, those of
-                the next one are taken.
+            alternatives: Lists of inputs. The first list is used whose changes of the
+                runs add up; see CheckSums().
 
         Raises:
-            ScenarioError: If a wanted one cannot be changed, or no alternative can be.
+            ScenarioError: If a wanted input cannot be changed, or if the changes add up
+                in no alternative.
         """
         reason = None
         for inputs in alternatives:
@@ -76,7 +78,13 @@ class Runs:
         raise ScenarioError(f"vary = {reason}")
 
     def HasChanges(self, one: Input) -> bool:
-        """Finds out what an input changes; returns whether it can be one."""
+        """Sets the changes by an input; returns whether there are any.
+
+        The reason why an input cannot be changed is noted, unless it is a field.
+
+        Raises:
+            ScenarioError: If an input is wanted, but cannot be changed.
+        """
         try:
             self._CheckZero(one)
             one.changes = [FindChange(one, make) for make in self._makers.values()]
@@ -106,10 +114,10 @@ class Runs:
         Refuse(one.key, one.span, allowed)
 
     def Check(self, inputs: Iterable[Input]) -> None:
-        """Checks that the runs are the sum of what each input changes.
+        """Checks for every run that the changes by inputs add up; see CheckSums().
 
         Raises:
-            NotSums: If they are not.
+            NotSums: If they do not.
         """
         for i, (which, make) in enumerate(self._makers.items()):
             changes = {one.key: one.changes[i] for one in inputs}
@@ -119,10 +127,10 @@ class Runs:
 def MakeInputs(scenario: AnyScenario, vary: Ranges, runs: Runs) -> list[Input]:
     """Returns the inputs of a scenario's page.
 
-    Where the delays change a number together, as gains that derive from the round trip,
-    they are one input.
+    One input changes both delays if their changes of a number do not add up, as with
+    gains that depend on the round trip.
     """
-    # Each key by the name that it has as an option.
+    # The paths of the delays are replaced by the names of their options.
     names = {ALIASES[delay][0]: delay for delay in _DELAYS}
     vary = {names.get(key, key): values for key, values in vary.items()}
     others = [key for key in vary if key not in ("delay", *_DELAYS)]
@@ -159,7 +167,11 @@ def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges, runs: Runs) -> Inp
 
 
 def RangeWith(key: str, ends: Sequence[Any], value: float) -> tuple[float, float]:
-    """Returns a range that has a value in it, too."""
+    """Returns a range, extended if necessary to include a value.
+
+    Raises:
+        ScenarioError: If the ends are not two ascending numbers.
+    """
     are_numbers = all(isinstance(end, Real) for end in ends)
     if len(ends) != 2 or not are_numbers:
         Refuse(key, ends, "two numbers, the least and the largest value")
@@ -172,7 +184,10 @@ def RangeWith(key: str, ends: Sequence[Any], value: float) -> tuple[float, float
 def DataOfInputs(
     inputs: Sequence[Input], choices: Mapping[str, list[str]]
 ) -> list[dict[str, Any]]:
-    """Returns what the page says of inputs: that of both delays comes first."""
+    """Returns the data of inputs and choices for the page's script.
+
+    If both delays are continuous inputs, the first entry changes them together.
+    """
     result: list[dict[str, Any]] = [
         {
             "name": one.key,
@@ -187,6 +202,7 @@ def DataOfInputs(
         }
         for one in inputs
     ]
+    # The slider of both delays covers the values that both may have.
     ways = [x for x in result if x["name"] in _DELAYS and not x["stops"]]
     if len(ways) == 2:
         both = {

@@ -1,8 +1,9 @@
 """WebAssembly of a program: the diagram, and the integrator that runs it.
 
-Both are the LLVM code of a native run, emitted for another machine. The object file of
-that machine is a module that exports nothing, so that no linker is needed: it puts the
-function that a page calls into a table, which the page's script gives to it.
+Both are compiled from the LLVM code of a native run, for another target. The object
+file for this target is already a WebAssembly module, so that no linker is needed. It
+exports nothing. Instead, it stores the function that a page calls in a table, which the
+page's script provides.
 """
 
 import functools
@@ -20,11 +21,11 @@ from teleop_drake.jit.typed_values import EVALUATE, TypeOf
 
 _TRIPLE = "wasm32-unknown-unknown"
 
-# Optimisation.
+# LLVM's level of optimisation.
 _LEVEL = 2
 
-# Returns what advance() does, or -1 after an index outside of an array. As the one
-# function whose address is taken, run() has place 1 in the table of functions.
+# run() returns the status of advance(), or -1 after an index outside of an array. As it
+# is the only function whose address is taken, its place in the table of functions is 1.
 _RUN = """
 declare void @evaluate(double, ptr, ptr, ptr, ptr, ptr, i32)
 define i32 @run(ptr %problem, ptr %memory, double %end,
@@ -41,32 +42,33 @@ define i32 @run(ptr %problem, ptr %memory, double %end,
 @address = constant ptr @run
 """
 
-# What puts one function, and no other, into the table at place 1.
+# The bytes of the module that store one function, at place 1 of the table.
 _TABLE = b"\x01\x00\x41\x01\x0b\x01"
 
-# The import that is the memory.
+# The name under which the memory is imported.
 _MEMORY = b"__linear_memory"
 
 
 def MakeModule(program: Program, *arguments: Any) -> bytes:
-    """Returns a module of `run(problem, memory, end, accuracy, max_step)`.
+    """Returns a module with `run(problem, memory, end, accuracy, max_step)`.
 
-    It does what advance() does, and stands at place 1 of a table of functions. The
-    module imports that table, its memory and C's mathematics from `env`. Addresses
-    below its memory's minimum are its own.
+    run() is advance() for the program. Its place in the table of functions is 1. The
+    module imports the table, the memory and C's mathematical functions from `env`. The
+    addresses below the memory's minimum size are reserved for the module's own data.
 
     Args:
-        program: What is simulated.
-        *arguments: The named tuples of arrays that it takes.
+        program: The program of the diagram.
+        *arguments: The problem and the memory, whose types run() takes.
 
     Raises:
-        UnsupportedSystem: If a function does what a graph of operations cannot.
+        UnsupportedSystem: If a block's function cannot be traced as a graph of
+            operations.
     """
     types = (EVALUATE, *map(TypeOf, (*arguments, 0.0, 0.0, 0.0)))
     run, model = _Run(types), _Head() + MakeCode(program.Trace())
 
     def Emit(_: str) -> bytes:
-        # What is the same for all models is most of it, and optimised once.
+        # Most of the code is the same for all models, and is optimised once.
         module = llvm.parse_bitcode(Kept("run", run, _Optimised))
         module.link_in(llvm.parse_bitcode(_Optimised(model)))
         data: bytes = _Machine().emit_object(module)
@@ -79,27 +81,30 @@ def MakeModule(program: Program, *arguments: Any) -> bytes:
 
 @functools.cache
 def _Machine() -> Any:
-    """Returns what LLVM knows about WebAssembly."""
+    """Returns LLVM's target machine for WebAssembly."""
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     return llvm.Target.from_triple(_TRIPLE).create_target_machine(opt=_LEVEL)
 
 
 def _Head() -> str:
-    """Returns the lines for this machine; the comment is for the cache."""
+    """Returns the first lines of LLVM code for this target.
+
+    The comment in them separates levels of optimisation in the cache.
+    """
     layout = f'target datalayout = "{_Machine().target_data}"\n'
     return f'; level {_LEVEL}\ntarget triple = "{_TRIPLE}"\n{layout}'
 
 
 @functools.cache
 def _Run(types: tuple[Any, ...]) -> str:
-    """Returns LLVM's code of run() and of all that it calls but evaluate()."""
+    """Returns LLVM code of run() and of all functions that it calls but evaluate()."""
     code = MakeTypedCode(cast(FunctionType, advance), types)
     return _Head() + _RUN + code
 
 
 def _Optimised(code: str) -> bytes:
-    """Returns LLVM's code as bitcode, of which others see run() and evaluate()."""
+    """Returns optimised bitcode of LLVM code; only run() and evaluate() are visible."""
     module = llvm.parse_assembly(code)
     module.verify()
     for function in module.functions:
@@ -113,9 +118,9 @@ def _Optimised(code: str) -> bytes:
 
 
 def ConstantsOf(module: bytes) -> int:
-    """Returns the size in memory of what is a module's own."""
-    # Behind the name stand the kind of the import, that of its limit, and the number
-    # of pages, which is one byte up to 127.
+    """Returns the size in bytes of the memory reserved for a module's own data."""
+    # The name is followed by the kind of the import, the kind of its limit, and the
+    # number of pages, which is one byte up to 127.
     place = module.index(_MEMORY) + len(_MEMORY) + 2
     num_pages = module[place]
     assert num_pages < 128

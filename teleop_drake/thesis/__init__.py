@@ -1,1 +1,1 @@
-"""All that is particular to the 2012 thesis: figures, claims and errata."""
+"""The parts that are specific to the 2012 thesis: figures, claims and errata."""

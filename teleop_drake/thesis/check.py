@@ -1,7 +1,7 @@
-"""Measures the claims again, and compares them with the ledger that was published.
+"""Measures the claims again, and compares them with the published ledger.
 
-published.csv has the verdict and our value of each claim, as this version of the
-package found them. Whoever repeats the work learns whether the same comes out here.
+published.csv has the verdict and our value of each claim, as found by this version of
+the package. The comparison shows whether another machine gives the same results.
 """
 
 import csv
@@ -17,9 +17,9 @@ from teleop_drake.thesis.runs import ThesisRuns
 from teleop_drake.validation import Choices, ScenarioError
 
 TOLERANCE = 0.01
-"""By what share of it a number may differ from the published one."""
+"""The relative difference that is allowed between a number and the published one."""
 
-# What rounding makes of a published 0 on another processor, in any unit of the ledger.
+# The largest rounding error of a published 0 on another processor, in any unit.
 _ZERO = 1e-9
 
 _NUMBER = re.compile(r"-?\d+\.?\d*(?:e[-+]?\d+)?")
@@ -31,7 +31,7 @@ class Checked(NamedTuple):
     Attributes:
         key: The claim's short name.
         expected, found: Verdict and value, as published and as found now.
-        seconds: How long it took, runs included.
+        seconds: The time that it took, including its runs, s.
         passes: Whether they agree.
     """
 
@@ -43,7 +43,7 @@ class Checked(NamedTuple):
 
 
 def Outcome(row: Row) -> str:
-    """Returns verdict and value of a claim."""
+    """Returns the verdict and our value of a claim as one text."""
     return f"{row.verdict}: {row.ours}"
 
 
@@ -60,7 +60,7 @@ def Agree(expected: str, found: str) -> bool:
     pairs = zip(_NUMBER.findall(expected), _NUMBER.findall(found), strict=True)
     for text, other in pairs:
         number = float(text)
-        # A number is printed with some digits: half of the last one is no difference.
+        # A printed number is rounded: half of its last digit is no difference.
         digits = len(text.partition(".")[2])
         rounding = 0.5 * 10.0**-digits if digits and "e" not in text else 0.0
         if number == 0:
@@ -76,8 +76,8 @@ def CheckClaims(
     """Yields each claim as soon as it is measured.
 
     Args:
-        keys: The claims; None: all.
-        runs: Where the runs come from; None: simulated here.
+        keys: The keys of the claims; None: all claims.
+        runs: The runs to measure; None: they are simulated here.
 
     Raises:
         ScenarioError: If there is no such claim.

@@ -1,7 +1,7 @@
-"""The figures of the thesis, made anew from simulations that run then and there.
+"""The figures of the thesis, made from new simulations.
 
-Each has the number that it has in the thesis and shows the same quantities. Units have
-SI prefixes where that makes them readable.
+Each has the same number as in the thesis and shows the same quantities. Units have SI
+prefixes where these make the numbers readable.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,17 +19,17 @@ from teleop_drake.thesis import plots
 
 @dataclass(kw_only=True)
 class ThesisFigure:
-    """One figure.
+    """A figure of the thesis, or a template of such figures for several tasks.
 
     Attributes:
-        number: As in the thesis, for instance "4.1"; "" of what several tasks have.
-        title: What it shows, in a few words.
-        caption: How to read it.
-        make: Makes it: a matplotlib Figure, or the Diagram to be drawn. What several
-            tasks have takes the `task` as well.
+        number: The number in the thesis, for instance "4.1"; "" for a template.
+        title: The contents in a few words.
+        caption: The explanation of the contents.
+        make: The function that makes a matplotlib Figure, or a Diagram to draw, from
+            runs. In a template it takes the `task` as well.
         task: The scenario whose runs it shows; "" if it shows no run.
-        live: The signals that the report plots of runs made there; none: it has a
-            picture.
+        live: The signals that the report plots from its own runs; if empty, the report
+            has a picture.
     """
 
     number: str = ""
@@ -55,9 +55,10 @@ def WritePicture(
     Args:
         picture: A figure, or a diagram, drawn as the boxes of its own parts.
         stem: The path without the suffix, in an existing folder.
+        formats: The suffixes, without a dot.
 
     Raises:
-        RuntimeError: If nothing here can lay out a block diagram.
+        RuntimeError: If no program is installed that can lay out a block diagram.
     """
     paths = [stem.with_name(f"{stem.name}.{suffix}") for suffix in formats]
     if isinstance(picture, Figure):
@@ -68,7 +69,7 @@ def WritePicture(
     return paths
 
 
-# What figures of several tasks show.
+# Templates of figures for several tasks.
 
 _TRACKING = ThesisFigure(
     title="Tracking",
@@ -156,11 +157,14 @@ _LEARNED = [_WEIGHTS_1, _PSI, _WEIGHTS_3]
 def _Group(
     *, chapter: int, first: int, task: str, about: str, kinds: Sequence[ThesisFigure]
 ) -> list[ThesisFigure]:
-    """Returns figures of a task with consecutive numbers.
+    """Returns the figures of a task, with consecutive numbers.
 
     Args:
-        first: The number of the first figure in the chapter.
-        about: What each caption begins with.
+        chapter: The number of the chapter.
+        first: The number of the first figure within the chapter.
+        task: The scenario of the figures.
+        about: The first words of each caption.
+        kinds: The templates of the figures.
     """
     return [
         replace(

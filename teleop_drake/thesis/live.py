@@ -1,4 +1,4 @@
-"""The live figures of the report: what simulates them, and what judges their claims.
+"""The data of the report's live figures: for simulating, and for judging claims.
 
 The figures of a task share two modules of WebAssembly, one for each controller.
 """
@@ -36,14 +36,18 @@ SLIDERS: dict[str, dict[str, tuple[float, float]]] = {
         _BONE_DAMPING: (0.0, 5.0),
     },
 }
-"""Of each task the numbers, beside the delays, on which its verdicts depend."""
+"""The numbers of each task, beside the delays, that have a slider, with their ranges.
 
-# The first figure of what a claim's key begins with, for claims that name no figure.
+The verdicts on the claims of the task depend on them.
+"""
+
+# The figure beside which a claim is shown that names no figure, by the first letters of
+# the claim's key.
 _FIRST_FIGURES = {"4-": "4.1", "5-II-": "5.7", "5-III-": "5.14", "5-": "5.1"}
 
 
 def FigureOf(claim: Claim) -> str:
-    """Returns the number of the figure beside which a claim stands; "" if none."""
+    """Returns the number of the figure beside which a claim is shown; "" if none."""
     named = re.search(r"Fig\. (\d\.\d+)", claim.place)
     if named is not None:
         return named[1]
@@ -52,8 +56,10 @@ def FigureOf(claim: Claim) -> str:
 
 
 def Laboratory(task: str, claims: Sequence[Claim]) -> dict[str, Any]:
-    """Returns what the report's script takes of a task: what page.py's _Data() has of
-    its inputs and controllers, its network, and the claims beside its figures.
+    """Returns the data of a task for the report's script.
+
+    These are its inputs and controllers, as in _Data() of page.py, its network, and the
+    claims beside its figures.
     """
     kinds = ["direct_force", "adaptive_backstepping"]
     data = MakePage(task, controllers=kinds, vary=SLIDERS[task]).data
@@ -72,9 +78,9 @@ def Laboratory(task: str, claims: Sequence[Claim]) -> dict[str, Any]:
 
 
 def _Criterion(claim: Claim) -> Mapping[str, Any]:
-    """Returns what the page's judge.js takes of a claim.
+    """Returns the data of a claim for judge.js.
 
-    It has a function of the measure's name, which takes the arguments of that.
+    judge.js has a function with the same name and arguments as the claim's measure.
     """
     measure: Any = claim.measure
     return {

@@ -1,4 +1,4 @@
-"""Plots of the thesis: what its figures show, from runs."""
+"""The plots of the thesis's figures, drawn from runs."""
 
 import dataclasses
 import itertools
@@ -43,7 +43,7 @@ def MakeLoop(runs: ThesisRuns) -> Diagram:
 
 
 def PlotStiffness(runs: ThesisRuns) -> Figure:
-    """Plots the springs of one axis at the scale of each; no run is needed."""
+    """Plots the stiffness force of one_dof, at two scales; no run is needed."""
     scenario = AsTeleoperation(LoadScenario("one_dof"))
     surfaces = scenario.Surfaces()
     contact = FindSurface(surfaces, CONTACT)
@@ -75,7 +75,7 @@ def _DrawStiffness(
     for begin, end in itertools.pairwise(edges):
         material = MaterialAt(surfaces, [begin])
         assert material is not None
-        # Both sides of a jump.
+        # Both ends of the layer: between layers the force jumps.
         x += [begin, end]
         force += [material.Force(begin, 0.0), material.Force(end, 0.0)]
         if begin > low:
@@ -88,7 +88,7 @@ def _DrawStiffness(
 
 
 def PlotTracking(runs: ThesisRuns, task: str, *, signal: str) -> Figure:
-    """Plots a signal of a tracking as `teleop-drake run --signals` does."""
+    """Plots a signal of a tracking task as `teleop-drake run --signals` does."""
     return PlotRun(runs(task).recording, signals=[signal])
 
 
@@ -98,7 +98,7 @@ def PlotTracking(runs: ThesisRuns, task: str, *, signal: str) -> Figure:
 def PlotBoth(
     runs: ThesisRuns, task: str, *, signal: str, label: str, unit: str
 ) -> Figure:
-    """Plots a signal with direct force and adaptive; the label has a place {axis}."""
+    """Plots a signal of both controllers; {axis} in the label is the axis's name."""
     both = runs.OfBoth(task)
     n = both.adaptive.recording.scenario.num_axes
     rows = [
@@ -123,7 +123,7 @@ def PlotBoth(
 
 
 def PlotPsi(runs: ThesisRuns, task: str) -> Figure:
-    """Plots the entries of Psi, and below how far each is from its initial value."""
+    """Plots the entries of Psi, and below them their changes since the start."""
     recording = runs(task, ADAPTIVE).recording
     psi = recording["psi"]
     # Psi hardly moves; the panel below magnifies by how much.
@@ -144,7 +144,7 @@ def PlotPsi(runs: ThesisRuns, task: str) -> Figure:
 
 
 def PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
-    """Plots the weights of each task axis in the colour of their centre's x."""
+    """Plots the weights of each task axis, coloured by the x of their centres."""
     recording = runs(task, ADAPTIVE).recording
     network = recording.scenario.controller.network
     places = np.linspace(network.lower[0], network.upper[0], network.count[0])

@@ -40,7 +40,7 @@ from teleop_drake.thesis.runs import ThesisRuns
 from teleop_drake.validation import Refuse
 
 FORMATS = ("png", "svg")
-"""What figures are written as, unless something else is asked for."""
+"""The default formats of figures."""
 
 CLAIMS = [
     *chapter3.CLAIMS,
@@ -69,10 +69,13 @@ def Ledger(runs: ThesisRuns) -> list[Row]:
 
 
 def SelectFigures(only: Sequence[str] | None = None) -> list[ThesisFigure]:
-    """Returns figures by their numbers, such as "4.1", in order; None: all.
+    """Returns figures in the thesis's order.
+
+    Args:
+        only: The numbers of the figures, such as "4.1"; None: all figures.
 
     Raises:
-        ValueError: If there is no such figure, or no number at all.
+        ValueError: If there is no such figure, or `only` is empty.
     """
     if only is None:
         return list(FIGURES.values())
@@ -90,27 +93,27 @@ def Reproduce(
     progress: Callable[[str], None] = lambda line: None,
     runs: ThesisRuns | None = None,
 ) -> list[Path]:
-    """Simulates what the thesis simulates and writes what comes out.
+    """Repeats the simulations of the thesis, and writes figures, ledger and report.
 
-    Each figure becomes `figure_4_1.png` and the like. Without `only` there are also
-    `ledger.json` and `ledger.csv` with a record for each claim, and `report.html`,
-    which contains all of it. Every file appears complete or not at all, and replaces
-    one of the same name.
+    The files of a figure have names such as `figure_4_1.png`. Without `only` there are
+    also `ledger.json` and `ledger.csv` with a record for each claim, and `report.html`,
+    which contains all figures and claims. Every file appears complete or not at all,
+    and replaces a file of the same name.
 
     Args:
         only: Numbers of figures, to make these and nothing else.
-        formats: Of the figures: png, svg or pdf. The report is made of svg, which is
-            therefore written with it in any case.
+        formats: The formats of figures: png, svg or pdf. With the report, svg is always
+            written, because the report contains it.
         progress: Called with one line of text when a run or a figure is finished.
-        runs: Where the runs come from; None: simulated here.
+        runs: The runs to use; None: they are simulated here.
 
     Returns:
-        The paths of all files, the report being the last.
+        The paths of all files; the report is the last.
 
     Raises:
         ValueError: If there is no such figure.
         OSError: If a file cannot be written.
-        RuntimeError: If nothing here can lay out a block diagram.
+        RuntimeError: If no program is installed that can lay out a block diagram.
     """
     figures = SelectFigures(only)
     runs = runs or ThesisRuns(progress)
@@ -119,6 +122,7 @@ def Reproduce(
     paths = []
     commands = {}
     for figure in figures:
+        # `used` collects the commands of the runs that this figure requests.
         runs.used.clear()
         paths += WritePicture(figure.make(runs), out / figure.stem, formats)
         commands[figure.number] = "\n".join(runs.used)
@@ -138,9 +142,9 @@ def Reproduce(
 
 
 def _Html(out: Path, rows: Sequence[Row], commands: Mapping[str, str]) -> str:
-    """Returns the report, with the commands behind each figure by its number."""
+    """Returns the report; `commands` has the commands of each figure's runs."""
     counts = Counter(row.verdict for row in rows)
-    # Without the figures of a task there is nothing to be live.
+    # A task without figures has no laboratory.
     tasks = [x for x in _LIVE if any(y.task == x for y in FIGURES.values())]
     data = {"labs": [Laboratory(task, _ClaimsOf(task)) for task in tasks]}
     figures = {
@@ -177,7 +181,7 @@ def _Html(out: Path, rows: Sequence[Row], commands: Mapping[str, str]) -> str:
 
 
 def _ClaimsOf(task: str) -> list[Claim]:
-    """Returns the claims that stand beside the figures of a task."""
+    """Returns the claims that are shown beside the figures of a task."""
     numbers = {number for number, figure in FIGURES.items() if figure.task == task}
     return [claim for claim in CLAIMS if FigureOf(claim) in numbers]
 
@@ -187,7 +191,7 @@ def _Lines(lines: Iterable[str]) -> str:
 
 
 def _LabHtml(task: str, figures: Mapping[str, str]) -> str:
-    """Returns the sliders' place and the figures of a task."""
+    """Returns the laboratory of a task: a place for its sliders, and its figures."""
     own = [figures[number] for number, x in FIGURES.items() if x.task == task]
     return (
         f'<section class="lab" id="lab-{task}"><h2>{_LIVE[task]}</h2>\n'
@@ -216,11 +220,11 @@ _CLAIM = (
     '<small>Thesis: {thesis}. Ours: {ours}. <a href="#{key}">Why</a></small>'
     '<p class="now"></p></li>'
 )
-"""A claim beside a live figure, with the place of its verdict of now."""
+"""A claim beside a live figure, with a place for its current verdict."""
 
 
 def _Claims(template: str, rows: Sequence[Row]) -> str:
-    """Returns claims with their verdicts, each in the form of a template."""
+    """Returns claims with their verdicts, each formatted by a template."""
     items = []
     for row in rows:
         texts = {name: escape(x) for name, x in dataclasses.asdict(row).items()}
@@ -230,7 +234,7 @@ def _Claims(template: str, rows: Sequence[Row]) -> str:
 
 
 def _LiveFigure(figure: ThesisFigure, rows: Sequence[Row], commands: str) -> str:
-    """Returns a figure's claims, and the place of its runs."""
+    """Returns a figure with its claims, and with a place for the plots of its runs."""
     figures = {claim.key: FigureOf(claim) for claim in CLAIMS}
     own = [row for row in rows if figures[row.key] == figure.number]
     return (
@@ -242,7 +246,7 @@ def _LiveFigure(figure: ThesisFigure, rows: Sequence[Row], commands: str) -> str
 
 
 def _Picture(out: Path, figure: ThesisFigure, commands: str) -> str:
-    """Returns a figure that brings its own data, so that the page needs no files."""
+    """Returns a figure with its picture inside, so that the page needs no files."""
     data = base64.b64encode((out / f"{figure.stem}.svg").read_bytes()).decode()
     title = escape(f"Figure {figure.number}: {figure.title}")
     return (
@@ -261,7 +265,7 @@ def _CaptionHtml(figure: ThesisFigure, commands: str) -> str:
 
 
 def _RunsHtml(commands: str) -> str:
-    """Returns the commands of runs, a line each, folded away."""
+    """Returns the commands of runs as a folded list, with a line for each."""
     if not commands:
         return ""
     lines = "<br>".join(

@@ -13,20 +13,20 @@ from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics
 
 Change = Mapping[str, Any]
-"""Values by dotted path."""
+"""Overrides of a scenario: values keyed by dotted path."""
 
 DIRECT = {"controller.kind": "direct_force"}
 ADAPTIVE = {"controller.kind": "adaptive_backstepping"}
 TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
 NETWORKS = ("network_tracking_linear", "network_tracking_coupled")
 LEARNING = "two_dof_learning"
-"""The scenario with settings with which the networks learn."""
+"""The scenario whose settings make the networks learn."""
 
 NO_ADAPTATION = {"controller.adaptation_rate": 0.0}
 
 
 def Delay(seconds: float) -> Change:
-    """Returns what makes both channels that late."""
+    """Returns the change that sets the delay of both channels, in s."""
     return {"forward_channel.delay": seconds, "return_channel.delay": seconds}
 
 
@@ -42,7 +42,7 @@ SHORT: dict[str, Change] = {
 
 
 _INSIDE_WORKSPACE = 1.4
-"""Where case I, which leaves its workspace of 1.5 m, is cut off, in m."""
+"""The x in m at which runs of case I are cut; the arm reaches 1.5 m at most."""
 
 
 class Run:
@@ -53,12 +53,12 @@ class Run:
 
     @functools.cached_property
     def metrics(self) -> dict[str, Any]:
-        """As RunMetrics() returns them."""
+        """The metrics of the run; see RunMetrics()."""
         return RunMetrics(self.recording)
 
     @functools.cached_property
     def inside(self) -> "Run":
-        """The run up to where the arm is nearly stretched, case I's own end."""
+        """The part of the run before the arm is nearly stretched; used for case I."""
         is_outside = self.recording["tool_position"][:, 0] >= _INSIDE_WORKSPACE
         end = self.recording.time[is_outside].min(initial=math.inf)
         return Run(self.recording.Part(0.0, float(end)))
@@ -83,15 +83,15 @@ class Both(NamedTuple):
     adaptive: Run
 
     def Numbers(self, path: str) -> tuple[float, float]:
-        """Returns a metric of both, see Run.Number."""
+        """Returns a metric of both runs; see Run.Number()."""
         return self.direct.Number(path), self.adaptive.Number(path)
 
 
 class ThesisRuns:
-    """Simulates scenarios and keeps what comes out.
+    """A store of runs, each of which is simulated at the first request.
 
     Attributes:
-        used: The commands of the runs asked for since somebody emptied it, in order.
+        used: The commands of the runs requested since it was last cleared, in order.
 
     Args:
         progress: Called with one line of text when a run is finished.
@@ -103,11 +103,11 @@ class ThesisRuns:
         self.used: dict[str, None] = {}
 
     def __call__(self, name: str, *changes: Change) -> Run:
-        """Returns a run, simulated now unless it is there already.
+        """Returns a run, which is simulated unless it is in the store.
 
         Args:
             name: A built-in scenario or a YAML file.
-            changes: What to change in it, the last first.
+            changes: Overrides of the scenario; later ones take precedence.
 
         Raises:
             ScenarioError: If the scenario is not valid.
@@ -137,9 +137,9 @@ class ThesisRuns:
         return self(name, SHORT[name], *changes)
 
     def OfBoth(self, name: str) -> Both:
-        """Returns the runs of both controllers."""
+        """Returns the runs of a task with both controllers."""
         return Both(self(name, DIRECT), self(name, ADAPTIVE))
 
     def ShortOfBoth(self, name: str, change: Change) -> Both:
-        """Returns short runs of both controllers."""
+        """Returns short runs of a task with both controllers."""
         return Both(*(self.Short(name, x, change) for x in (DIRECT, ADAPTIVE)))

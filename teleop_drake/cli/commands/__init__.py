@@ -1,1 +1,1 @@
-"""One file a command, imported when the command is called."""
+"""The commands: one module each, imported when the command is called."""

@@ -18,16 +18,16 @@ if TYPE_CHECKING:
     from teleop_drake.analysis.stability_chart import StabilityChart
     from teleop_drake.analysis.transparency import Transparency
 
-# Below this, in rad/s, nobody asks whether a mode is neutral.
+# Limits of resolution below this, in rad/s, are not reported.
 _LEAST_UNRESOLVED = 1e-3
 
-# More stable intervals than this do not fit a table; JSON has all.
+# The largest number of stable intervals in a row of the table; JSON has all.
 _MAX_INTERVALS = 3
 
 # A root this close to the imaginary axis, relative to its size, is on it.
 _UNDAMPED = 1e-9
 
-# What stands in the place of a delay margin.
+# The words in the place of a delay margin, with their meanings.
 _MARGIN_WORDS = {
     "stable": "at every delay",
     "unstable": "at every delay that was looked at",
@@ -67,7 +67,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     )
 
 
-# The keys of the record whose names do not have their unit.
+# The units of those keys of the record whose names do not contain them.
 _UNITS = {
     "forward_delay": "s",
     "return_delay": "s",
@@ -105,7 +105,7 @@ def Execute(args: argparse.Namespace) -> int:
         *(f"{stem}_{name}.{suffix}" for name in figures for suffix in formats),
         f"{stem}_analysis.json",
     )
-    # The chart first: it may refuse a value, and nobody should wait for that.
+    # The chart is first: if it refuses a value, the error appears without a wait.
     chart = None
     if key:
         with SweepProgress(args.quiet, "values") as show:
@@ -185,11 +185,12 @@ def _VariedNumber(item: str | None) -> tuple[str, list[float]]:
 def _AnalysisTable(
     analysis: "StabilityAnalysis", transparency: "Sequence[Transparency]"
 ) -> str:
-    """Returns the margins of `analyze`: a row for each loop."""
+    """Returns a table of margins with a row for each loop, and sentences below it."""
     loops = analysis.Loops()
     delay = analysis.forward_delay + analysis.return_delay
     places_across = {tuple(loop.model.point.position[1:]) for loop in loops}
-    num_shown = 1 if len(places_across) == 1 else None  # Along x one is enough.
+    # If all points lie on a line along x, only x is shown.
+    num_shown = 1 if len(places_across) == 1 else None
     place = "x [m]" if num_shown else "position [m]"
     head = ["", place, "crossovers [rad/s]", "phase margin [deg]", "delay margin [s]"]
     lines = [[*head, "stable delays [s]", f"root at {delay:g} s [1/s]", ""]]
@@ -235,7 +236,7 @@ def _AnalysisTable(
 
 
 def _OperatorLine(points: "Sequence[PointStability]") -> list[str]:
-    """Returns a sentence: what the operator does behind the contact surface."""
+    """Returns sentences on the operator's command before and after contact."""
     names = [point.label for point in points if point.force_mode is not None]
     if not names:
         return ["The operator commands a velocity at every point shown."]
@@ -247,7 +248,7 @@ def _OperatorLine(points: "Sequence[PointStability]") -> list[str]:
 
 
 def _AbsoluteStability(points: "Sequence[Transparency]") -> str:
-    """Returns a sentence: whether operator and environment may be any passive ones."""
+    """Returns a sentence on stability with every passive operator and environment."""
     failing = [x.point.name for x in points if not x.is_absolutely_stable]
     every = "stable with every passive operator and environment: Llewellyn's parameter"
     if failing:
@@ -256,12 +257,16 @@ def _AbsoluteStability(points: "Sequence[Transparency]") -> str:
 
 
 def _Verdict(loops: "Sequence[PointStability]") -> list[str]:
-    """Returns sentences: where the loop fails first and why, and what it does now."""
+    """Returns sentences on the stability of the loop.
+
+    They state where and why it fails first as the delay grows, and how it moves at the
+    scenario's delay.
+    """
     text = []
     failing = [loop.label for loop in loops if not _StartsStable(loop)]
     if failing:
         text.append(f"Not stable even without delay: {', '.join(failing)}.")
-    # Where it fails first as the delay grows.
+    # The point with the smallest delay margin fails first as the delay grows.
     limits = [(loop.margin, loop.label) for loop in loops if loop.margin]
     if limits:
         margin, label = min(limits, key=lambda limit: limit[0].delay)
@@ -271,7 +276,7 @@ def _Verdict(loops: "Sequence[PointStability]") -> list[str]:
             f"the phase at {margin.frequency:.4g} rad/s by all of its margin, "
             f"{math.degrees(margin.phase_margin):.1f} deg."
         )
-    # How it moves where it is not stable at the scenario's delay.
+    # The motion of each loop that is not stable at the scenario's delay.
     for loop in loops:
         root = loop.rightmost_root
         if loop.is_stable or root is None:
@@ -291,7 +296,7 @@ def _StartsStable(loop: "PointStability") -> bool:
 
 
 def _State(loop: "PointStability") -> str:
-    """Returns whether the loop is stable."""
+    """Returns a word for the stability of the loop."""
     if loop.is_stable:
         return "stable"
     root = loop.rightmost_root
@@ -299,18 +304,18 @@ def _State(loop: "PointStability") -> str:
 
 
 def _IsOnAxis(root: complex) -> bool:
-    """Returns whether a root tells no growth and no decay."""
+    """Returns whether a root is on the imaginary axis, up to rounding."""
     return abs(root.real) < _UNDAMPED * abs(root.imag)
 
 
 def _Root(root: complex) -> str:
-    """Returns a characteristic root, or both of a pair."""
+    """Returns a characteristic root, or a conjugate pair, as text."""
     real = 0.0 if _IsOnAxis(root) else root.real
     return f"{real:.4g}" + (f" ± {root.imag:.4g}j" if root.imag else "")
 
 
 def _ChartTable(chart: "StabilityChart") -> str:
-    """Returns the delay margins of `analyze --vary`: a row for each value."""
+    """Returns a table of delay margins with a row for each value of `--vary`."""
     names = chart.PointNames()
     lines = [[chart.key, *(f"{name} [s]" for name in names), ""]]
     for value, analysis in zip(chart.values, chart.analyses, strict=True):
@@ -322,7 +327,7 @@ def _ChartTable(chart: "StabilityChart") -> str:
 
 
 def _Margin(loop: "PointStability") -> str:
-    """Returns the delay margin of a loop, or why it has none."""
+    """Returns the delay margin of a loop, or the word of _MARGIN_WORDS instead."""
     if loop.margin is not None:
         return Cell(loop.margin.delay)
     if not loop.stable_delays:

@@ -34,7 +34,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Compares a run with the reference of its name, or prints what references are."""
+    """Compares a run with the reference that it names, or describes references."""
     from teleop_drake.cli import reference_runs
 
     if args.list:
@@ -58,7 +58,7 @@ def Execute(args: argparse.Namespace) -> int:
 
 
 def _CheckName(field: str, name: str) -> None:
-    """Raises BadInput if there is no reference of a name."""
+    """Raises a ScenarioError if there is no reference of a name."""
     from teleop_drake.cli import reference_runs
 
     names = reference_runs.Names()
@@ -73,7 +73,7 @@ def _Print(name: str, differences: "dict[str, Difference]") -> int:
         numbers = f"{largest:10.2e} {tube:10.2e} {largest / tube:6.2f}"
         print(f"{signal:<24} {numbers}  {time:.4g} s")
     for signal, difference in differences.items():
-        if difference.fault:  # Only what is outside has one.
+        if difference.fault:  # Only a signal outside of its tube has one.
             print(f"{signal} is {difference.fault}")
     is_inside = all(difference.is_inside for difference in differences.values())
     print("inside" if is_inside else "outside", "of the tubes")

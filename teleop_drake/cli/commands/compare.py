@@ -37,7 +37,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Puts the controllers of a scenario, or values of its fields, side by side."""
+    """Compares a scenario's controllers, or values of its fields."""
     from teleop_drake.scenario.overrides import ParseOverrides
     from teleop_drake.sweep import PlanSweep
     from teleop_drake.tasks import TaskOf
@@ -66,14 +66,14 @@ def Execute(args: argparse.Namespace) -> int:
 
 
 def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
-    """Simulates each point of the grid once and puts the runs side by side."""
+    """Simulates each point of the grid once; writes and prints the comparison."""
     formats = options.FormatsOf(args)
     drawing = options.FigureOptionsOf(args)
     names = _Names(plan)
     scenarios = [plan.Load(point) for point in plan.points]
     for scenario in scenarios:
         options.CheckSignals(args, scenario)
-    # Where the files go, before anything is simulated.
+    # The output files are checked before anything is simulated.
     name = scenarios[0].name
     paths = output.PrepareFolder(
         args.out,
@@ -94,7 +94,7 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
         recordings[label].Save(path)
         if recordings[label].termination == "interrupted":
             break
-    # The figure, the page and the table, of the runs until an interruption.
+    # The figure, the page and the table show all runs, or those until an interruption.
     records = [RunSummary(recording) for recording in recordings.values()]
     shown = {label.replace("_", " "): x for label, x in recordings.items()}
     SaveFigure(PlotComparison(shown, **drawing), *figure_paths)
@@ -103,7 +103,7 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
 
         MakeReplay(shown).Save(args.html)
     texts = [Table(recordings, records, is_verbose=args.verbose)]
-    if len(recordings) <= MAX_COLUMNS:  # A row has its ending itself.
+    if len(recordings) <= MAX_COLUMNS:  # The rows of more runs show the endings.
         texts = [*map(Headline, recordings.values()), *texts]
     written = [*figure_paths, *recording_paths[: len(recordings)]]
     written += [args.html] if args.html is not None else []
@@ -113,9 +113,10 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
 
 
 def _Names(plan: "SweepPlan") -> dict[str, str]:
-    """Returns what the runs are called, by the ends of the names of their files.
+    """Returns the label of each run, keyed by the end of the name of its files.
 
-    What is the same of all is left to the headlines.
+    If other fields vary but the controller does not, labels omit the controller, which
+    the headlines show.
     """
     from teleop_drake.figures.style import LabelOfValue
 

@@ -1,4 +1,4 @@
-"""The command `teleop-drake completion`: what the tab key of a shell offers."""
+"""The command `teleop-drake completion`: completion at the tab key of a shell."""
 
 import argparse
 import sys
@@ -21,7 +21,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Prints the script of a shell, which calls Complete() at the tab key."""
+    """Prints the script by which a shell calls Complete() at the tab key."""
     from argcomplete.shell_integration import shellcode
 
     print(shellcode(["teleop-drake"], shell=args.shell))
@@ -29,7 +29,7 @@ def Execute(args: argparse.Namespace) -> int:
 
 
 def Complete(parser: Any) -> None:
-    """Tells a shell what may stand at its cursor, and ends the process."""
+    """Prints the completions at the cursor of a shell, and ends the process."""
     import argcomplete
 
     completers = {
@@ -48,6 +48,6 @@ def Complete(parser: Any) -> None:
 
 
 def _ScenarioNames(**_: Any) -> list[str]:
-    """Returns the built-in scenarios, without the second that Drake's import takes."""
+    """Returns the built-in scenarios without importing Drake, which takes a second."""
     folder = Path(__file__).parents[2] / "scenarios"
     return [path.stem for path in folder.glob("*.yaml")]

@@ -27,7 +27,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Draws the block diagram of the scenario, or of a function that makes one."""
+    """Draws the diagram of a scenario, or the one that a function makes."""
     if args.depth < 0:
         Refuse("--depth", args.depth, "0 or positive")
     from teleop_drake.figures.block_diagram import DiagramDot, WriteDiagram
@@ -43,6 +43,6 @@ def Execute(args: argparse.Namespace) -> int:
     except (ValueError, OSError) as e:
         raise BadInput(f"--output: {e}") from None
     except RuntimeError as e:
-        # Nothing here can lay out a diagram; the message says what to install.
+        # The diagram cannot be laid out; the message names the remedy.
         return Fail(FAILED, e)
     return 0

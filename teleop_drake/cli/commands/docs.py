@@ -1,4 +1,4 @@
-"""The command `teleop-drake docs`: the pages, or the site with all that is live."""
+"""The command `teleop-drake docs`: lists the pages, or writes the site."""
 
 import argparse
 from functools import partial
@@ -29,7 +29,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Says where the pages are, or writes the site."""
+    """Prints the paths of the pages, or writes the site."""
     if args.out is None:
         width = max(len(str(page)) for page in PAGES)
         for page in PAGES:

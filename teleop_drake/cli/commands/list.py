@@ -13,7 +13,10 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def KindsOf(seam: str) -> list[str]:
-    """Returns the kinds of a seam from its sources: to import them takes a second."""
+    """Returns the kinds in a folder of blocks/, such as `robots`.
+
+    They are read from the source texts, because to import these takes a second.
+    """
     sources = [
         x.read_text("utf-8") for x in sorted((_PACKAGE / "blocks" / seam).glob("*.py"))
     ]
@@ -21,7 +24,7 @@ def KindsOf(seam: str) -> list[str]:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Prints the scenarios and the kinds of what they are made of."""
+    """Prints the scenarios, the studies and the kinds of blocks."""
     import yaml
 
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)

@@ -39,7 +39,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Writes the page, and opens it if it has no name."""
+    """Writes the page; opens it in the browser if no file is given."""
     CheckHtml(args.output, "--output")
     maker = options.MakerOf(args)
     if maker is None:
@@ -61,7 +61,7 @@ def Execute(args: argparse.Namespace) -> int:
     except UnsupportedSystem as e:
         raise BadInput(e) from None
     except RuntimeError as e:
-        # Nothing here can lay out a diagram; the message says what to install.
+        # The diagram cannot be laid out; the message names the remedy.
         return Fail(FAILED, e)
     for note in page.notes:
         TellLine(args.quiet, f"Note: {note}")
@@ -84,7 +84,7 @@ def _Duration(text: str | None) -> float:
 
 
 def _Range(text: str) -> tuple[str, list[float] | list[str]]:
-    """Returns the key and the range of --vary, or the values to choose from."""
+    """Returns the key of --vary with its range or with the values to choose from."""
     key, _, values = text.partition("=")
     if "," in values:
         return key, values.split(",")

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from teleop_drake.recording import Recording
 
 _MAX_SHOWN = 4
-"""Runs one below the other that are large enough to be seen."""
+"""The largest number of runs on a page; more would be too small to be seen."""
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -43,7 +43,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Shows recordings, or simulates and shows what comes out."""
+    """Replays recordings, or simulates a scenario and replays its runs."""
     CheckHtml(args.out, "--out")
     has_files = args.scenario.endswith(".npz")
     num_shown = 1 + len(args.more) if has_files else len(options.ControllersOf(args))
@@ -70,7 +70,7 @@ def Execute(args: argparse.Namespace) -> int:
 
 
 def _Simulated(args: argparse.Namespace) -> "dict[str, Recording]":
-    """Returns the runs of a scenario by their controllers, the names of the page."""
+    """Simulates a scenario; returns its runs, keyed by the controller in words."""
     if args.more:
         Refuse("FILE.npz", args.more[0], "left out after a scenario")
     kinds = [[f"controller.kind={kind}"] for kind in options.ControllersOf(args)]
@@ -85,7 +85,7 @@ def _Simulated(args: argparse.Namespace) -> "dict[str, Recording]":
 
 
 def _FromFiles(args: argparse.Namespace) -> "dict[str, Recording]":
-    """Returns recordings by their controllers, or by their files where these agree."""
+    """Returns recordings by controller, or by file if two have the same controller."""
     from teleop_drake.recording import LoadRecording
 
     for option in (*options.OVERRIDES, "controllers", "set"):

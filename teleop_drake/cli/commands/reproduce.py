@@ -37,7 +37,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Simulates and writes what the thesis shows."""
+    """Repeats the simulations of the thesis; writes figures, ledger and report."""
     formats = FormatsOf(args)
     only = None
     if args.only is not None:
@@ -61,14 +61,14 @@ def Execute(args: argparse.Namespace) -> int:
             progress=partial(TellLine, args.quiet),
         )
     except RuntimeError as e:
-        # Nothing here can lay out a diagram; the message says what to install.
+        # The diagram cannot be laid out; the message names the remedy.
         return Fail(FAILED, e)
     print(f"Written: {len(paths)} files in {args.out}, the last is {paths[-1].name}")
     return 0
 
 
 def _Check(only: list[str] | None, is_quiet: bool) -> int:
-    """Prints a row for each claim; returns the exit code."""
+    """Checks claims, prints a row for each and returns the exit code."""
     from teleop_drake.thesis.check import TOLERANCE, CheckClaims
 
     lines = [["claim", "expected", "tolerance", "found", "command", "seconds", ""]]

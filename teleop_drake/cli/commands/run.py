@@ -34,7 +34,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Simulates the scenario, writes and prints what comes out."""
+    """Simulates the scenario; writes and prints the results."""
     # Bad input is refused before anything is simulated.
     scenario = options.Load(args, is_run=True)
     options.CheckSignals(args, scenario)
@@ -52,7 +52,7 @@ def Execute(args: argparse.Namespace) -> int:
 
     from teleop_drake.tasks.metrics import RunSummary
 
-    # What was asked for is written; the table is printed in any case.
+    # Files are written on request only.
     recording = Simulate(scenario, args.quiet, args.engine)
     record = RunSummary(recording)
     written = []
@@ -78,10 +78,10 @@ def Execute(args: argparse.Namespace) -> int:
 def _Draw(
     recording: "Recording", paths: Sequence[Path], drawing: Mapping[str, Any]
 ) -> list[Path]:
-    """Draws a run, and its networks if it has any.
+    """Draws a run and, if it has any, its network channels.
 
     Returns:
-        The figures of the networks.
+        The paths of the figures of the network channels.
     """
     from teleop_drake.figures.network import Networks, PlotNetwork
     from teleop_drake.figures.runs import PlotRun, SaveFigure

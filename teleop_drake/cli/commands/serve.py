@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class _MakeKey(argparse.Action):
-    """Writes a key instead of serving."""
+    """The action of --new-key, which writes a key and exits instead of serving."""
 
     def __call__(
         self,
@@ -60,7 +60,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Runs a side of the loop, and checks the prediction against it."""
+    """Runs one side of the loop; with --out, compares it with a prediction."""
     scenario = options.Load(args, is_run=True)
     output.CheckJson(args.json)
     name = "robot" if args.command_name == "serve" else "operator"
@@ -78,7 +78,7 @@ def Execute(args: argparse.Namespace) -> int:
 
 
 def _Lines(report: Mapping[str, Any]) -> list[str]:
-    """Returns how a side ended, and what it measured, a line each."""
+    """Returns two lines: how a side ended, and the round trips that it measured."""
     ending = report["termination"]
     ending += f" ({report['reason']})" if report["reason"] else ""
     trips = report["round_trip_s"]
@@ -97,12 +97,12 @@ def _Lines(report: Mapping[str, Any]) -> list[str]:
 def _Run(
     args: argparse.Namespace, scenario: "AnyScenario", log_file: Path | None
 ) -> "Side":
-    """Returns the side after its end."""
+    """Runs one side of the loop and returns it after its end."""
     from teleop_drake.link.remote import OperateRemotely, ServeRobot
     from teleop_drake.link.side import Say
 
     def SayNothing(line: str) -> None:
-        """Takes the place of Say."""
+        """Discards a line; used instead of Say()."""
 
     is_robot = args.command_name == "serve"
     place: dict[str, Any] = {"listen" if is_robot else "connect": args.address}

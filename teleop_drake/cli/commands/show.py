@@ -12,7 +12,10 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Prints the scenario with all overrides; of one with own kinds, what is given."""
+    """Prints the scenario with all overrides.
+
+    With user-defined kinds, whose code is not run, it prints the given fields only.
+    """
     from teleop_drake.scenario import ScenarioToYaml
     from teleop_drake.scenario.loading import ReadScenario
     from teleop_drake.scenario.yaml_text import DumpYaml

@@ -81,7 +81,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     )
 
 
-# Options whose place the keys of a study take.
+# Options that are refused with a study, because its keys take their place.
 _OF_A_SCENARIO = (
     *("delay", "forward_delay", "return_delay", "channel", "duration", "accuracy"),
     *("set", "controllers", "vary", "seeds", "metrics", "engine"),
@@ -119,7 +119,7 @@ def Execute(args: argparse.Namespace) -> int:
 
 
 def _Simulate(args: argparse.Namespace, study: "Study") -> "dict[str, SweepResult]":
-    """Returns the results by the names of the sweeps."""
+    """Runs the sweeps of a study; returns their results, keyed by sweep."""
     from teleop_drake.sweep import Execution, RunSweeps
 
     progress = "no runs"
@@ -140,7 +140,7 @@ def _Simulate(args: argparse.Namespace, study: "Study") -> "dict[str, SweepResul
                 notice=Notice,
             )
             return RunSweeps(study.plans, execution)
-    except RuntimeError as error:  # The executor, or the worker processes, gave up.
+    except RuntimeError as error:  # The executor or the worker processes failed.
         raise Failed(f"{error}; --resume does the rest") from None
     except KeyboardInterrupt:
         raise Interrupted(
@@ -149,10 +149,12 @@ def _Simulate(args: argparse.Namespace, study: "Study") -> "dict[str, SweepResul
 
 
 def StudyOf(args: argparse.Namespace) -> "Study":
-    """Returns the study that is named, or one of the scenario, in no folder of its own.
+    """Returns the study that SCENARIO names, or a study of this scenario only.
+
+    The only sweep of the latter has an empty name, so that it has no subfolder.
 
     Raises:
-        BadInput: If the study has an option of a scenario.
+        BadInput: If a study is given with an option whose place its keys take.
     """
     from teleop_drake.sweep.study import IsStudy, LoadStudy, Study
 
@@ -167,7 +169,7 @@ def StudyOf(args: argparse.Namespace) -> "Study":
 
 
 def PlanOf(args: argparse.Namespace) -> "SweepPlan":
-    """Returns the plan of a scenario's sweep. Seeds vary fastest, then the delays."""
+    """Returns the plan of a scenario's sweep; seeds vary fastest, then the delays."""
     from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
     from teleop_drake.scenario.overrides import ParseOverrides
     from teleop_drake.sweep import PlanSweep
@@ -184,7 +186,7 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
     if not controllers and not {*given} & {"controller", "controller.kind"}:
         try:
             controllers = list(TaskOf(LoadScenario(args.scenario)).controllers)
-        except ScenarioError:  # It may be good with its overrides.
+        except ScenarioError:  # The overrides may make it valid.
             controllers = list(CONTROLLERS)
     return PlanSweep(
         args.scenario,
@@ -202,7 +204,7 @@ def _Report(
     formats: Sequence[str],
     is_separate: bool,
 ) -> str:
-    """Draws a sweep; returns how it ended, and the files that it has written."""
+    """Draws a sweep; returns a text with its results and the written files."""
     from teleop_drake.sweep import VariesSeedsOnly
 
     figures, note = _Draw(result, metrics, folder, plan, formats, is_separate)
@@ -224,7 +226,7 @@ def _Report(
 
 
 def _ExitCode(result: "SweepResult") -> int:
-    """Returns the exit code of a sweep; reports it if none of its runs succeeded."""
+    """Returns the exit code of a sweep; prints an error if all of its runs failed."""
     if any(record["status"] != "failed" for record in result.records):
         return DONE
     count = len(result.records)
@@ -234,10 +236,10 @@ def _ExitCode(result: "SweepResult") -> int:
 
 @contextmanager
 def _Drawing() -> Iterator[Callable[[Callable[[], str]], str]]:
-    """Yields a function that does a call, on Linux in a fork of this process.
+    """Yields a function that calls its argument, on Linux in a fork of this process.
 
-    The fork imports Matplotlib while this process simulates. Beside threads of Python
-    it would not be safe.
+    The fork imports Matplotlib while this process simulates. A process with other
+    Python threads does not fork, because that would not be safe.
     """
     if sys.platform != "linux" or threading.active_count() > 1:
         yield lambda call: call()
@@ -245,7 +247,7 @@ def _Drawing() -> Iterator[Callable[[Callable[[], str]], str]]:
     from teleop_drake.sweep.workers import Worker
 
     with warnings.catch_warnings():
-        # Python 3.12 warns of threads of any kind; those of BLAS survive a fork.
+        # Python 3.12 warns about threads of any kind; those of BLAS survive a fork.
         warnings.simplefilter("ignore", DeprecationWarning)
         worker = Worker(multiprocessing.get_context("fork"), _PrepareToDraw)
     try:
@@ -255,7 +257,7 @@ def _Drawing() -> Iterator[Callable[[Callable[[], str]], str]]:
 
 
 def _PrepareToDraw() -> None:
-    """Imports what figures need, and has its fonts and its parser of formulas ready."""
+    """Imports the figures; draws one, which loads fonts and the parser of formulas."""
     from io import BytesIO
 
     from matplotlib.figure import Figure
@@ -275,12 +277,13 @@ def _Draw(
     formats: Sequence[str],
     is_separate: bool,
 ) -> tuple[list[Path], str]:
-    """Draws the metrics; returns the files, or why there are none."""
+    """Draws the metrics; returns the files, and a note on what could not be drawn."""
     from teleop_drake.figures.saving import SaveFigure
     from teleop_drake.figures.sweep_grid import MAX_PANELS, SweepGrid
     from teleop_drake.figures.sweeps import PlotSweep
 
     metrics = list(names) or result.Metrics()
+    # Curves of the metrics, in one figure or in one for each metric.
     try:
         grid = SweepGrid(result)
         is_separate |= len(grid.panel_points) * len(metrics) > MAX_PANELS
@@ -291,6 +294,7 @@ def _Draw(
     except ValueError as e:
         return [], f"No figures ({e})"
     note = ""
+    # With two varied fields, maps too, with the stability boundaries of the analysis.
     if grid.has_two_keys:
         from teleop_drake.figures.sweep_maps import PlotMap, PlotStability
 
@@ -307,7 +311,11 @@ def _Draw(
 
 
 def _Boundaries(grid: "SweepGrid", plan: "SweepPlan") -> tuple["Boundaries", str]:
-    """Returns what the analysis says of each panel of a map, or why it says nothing."""
+    """Returns the stability boundaries of each panel of a map, and notes on them.
+
+    If the analysis is not possible, there are no boundaries, and the note has the
+    reason.
+    """
     from teleop_drake.sweep.boundary import FindBoundaries
 
     try:

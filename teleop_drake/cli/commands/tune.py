@@ -68,7 +68,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         out_help="write gains.yaml, tuning.csv and all runs there (default: out)",
         out_default="out",
     )
-    # What a sweep has beside these.
+    # Options of `sweep` that StudyOf() reads.
     parser.set_defaults(controllers=None, metrics=None, engine="auto")
 
 
@@ -82,7 +82,7 @@ def Execute(args: argparse.Namespace) -> int:
     from teleop_drake.sweep.tuning import PlanTuning, RunTuning
 
     controller = args.controller
-    if IsStudy(args.scenario):  # It says all but the controller.
+    if IsStudy(args.scenario):  # It defines all but the controller.
         args.controller = None
     training = StudyOf(args)
     plan = PlanTuning(
@@ -117,7 +117,7 @@ def Execute(args: argparse.Namespace) -> int:
 
 
 def _HeldOut(items: list[str]) -> "Study | dict[str, str]":
-    """Returns the study of the held-out runs, or the values that they have."""
+    """Returns the study of the held-out runs, or their values keyed by path."""
     from teleop_drake.sweep.study import IsStudy, LoadStudy
 
     if len(items) == 1 and IsStudy(items[0]):
@@ -127,7 +127,10 @@ def _HeldOut(items: list[str]) -> "Study | dict[str, str]":
 
 
 def _Table(result: "TuningResult") -> str:
-    """Returns the gains of the front, and their metrics in the training runs."""
+    """Returns a table of gains with their metrics in the training runs.
+
+    Its rows are the scenario's own gains and those of the front.
+    """
     plan = result.plan
     names = [path.rpartition(".")[2] for path in plan.ranges]
     lines = [["", *names, *(f"{metric} (relative)" for metric in plan.weights)]]

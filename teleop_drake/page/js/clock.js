@@ -4,7 +4,7 @@ import { $ } from "./elements.js";
 import { clamp } from "./numbers.js";
 import { duration, state } from "./state.js";
 
-// The time that a drive shows, s, and how near to an event it is slow, s.
+// The time window that a drive shows, s, and the time around an event that plays slowly, s.
 const SHOWN = 8;
 const NEAR = 0.1;
 
@@ -15,7 +15,7 @@ export function onCursor(draw) {
   drawers.push(draw);
 }
 
-// Moves the cursor of all that is shown.
+// Moves the cursor of all pictures.
 export function setCursor(t) {
   state.cursor = clamp(t, 0, duration());
   Object.assign($("clock"), { max: duration(), value: state.cursor });
@@ -23,7 +23,7 @@ export function setCursor(t) {
   for (const draw of drawers) draw();
 }
 
-// Moves the cursor to a time, and shows what was before.
+// Moves the cursor to a time at the end of the window that is shown.
 export function showLast(t) {
   state.window = [Math.max(0, t - SHOWN), Math.max(SHOWN, t)];
   setCursor(t);

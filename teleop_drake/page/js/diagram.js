@@ -11,7 +11,7 @@ function boxAt(path) {
   return boxes.find((box) => box.path === path);
 }
 
-// Shows a level of the diagram of the controller that is chosen.
+// Shows a level of the diagram of the chosen controller.
 export function showLevel(path) {
   const { levels } = shownLoop();
   const level = levels.find((x) => x.path === path) ?? levels[0];
@@ -27,18 +27,18 @@ export function showLevel(path) {
   markPorts();
 }
 
-// Shows no more of a picture than is drawn.
+// Crops a picture to its drawn contents.
 function fitPicture(svg) {
   const { x, y, width, height } = svg.getBBox();
   if (width > 0) svg.setAttribute("viewBox", `${x - 4} ${y - 4} ${width + 8} ${height + 8}`);
 }
 
-// Shows the level around the one that is shown.
+// Shows the level that contains the shown one.
 export function goUp() {
   showLevel(state.level.split("/").slice(0, -1).join("/"));
 }
 
-// Opens a box: shows what it is, its ports and its inputs.
+// Opens a box: shows its class, description, ports and inputs.
 function open(path) {
   const loop = shownLoop();
   const box = boxAt(path);
@@ -77,8 +77,8 @@ function describePort(port) {
   return [port, `[${size}]  ${unit}`, ...seen, `at ${show(state.cursor)} s`].join("\n");
 }
 
-// Answers to a pointer or the keys in the diagram: a click opens a box or plots a port; all else
-// shows or hides the tip.
+// Handles an event of a pointer or a key in the diagram. A click opens a box or plots a port; other
+// events show or hide the tip.
 export function answer({ type, target }) {
   const element = target.closest("[data-box], [data-port]");
   $("tip").hidden = !element || /out$/.test(type);
@@ -89,14 +89,14 @@ export function answer({ type, target }) {
   $("tip").textContent = port ? describePort(port) : describeBox(box);
 }
 
-// All blocks and ports of a loop, by their paths.
+// The paths of all blocks and the names of all ports of a loop.
 function namesOf(loop) {
   const boxes = loop.levels.flatMap((level) => level.boxes);
   return [...boxes.map((box) => box.path), ...Object.keys(loop.ports)].filter((name) => name);
 }
 
-// The place of a loop that has a name, and the name: as it is written, or the first that contains
-// the text. The loop that is shown comes before the others.
+// The index of a loop and the name in it that a text finds; null if there is none. The name equals
+// the text or, if none does in any loop, contains it. The shown loop is searched first.
 function search(text) {
   const loops = chosen();
   const places = [state.tab, ...loops.keys()];
@@ -113,7 +113,7 @@ function search(text) {
   return null;
 }
 
-// Goes to the block or the port that the search names, in the diagram that has it.
+// Shows the block or the port that the search finds, in the diagram that contains it.
 export function find() {
   const text = $("search").value.trim();
   if (!text) return;
@@ -132,7 +132,7 @@ export function find() {
   $("search").value = "";
 }
 
-// Makes the list of all blocks and ports, from which the search chooses.
+// Makes the list of all blocks and ports that the search suggests.
 export function makeSearch() {
   const names = new Set(state.loops.flatMap(namesOf));
   $("found").append(...Array.from(names, (value) => make("option", { value })));
@@ -148,7 +148,7 @@ export function chooseTab(place) {
   showLevel(state.level);
 }
 
-// Makes the buttons that choose whose diagram is shown.
+// Makes the buttons that choose the controller whose diagram is shown.
 export function makeTabs() {
   const loops = chosen();
   const tabs = loops.map(({ title }, i) => makeButton(title, () => chooseTab(i)));

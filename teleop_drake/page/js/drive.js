@@ -1,4 +1,4 @@
-// One's own hand as the operator: keys, a pointer or a gamepad command the velocity.
+// The user's hand as the operator: keys, a pointer or a gamepad command the velocity.
 
 import { showLast } from "./clock.js";
 import { chooseTab } from "./diagram.js";
@@ -19,19 +19,19 @@ const KEYS = [
   ["o", "u"],
 ];
 const PICTURE = 1 / 60; // s, the time between two commands
-const MOST_PICTURES = 6; // of a delay that is made up for; beyond, simulated time is slower
+const MOST_PICTURES = 6; // simulated at once to catch up; with more lag, simulated time is slower
 const FULL_PULL = 80; // px
-const DEAD_ZONE = 0.1; // of a stick that rests
+const DEAD_ZONE = 0.1; // the largest tilt of a stick at rest
 const RUMBLE = 50; // ms
-const WATCH = 50; // ms between two looks at a hand that may start a drive
-const REST = 500; // ms that a hand is at rest before it may start another one
+const WATCH = 50; // ms between two checks whether the hand starts a drive
+const REST = 500; // ms for which the hand must rest before it can start another drive
 
 export const isDriveKey = (key) => KEYS.flat().includes(key);
 
-// The gamepads that are there.
+// The connected gamepads.
 const gamepads = () => (navigator.getGamepads?.() ?? []).filter((pad) => pad);
 
-// How far the sticks of a gamepad are along each axis.
+// The tilts of the sticks of a gamepad along each axis, from -1 to 1.
 function sticks() {
   const [pad] = gamepads();
   if (!pad) return [];
@@ -39,7 +39,7 @@ function sticks() {
   return tilts.map((x) => (Math.abs(x) > DEAD_ZONE ? x : 0));
 }
 
-// What the hand commands, m/s: keys, a pointer that pulls, and a gamepad's sticks.
+// The velocity that the hand commands, m/s, by keys, a pointer that pulls and a gamepad's sticks.
 function command() {
   const { num_axes: n, full_speed: full } = state.data.hand;
   const most = full * Number($("strength").value);
@@ -50,10 +50,10 @@ function command() {
   });
 }
 
-// Lets a gamepad rumble as strongly as the force that is felt at a time.
+// Makes a gamepad rumble in proportion to the haptic force at a time.
 function rumble(run, t) {
   const pad = gamepads().find((x) => x.vibrationActuator);
-  // Before the first step nothing is felt.
+  // Before the first step there is no force.
   if (!pad || !run.ends.length) return;
   const columns = run.columns("master/surgeon:haptic_force");
   const force = columns ? Math.hypot(...run.vector(columns, t)) : 0;
@@ -61,7 +61,7 @@ function rumble(run, t) {
   pad.vibrationActuator.playEffect("dual-rumble", { duration: RUMBLE, strongMagnitude });
 }
 
-// Simulates what the hand commands until the time of the clock.
+// Simulates the loop with the hand's commands up to the time of the clock.
 async function catchUp(run, begin) {
   const late = (performance.now() - begin) / 1000 - state.hand.at(-1)[0];
   for (let i = 0; i < Math.min(late / PICTURE, MOST_PICTURES) && !run.reason; ++i) {
@@ -72,18 +72,18 @@ async function catchUp(run, begin) {
   }
 }
 
-// Ends a drive that is under way, or starts one.
+// Ends the current drive, or starts one.
 export function toggleDrive() {
   if (state.drive) state.drive = null;
   else drive();
 }
 
-// Drives the controller that is chosen, in real time, until the drive ends.
+// Drives the chosen controller in real time until the drive ends.
 export async function drive() {
   const mine = {};
   state.drive = mine;
   hideBanner();
-  // A loop has memory for one run at a time.
+  // The memory of a loop holds one run at a time.
   await state.busy;
   const loop = shownLoop();
   await loop.compile();
@@ -115,8 +115,8 @@ function withController(kind) {
   drive();
 }
 
-// Starts a drive when the hand moves: keys, a pointer on the picture, or a stick. After a drive it
-// has to rest first.
+// Starts a drive when the hand moves: keys, a pointer on the picture, or a stick. After a drive the
+// hand must rest first.
 function watchHand() {
   let restSince = -Infinity;
   setInterval(() => {
@@ -139,8 +139,8 @@ function offerHand() {
   $("saved").hidden = false;
 }
 
-// Makes the hand's part of the page. A pointer on the picture pulls the tool, as far as it is from
-// where it went down.
+// Makes the hand's part of the page. A pointer on the picture commands a velocity in proportion to
+// its distance from the place where it went down.
 export function makeHand() {
   const scene = $("scene");
   let from = null;

@@ -13,21 +13,21 @@ export function make(tag, properties, ...children) {
 export const makeButton = (textContent, onclick, properties = {}) =>
   make("button", { textContent, onclick, ...properties });
 
-// Text without characters that mean something in HTML.
+// A text whose special characters are escaped for HTML.
 export const safe = (text) => text.replace(/[&<>"]/g, (c) => `&#${c.charCodeAt()};`);
 
-// A short line in a controller's colour, its title and some text.
+// A legend entry: a short line in a controller's colour, its title and a text.
 export function keyOf({ color, title }, text = "") {
   const line = make("span", { className: "key", style: `border-color: ${color}` });
   return make("span", {}, line, `${title} ${text}`);
 }
 
-// Shows a text in the line of the status.
+// Shows a text in the status line.
 export function say(text, className = "") {
   Object.assign($("status"), { textContent: text, className });
 }
 
-// Waits for the next picture; a page that is not shown has none.
+// Waits for the next animation frame, or 50 ms, because a hidden page has no frames.
 export function nextFrame() {
   return new Promise((go) => {
     requestAnimationFrame(go);

@@ -5,7 +5,7 @@ import { refresh } from "./simulate.js";
 import { makeSlider } from "./slider.js";
 import { state } from "./state.js";
 
-// Sets an input, at a stop if it has stops; both delays at once for `delay`.
+// Sets an input, to the nearest stop if it has stops. The input `delay` sets both delays.
 export function setInput(name, value) {
   const { inputs } = state;
   if (!inputs[name]) {
@@ -22,7 +22,7 @@ export function setInput(name, value) {
   return refresh();
 }
 
-// Throws unless an input can have a value.
+// Throws a RangeError if a value is not allowed for an input.
 function checkValue({ name, min, max, choices }, value) {
   const isAllowed = choices ? choices.includes(value) : value >= min && value <= max;
   if (isAllowed) return;
@@ -47,7 +47,7 @@ export function makeInputs() {
   }
 }
 
-// Sets an input as one of its fields has it.
+// Sets an input to the value of one of its fields; reports a value that is not allowed.
 function setFromField(name, value) {
   try {
     setInput(name, value);

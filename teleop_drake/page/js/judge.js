@@ -1,7 +1,7 @@
-// Verdicts of the thesis's claims on runs of now, by the definitions of thesis/claims.
+// Verdicts on the thesis's claims from the current runs, by the definitions of thesis/claims.
 //
-// A measure has the name of the function there that measures the claim. It takes the evidence and
-// the claim, and returns whether the claim holds and the numbers that decide it.
+// Each measure has the name of the Python function that measures the claim. It takes the evidence
+// and the claim, and returns whether the claim holds and the numbers that decide it.
 
 import { measure } from "./metrics.js";
 import { dot, range, show } from "./numbers.js";
@@ -9,9 +9,9 @@ import { powersOf, valueAt } from "./pieces.js";
 import { AXES } from "./units.js";
 
 const CASE_I = "two_dof_puncture";
-const WORKSPACE_END = 1.4; // m, where runs of case I are cut; see thesis/runs.py
+const WORKSPACE_END = 1.4; // m, the position x at which runs of case I are cut; see thesis/runs.py
 const SCALES = { mm: 1e3, "mm/s": 1e3, mN: 1e3, "%": 1e2 };
-const BOOLE = [7, 32, 12, 32, 7]; // Weights of five values for an integral, times 90.
+const BOOLE = [7, 32, 12, 32, 7]; // 90 times the weights of Boole's rule for five values
 const SETTLING = "collision.settling_time";
 
 // A number in a unit.
@@ -19,7 +19,7 @@ function inUnit(x, unit) {
   return Number.isFinite(x) ? show((SCALES[unit] ?? 1) * x, 4) : "none";
 }
 
-// Numbers of both controllers.
+// Both controllers' numbers as text.
 const pairOf = ([direct, adaptive], unit = "") =>
   `direct ${inUnit(direct, unit)}, adaptive ${inUnit(adaptive, unit)} ${unit}`;
 
@@ -37,7 +37,7 @@ function inside(run) {
   return Object.assign(part, measure(part));
 }
 
-// What the runs of both controllers say about claims of their task.
+// The runs of both controllers, from which the claims of their task are judged.
 export class Evidence {
   constructor([direct, adaptive], { name, network }) {
     const isCut = name === CASE_I;
@@ -48,7 +48,7 @@ export class Evidence {
     this.speed = direct.z.command[0];
   }
 
-  // A metric of both runs; NaN where a run has none.
+  // A metric of both runs; NaN if a run does not have it.
   both(name) {
     return [this.direct, this.adaptive].map(({ metrics }) => metrics[name] ?? NaN);
   }
@@ -67,7 +67,7 @@ function valuesOfPart(run, signal, component, begin = 0, end = Infinity) {
   return rows.map((i) => run.rows[i * run.width + column]);
 }
 
-// The largest of some numbers without their signs.
+// The largest absolute value of some numbers.
 const largestOf = (values) => values.reduce((most, x) => Math.max(most, Math.abs(x)), 0);
 
 // The largest jump of the control force.
@@ -78,7 +78,7 @@ function largestJump(run) {
   return largestOf(jumps.flatMap((i) => columns.map((k) => change(i, k))));
 }
 
-// A time at which something happened; without it a claim cannot be judged.
+// The time of an event; throws a RangeError if it is undefined, as no claim can be judged then.
 function known(time) {
   if (time === undefined) throw new RangeError("the tool does not get there");
   return time;
@@ -87,7 +87,7 @@ function known(time) {
 // The times of events of a name.
 const timesOf = ({ events }, name) => events.filter((x) => x.name === name).map((x) => x.time);
 
-// When the tool first has 90 % of the commanded velocity.
+// The time at which the tool first has 90 % of the commanded velocity.
 function riseTime(run) {
   const velocity = valuesOfPart(run, "tool_velocity", 0);
   return run.time[velocity.findIndex((v) => v >= 0.9 * run.z.command[0])] ?? Infinity;
@@ -152,7 +152,7 @@ const QUANTITIES = {
   contacts: (run) => timesOf(run, "contact").length,
 };
 
-// A quantity or a metric of a run, on each axis that it has.
+// The values of a quantity or a metric of a run, one for each of its axes.
 function valuesOnAxes(run, of) {
   if (QUANTITIES[of]) return [QUANTITIES[of](run)];
   return AXES.map((axis) => run.metrics[`${of}.${axis}`]).filter((x) => x !== undefined);
@@ -161,7 +161,7 @@ function valuesOnAxes(run, of) {
 // Whether both numbers are less than 1 % apart.
 const isSame = ([direct, adaptive]) => Math.abs(direct / adaptive - 1) < 0.01;
 
-// What the thesis's numbers of both controllers stand for.
+// The relations between both controllers' numbers for which a printed number stands.
 const RELATIONS = {
   "larger with direct force": ([direct, adaptive]) => direct > adaptive,
   "smaller with direct force": ([direct, adaptive]) => direct < adaptive,
@@ -176,12 +176,12 @@ function noStartOvershoot({ adaptive, speed }) {
 }
 
 const MEASURES = {
-  // The thesis prints a number of one controller.
+  // The number that the thesis prints for one controller.
   _Number(evidence, { metric, which, in_kind: relation }) {
     const both = evidence.both(metric);
     return { holds: RELATIONS[relation](both), ours: both[which === "direct" ? 0 : 1] };
   },
-  // It prints by how much the adaptive controller reduces a number.
+  // The share by which the adaptive controller reduces a number.
   _Reduction(evidence, { metric }) {
     const [direct, adaptive] = evidence.both(metric);
     return { holds: Math.abs(adaptive) < Math.abs(direct), ours: 1 - adaptive / direct };
@@ -194,14 +194,15 @@ const MEASURES = {
     if (pairs.length === 1) return { holds, ours: pairs[0] };
     return { holds, ours: pairs.map((pair, k) => `${AXES[k]}: ${pair}`).join("; ") };
   },
-  // Speed and force at the puncture are those of direct force.
+  // Speed and force at the puncture are the same with both controllers.
   _SameAtPuncture(evidence) {
     const speeds = evidence.both("puncture.velocity");
     const forces = evidence.both("puncture.force");
     const ours = `${pairOf(speeds, "mm/s")}; ${pairOf(forces, "mN")}`;
     return { holds: isSame(speeds) && isSame(forces), ours };
   },
-  // The adaptive controller's first impact is its largest, and less than that of direct force.
+  // The adaptive controller's first impact is its largest force. This force is between the first
+  // impact and the largest force of direct force.
   _ImpactOrder(evidence) {
     const first = evidence.both("collision.initial_impact_force");
     const largest = evidence.both("collision.peak_force");
@@ -222,18 +223,18 @@ const MEASURES = {
     const holds = adaptive <= (Number.isNaN(direct) ? Infinity : direct / 2);
     return { holds, ours: pairOf([direct, adaptive], "s") };
   },
-  // Its force does not jump.
+  // The adaptive controller's force does not jump.
   _Smooth(evidence) {
     const [direct, adaptive] = evidence.each(largestJump);
     return { holds: adaptive < 0.01 * direct, ours: pairOf([direct, adaptive], "mN") };
   },
-  // It has the commanded velocity before the puncture.
+  // The adaptive controller has the commanded velocity before the puncture.
   _SmoothStart({ adaptive, speed }) {
     const puncture = known(adaptive.metrics["puncture.time"]);
     const share = amplitude(adaptive, 0, puncture - 1, puncture) / speed;
     return { holds: share < 0.05, ours: percent(share) };
   },
-  // Direct force crosses the commanded velocity several times, and goes on.
+  // Direct force crosses the commanded velocity several times, and still swings at the puncture.
   _DirectOscillates({ direct, speed }) {
     const puncture = known(direct.metrics["puncture.time"]);
     const isAbove = valuesOfPart(direct, "tool_velocity", 0, 0, puncture).map((v) => v > speed);
@@ -248,7 +249,7 @@ const MEASURES = {
     const both = evidence.both("puncture.velocity");
     return { holds: both[0] > both[1] + 0.05 * evidence.speed, ours: pairOf(both, "m/s") };
   },
-  // Direct force diverges, and does so inside the workspace.
+  // Direct force diverges, and its velocity along y already grows inside the workspace.
   _DirectDiverges({ direct, whole }) {
     const puncture = known(direct.metrics["puncture.time"]);
     const end = direct.time.at(-1);
@@ -257,12 +258,12 @@ const MEASURES = {
     const ours = `amplitude of v_y ${show(early, 3)} to ${show(late, 3)} m/s`;
     return { holds: Boolean(whole.reason) && late > 2 * early, ours };
   },
-  // The adaptive controller alone settles.
+  // The adaptive controller settles, and direct force does not.
   _NeverConverges(evidence) {
     const both = evidence.both(SETTLING);
     return { holds: Number.isNaN(both[0]) && both[1] >= 0, ours: pairOf(both, "s") };
   },
-  // Its first impact is weaker by a quarter.
+  // The adaptive controller's first impact is weaker by a quarter.
   _LowerFirstImpact(evidence) {
     const both = evidence.both("collision.initial_impact_force");
     return { holds: both[1] <= 0.75 * both[0], ours: pairOf(both, "N") };
@@ -273,7 +274,7 @@ const MEASURES = {
     const texts = errors.map((x, k) => `${AXES[k]} ${percent(x)}`);
     return { holds: errors.every((x) => x < 0.15), ours: texts.join(", ") };
   },
-  // Direct force leaves the place of the first contact farther and farther.
+  // With direct force the distance from the first contact grows.
   _DirectUnstable({ direct }, { axis }) {
     const k = AXES.indexOf(axis);
     const contact = known(timesOf(direct, "contact")[0]);
@@ -285,12 +286,12 @@ const MEASURES = {
     const late = farthest(end - 2, end);
     return { holds: late >= 1.1 * early, ours: `first ${show(early, 3)}, last ${show(late, 3)} m` };
   },
-  // The adaptive controller is later at 90 % of the commanded velocity.
+  // The adaptive controller takes longer to reach 90 % of the commanded velocity.
   _Sluggish(evidence) {
     const both = evidence.each(riseTime);
     return { holds: both[1] > both[0], ours: pairOf(both, "s") };
   },
-  // It ends at rest with the commanded force.
+  // The adaptive controller ends at rest with the commanded force.
   _StableOnBone({ adaptive, speed }) {
     const last = (signal, axis) => valuesOfPart(adaptive, signal, axis).at(-1);
     const asked = last("forward_packet_received", 0);
@@ -305,7 +306,7 @@ const MEASURES = {
     const share = unlearnedShare(adaptive, network);
     return { holds: share < 0.5, ours: `${percent(share)} unlearned` };
   },
-  // Its impacts become weaker, and it settles.
+  // The adaptive controller's impacts become weaker, and it settles.
   _DampsOut({ adaptive }) {
     const hits = impactForces(adaptive);
     const isFalling = hits.every((x, i) => !i || x < hits[i - 1]);
@@ -320,7 +321,7 @@ const MEASURES = {
   },
 };
 
-// Whether a claim can be judged on the runs of now.
+// Whether a claim can be judged from the current runs.
 export const isJudged = ({ measure: name }) => name in MEASURES;
 
 // The verdict of a claim and the numbers that decide it.

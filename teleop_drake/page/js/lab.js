@@ -1,4 +1,4 @@
-// The laboratory of a task: its sliders, its runs, and the figures and claims that these decide.
+// The laboratory of a task: its sliders, its runs, and the figures and claims of these runs.
 
 import { $, keyOf, make, makeButton } from "./elements.js";
 import { Evidence, isJudged, judge } from "./judge.js";
@@ -11,10 +11,10 @@ const AFTER = 2.4; // s, and after it
 
 const CHANGE = /^change of /; // of a signal since its start
 
-// Waits until the browser has drawn, and has heard of what was dragged meanwhile.
+// Gives the browser time to draw and to handle events, such as a moved slider.
 const rest = () => new Promise((go) => setTimeout(go));
 
-// A task's sliders and what they decide.
+// A task's sliders, with the runs, figures and claims that depend on them.
 export class Lab {
   constructor(data) {
     const { name, inputs, controllers, claims, network } = data;
@@ -31,7 +31,7 @@ export class Lab {
     this.figures.forEach((figure) => this.makeScopes(figure));
   }
 
-  // The values of all inputs: those of the sliders, for both ways where one slider is for both.
+  // The values of all inputs. A slider that is for both delays gives the values of both.
   values() {
     const pairs = this.all.map(({ name, value }) => [name, value]);
     const set = this.inputs.flatMap(({ name, value, parts = [name] }) =>
@@ -40,7 +40,7 @@ export class Lab {
     return Object.fromEntries([...pairs, ...set]);
   }
 
-  // Whether the sliders stand where the thesis has them.
+  // Whether all sliders have the values of the thesis.
   isAsPublished() {
     const first = Object.fromEntries(this.all.map(({ name, value }) => [name, value]));
     return this.inputs.every(({ name, value }) => value === first[name]);
@@ -88,7 +88,7 @@ export class Lab {
     return this.refresh();
   }
 
-  // Simulates with the values of now, again if they change meanwhile.
+  // Simulates with the current values; simulates again if they change meanwhile.
   refresh() {
     ++this.version;
     this.busy ??= this.simulate().finally(() => {
@@ -127,7 +127,7 @@ export class Lab {
     this.judge();
   }
 
-  // Shows the whole run or what is around an event.
+  // Shows the whole run or the time around an event.
   look(shown) {
     this.shown = shown;
     for (const button of this.windows) button.ariaPressed = button.value === shown;
@@ -163,7 +163,7 @@ export class Lab {
     const view = { ...this, mostLines: size, isChange: CHANGE.test(signal) };
     const { svg: content, unit } = plot(view, port, width, height);
     svg.innerHTML = content;
-    // On paper the picture takes the width that there is.
+    // On paper the picture is scaled to the available width.
     svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     const keys = this.runs.filter((run) => run.columns(port)).map(({ loop }) => keyOf(loop));
     const components = size <= MOST_LINES ? samplesOf(port, size) : [];
@@ -173,7 +173,7 @@ export class Lab {
     head.append(...components, ...keys, pale);
   }
 
-  // Judges the claims on the runs of now, and says so where a slider has moved.
+  // Judges the claims from the current runs; shows the verdicts if a slider has moved.
   judge() {
     const evidence = new Evidence(this.runs, this);
     for (const claim of this.claims) {

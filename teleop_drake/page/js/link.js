@@ -1,6 +1,6 @@
-// A link is a state: inputs, the controller whose diagram is shown, the cursor and the scopes.
+// A link to a state of the page: inputs, the controller of the diagram, the cursor and the scopes.
 //
-// As in page.html#delay=0.2&controller=direct_force&t=2.4&show=tool_velocity.
+// An example is page.html#delay=0.2&controller=direct_force&t=2.4&show=tool_velocity.
 
 import { setCursor } from "./clock.js";
 import { chooseTab } from "./diagram.js";
@@ -9,13 +9,13 @@ import { setInput } from "./inputs.js";
 import { makeScopes } from "./scopes.js";
 import { chosen, shownLoop, state } from "./state.js";
 
-// The name of a signal for its port; of other ports the port itself.
+// The name of the signal at a port; for other ports, the name of the port.
 function nameOf(port) {
   const found = Object.entries(shownLoop().signals).find(([, place]) => place === port);
   return found ? found[0] : port;
 }
 
-// The link to what is shown now.
+// The link to the current state.
 export function linkOfState() {
   const link = new URLSearchParams();
   for (const { name, value, parts } of Object.values(state.inputs)) {
@@ -27,7 +27,7 @@ export function linkOfState() {
   return `${location.href.split("#")[0]}#${link}`;
 }
 
-// Shows the state of the page's own link. What it names wrongly is reported and left as it was.
+// Shows the state in the address of the page. Invalid parts of it are reported and ignored.
 export async function showLinkedState() {
   const { controller, t, show, ...values } = Object.fromEntries(
     new URLSearchParams(location.hash.slice(1)),
@@ -50,7 +50,7 @@ export async function showLinkedState() {
   if (wrong.length) say(`the link is not understood: ${wrong.join("; ")}`, "bad");
 }
 
-// Shows signals or ports in the scopes; returns what is wrong with their names.
+// Shows signals or ports in the scopes; returns a message for each unknown name.
 function showSignals(names) {
   const { signals, ports } = shownLoop();
   const places = names.map((name) => signals[name] ?? name);
@@ -60,7 +60,7 @@ function showSignals(names) {
   return names.filter((_, i) => !isKnown(places[i])).map((name) => `there is no signal ${name}`);
 }
 
-// Makes the button that copies the link, and follows a link that is entered later.
+// Makes the button that copies the link; shows the state of a link that is entered later.
 export function makeLink() {
   $("copy-link").onclick = async () => {
     const link = linkOfState();

@@ -1,5 +1,5 @@
-// The loop of a controller: its module, the memory of that, and the numbers of a run. See model.py
-// for the numbers.
+// The loop of a controller: its WebAssembly module, the memory of the module, and the numbers of a
+// run. See Model.numbers in model.py.
 
 import { Run } from "./run.js";
 
@@ -19,7 +19,7 @@ export class Loop {
     return this.compiled;
   }
 
-  // Makes the module's function, which works on its memory. See wasm.py for its place in the table.
+  // Instantiates the module with its memory. Its run() is at place 1 of a table; see wasm.py.
   async instantiate() {
     this.memory = new WebAssembly.Memory({ initial: this.start / PAGE + 16 });
     const module = await WebAssembly.compile(this.module);
@@ -32,7 +32,7 @@ export class Loop {
     this.run = table.get(1);
   }
 
-  // All numbers of a run at values of the inputs; see Change.Added() in inputs.py.
+  // The numbers of a run at values of the inputs; see Change.Added() in inputs.py.
   numbersAt(values) {
     const names = Object.keys(this.numbers);
     const z = Object.fromEntries(names.map((name) => [name, this.numbers[name].slice()]));
@@ -43,7 +43,7 @@ export class Loop {
     return z;
   }
 
-  // Adds to the numbers of a run what a value of an input changes.
+  // Adds the changes by an input's value to the numbers of a run.
   addChange(z, input, { slopes, stops }, value) {
     for (const [name, [places, rates]] of Object.entries(slopes)) {
       places.forEach((place, i) => {
@@ -58,7 +58,7 @@ export class Loop {
     }
   }
 
-  // Puts numbers into memory; returns the addresses of the headers and all places.
+  // Writes numbers into memory; returns the addresses of the headers and the places of all arrays.
   layOut(z) {
     let end = this.start;
     const take = (count) => {
@@ -95,7 +95,7 @@ export class Loop {
     return [values && width ? given : size, width];
   }
 
-  // Writes values to a place in memory; without values zeros.
+  // Writes values, or zeros without values, to a place in memory.
   write({ place: { at, count }, values, isWhole }) {
     const kind = isWhole ? BigInt64Array : Float64Array;
     const array = new kind(this.memory.buffer, at, count);
@@ -103,8 +103,8 @@ export class Loop {
     if (values) array.set(isWhole ? Array.from(values, BigInt) : values);
   }
 
-  // Simulates at values of the inputs, with a hand where there is a place for one. Returns null if
-  // `isStale` tells so meanwhile.
+  // Simulates at values of the inputs, with the commands of a hand if the loop takes them. Returns
+  // null if `isStale` meanwhile reports that the run is not needed.
   async simulate(values, isStale, hand = []) {
     await this.compile();
     const begin = performance.now();

@@ -1,4 +1,4 @@
-// Makes the page. It is the model: what it shows is simulated here, by a module of WebAssembly.
+// Makes the page. All runs that it shows are simulated here, by modules of WebAssembly.
 
 import { setCursor, togglePlay } from "./clock.js";
 import { answer, goUp, makeSearch, makeTabs } from "./diagram.js";
@@ -17,13 +17,13 @@ import { chosen, state, unpack, values } from "./state.js";
 
 const FIRST_SCOPES = ["tool_velocity", "environment_force", "tool_position"];
 
-// Moves the cursor by a share of the window.
+// Moves the cursor by a fraction of the window.
 function moveCursor(share) {
   const [begin, end] = state.window;
   setCursor(state.cursor + (end - begin) * share);
 }
 
-// What each key does outside of a field.
+// The action of each key outside of a field.
 const ACTIONS = {
   " ": togglePlay,
   p: togglePin,
@@ -45,7 +45,7 @@ function isOfField({ key, target }) {
   return target.matches?.("button") && [" ", "Enter"].includes(key);
 }
 
-// Does what a key stands for.
+// Performs the action of a key.
 function press(event) {
   if (isOfField(event)) return;
   const isArrow = event.key.startsWith("Arrow");
@@ -59,7 +59,7 @@ function press(event) {
   event.preventDefault();
 }
 
-// Makes the page dark or light as the system is, and a button that changes that.
+// Makes the page dark or light as the system is, and the button that switches between both.
 function makeTheme() {
   const { style } = document.documentElement;
   style.colorScheme = matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light";
@@ -69,13 +69,13 @@ function makeTheme() {
   $("explain").onclick = explain;
 }
 
-// Explains each part where it stands, or hides that.
+// Shows the explanation of each part of the page, or hides it.
 function explain() {
   const isExplained = document.body.classList.toggle("explained");
   $("explain").ariaPressed = isExplained;
 }
 
-// Makes the page answer to pointers and keys.
+// Handles the events of pointers and keys.
 function listen() {
   for (const type of ["click", "mouseover", "mouseout", "focusin", "focusout"]) {
     $("level").addEventListener(type, answer);
@@ -85,7 +85,7 @@ function listen() {
   $("clock").oninput = () => setCursor(Number($("clock").value));
   document.addEventListener("keydown", press);
   document.addEventListener("keyup", (event) => state.keys.delete(event.key));
-  // A window that loses the focus hears of no key that is let go.
+  // A window without focus receives no event when a key is released.
   addEventListener("blur", () => state.keys.clear());
   addEventListener("resize", () => setCursor(state.cursor));
 }
@@ -134,13 +134,13 @@ function fitFrame() {
   new ResizeObserver(fit).observe(document.body);
 }
 
-// All values of a signal: those of each component in a row.
+// All values of a signal: an array for each of its components.
 function signalOf(run, name) {
   const rows = range(run.time.length);
   return run.signal(name).map((column) => rows.map((i) => run.rows[i * run.width + column]));
 }
 
-// For scripts.
+// The interface for scripts.
 window.teleop = {
   ready: start().catch((error) => {
     say(error.message, "bad");
@@ -150,7 +150,7 @@ window.teleop = {
   get controllers() {
     return chosen().map((loop) => loop.kind);
   },
-  // What can be set, with the values of now.
+  // The inputs with their current values and their ranges or choices.
   get inputs() {
     const describe = ({ value, min, max, unit, choices }) =>
       choices ? { value, choices } : { value, min, max, unit };
@@ -173,10 +173,10 @@ window.teleop = {
       wall_time_ms: run.wall,
       diverged: Boolean(run.reason),
     };
-    // The run itself is no part of what is printed or copied.
+    // The run itself is not enumerable, so that it is neither printed nor copied.
     return Object.defineProperty(result, "run", { value: run });
   },
-  // A signal of such a run at times.
+  // The values at some times of a signal of a result of run().
   sample({ run }, name, times) {
     const columns = run.signal(name) ?? run.columns(name);
     if (!columns) {

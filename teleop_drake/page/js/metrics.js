@@ -24,7 +24,7 @@ const AT_REST = 1e-6; // Shares of the commanded speed.
 const SETTLING_RATIO = 0.05;
 const CROSSINGS = { puncture: ["puncture", "heal"], contact: ["contact", "release"] };
 
-// The signals of an insertion in pieces, and what happened when.
+// An insertion: its signals in pieces, and the times of its events.
 class InsertionRun {
   constructor(run) {
     const { command, surfaces } = run.z;
@@ -41,13 +41,14 @@ class InsertionRun {
     this.contact = named("contact");
     const first = this.puncture ?? this.contact ?? this.surfaces[0];
     this.normal = first?.normal ?? this.v_d.map((v) => v / this.speed);
-    // Where the tool crosses surfaces.
+    // When the tool crosses surfaces.
     const raw = new Pieces(run);
     const position = raw.signals(run.signal("tool_position"));
     for (const surface of this.surfaces) {
       surface.crossings = raw.crossings(this.depth(surface, position));
     }
-    // The command is known in pieces before it is known where it reverses.
+    // The instants at which the command reverses are found from the command in pieces. Then the
+    // pieces are cut at these instants, too.
     const echoes = this.echoes();
     this.pieces = new Pieces(run, echoes);
     const heading = combine([1], [this.along(this.received())], AT_REST * this.speed);
@@ -82,7 +83,7 @@ class InsertionRun {
     });
   }
 
-  // Finds when surfaces are crossed.
+  // Finds the times of puncture, contact and release.
   takeTimes() {
     const { puncture, contact } = this;
     const crossings = contact?.crossings ?? [];
@@ -94,19 +95,19 @@ class InsertionRun {
     this.releaseTime = firstAfter(this.contactTime, times(false));
   }
 
-  // How far the tool is behind a surface, which may begin at infinity.
+  // The depth of the tool behind a surface, which may be at infinity.
   depth({ point, normal }, position) {
     const begin = normal.reduce((sum, x, k) => (x ? sum + x * point[k] : sum), 0);
     return combine(normal, position, -begin);
   }
 
-  // The columns of what the operator sends, [F_h; v_d], where no packet has them.
+  // The columns of the operator's command, [F_h; v_d]; undefined if packets transmit it.
   sent() {
     const velocity = this.run.signal("velocity_command");
     return velocity && [...this.run.signal("force_command"), ...velocity];
   }
 
-  // When a jump of the command arrives at the slave, the start too.
+  // The times at which jumps of the command, including its start, arrive at the slave.
   echoes() {
     const { time, rows, width, z } = this.run;
     const sent = this.sent();
@@ -119,7 +120,7 @@ class InsertionRun {
       .map((i) => time[i] + z.command_delay[0]);
   }
 
-  // What the slave receives of the operator, in the pieces of now.
+  // The command [F_h; v_d] that the slave receives, in the current pieces.
   received() {
     const { run, pieces } = this;
     const sent = this.sent();
@@ -128,7 +129,7 @@ class InsertionRun {
       : pieces.signals(run.signal("forward_packet_received"));
   }
 
-  // The command that overshoots compare with, along the normal.
+  // The component along the normal of the command with which overshoots are compared.
   along(received) {
     const { run, n, v_d, normal } = this;
     const constant = Array(5).fill(dot(v_d, normal));
@@ -137,7 +138,7 @@ class InsertionRun {
   }
 }
 
-// Metrics of an insertion by their names.
+// The metrics of an insertion, keyed by name.
 function insertionMetrics(insertion) {
   const { pieces, overshoot, punctureTime, contactTime } = insertion;
   const { lengths } = pieces;
@@ -161,7 +162,8 @@ function insertionMetrics(insertion) {
   return metrics;
 }
 
-// How far the hand is from the tool; null without what was felt, or about an axis.
+// The rms distance along an axis between hand and tool; null for a rotation, or without a felt
+// velocity.
 function coordinationError({ feltVelocity, position, pieces: { lengths } }, k) {
   if (!feltVelocity || k > 2) return null;
   const felt = integral(feltVelocity[k], lengths, position[k][0][0]);
@@ -214,7 +216,7 @@ function collisionMetrics(insertion) {
   };
 }
 
-// The bands of translation and rotation, each with its force where there is any.
+// The bands of rest: the velocities of translation and rotation and, if there is any, their forces.
 function restBands({ velocity, force }, slow) {
   const bands = [];
   for (let first = 0; first < velocity.length; first += 3) {
@@ -229,7 +231,7 @@ function restBands({ velocity, force }, slow) {
   return bands;
 }
 
-// When the tool crosses a surface and when the operator switches.
+// The events: crossings of surfaces, and switches of the operator.
 function insertionEvents({ run, surfaces }) {
   const events = [];
   const [mode] = run.signal("surgeon_mode") ?? [];
@@ -251,7 +253,7 @@ function insertionEvents({ run, surfaces }) {
   return events.sort((a, b) => a.time - b.time);
 }
 
-// Metrics of a tracking by their names.
+// The metrics of a tracking, keyed by name.
 function trackingMetrics(run) {
   const pieces = new Pieces(run);
   const whole = pieces.between();
@@ -275,7 +277,7 @@ function trackingMetrics(run) {
   return metrics;
 }
 
-// Events and metrics of a run that is over. What was not measured is not among the metrics.
+// The events and metrics of a finished run. Metrics that the run does not have are left out.
 export function measure(run) {
   let events = [];
   let metrics = {};

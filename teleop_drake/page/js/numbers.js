@@ -20,7 +20,7 @@ export function extent(values) {
   return [low, high];
 }
 
-// A number in few digits; a dash without one.
+// A number as text with few digits; a dash for undefined.
 export function show(x, digits = 5) {
   if (x === undefined) return "–";
   const isLong = Math.abs(x) >= 1e5 || (x !== 0 && Math.abs(x) < 1e-4);

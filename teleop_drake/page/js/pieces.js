@@ -1,8 +1,7 @@
-// Signals of a run in pieces, and functions of them that have the names of those in
-// numerics/pieces.py.
+// Signals of a run in pieces, and functions of such signals, named as in numerics/pieces.py.
 //
-// A signal in pieces is an array with the five values of each piece; of a vector there is one for
-// each component. Between its values a signal is the quartic through them.
+// A signal in pieces is an array with five values for each piece, at equal distances. Between these
+// values the signal is the quartic through them. A vector has one such array for each component.
 
 const NODES = [0, 0.25, 0.5, 0.75, 1];
 export const SAME_INSTANT = 5e-12; // s, see numerics/pieces.py
@@ -25,7 +24,7 @@ export function powersOf(values) {
   ];
 }
 
-// A polynomial at a share of its piece.
+// The value of a polynomial at a fraction of its piece.
 export function valueAt(powers, x) {
   let value = 0;
   for (let k = powers.length - 1; k >= 0; --k) value = value * x + powers[k];
@@ -43,7 +42,7 @@ export function bisect(holds, low, high) {
   return high;
 }
 
-// The sum of signals in pieces with weights, and a number.
+// The weighted sum of signals in pieces, plus a constant.
 export function combine(weights, signals, constant = 0) {
   const valueOf = (i, node) => {
     let sum = constant;
@@ -66,7 +65,7 @@ export class Pieces {
       let begin = time[last - 4];
       const end = time[last];
       const start = begin;
-      // A step between two instants that are one is a part of what jumps there.
+      // A step between two equal instants is a part of a jump.
       if (end - start <= SAME_INSTANT) return;
       for (; next < instants.length && instants[next] < end - SAME_INSTANT; ++next) {
         if (instants[next] <= Math.max(begin, start) + SAME_INSTANT) continue;
@@ -75,7 +74,7 @@ export class Pieces {
       }
       this.list.push({ begin, end, step, isPart: begin > start });
     });
-    // A run without steps is one piece, of which 1 is told.
+    // A run without steps is one piece, whose length is taken as 1.
     const only = { begin: time.at(-1), end: time.at(-1), step: -1, isPart: false };
     if (!this.list.length) this.list.push(only);
     this.lengths = this.list.map(({ begin, end }) => end - begin || 1);
@@ -99,7 +98,8 @@ export class Pieces {
     return columns.map((column) => this.signal(column));
   }
 
-  // Columns as they were a delay ago; 0 at first. A jump at an end of a piece has happened, or not.
+  // Delayed columns, which are 0 before the first value arrives. If there is a jump, a piece begins
+  // with the value after it and ends with the value before it.
   delayed(columns, delay) {
     const { run, list } = this;
     const first = run.time[0];
@@ -113,14 +113,15 @@ export class Pieces {
     return columns.map((_, k) => values.map((piece) => piece.map((value) => value[k])));
   }
 
-  // The first piece whose middle is not before an instant; without one the given place.
+  // The first piece whose middle is not before an instant; without an instant, `otherwise`.
   place(time, otherwise) {
     if (time === undefined) return otherwise;
     const found = this.list.findIndex(({ begin, end }) => (begin + end) / 2 >= time);
     return found < 0 ? this.list.length : found;
   }
 
-  // The places of the pieces between two instants, without one from or to the run's end.
+  // The range of the pieces between two instants; by default, from the start or to the end of the
+  // run.
   between(begin, end) {
     return [this.place(begin, 0), this.place(end, this.list.length)];
   }
@@ -142,15 +143,15 @@ export class Pieces {
   }
 }
 
-// When a signal first becomes positive, and the first of some instants after another one.
+// The time at which a signal first becomes positive, and the first of some instants after another.
 export const firstUpwards = (crossings) => crossings.find((x) => x.isUpwards)?.time;
 export const firstAfter = (time, times) =>
   time === undefined ? undefined : times.find((t) => t > time);
 
-// A signal just before a place among its pieces.
+// The value of a signal just before a piece.
 export const valueBefore = (y, place) => (place ? y[place - 1][4] : y[0][0]);
 
-// Values of a piece between which it is monotonic.
+// Successive values of a piece between which it is monotonic.
 function extremes(values) {
   const slope = powersOf(values)
     .slice(1)
@@ -168,14 +169,15 @@ function extremes(values) {
   return found;
 }
 
-// The largest value of a signal in some pieces; without a piece that before them.
+// The largest value of a signal in some pieces; without a piece, the value before them.
 export function maximum(y, [first, last]) {
   if (first >= last) return valueBefore(y, first);
   let most = -Infinity;
   for (let i = first; i < last; ++i) {
     const high = Math.max(...y[i]);
     const low = Math.min(...y[i]);
-    // A quartic goes beyond half of its values' range by at most this factor.
+    // A quartic deviates from the middle of its five values by at most this factor times half of
+    // their range.
     if ((high + low) / 2 + (LEBESGUE * (high - low)) / 2 < most) continue;
     most = Math.max(most, ...extremes(y[i]));
   }
@@ -208,7 +210,7 @@ export function rms(y, lengths) {
   return Math.sqrt(Math.max(0, total) / duration);
 }
 
-// The integral of a signal over time as a signal.
+// The integral of a signal over time, as a signal in pieces.
 export function integral(y, lengths, start) {
   let at = start;
   return y.map((values, i) => {
@@ -220,8 +222,9 @@ export function integral(y, lengths, start) {
   });
 }
 
-// How long it takes from a place on until vectors stay in their bands; null if they do not, or if
-// they did for as long before. A band is the components of a vector, its centre and its radius.
+// The time from the begin of a piece until all vectors stay in their bands. It is null if they do
+// not, or if they stayed there as long before. A band has the components of a vector, a centre and
+// a radius.
 export function settlingTime(pieces, first, bands) {
   const { list } = pieces;
   if (first >= list.length) return null;

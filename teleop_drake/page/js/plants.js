@@ -4,29 +4,29 @@ import { $ } from "./elements.js";
 import { dot, extent, range } from "./numbers.js";
 import { state } from "./state.js";
 
-const NUM_TIMES = 60; // At which the picture has to hold all.
+const NUM_TIMES = 60; // The number of instants whose lines the picture must contain.
 const MARGIN = 20; // px
-const AXIS = 0.12; // Length of a frame's axes, as a share of the picture.
+const AXIS = 0.12; // The length of a frame's axes, as a fraction of the picture.
 
 // The matrix of a pose [R, p].
 function matrixOf([[a, b, c, x], [d, e, f, y], [g, h, i, z]]) {
   return new DOMMatrix([a, d, g, 0, b, e, h, 0, c, f, i, 0, x, y, z, 1]);
 }
 
-// How a joint moves its link.
+// The motion of a link by its joint.
 function motionOf({ turns, axis }, q) {
   const still = new DOMMatrix();
   if (turns) return still.rotateAxisAngle(...axis, (q * 180) / Math.PI);
   return still.translate(...axis.map((x) => x * q));
 }
 
-// A point of a frame in the plane of the picture.
+// The projection of a point of a frame onto the plane of the picture.
 function seen(frame, point) {
   const { x, y, z } = frame.transformPoint(new DOMPoint(...point));
   return state.data.view.map((axis) => dot(axis, [x, y, z]));
 }
 
-// The frames of a plant's links at a time, behind that of the world.
+// The frames of the world and of a plant's links at a time.
 function framesAt(run, { state: port, links }, time) {
   const q = run.vector(run.columns(port), time);
   const frames = [new DOMMatrix()];
@@ -37,7 +37,7 @@ function framesAt(run, { state: port, links }, time) {
   return frames;
 }
 
-// The places of a plant's joints at a time, in the world.
+// The positions of a plant's joints at a time, in the world frame.
 export function jointsAt(run, plant, time) {
   const frames = framesAt(run, plant, time);
   return plant.links.map(({ parent, frame }) => {
@@ -59,7 +59,7 @@ function linesAt(run, plant, time) {
   });
 }
 
-// What maps the plane to pixels such that all lines of a run are in the picture.
+// The map from the plane to pixels for which all lines are in the picture, and their extent.
 function fit(lines, width, height) {
   const [[left, right], [bottom, top]] = [0, 1].map((k) => extent(lines.flat().map((p) => p[k])));
   const size = Math.max(right - left, top - bottom) || 1;

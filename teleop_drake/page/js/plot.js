@@ -1,14 +1,14 @@
 // The picture of a signal over time, for all runs of a view.
 //
-// A view has `runs`, `pinned` runs, which are drawn pale, the `window` of time that is shown, the
-// `loops` of the runs, `mostLines`, the number of components that are drawn, and `isChange` where
-// the values at the start of a run are subtracted.
+// A view has `runs`; `pinned` runs, which are drawn pale; the shown `window` of time; the `loops`
+// of the runs; `mostLines`, the largest number of drawn components; and `isChange`, whether the
+// values at the start of a run are subtracted.
 
 import { make, safe } from "./elements.js";
 import { clamp, extent, range, show } from "./numbers.js";
 import { componentsOf, scaleAndUnit } from "./units.js";
 
-const DASHES = ["", "7 4", "2 3", "9 3 2 3"]; // Of the components of a vector.
+const DASHES = ["", "7 4", "2 3", "9 3 2 3"]; // The dashes of the components of a vector.
 export const MOST_LINES = 6;
 export const LEFT = 58; // px, room for the numbers of the vertical axis
 export const RIGHT = 18;
@@ -16,7 +16,7 @@ const TOP = 4;
 const BELOW = 18;
 const EVENT_LETTER = 6.2; // px, the width of a letter in the name of an event
 
-// The size and the unit of a port, of the first loop that has it.
+// The size and the unit of a port in the first loop that has it.
 export function placeOf({ loops }, port) {
   const [, size, unit] = loops.map((loop) => loop.ports[port]).find((place) => place);
   return { size, unit };
@@ -66,14 +66,14 @@ function commandOf({ runs, window }, port, width) {
   }));
 }
 
-// The colour of a component's line: of its own where there are many.
+// The colour of a component's line: the controller's or, with many components, one for each.
 function colorOf({ color }, component, count) {
   if (count <= MOST_LINES) return color;
   const hue = (300 * component) / count;
   return `light-dark(hsl(${hue} 70% 35%), hsl(${hue} 70% 65%))`;
 }
 
-// The lines of a port: of each run, pinned ones first, and each component.
+// The lines of a port: one for each component of each run, the pinned runs first.
 function linesOf(view, port, width) {
   const { runs, pinned, window, mostLines = MOST_LINES, isChange } = view;
   const lines = [...pinned, ...runs].flatMap((run, i) => {
@@ -88,7 +88,7 @@ function linesOf(view, port, width) {
   return [...commandOf(view, port, width), ...lines];
 }
 
-// What maps a time and a value to pixels, with the range of the values, for lines in a picture.
+// The axes of a picture: the range of its values, and the maps of a time and a value to pixels.
 function axesOf(lines, [begin, end], unit, width, height) {
   const known = extent(lines.flatMap(({ points }) => points.map(([, value]) => value)));
   const [least, most] = known[0] > known[1] ? [-1, 1] : known;
@@ -109,7 +109,7 @@ function axesOf(lines, [begin, end], unit, width, height) {
   };
 }
 
-// The marks of the vertical axis with their lines, and those of time.
+// The marks of the vertical axis with their lines, and the marks of time.
 function drawAxes({ low, high, scale, x, y }, window, width, height) {
   const values = ticks(low, high, 5).map(
     (v) =>
@@ -124,7 +124,7 @@ function drawAxes({ low, high, scale, x, y }, window, width, height) {
   return values.join("") + times.join("");
 }
 
-// The lines of events, each with its name at the first of that name.
+// The lines of events. The first event of each name is labelled.
 function drawEvents({ runs, window }, { x, bottom }, width) {
   const all = runs.flatMap(({ events, loop }) =>
     events.map((event) => ({ ...event, color: loop.color })),
@@ -170,7 +170,7 @@ export function plot(view, port, width, height) {
   return { svg, scale: axes.scale, unit: axes.unit, hasCommand };
 }
 
-// A sample of a line with the name of what it shows.
+// A legend entry: a sample of a line with a name.
 export function sampleOf(name, dashes, className = "") {
   const sample = make("span", {}, `${name} `);
   const line = `<line class="${className}" x2="26" y1="3" y2="3" stroke-dasharray="${dashes}"/>`;
@@ -178,7 +178,7 @@ export function sampleOf(name, dashes, className = "") {
   return sample;
 }
 
-// Samples of the lines of a port's components; one has none.
+// The legend entries of a port's components; a scalar has none.
 export function samplesOf(port, size) {
   if (size === 1) return [];
   const names = componentsOf(port, size).slice(0, MOST_LINES);

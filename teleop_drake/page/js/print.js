@@ -1,4 +1,4 @@
-// One page of paper: the state of the page, laid out anew.
+// The page for paper: its current state in another layout.
 
 import { $ } from "./elements.js";
 import { show } from "./numbers.js";
@@ -14,7 +14,7 @@ function valuesInWords() {
     .join(" · ");
 }
 
-// Lays the page out for paper, or for the screen again.
+// Lays out the page for paper, or again for the screen.
 function layOut(isPaper) {
   $("printed").textContent = valuesInWords();
   $("metrics").before($("printed"));
@@ -29,7 +29,7 @@ function layOut(isPaper) {
   drawScopes();
 }
 
-// Answers to the browser's printing.
+// Handles the browser's events of printing.
 export function makePrint() {
   addEventListener("beforeprint", () => layOut(true));
   addEventListener("afterprint", () => layOut(false));

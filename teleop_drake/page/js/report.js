@@ -1,4 +1,4 @@
-// The executable thesis: every figure of a run simulates here, and its claims are judged anew.
+// The executable thesis: each figure simulates its runs here, and their claims are judged again.
 
 import { $ } from "./elements.js";
 import { Lab } from "./lab.js";
@@ -6,7 +6,7 @@ import { unpackData } from "./state.js";
 
 const labs = [];
 
-// Shows the claims and figures with a verdict; "" shows all.
+// Shows only the claims with a verdict and their figures; "" shows all.
 function filter(verdict) {
   for (const element of document.querySelectorAll("[data-verdict]")) {
     element.hidden = verdict !== "" && element.dataset.verdict !== verdict;
@@ -18,7 +18,7 @@ function filter(verdict) {
   labs.forEach((lab) => lab.draw());
 }
 
-// Makes the buttons answer, and draws what comes into view.
+// Handles the buttons; draws the figures that come into view.
 function makeButtons() {
   $("filter").onclick = ({ target }) => target.value !== undefined && filter(target.value);
   const { style } = document.documentElement;
@@ -40,5 +40,5 @@ async function makeReport() {
   for (const lab of [...labs].sort((a, b) => distance(a) - distance(b))) await lab.refresh();
 }
 
-// For scripts.
+// The interface for scripts.
 window.teleop = { labs, ready: makeReport() };

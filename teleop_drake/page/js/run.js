@@ -1,13 +1,13 @@
-// A run of a loop: its rows in the module's memory, and signals at any time. See
-// engine/advance.py for run() of a module, step_polynomials.py for steps, simulation/ending.py
-// for bounds.
+// A run of a loop: its rows in the module's memory, and its signals at any time. See
+// engine/advance.py for the module's run(), numerics/step_polynomials.py for the polynomials of
+// steps, and simulation/ending.py for bounds.
 
 import { measure } from "./metrics.js";
 import { clamp, range } from "./numbers.js";
 import { bisect, powersOf, valueAt } from "./pieces.js";
 
-// How run() of a module ends, and places in the counts of engine/problem.py. Whole numbers
-// have 64 bits in memory and are read as pairs of 32.
+// The status codes of a module's run(), and indices into the counts of engine/problem.py. Integers
+// have 64 bits in memory and are read as pairs of 32-bit numbers.
 const FULL = 1;
 const STUCK = 2;
 const ROWS = 2 * 4;
@@ -21,7 +21,7 @@ const MOST_ROOM = 1 << 19;
 const FIRST_PAUSE = 300; // ms of simulating before the browser may draw,
 const PAUSE = 100; // and between later pauses
 
-// The weights of five values at equal distances for a place between 0 and 4.
+// The Lagrange weights of five values at 0 to 4 for a place between them.
 function weightsAt(x) {
   const weights = [1, 1, 1, 1, 1];
   for (let a = 0; a < 5; ++a) {
@@ -30,35 +30,36 @@ function weightsAt(x) {
   return weights;
 }
 
-// A run: rows at five instants of each step, its ends among them. A time that stands twice is a
-// jump.
+// A run: rows at five instants of each step, including its ends. At a jump, two rows have the same
+// time.
 export class Run {
   constructor(loop, z) {
     this.loop = loop;
     this.z = z;
     this.width = loop.width;
-    this.reason = ""; // Why it ended early.
+    this.reason = ""; // The reason why it ended early, if it did.
     this.events = [];
     this.metrics = {};
     [this.duration, this.accuracy, this.longest] = z.run;
     [this.headers, this.places] = loop.layOut(z);
     // The first row of the run, after those of signals that are under way in delays.
     this.first = this.array("counts", Int32Array)[ROWS];
-    this.checked = this.first; // Rows whose bounds are known to hold.
+    // The end of the rows that are known to be within the bounds.
+    this.checked = this.first;
     this.take();
   }
 
-  // An array in memory as it is now.
+  // A view of the current contents of an array in memory.
   array(name, kind = Float64Array, count = this.sizeOf(name, kind)) {
     return new kind(this.loop.memory.buffer, this.places[name].at, count);
   }
 
-  // The number of elements that an array has as a kind of array.
+  // The number of elements of an array, viewed as a kind of typed array.
   sizeOf(name, kind) {
     return (this.places[name].count * 8) / kind.BYTES_PER_ELEMENT;
   }
 
-  // Gives the arrays that can be full twice the room, in this run and later ones.
+  // Doubles the room of the arrays that can be full, in this run and later ones.
   grow() {
     const names = Object.keys(this.places);
     const old = names.map((name) => this.array(name, Uint8Array).slice());
@@ -68,7 +69,7 @@ export class Run {
     names.forEach((name, i) => this.array(name, Uint8Array).set(old[i]));
   }
 
-  // Simulates until a time. Returns whether it did: `isStale` may tell that nobody waits for it.
+  // Simulates until a time. Returns false if `isStale` has reported that the run is not needed.
   async advance(end, isStale = () => false) {
     const { run } = this.loop;
     let pause = performance.now() + FIRST_PAUSE;
@@ -103,7 +104,7 @@ export class Run {
     return this.advance(end, isStale);
   }
 
-  // Looks at the rows in memory; of a run that is over, copies and measures them.
+  // Makes views of the rows in memory; if the run is over, copies and measures them.
   take(isOver) {
     const end = this.array("counts", Int32Array)[ROWS];
     const flags = this.array("row_ends", Int32Array);
@@ -119,7 +120,7 @@ export class Run {
     ({ events: this.events, metrics: this.metrics } = measure(this));
   }
 
-  // Ends the rows in memory where a signal first leaves one of its bounds, and notes why.
+  // Truncates the rows in memory where a signal first leaves its bounds, and stores the reason.
   endAtBound() {
     const counts = this.array("counts", Int32Array);
     const flags = this.array("row_ends", Int32Array);
@@ -129,14 +130,15 @@ export class Run {
       this.reason = this.loop.reasons[found.bound];
       const isKnown = Number.isFinite(found.share);
       if (isKnown) this.cutStep(last, found.share);
-      // Of a step that is not finite nothing is known but its begin.
+      // A step that is not finite is cut to its begin.
       counts[ROWS] = isKnown ? last + 1 : last - 3;
       return;
     }
     this.checked = counts[ROWS];
   }
 
-  // The first bound that is left in the step with a last row: which, and at what share of the step.
+  // The first bound that is left in the step that ends with a row: its index, and the fraction of
+  // the step at which it is left.
   firstBound(last) {
     const rows = this.array("rows");
     const { bounds } = this.z;
@@ -153,7 +155,7 @@ export class Run {
     return first;
   }
 
-  // How far a row is out of a bound; see Bound.Excess() of simulation/ending.py.
+  // The excess of a row over a bound; see Bound.Excess() of simulation/ending.py.
   excess(rows, row, bound) {
     const { bounds } = this.z;
     const at = 4 * bound;
@@ -167,7 +169,7 @@ export class Run {
     return Math.sqrt(square) - 1;
   }
 
-  // Puts the first share of a step in place of the step with a last row.
+  // Shortens the step that ends with a row to a fraction of it.
   cutStep(last, share) {
     const times = this.array("row_times");
     const rows = this.array("rows");
@@ -181,23 +183,23 @@ export class Run {
     for (const node of NODES_OF_STEP) times[first + node] = times[first] + (length * node) / 4;
   }
 
-  // The columns of a port, undefined if this loop has none of that name.
+  // The columns of a port; undefined if the loop does not have this port.
   columns(port) {
     const place = this.loop.ports[port];
     return place && range(place[1]).map((k) => place[0] + k);
   }
 
-  // Those of a signal by the name that a recording has for it.
+  // The columns of a signal, which has the same name as in recordings.
   signal(name) {
     return this.columns(this.loop.signals[name]);
   }
 
-  // Columns in a row.
+  // The values of columns in a row.
   row(columns, i) {
     return columns.map((k) => this.rows[i * this.width + k]);
   }
 
-  // The number of the step with a time; of a jump the one before it.
+  // The index of the step that contains a time; at a jump, of the step before it.
   step(t) {
     let low = 0;
     let high = this.ends.length - 1;
@@ -209,7 +211,7 @@ export class Run {
     return low;
   }
 
-  // Columns at a time, in the step s if that is given.
+  // The values of columns at a time, within the step s if it is given.
   vector(columns, t, s = this.step(t)) {
     const last = this.ends[s];
     if (last === undefined) return this.row(columns, 0);

@@ -1,4 +1,4 @@
-// Curves and signals as files.
+// The export of curves and signals as files.
 
 import { $, make } from "./elements.js";
 import { range } from "./numbers.js";
@@ -14,7 +14,7 @@ function download(name, type, text) {
   URL.revokeObjectURL(link.href);
 }
 
-// Copies what a style sheet gives to an element into the element itself, and so within it.
+// Copies the computed style of an element and of its descendants into a copy of the element.
 function inlineStyle(source, copy) {
   const style = getComputedStyle(source);
   for (const name of ["fill", "stroke", "stroke-width", "opacity", "font-family", "font-size"]) {
@@ -45,7 +45,7 @@ export function scopesAsSvg() {
     viewBox="0 0 ${width} ${top}">${parts.join("")}</svg>`;
 }
 
-// The name and the unit of a scope.
+// The title of a scope: its port and its unit.
 function titleOf({ dataset: { port }, plotted: { unit } }) {
   return unit ? `${port} [${unit}]` : port;
 }

@@ -1,4 +1,4 @@
-// The picture of the task: surfaces, arms, tools, what is felt, and packets under way.
+// The picture of the task: surfaces, arms, tools, felt positions, and packets under way.
 
 import { onCursor } from "./clock.js";
 import { $, safe } from "./elements.js";
@@ -7,13 +7,13 @@ import { drawPlants, jointsAt } from "./plants.js";
 import { state } from "./state.js";
 
 const RAIL = 14; // px, for the packets of a run
-const ENDS = [70, 55]; // px from the picture's sides to the ends of the rails
+const ENDS = [70, 55]; // px, from the picture's sides to the ends of the rails
 
-// Turns a point of the task into the plane of the picture.
+// Projects a point of the task onto the plane of the picture.
 const see = (q) => state.data.view.map((axis) => dot(axis.slice(0, q.length), q));
 
-// Where the joints of the robot's arm and its tool are; nothing for a robot that is no plant, or
-// before the first step.
+// The positions of the joints of the robot's arm and of its tool. The array is empty if the robot
+// is not a MultibodyPlant, and before the first step.
 export function armAt(run) {
   const isRobot = ({ state: port }) => port.startsWith("robot/") && run.columns(port);
   const plant = run.loop.plants.find(isRobot);
@@ -29,7 +29,7 @@ function pathOf(run, end) {
   return before.map((i) => see(run.row(columns, i)));
 }
 
-// The surfaces of a run that are anywhere, in the plane of the picture.
+// The surfaces of a run that are not at infinity, in the plane of the picture.
 function surfacesOf({ loop, z }) {
   const size = z.surfaces.length / loop.surfaces.length / 2;
   const part = (i) => see(Array.from(z.surfaces.slice(i * size, (i + 1) * size)));
@@ -42,8 +42,9 @@ function surfacesOf({ loop, z }) {
   return all.filter(({ point }) => point.every(Number.isFinite));
 }
 
-// What maps a point of the plane to pixels, with all of the arms, unless the tools' paths become
-// too small; without a second axis (`lanes` is not 0) the runs are in lanes.
+// The map from points of the plane to pixels. The picture contains the arms, but only as far as the
+// paths of the tools do not become too small. Without a second axis (`lanes` is not 0) each run has
+// a lane.
 function fitScene(paths, arms, width, height, lanes) {
   const along = (points, axis) => extent(points.map((p) => p[axis]));
   const own = [0, 1].map((axis) => along(paths, axis));
@@ -77,8 +78,8 @@ function drawSurfaces(surfaces, toPixels, width) {
   return drawn.join("");
 }
 
-// How far the packets under way have come at a time, as shares of their way. `lags` has how long
-// each packet is under way, s; if that is constant, once.
+// The positions of the packets under way at a time, as fractions of their way. `lags` has the time
+// that each packet is under way, s, or one element if it is constant.
 export function packetsUnderWay(lags, t) {
   if (!lags) return [];
   const { period } = state.data;
@@ -87,7 +88,7 @@ export function packetsUnderWay(lags, t) {
   return shares.filter((share) => share > 0 && share < 1).reverse();
 }
 
-// The packets of a run, to the robot above those from it.
+// The packets of a run: packets to the robot are above packets from it.
 function drawPackets({ forward, return: back }, width, rail) {
   const [from, to] = [ENDS[0], width - ENDS[1]];
   const there = packetsUnderWay(forward, state.cursor).map(
@@ -99,7 +100,7 @@ function drawPackets({ forward, return: back }, width, rail) {
   return `<path class="packets" d="${there.join("")}${home.join("")}"/>`;
 }
 
-// A run at the cursor: the tool's path, the arm, the tool, and where it is felt to be.
+// A run at the cursor: the path of the tool, the arm, the tool, and the felt position of the tool.
 function drawRun(run, lane, arm, { toPixels, isPlane, width, floor }) {
   const { color, title } = run.loop;
   const at = (columns) => toPixels(see(run.vector(columns, state.cursor)), lane);
@@ -118,7 +119,7 @@ function drawRun(run, lane, arm, { toPixels, isPlane, width, floor }) {
     <text x="4" y="${Number(y) + 18}">${isPlane ? "" : safe(title)}</text></g>`;
 }
 
-// The names of both sides, and what the marks are.
+// The names of both sides, and the legend of the marks.
 function drawLegend(hasChannels, width, height, floor) {
   const [left, right] = hasChannels ? ["operator", "robot"] : ["", ""];
   return `<text x="4" y="${height - 12}">${left}</text>
@@ -126,7 +127,7 @@ function drawLegend(hasChannels, width, height, floor) {
     <text x="${width - 4}" y="${floor - 2}" text-anchor="end">● tool ◌ as felt</text>`;
 }
 
-// The points of surfaces that are nearest to a place.
+// The point of each surface that is nearest to a place.
 function ahead(surfaces, place) {
   if (!place) return [];
   return surfaces.map(({ point, normal }) => {
@@ -148,10 +149,10 @@ function drawScene() {
   const isPlane = state.data.view[1].some((x) => x);
   const surfaces = surfacesOf(shown[0]);
   const arms = shown.map((run) => armAt(run).map(see));
-  // All of the paths fit; in lanes the surfaces too.
+  // The picture contains all paths and, in lanes, the surfaces.
   const paths = shown.flatMap((run) => pathOf(run, Infinity));
   if (!isPlane) paths.push(...surfaces.map(({ point }) => point));
-  // Who drives sees the base of the arm and the bone from the start on.
+  // In a drive the whole arm and the surfaces ahead are visible from the start.
   if (state.data.hand) paths.push(...arms.flat(), ...ahead(surfaces, paths[0]));
   const lanes = isPlane ? 0 : shown.length;
   const toPixels = fitScene(paths, arms.flat(), width, floor, lanes);

@@ -7,7 +7,7 @@ import { LEFT, MOST_LINES, RIGHT, placeOf, plot, sampleOf, samplesOf } from "./p
 import { duration, shownLoop, state } from "./state.js";
 import { componentsOf } from "./units.js";
 
-// The values of a port at the cursor with the names of its components, in a unit.
+// The scaled values of a port at the cursor, with the names of its components.
 export function valuesOf(run, port, most, scale = 1) {
   const columns = run.columns(port) ?? [];
   const names = componentsOf(port, columns.length);
@@ -75,7 +75,7 @@ export function zoom(factor, around) {
   drawScopes();
 }
 
-// The head of a scope: its port, its unit, what its lines are, and the values at the cursor.
+// The head of a scope: its port, its unit, the legend of its lines, and the values at the cursor.
 function drawHead(head, port, { scale, unit, hasCommand }) {
   const { size } = placeOf(state, port);
   head.replaceChildren(
@@ -89,7 +89,7 @@ function drawHead(head, port, { scale, unit, hasCommand }) {
   );
 }
 
-// Draws all scopes, their lines only if more than the cursor has moved.
+// Draws all scopes; their lines only if anything but the cursor has changed.
 export function drawScopes() {
   if (!state.runs.length) return;
   const [begin, end] = state.window;
@@ -109,7 +109,7 @@ export function drawScopes() {
   }
 }
 
-// Retains the runs of now in the scopes, pale, or removes them.
+// Pins the current runs, which remain in the scopes as pale lines, or unpins them.
 export function togglePin() {
   state.pinned = state.pinned.length ? [] : state.runs;
   $("pin").textContent = state.pinned.length ? "Unpin" : "Pin these runs";

@@ -1,17 +1,17 @@
-// How a drive has ended: what happened, a score that can be compared, and what to do next.
+// The end of a drive: a report, a score to compare, and buttons for the next step.
 
 import { $, make, makeButton, say } from "./elements.js";
 import { setInput } from "./inputs.js";
 import { show } from "./numbers.js";
 import { chosen, state } from "./state.js";
 
-// When the hand first commanded something, s.
+// The time of the first command that is not zero, s.
 function firstPush() {
   const found = state.hand.find(([, ...v]) => v.some((x) => x !== 0));
   return found ? found[0] : 0;
 }
 
-// A time in words, or that there is none.
+// A time in words, or another text if it is undefined.
 const after = (t, otherwise = "") => (t === undefined ? otherwise : `after ${t.toFixed(2)} s`);
 
 // The score of a run with the hand's commands: time to the bone, largest force, time to rest.
@@ -24,7 +24,7 @@ export function scoreOf(run) {
   };
 }
 
-// The score in a line that says all that somebody else has to set.
+// The score in a line with all settings that are needed to repeat the drive.
 export function scoreLine(run) {
   const { scenario, seed } = state.data.hand;
   const { forward_delay: forward, return_delay: back, delay } = state.inputs;
@@ -41,7 +41,7 @@ export function scoreLine(run) {
   return parts.filter((part) => part).join("; ");
 }
 
-// What happened to the run that was driven.
+// A sentence on the driven run.
 function storyOf(run) {
   const title = run.loop.title[0].toUpperCase() + run.loop.title.slice(1);
   const last = run.time.at(-1);

@@ -5,11 +5,11 @@ import { nextFrame, say } from "./elements.js";
 import { chosen, duration, state, values } from "./state.js";
 import { showMetrics } from "./table.js";
 
-// Simulates with the values of now, again if they change meanwhile, and shows it.
+// Simulates with the current values and shows the runs; repeats it if values change meanwhile.
 export function refresh() {
   ++state.version;
   state.drive = null;
-  // What is shown belongs to other values; if this takes long it becomes pale.
+  // The shown runs belong to other values; if the simulation takes long, they become pale.
   document.body.classList.add("stale");
   state.busy ??= simulate()
     .catch((error) => say(error.message, "bad"))
@@ -40,7 +40,7 @@ async function simulateAll(version) {
     const run = await loop.simulate(values(), isStale, state.hand);
     if (!run) return null;
     runs.push(run);
-    // The first picture of all does not wait for the second run.
+    // The first picture of the page is drawn before the second run.
     if (!state.runs.length) {
       state.runs = [run];
       setCursor(0);

@@ -3,8 +3,8 @@
 import { make } from "./elements.js";
 import { show } from "./numbers.js";
 
-// Makes the slider and the number of an input, which call `set` with a value. With stops the slider
-// has their numbers.
+// Makes the slider and the number field of an input, which call `set` with a value. If the input
+// has stops, the slider has their indices.
 export function makeSlider(input, set) {
   const { label: ariaLabel, stops, min, max } = input;
   const bounds = stops ? { min: 0, max: stops.length - 1, step: 1 } : { min, max, step: "any" };

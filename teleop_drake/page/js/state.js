@@ -1,30 +1,30 @@
-// What the page shows now, and the model that is in its file.
+// The current state of the page, and the model in its file.
 
 import { $ } from "./elements.js";
 import { Loop } from "./loop.js";
 
 export const state = {
-  data: null, // All that page.py's _Data() has written.
-  inputs: {}, // Its inputs by name, with the values of now.
+  data: null, // The data by _Data() of page.py.
+  inputs: {}, // The inputs by name, with their current values.
   loops: [], // The loops of all controllers and choices.
-  tab: 0, // Which of the chosen loops has its diagram shown,
+  tab: 0, // The index of the chosen loop whose diagram is shown,
   level: "", // and the path of the level that is open.
   scopes: [], // Ports whose signals are plotted.
-  runs: [], // The runs that are plotted,
+  runs: [], // The plotted runs,
   pinned: [], // and earlier ones that are plotted pale.
   cursor: 0, // s
   window: [0, 1], // The time that scopes show, s.
   isPlaying: false,
-  screenScheme: "", // The colour scheme that returns after printing.
+  screenScheme: "", // The colour scheme to restore after printing.
   version: 0, // Counts changes of the inputs.
-  busy: null, // The promise of the simulation that is under way.
-  drive: null, // The drive that is under way,
+  busy: null, // The promise of the current simulation.
+  drive: null, // The current drive,
   hand: [], // its commands, [time, ...v_d],
-  keys: new Set(), // the keys that are down,
-  pull: [], // and how far a pointer pulls, along each axis.
+  keys: new Set(), // the pressed keys,
+  pull: [], // and the pull of a pointer along each axis.
 };
 
-// Returns what stands packed in the page; see page.py's PackedData().
+// Returns the data that are packed in the page; see PackedData() of document.py.
 export async function unpackData() {
   const text = atob($("model").textContent);
   const packed = Uint8Array.from(text, (c) => c.charCodeAt());
@@ -32,7 +32,7 @@ export async function unpackData() {
   const bytes = await new Response(plain).arrayBuffer();
   const size = Number(new DataView(bytes).getBigUint64(0, true));
   const base = 8 + size;
-  // Bytes and arrays of numbers stand behind the JSON, which has their places.
+  // Bytes and arrays of numbers follow the JSON, which has their places.
   const revive = (_, value) => {
     if (value?.$b) return new Uint8Array(bytes, base + value.$b[0], value.$b[1]);
     if (value?.$f) return new Float64Array(bytes, base + value.$f[0], value.$f[1]);
@@ -48,7 +48,7 @@ export async function unpack() {
   state.loops = state.data.controllers.map((x) => new Loop(x, state.data.inputs));
 }
 
-// The loops of the kinds that the inputs choose.
+// The loops that belong to the choices of the inputs.
 export function chosen() {
   const isChosen = ({ choice }) =>
     Object.keys(choice).every((name) => choice[name] === state.inputs[name].value);
@@ -58,10 +58,10 @@ export function chosen() {
 // The loop whose diagram is shown.
 export const shownLoop = () => chosen()[state.tab];
 
-// The longest duration of the runs that are shown.
+// The longest duration of the shown runs.
 export const duration = () => Math.max(0, ...state.runs.map((run) => run.duration));
 
-// The values of the inputs by their names.
+// The values of the inputs, keyed by name.
 export function values() {
   return Object.fromEntries(Object.values(state.inputs).map(({ name, value }) => [name, value]));
 }

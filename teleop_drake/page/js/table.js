@@ -5,7 +5,7 @@ import { extent, show } from "./numbers.js";
 import { state } from "./state.js";
 import { scaleAndUnit } from "./units.js";
 
-// The metrics that stand first, if a task has them; others fill up.
+// The metrics at the top, as far as a task has them. Other metrics take the place of missing ones.
 const MAIN = [
   "start_velocity_overshoot",
   "puncture.velocity_overshoot",
@@ -31,14 +31,14 @@ function rowsOf(names, labels) {
   return names.map((name) => rowOfMetric(name, labels[name]));
 }
 
-// When and why runs have ended early.
+// The row with the times and reasons of early ends.
 function endsOf(runs) {
   if (!runs.some((run) => run.reason)) return [];
   const ends = runs.map(({ reason, time }) => reason && `${show(time.at(-1))} s: ${reason}`);
   return [rowOf("td", "ended at", ...ends)];
 }
 
-// Shows the metrics of each controller, and how it ended: six, and the rest folded.
+// Shows the early ends and the metrics of all runs: six metrics, the rest in a folded table.
 export function showMetrics() {
   const { runs } = state;
   const labels = Object.assign({}, ...runs.map((run) => run.loop.labels));

@@ -1,4 +1,4 @@
-// What the page is about: its subtitle, and things to try.
+// The subtitle of the page, and buttons with settings to try.
 
 import { $, makeButton } from "./elements.js";
 import { setInput } from "./inputs.js";
@@ -8,14 +8,14 @@ import { chosen, state } from "./state.js";
 
 const NUMBERS = ["no controller", "one controller", "two controllers", "three controllers"];
 
-// How late packets are, in words.
+// The delays of packets in words.
 function latenessOf({ forward_delay: forward, return_delay: back, delay }) {
   if (!forward || !back) return delay ? `${show(delay.value)} s late` : "";
   if (forward.value === back.value) return `${show(forward.value)} s late`;
   return `${show(forward.value)} s late there and ${show(back.value)} s back`;
 }
 
-// Shows how many controllers there are, unless it is anybody's diagram, and how late packets are.
+// Shows the number of controllers, except for a page of a Diagram, and the delays of packets.
 function showSubtitle() {
   const count = chosen().length;
   const controllers = state.data.isDiagram ? "" : (NUMBERS[count] ?? `${count} controllers`);
@@ -23,7 +23,7 @@ function showSubtitle() {
   $("subtitle").textContent = words.length ? `: ${words.join(", ")}` : "";
 }
 
-// Three things to try: what a button sets, by the names of inputs.
+// Three settings to try: the text of a button, and the values that it sets, keyed by input.
 function triesOf({ delay, forward_delay: forward, return_delay: back, ...others }) {
   const tries = [];
   if (delay) {
@@ -44,7 +44,7 @@ function triesOf({ delay, forward_delay: forward, return_delay: back, ...others 
   return tries.slice(0, 3);
 }
 
-// Makes the buttons of what to try, and one that goes back.
+// Makes the buttons of the settings to try, and one that restores the first values.
 export function makeTries() {
   const set = async (values) => {
     for (const [name, value] of Object.entries(values)) await setInput(name, value);

@@ -1,10 +1,10 @@
-// Units and names of components that people read.
+// Readable units, and names of components.
 
 const PREFIXES = { [-3]: "n", [-2]: "µ", [-1]: "m", 0: "", 1: "k", 2: "M" };
 export const AXES = ["x", "y", "z", "rx", "ry", "rz"];
 
-// The factor and the unit with the SI prefix that suit a range, from 0.1 to 100 of the unit shown;
-// see figures/style.py's ScaleAndUnit().
+// The factor and the unit with an SI prefix for a range, whose largest value is then 0.1 to 100;
+// see ScaleAndUnit() of figures/style.py.
 export function scaleAndUnit([low, high], unit) {
   const largest = Math.max(Math.abs(low), Math.abs(high));
   if (!["m", "m/s", "N"].includes(unit) || !(largest > 0 && largest < Infinity)) return [1, unit];
@@ -13,7 +13,7 @@ export function scaleAndUnit([low, high], unit) {
   return [10 ** (-3 * exponent), PREFIXES[exponent] + unit];
 }
 
-// The names of a signal's components: axes of the task, or numbers; one has none.
+// The names of a signal's components: axes of the task, or numbers; a scalar has no name.
 export function componentsOf(port, size) {
   if (size === 1) return [""];
   const isOfTask = /(tool|environment|felt|haptic|control|command|desired|position|velocity|force)/;

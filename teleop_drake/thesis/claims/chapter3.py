@@ -70,7 +70,7 @@ def _LargerGain(runs: ThesisRuns) -> Found:
 
 
 def _Ratios(metric: str, one: Run, other: Run) -> list[float]:
-    """Returns how many times as large the other's metric is on each axis."""
+    """Returns the other run's metric divided by the first one's, on each axis."""
     return [b / a for a, b in zip(one[metric], other[metric], strict=True)]
 
 

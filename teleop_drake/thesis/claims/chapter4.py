@@ -19,7 +19,7 @@ from teleop_drake.thesis.claims.measures import FarShare, LargestJump
 from teleop_drake.thesis.runs import ADAPTIVE, Both, Delay, ThesisRuns
 
 _V_D = 1e-3
-"""What the surgeon commands, m/s."""
+"""The velocity that the surgeon commands, m/s."""
 
 _START = "start_velocity_overshoot"
 
@@ -135,7 +135,7 @@ _LARGER = "With the converged value of direct force the reduction is larger."
 
 
 class _Printed(NamedTuple):
-    """A number that the thesis prints, and what is said of ours; see Claim."""
+    """A number that the thesis prints, with its tolerance and reason; see Claim."""
 
     number: float
     tolerance: str
@@ -154,7 +154,7 @@ def _NumbersOfBoth(
     direct: _Printed,
     adaptive: _Printed,
 ) -> list[Claim]:
-    """Returns the claims of a metric's values with direct force and adaptive."""
+    """Returns the claims on a metric's values with direct force and with adaptive."""
     return [
         Claim(
             key=f"4-{which}-{key}",

@@ -130,11 +130,11 @@ def _InBothCases(
     criterion: str,
     reason: str = "",
 ) -> list[Claim]:
-    """Returns a claim that the thesis makes in case II and again in case III.
+    """Returns two equal claims, for case II and for case III.
 
     Args:
         figures: The numbers of the figures in either case.
-        measure: Takes the runs and the `task` of a case.
+        measure: The measure, which takes the runs and the `task` of a case.
     """
     return [
         Claim(

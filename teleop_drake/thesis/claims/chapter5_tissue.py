@@ -1,4 +1,4 @@
-"""Chapter 5, two degrees of freedom: case I, and what holds in all cases."""
+"""Chapter 5, two degrees of freedom: case I, and claims on several cases."""
 
 from functools import partial
 
@@ -21,7 +21,7 @@ from teleop_drake.thesis.claims.measures import (
 from teleop_drake.thesis.runs import ADAPTIVE, DIRECT, TASKS, ThesisRuns
 
 V_D = 0.1
-"""What the surgeon commands along x, m/s."""
+"""The velocity along x that the surgeon commands, m/s."""
 
 CASES = dict(zip(("I", "II", "III"), TASKS[1:], strict=True))
 SETTLING = "collision.settling_time"

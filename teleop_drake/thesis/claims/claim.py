@@ -1,4 +1,4 @@
-"""What a claim of the thesis is, how it is measured, and what its verdict is.
+"""A claim of the thesis, its measurement and its verdict.
 
 The claims themselves are in the modules of the chapters, beside their measures.
 """
@@ -29,12 +29,12 @@ class Row:
         key: Short name, unique.
         place: Where the thesis makes the claim.
         claim: The claim, in our words.
-        criterion: What is measured, and what it must be for the claim to hold.
+        criterion: The condition on measured values under which the claim holds.
         thesis: The thesis's value, or "no number".
         ours: Our value.
-        tolerance: By how much ours may differ; for a criterion "as stated".
+        tolerance: The allowed difference of our value; "as stated" for a criterion.
         verdict: One of VERDICTS.
-        reason: Why, where the numbers alone do not tell.
+        reason: An explanation, where the numbers are not enough.
         runs: The commands of the runs that were measured, a line each.
     """
 
@@ -51,13 +51,13 @@ class Row:
 
 
 class Found(NamedTuple):
-    """What a measure finds.
+    """The result of a measure.
 
     Attributes:
-        holds: Whether the criterion holds, or what a number stands for; None: no run
-            can decide.
-        ours: Our value: text, or a number in SI units where the thesis prints one.
-        reason: What to say beside the claim's own reason.
+        holds: Whether the criterion holds or, if the thesis prints a number, the
+            relation Claim.in_kind. None: no run can decide.
+        ours: Our value: text, or a number in SI units if the thesis prints a number.
+        reason: A text to add to the claim's own reason.
     """
 
     holds: bool | np.bool_ | None
@@ -67,13 +67,13 @@ class Found(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """A claim before it is measured, see Row.
+    """A claim before it is measured; see Row.
 
     Attributes:
-        measure: Measures it on runs.
+        measure: The function that measures it on runs.
         printed: The thesis's number, in `unit`; None: there is a criterion instead.
-        tolerance: Of the number: "5 %" of it, or "5 points" of the unit.
-        in_kind: What the number stands for.
+        tolerance: The tolerance of the number: "5 %" of it, or "5 points" of the unit.
+        in_kind: The relation for which the number stands, in words.
         fitted: Whether fields of the scenario were fitted to it, so that it is
             reproduced in kind at best.
     """
@@ -91,7 +91,7 @@ class Claim:
     fitted: bool = False
 
     def Judge(self, runs: ThesisRuns) -> Row:
-        """Measures, and returns the row of the ledger."""
+        """Measures the claim on runs, and returns its row of the ledger."""
         runs.used.clear()
         found = self.measure(runs)
         verdict = REPRODUCED if found.holds else REFUTED
@@ -100,6 +100,7 @@ class Claim:
         criterion = self.criterion
         thesis = "no number"
         ours = str(found.ours)
+        # If the thesis prints a number, its tolerance is decisive before `holds`.
         if self.printed is not None:
             number = _SCALES[self.unit] * float(found.ours)
             verdict = IN_KIND if found.holds else REFUTED
@@ -125,18 +126,18 @@ class Claim:
 
     @property
     def width(self) -> float:
-        """By how much our number may differ from the thesis's, in `unit`."""
+        """The allowed difference of our number from the thesis's, in `unit`."""
         assert self.printed is not None
         size, kind = self.tolerance.split()
         return float(size) * (abs(self.printed) / 100 if kind == "%" else 1.0)
 
 
 _SCALES = {"mm": 1e3, "mm/s": 1e3, "mN": 1e3, "%": 1e2}
-"""How many of a unit there are in one SI unit; 1 for all others."""
+"""The number of each unit in one SI unit; 1 for all other units."""
 
 
 def Compared(runs: ThesisRuns, task: str) -> Both:
-    """Returns both runs of a task; those of case I as long as the arm is inside."""
+    """Returns both runs of a task; in case I their parts inside the workspace."""
     both = runs.OfBoth(task)
     if task != "two_dof_puncture":
         return both
@@ -152,7 +153,14 @@ _QUANTITIES: dict[str, Callable[[Run], float]] = {
 def IsLess(
     runs: ThesisRuns, *, task: str, of: str, unit: str, than: float = 1.0
 ) -> Found:
-    """Tells whether `of`, a metric or one of _QUANTITIES, is less on every axis."""
+    """Measures whether a quantity is less with the adaptive controller on every axis.
+
+    Args:
+        task: The scenario.
+        of: A metric, or a key of _QUANTITIES.
+        unit: The unit of our values.
+        than: The limit, as a multiple of the value with direct force.
+    """
     direct, adaptive = (
         np.atleast_1d(_QUANTITIES[of](run) if of in _QUANTITIES else run[of])
         for run in Compared(runs, task)
@@ -164,12 +172,12 @@ def IsLess(
 
 
 def NetworksLearn(runs: ThesisRuns, task: str) -> Found:
-    """Tells whether the third network leaves less than half of dF_e/dt unlearned."""
+    """Measures whether the third network leaves less than half of dF_e/dt unlearned."""
     share = UnlearnedShare(runs(task, ADAPTIVE).recording)
     return Found(share < 0.5, f"{share:.1%} unlearned")
 
 
-# Numbers as the rows write them.
+# The text of numbers in the rows.
 
 
 def Pair(direct: float, adaptive: float, unit: str = "") -> str:
@@ -194,7 +202,7 @@ def Seconds(time: float | None) -> str:
 
 
 def Settling(both: Both) -> tuple[float | None, float | None, str]:
-    """Returns when both runs settle on the bone, in s, and the text of it."""
+    """Returns the settling times of both runs on the bone, in s, and their text."""
     direct, adaptive = (run["collision.settling_time"] for run in both)
     return direct, adaptive, f"direct {Seconds(direct)}, adaptive {Seconds(adaptive)}"
 

@@ -64,7 +64,7 @@ _ENVIRONMENTS: dict[str, tuple[str, Change]] = {
     "case III, tissue of 2.5 N s/m": (_THIRD, {_TISSUE: 2.5}),
     "case III, Psi0 = 8": (_THIRD, {"controller.initial_psi": 8.0}),
 }
-"""Environments and estimates that the design of chapter 5 does not know."""
+"""Environments and initial estimates for which chapter 5 was not designed."""
 
 
 def _ComparableWithoutDelay(runs: ThesisRuns) -> Found:
@@ -92,7 +92,7 @@ def _DelayCausesOvershoot(runs: ThesisRuns) -> Found:
 
 
 def _Outperforms(runs: ThesisRuns) -> Found:
-    """Tells whether no compared metric is larger with the adaptive controller."""
+    """Measures whether no compared metric is larger with the adaptive controller."""
     worse = []
     compared = 0
     damper_better = 0
@@ -115,7 +115,7 @@ def _Outperforms(runs: ThesisRuns) -> Found:
 
 
 def _HigherDelays(runs: ThesisRuns) -> Found:
-    """Tells whether adaptive settles at twice the delay, and direct force does not."""
+    """Measures whether at 0.2 s each way adaptive settles and direct force diverges."""
     direct, adaptive = runs.ShortOfBoth(_THIRD, Delay(0.2))
     fourfold = runs.Short(_THIRD, ADAPTIVE, Delay(0.4), {"duration": 6.0})
     overshoots = [run.Number(_OVERSHOOT) / 0.1 for run in (adaptive, fourfold)]
@@ -161,7 +161,7 @@ def _SlowsDown(runs: ThesisRuns) -> Found:
 
 
 def _GuaranteesStability(runs: ThesisRuns) -> Found:
-    """Tells whether the loop is stable at 0.4 s each way, and bounded at 0.5 s."""
+    """Measures whether the loop is stable at 0.4 s each way, and bounded at 0.5 s."""
     scenario = AsTeleoperation(LoadScenario(_THIRD, {**ADAPTIVE, **Delay(0.4)}))
     (moving,) = (x for x in OperatingPoints(scenario) if x.name == "free")
     at_rest = replace(moving, velocity=np.zeros_like(moving.velocity))
@@ -180,12 +180,13 @@ def _GuaranteesStability(runs: ThesisRuns) -> Found:
 
 
 def _AddsRobustness(runs: ThesisRuns) -> Found:
-    """Tells whether adaptation lowers a metric in unknown environments."""
+    """Measures whether adaptation lowers a metric in unknown environments."""
     ratios = {}
     for title, (name, change) in _ENVIRONMENTS.items():
         tried = [runs(name, ADAPTIVE, change, x) for x in ({}, NO_ADAPTATION)]
         for metric in (*_COMPARED, _SETTLING):
-            # NaN where neither has the metric, infinity where only one is 0 or never.
+            # A metric is skipped if no run has it (NaN), if it is 0 in both runs, or if
+            # no run settles (infinity).
             values = [_OrNever(run, metric) for run in tried]
             if max(values) > 0 and min(values) < np.inf:
                 label = f"{title}: {metric.split('.')[-1].replace('_', ' ')}"
@@ -199,7 +200,7 @@ def _AddsRobustness(runs: ThesisRuns) -> Found:
 
 
 def _OrNever(run: Run, metric: str) -> float:
-    """Returns a metric, infinity for a settling time that a run never reaches."""
+    """Returns a metric; infinity for the settling time of a run that never settles."""
     value = run.Number(metric)
     is_never = np.isnan(value) and metric.endswith("time") and run["collision"]
     return np.inf if is_never else value
@@ -220,7 +221,7 @@ def _AdaptationMatters(runs: ThesisRuns) -> Found:
 
 
 def _Separate(name: str) -> Change:
-    """Returns what takes the tuning functions out of a task's controller."""
+    """Returns the change that removes tuning functions from a task's controller."""
     scenario = AsTeleoperation(LoadScenario(name))
     config = AdaptiveBacksteppingConfig.Of(scenario.controller)
     return {

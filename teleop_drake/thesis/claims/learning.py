@@ -1,4 +1,4 @@
-"""Weights that the networks of chapters 4 and 5 learn, and the best ones."""
+"""The weights that the networks of chapters 4 and 5 learn, and the best ones."""
 
 import dataclasses
 import math
@@ -19,11 +19,11 @@ from teleop_drake.validation import GainMatrix
 INSIDE = np.stack(
     np.meshgrid(np.linspace(0.87, 1.03, 5), np.linspace(0.02, 0.08, 3)), axis=-1
 ).reshape(-1, 2)
-"""Points in m (15, 2) inside of the way round of two_dof_learning."""
+"""Positions in m (15, 2) inside the rectangle that two_dof_learning goes round."""
 
 
 def PathDistance(recording: Recording) -> Array:
-    """Returns how far the tool is from where the command has led it, in m (T,)."""
+    """Returns the distance of the tool from its commanded path, in m (T,)."""
     error = recording["tool_position"] - CommandedPath(recording)
     return np.linalg.norm(error, axis=1)
 
@@ -31,16 +31,17 @@ def PathDistance(recording: Recording) -> Array:
 def UnrepresentedShare(
     recording: Recording, num_speeds: int = 1, count: int | None = None
 ) -> float:
-    """Returns what the best constant weights leave of dF_e/dt along x, as rms share.
+    """Returns the rms share of dF_e/dt along x that the best constant weights leave.
 
-    They are those of least squares over the whole run, chosen in hindsight: no rule of
-    adaptation finds constant weights that leave less of this run.
+    These weights minimize the squared error over the whole run, in hindsight. No rule
+    of adaptation finds constant weights that leave less of this run.
 
     Args:
-        num_speeds: 1: the basis functions of the run, which see the position. More:
-            each of them times as many Gaussians of v_x, equidistant over the speeds
-            of the run and as wide as their spacing.
-        count: Of basis functions per axis; None: that of the run.
+        num_speeds: With 1, the basis functions are those of the run, which depend on
+            the position. With more, each of them is multiplied by as many Gaussians of
+            v_x, which are equidistant over the speeds of the run and as wide as their
+            spacing.
+        count: The number of basis functions per axis; None: the number of the run.
     """
     rate = ForceRate(recording)
     Phi = BasisFunctions(recording, count)
@@ -49,7 +50,7 @@ def UnrepresentedShare(
         centres, spacing = np.linspace(v.min(), v.max(), num_speeds, retstep=True)
         speeds = np.exp(-(((v - centres) / spacing) ** 2))
         Phi = np.einsum("ti,tj->tij", Phi, speeds).reshape(len(v), -1)
-    # The trapezoidal rule's weight of each sample.
+    # The square root of twice the trapezoidal rule's weight of each sample.
     root = np.sqrt(np.convolve(np.diff(recording.time), [1.0, 1.0]))
     A = root[:, np.newaxis] * Phi
     b = root * rate
@@ -58,10 +59,10 @@ def UnrepresentedShare(
 
 
 def WeightDrift(scenario: Scenario, points: ArrayLike) -> Array:
-    """Returns what gravity adds to ds/dt at points, in m/s^2 (M, n).
+    """Returns the contribution of gravity to ds/dt at points, in m/s^2 (M, n).
 
-    That is (I + Lambda D_e) J M^-1 tau_g, which a law that knows nothing of gravity
-    leaves to its first network.
+    It is (I + Lambda D_e) J M^-1 tau_g. A law without gravity compensation leaves it to
+    its first network.
 
     Args:
         points: Positions of the tool in m (M, n).
@@ -74,7 +75,7 @@ def WeightDrift(scenario: Scenario, points: ArrayLike) -> Array:
     D_e = scenario.Facts().Told("environment_damping", "environment")
     falls = []
     for p_WT in np.asarray(points, dtype=float).tolist():
-        # The acceleration of a robot at rest there on which no force acts.
+        # The acceleration of a robot at rest at the point, on which only gravity acts.
         robot = dataclasses.replace(scenario.robot, start=p_WT).MakeRobot()
         context = robot.CreateDefaultContext()
         for name in ("control_force", "environment_force"):
@@ -84,13 +85,13 @@ def WeightDrift(scenario: Scenario, points: ArrayLike) -> Array:
 
 
 def UnlearnedWeight(recording: Recording, points: ArrayLike, drift: Array) -> float:
-    """Returns what the first network has not learned of the weight, as rms share.
+    """Returns the rms share of WeightDrift() that the first network has not learned.
 
-    Its weights are those at the end of the run.
+    The weights of the network are taken at the end of the run.
 
     Args:
         points: Positions of the tool in m (M, n).
-        drift: WeightDrift() of the run's scenario there (M, n).
+        drift: WeightDrift() of the run's scenario at these points (M, n).
     """
     scenario = recording.teleoperation
     network = scenario.controller.network.MakeNetwork()

@@ -39,7 +39,7 @@ def ImpactForces(recording: Recording) -> list[float]:
 
 
 def During(recording: Recording, begin: float, end: float) -> np.ndarray:
-    """Returns which samples lie between two times."""
+    """Returns a mask of the samples between two times."""
     return (recording.time >= begin) & (recording.time <= end)
 
 
@@ -51,22 +51,22 @@ def Amplitude(recording: Recording, begin: float, end: float) -> Array:
 
 
 def FirstEvent(recording: Recording, name: str) -> float:
-    """Returns when something first happened, infinity if it did not."""
+    """Returns the time of the first event of a name; infinity without one."""
     return min(recording.EventTimes(name), default=math.inf)
 
 
 def RiseTime(recording: Recording) -> float:
-    """Returns when v_x first reaches 90 % of v_d, in s."""
+    """Returns the time in s at which v_x first reaches 90 % of v_d."""
     v_d = float(np.asarray(recording.teleoperation.surgeon.velocity)[0])
     is_fast = recording["tool_velocity"][:, 0] >= 0.9 * v_d
     return float(recording.time[is_fast].min(initial=math.inf))
 
 
 def CommandedPath(recording: Recording) -> Array:
-    """Returns where the command has led the tool, in m (T, n).
+    """Returns the commanded path of the tool, in m (T, n).
 
-    That is the integral of the velocity command as it arrives at the slave of direct
-    force or of the adaptive controller.
+    It is the integral of the velocity command that the slave of direct force or of the
+    adaptive controller receives, from the start of the tool on.
     """
     scenario = recording.teleoperation
     v_dd = recording["forward_packet_received"][:, scenario.num_axes :]
@@ -75,10 +75,10 @@ def CommandedPath(recording: Recording) -> Array:
 
 
 def PathError(recording: Recording) -> Array:
-    """Returns the largest position error before the contact, as a share of the way.
+    """Returns the largest position error before the contact, relative to the way.
 
-    The position asked for is that of CommandedPath(); the way is that from the start to
-    the bone.
+    The error is the difference from CommandedPath(). The way is the distance from the
+    start to the bone.
     """
     surface = recording.FindSurface(CONTACT)
     assert surface is not None
@@ -97,7 +97,7 @@ def ForceRate(recording: Recording) -> Array:
     """
     materials = [surface.material for surface in recording.surfaces]
     index = recording["environment_layer"][:, 0].astype(int)
-    # The last row is that of no layer, -1.
+    # The last row is for the layer -1, which is none.
     constants = np.array([*map(_ConstantsOf, materials), (0.0, 0.0)])
     k, d = constants[index].T
     v = recording["tool_velocity"][:, 0]
@@ -109,7 +109,8 @@ def BasisFunctions(recording: Recording, count: int | None = None) -> Array:
     """Returns the networks' basis functions Phi (T, N) at the samples of a run.
 
     Args:
-        count: Per axis, of another lattice with the same bounds; None: the run's.
+        count: The number of functions per axis of another lattice with the same
+            bounds; None: the lattice of the run.
     """
     config = recording.scenario.controller.network
     if count is not None:
@@ -119,7 +120,7 @@ def BasisFunctions(recording: Recording, count: int | None = None) -> Array:
 
 
 def Rms(recording: Recording, values: Array, since: float = 0.0) -> Any:
-    """Returns the rms over time (...) of a signal (T, ...), from some time on."""
+    """Returns the rms over time (...) of a signal (T, ...), from `since` on."""
     kept = recording.time >= since
     time = recording.time[kept]
     mean = np.trapezoid(values[kept] ** 2, time, axis=0) / np.ptp(time)
@@ -132,7 +133,7 @@ def Late(recording: Recording, values: Array) -> Array:
 
 
 def UnlearnedShare(recording: Recording) -> float:
-    """Returns the rms of dF_e/dt - W3 Phi over that of dF_e/dt, along x."""
+    """Returns the rms of dF_e/dt - W3 Phi divided by the rms of dF_e/dt, along x."""
     rate = ForceRate(recording)
     Phi = BasisFunctions(recording)
     W3_x = recording["weights_3"][:, : Phi.shape[1]]
@@ -141,10 +142,10 @@ def UnlearnedShare(recording: Recording) -> float:
 
 
 def FarShare(recording: Recording) -> float:
-    """Returns how much centres more than two widths away say, as a share of all.
+    """Returns the influence of centres more than two widths away, as a share.
 
-    The larger of both networks' shares of the sum of |w_i phi_i|, as means over the
-    samples.
+    It is their share in the sum of |w_i phi_i| over all samples; of both networks, the
+    larger share.
     """
     Phi = BasisFunctions(recording)
     is_far = Phi < math.exp(-4.0)

@@ -1,4 +1,4 @@
-"""The law of chapters 4 and 5 without tuning functions, to compare with.
+"""The law of chapters 4 and 5 without tuning functions, for comparison.
 
 Each stage of backstepping adapts by its own error: W1 and Psi by P s, W3 by z. With
 tuning functions W1 and Psi adapt by P s + G1^T Psi^-T z instead (4.21, 5.20).
@@ -25,7 +25,7 @@ from teleop_drake.validation import Config
 
 
 def SeparateRate(gains: BacksteppingGains, *taken: Any) -> Array:
-    """Returns adaptive_rate() less the share of z in the updates of W1 and Psi."""
+    """Returns adaptive_rate() without the terms in z of the updates of W1 and Psi."""
     state, Phi, _, s, F_e = known(gains, *taken)
     rate = unpack_state(adaptive_rate(gains, *taken), len(s))
     Psi_inv = np.linalg.inv(state.Psi)
@@ -34,7 +34,7 @@ def SeparateRate(gains: BacksteppingGains, *taken: Any) -> Array:
     share = (gains.G1.T @ (Psi_inv.T @ z))[:, np.newaxis]
     W1 = gains.beta1 * share * Phi
     Psi = gains.beta2 * share * (state.F_c - F_e)
-    # The rates of W1 and Psi stand in alpha' too (4.31, 5.30).
+    # The rates of W1 and Psi are also terms of alpha' (4.31, 5.30).
     F_c = Psi_inv @ (Psi @ offset - W1 @ Phi)
     return pack_state(
         rate._replace(F_c=rate.F_c - F_c, W1=rate.W1 - W1, Psi=rate.Psi - Psi)
@@ -44,8 +44,8 @@ def SeparateRate(gains: BacksteppingGains, *taken: Any) -> Array:
 class SeparateUpdates(AdaptiveBackstepping):
     """AdaptiveBackstepping with SeparateRate(); all else is the same.
 
-    The limit of Psi (4.53, 5.53) takes no account of the difference: it must not be
-    reached.
+    The limit of Psi (4.53, 5.53) does not account for the difference, so that Psi must
+    not reach it.
     """
 
     law = ("separate_updates", SeparateRate, adaptive_errors)
