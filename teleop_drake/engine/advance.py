@@ -289,7 +289,7 @@ def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
 
 
 def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> float:
-    """Tries a step of the length h; returns its largest error in any state.
+    """Tries a step of the length h; returns its largest error in any state, or inf.
 
     Afterwards, x_next and y have the state and the signals at the end of the step.
     """
@@ -313,8 +313,9 @@ def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> flo
     _move(errors, E, h, stages, errors)
     for i in range(len(errors)):
         # This comparison is false for nan, too.
-        if not abs(errors[i]) <= error:
-            error = abs(errors[i])
+        if not abs(errors[i]) < math.inf:
+            return math.inf
+        error = max(error, abs(errors[i]))
     return error
 
 

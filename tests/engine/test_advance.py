@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from teleop_drake.engine import advance as integrator
-from teleop_drake.engine.advance import DONE, FULL, advance
+from teleop_drake.engine.advance import DONE, FULL, STUCK, advance
 from teleop_drake.engine.problem import (
     ROWS,
     TRIES,
@@ -54,6 +54,23 @@ def MakeMemory(x, m=(), num_signals=1, problem=None, room=2000):
 def oscillate(t, x, m, p, y, dx, wanted):
     dx[0], dx[1] = x[1], -x[0]
     y[0] = x[0]
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_no_step_is_taken_with_a_rate_that_is_no_number(place):
+    """Of two states, whichever comes first, one has no rate beyond 0.5 s."""
+
+    def break_down(t, x, m, p, y, dx, wanted):
+        dx[:] = -1.0
+        dx[place] = math.nan if t > 0.5 else 0.0
+
+    memory = MakeMemory([1.0, 1.0])
+    outcome = FULL
+    while outcome == FULL:
+        outcome = advance(break_down, MakeProblem(), memory, 1.0, 1e-6, 0.2)
+    assert outcome == STUCK
+    assert memory.clock[0] == pytest.approx(0.5)
+    assert memory.x[1 - place] == pytest.approx(0.5)
 
 
 def Doubled(array):
