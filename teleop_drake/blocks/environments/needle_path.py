@@ -82,10 +82,10 @@ class NeedleInTissue(FixedBlock):
     | in   | tool_velocity     | 6    | [m/s; rad/s]                      |
     | out  | environment_force | 6    | [N; N m about T], BY the robot    |
 
-    | parameter | name      | unit  |
-    |-----------|-----------|-------|
-    | 0         | stiffness | N/m   |
-    | 1         | drag      | N s/m |
+    | parameter | name      | unit    |
+    |-----------|-----------|---------|
+    | 0         | stiffness | N/m^2   |
+    | 1         | drag      | N s/m^2 |
 
     State (discrete, 1): whether the tip is in the tissue. The force jumps there unless
     the tip enters on the path; the instant is located, as in LayeredForceField.
@@ -101,8 +101,8 @@ class NeedleInTissue(FixedBlock):
     is_compiled = True
 
     numeric_parameters: ClassVar = {
-        "stiffness": "N/m",
-        "drag": "N s/m",
+        "stiffness": "N/m^2",
+        "drag": "N s/m^2",
     }
 
     def __init__(self, config: NeedlePathConfig, start: ArrayLike):
