@@ -18,6 +18,7 @@ from pydrake.systems.primitives import (
     AffineSystem,
     LinearSystem,
     MatrixGain,
+    RandomSource,
     WrapToSystem,
 )
 
@@ -270,6 +271,8 @@ KERNELS: dict[type[System], Callable[[Any], Kernel]] = {
     AffineSystem: _AffineKernel,
     LinearSystem: _AffineKernel,
     MatrixGain: _AffineKernel,
+    # Its discrete state is its output; see random_sources.
+    RandomSource: lambda _: Kernel(outputs={"output": "mode"}),
     WrapToSystem: _WrapKernel,
 }
 """Makers of the kernels that are written by hand, keyed by the exact class."""

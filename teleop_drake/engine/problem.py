@@ -177,10 +177,11 @@ def make_memory(
     n = len(x)
     transitions = problem.transitions
     periods = problem.transitions.periods
-    # The ticks before the start; a tick at the start, to within rounding, is due.
+    # The number of the first tick that is not before the start, as Drake rounds it.
     gone = np.where(transitions.guards < 0, time - transitions.offsets, 0.0)
-    gone -= same_within(time)
-    ticks = np.where(periods < np.inf, np.ceil(gone / periods), gone > 0)
+    nearest = np.round(gone / periods)
+    steps = nearest * np.where(periods < np.inf, periods, 0.0)
+    ticks = nearest + (transitions.offsets + steps < time)
     # Packets that were shown before are shown in the first row.
     delays = problem.delays
     next_packets = [

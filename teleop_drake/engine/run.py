@@ -1,6 +1,8 @@
 """Runs a compiled diagram."""
 
-from collections.abc import Callable, Sequence, Sized
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence, Sized
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +12,7 @@ from teleop_drake.arrays import Array, Indices
 from teleop_drake.engine.advance import DONE, STUCK, advance, is_full
 from teleop_drake.engine.delays import delay_at
 from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.past import ReadPast
 from teleop_drake.engine.problem import (
     BREAKS,
     END,
@@ -22,6 +25,8 @@ from teleop_drake.engine.problem import (
     make_memory,
 )
 from teleop_drake.engine.program import Program
+from teleop_drake.engine.random_sources import Draw, TakeDraws
+from teleop_drake.engine.transitions import next_time
 from teleop_drake.jit.native import Evaluate, Packed
 from teleop_drake.jit.typed_code import CompileTyped
 from teleop_drake.jit.typed_values import EVALUATE, TypeOf
@@ -104,15 +109,19 @@ class CompiledRun:
         accuracy: float,
         max_step: float,
         is_checked: bool = False,
+        draws: Iterable[Draw] = (),
     ):
         if start is None:
             assert context is not None
             start = Visited(context.get_time(), *evaluator.ReadContext(context))
+            past = ReadPast(evaluator, context, start.y)
+            draws = TakeDraws(evaluator, context.Clone(), end)
         self.evaluator = evaluator
         self.start = start
         self.failure = ""
         self.error: Exception | None = None
         self.visited: list[Visited] = []
+        self.draws = deque(draws)
         self._accuracy = accuracy
         self._max_step = max_step
         system = system or MakeProblem(evaluator.program, start.t, end)
@@ -144,6 +153,19 @@ class CompiledRun:
         return float(self.memory.clock[0])
 
     @property
+    def next_time(self) -> float:
+        """The time in s from which another run goes on.
+
+        An event that is due at the end, but for rounding, has not happened. If Drake
+        rounds its time to one before the end, it is that time.
+        """
+        transitions = self.problem.transitions
+        ticks = range(len(self.memory.ticks))
+        due = [next_time(k, transitions, self.memory) for k in ticks]
+        due += [draw.time for draw in self.draws]
+        return min([self.time, *due])
+
+    @property
     def is_finite(self) -> bool:
         """Whether all numbers are that it computed last."""
         memory = self.memory
@@ -162,7 +184,10 @@ class CompiledRun:
         if is_full(self.problem.delays, memory):
             memory = self._MakeRoom()
         first = int(memory.counts[ROWS])
-        numbers = float(end), self._accuracy, self._max_step
+        drawn = self.draws[0].time if self.draws else math.inf
+        is_drawn = drawn < end - SAME
+        stop = drawn if is_drawn else float(end)
+        numbers = stop, self._accuracy, self._max_step
         status = DONE
         try:
             function = self.evaluator.function
@@ -174,6 +199,8 @@ class CompiledRun:
         if len(rows):
             visited = self.time, memory.x.copy(), memory.m.copy(), rows[-1]
             self.visited[_MAX_VISITED - 1 :] = [Visited(*visited)]
+        if is_drawn and self.time > drawn - SAME:
+            self._TakeDraws(drawn)
         if status == STUCK:
             # In the words of Drake.
             self.failure = (
@@ -188,8 +215,19 @@ class CompiledRun:
         Args:
             place: Of the input in y, as Program.fed has it.
         """
-        counts = self.memory.counts
         self.memory.y[place] = values
+        self._AddBreak()
+
+    def _TakeDraws(self, time: float) -> None:
+        """Sets the random outputs that change now, at a time in s."""
+        while self.draws and self.draws[0].time < time + SAME:
+            draw = self.draws.popleft()
+            self.memory.m[draw.place] = draw.value
+        self._AddBreak()
+
+    def _AddBreak(self) -> None:
+        """Adds a break now, because signals jump."""
+        counts = self.memory.counts
         self.memory.breaks[counts[BREAKS]] = self.time, 0.0
         counts[BREAKS] += 1
 

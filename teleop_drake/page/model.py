@@ -18,9 +18,8 @@ from teleop_drake.blocks.environments.surface import Surface
 from teleop_drake.blocks.operators.hand import HandOperator
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import AlgebraicLoop, InputsOf, OutputOf, Source
-from teleop_drake.engine.past import ReadPast
 from teleop_drake.engine.problem import BREAKS, ROWS, Memory
-from teleop_drake.engine.run import CompiledRun, Visited
+from teleop_drake.engine.run import CompiledRun
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.plants import PlantsIn
@@ -89,8 +88,9 @@ class Model:
         facts: Data for the page's script that no number changes: `reasons` (why a run
             ends at each of the bounds), `metrics` (the function of the script that
             computes them, see Task.page_metrics), `labels` (of the metrics, by name),
-            `has_constant_command` (as in Recording), and the names of `surfaces` and
-            `materials`.
+            `has_constant_command` (as in Recording), the names of `surfaces` and
+            `materials`, and `draws` (of random sources: the time in s, the place in
+            Memory.m and the new values of each).
         plants: The links of the MultibodyPlants to draw; see PlantsIn().
     """
 
@@ -364,12 +364,9 @@ def MakeModel(
         has_zero_delays = False
     end = context.get_time() + duration
     max_step = min(config.max_step_size, LongestStep(diagram, context, of_delays=False))
-    start = Visited(context.get_time(), *evaluator.ReadContext(context))
     run = CompiledRun(
         evaluator,
-        None,
-        start=start,
-        past=ReadPast(evaluator, context, start.y),
+        context,
         end=end,
         accuracy=config.accuracy,
         max_step=max_step,
@@ -396,6 +393,7 @@ def MakeModel(
             "metrics": "",
             "labels": {},
             "has_constant_command": True,
+            "draws": [[x.time, x.place.start, *x.value] for x in run.draws],
             "surfaces": [surface.name for surface in surfaces],
             "materials": [getattr(x.material, "name", "") for x in surfaces],
         },

@@ -9,6 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.primitives import RandomSource
 
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn, SetDiscreteState
@@ -17,6 +18,7 @@ from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import OutputOf, UnsupportedSystem
 from teleop_drake.engine.past import CanWritePast, ReadPast, WritePast
 from teleop_drake.engine.problem import EVALUATIONS, ROWS, STEPS, TRIES, Past
+from teleop_drake.engine.random_sources import Draw, RandomSourcesIn, TakeDraws
 from teleop_drake.engine.run import CompiledRun, MakeProblem, Visited
 from teleop_drake.jit.native import Packed
 from teleop_drake.numerics.instants import same_within
@@ -85,12 +87,19 @@ class CompiledDiagram:
         """Whether a Context of the diagram can have all that a run ends with."""
         return CanWritePast(self.evaluator) and not self.parts
 
+    @cached_property
+    def _random_sources(self) -> list[RandomSource]:
+        return RandomSourcesIn(self.evaluator)
+
     def Start(self, config: SimulatorConfig, end: float) -> CompiledRun:
         """Returns a new run, not begun yet, whose last possible time is `end` in s."""
         problem = self._problems.get(end)
         if problem is None:
             problem = MakeProblem(self.evaluator.program, self.start.t, end)
             self._problems = {end: problem}
+        draws: list[Draw] = []
+        if self._random_sources:
+            draws = TakeDraws(self.evaluator, self.context.Clone(), end)
         return CompiledRun(
             self.evaluator,
             None,
@@ -101,6 +110,7 @@ class CompiledDiagram:
             accuracy=config.accuracy,
             max_step=min(config.max_step_size, self.longest_step),
             is_checked=self.is_checked,
+            draws=draws,
         )
 
     def Run(self, job: Job) -> Outcome:
@@ -119,7 +129,9 @@ class CompiledDiagram:
     def _FinalContext(self, run: CompiledRun) -> Context:
         """Returns the Context at the end of a run."""
         context: Context = self.context.Clone()
-        context.SetTime(run.time)
+        time = run.next_time
+        TakeDraws(self.evaluator, context, time)
+        context.SetTime(time)
         context.SetContinuousState(run.memory.x)
         contexts = ContextsIn(self.diagram, context)
         modes = self.evaluator.program.modes

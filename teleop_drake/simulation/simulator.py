@@ -206,7 +206,9 @@ class TeleoperatorSimulator(Simulator):
                 status = self.AdvancePendingEvents()
                 if self._IsEndedByOthers(status):
                     return status
-            stop = min(stepping.NextStop(context), boundary_time)
+            # A jump that is due now may have been rounded to an earlier time.
+            stop = max(stepping.NextStop(context), context.get_time())
+            stop = min(stop, boundary_time)
             try:
                 status = Simulator.AdvanceTo(self, stop, interruptible)
             except (Exception, SystemExit) as error:

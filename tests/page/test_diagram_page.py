@@ -5,10 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from foreign.wiring import SerialArm
+from pydrake.common import RandomDistribution, RandomGenerator
 from pydrake.examples import PendulumPlant
 from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain
+from pydrake.systems.primitives import (
+    Adder,
+    ConstantVectorSource,
+    Gain,
+    RandomSource,
+)
 from wasm_runs import DataOf
 
 from teleop_drake import Compile, Explore, TransportDelay, WritePage, simulate
@@ -94,14 +100,35 @@ def test_a_page_goes_on_where_a_run_has_ended(look, tmp_path):
     second = simulate(diagram, context=context, duration=2.0)
     assert found["time"][0] == 0.72
     assert found["time"][-1] == pytest.approx(2.72, abs=1e-12)
-    times = np.linspace(0.72, 2.72, 40)[1:-1] + 1e-6
-    for name in ("state", "shown"):
-        values = np.array(found["signals"][name])
-        steps = np.array(found["ends"])[:, np.newaxis] + np.arange(-4, 1)
-        shown = interpolate(np.array(found["time"]), values, steps, times)
-        np.testing.assert_allclose(shown, second.Interpolate(name, times), atol=1e-9)
+    check_rows(found, second, np.linspace(0.72, 2.72, 40)[1:-1] + 1e-6)
     reason = "sensor.delay = 0.005: must be 0.05 s while a signal is under way"
     assert notes == [f"pendulum/sensor.delay has no slider: {reason}"]
+
+
+def test_a_page_has_the_draws_of_a_random_source(look, tmp_path):
+    builder = DiagramBuilder()
+    noise = RandomSource(RandomDistribution.kGaussian, 2, 0.03)
+    builder.AddNamedSystem("noise", noise)
+    sensor = builder.AddNamedSystem("sensor", TransportDelay(0.05, 2))
+    builder.Connect(noise.get_output_port(), sensor.get_input_port())
+    builder.ExportOutput(noise.get_output_port(), "noise")
+    builder.ExportOutput(sensor.get_output_port(), "late")
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    diagram.SetRandomContext(context, RandomGenerator(4))
+    WritePage(diagram, tmp_path / "page.html", context=context, duration=1.0)
+    (found,) = look(tmp_path / "page.html", "rows.js")
+    expected = simulate(diagram, context=context, duration=1.0)
+    check_rows(found, expected, np.linspace(0.0005, 0.9995, 300))
+
+
+def check_rows(found, expected, times):
+    """Checks the signals of a page at times in s."""
+    steps = np.array(found["ends"])[:, np.newaxis] + np.arange(-4, 1)
+    for name in expected:
+        values = np.array(found["signals"][name])
+        shown = interpolate(np.array(found["time"]), values, steps, times)
+        np.testing.assert_allclose(shown, expected.Interpolate(name, times), atol=1e-9)
 
 
 def test_without_ranges_delays_and_four_parameters_have_sliders():

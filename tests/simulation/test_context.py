@@ -19,6 +19,8 @@ from pydrake.systems.framework import (
 from pydrake.systems.primitives import (
     Adder,
     ConstantVectorSource,
+    DiscreteTimeIntegrator,
+    FirstOrderLowPassFilter,
     Gain,
     Integrator,
     LogVectorOutput,
@@ -314,6 +316,35 @@ def test_a_logger_is_left_out_of_a_compiled_run_with_a_note():
     other = simulate(diagram, duration=0.5, engine="drake")
     log = diagram.GetSubsystemByName("log").FindLog(other.final_context)
     np.testing.assert_allclose(log.data()[0, -1], recording["plant.y0"][-1], rtol=1e-6)
+
+
+@pytest.mark.parametrize("split", [0.45, 0.5])
+@pytest.mark.parametrize("former", ENGINES)
+@pytest.mark.parametrize("latter", ENGINES)
+def test_ticks_that_are_rounded_to_before_the_end_happen_once(split, former, latter):
+    """In floating point 15 * 0.03 < 0.45, and the delay's echo comes before 0.5."""
+    builder = DiagramBuilder()
+    parts = [
+        Sine(1.0, 3.0, 0.2, 1),
+        DiscreteTimeIntegrator(1, 0.03),
+        TransportDelay(0.05, 1),
+        FirstOrderLowPassFilter(0.1, 1),
+    ]
+    for name, part in zip("udly", parts, strict=True):
+        builder.AddNamedSystem(name, part)
+        builder.ExportOutput(part.get_output_port(0), name)
+    for source, target in pairwise(parts):
+        builder.Connect(source.get_output_port(0), target.get_input_port())
+    diagram = builder.Build()
+    whole = simulate(diagram, duration=1.0)
+    first = simulate(diagram, duration=split, engine=former)
+    rest = {"duration": 1.0 - split, "engine": latter}
+    second = simulate(diagram, context=first.final_context, **rest)
+    times = np.linspace(split + 1e-3, 0.999, 100)
+    for name in "dly":
+        np.testing.assert_allclose(
+            second.Interpolate(name, times), whole.Interpolate(name, times), atol=1e-9
+        )
 
 
 def loop_with_packets(packets):

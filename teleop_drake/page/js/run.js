@@ -10,6 +10,8 @@ import { bisect, powersOf, valueAt } from "./pieces.js";
 // have 64 bits in memory and are read as pairs of 32-bit numbers.
 const FULL = 1;
 const STUCK = 2;
+const BREAKS = 2 * 3;
+const SAME = 1e-12; // s
 const ROWS = 2 * 4;
 const TRIES = 2 * 5;
 
@@ -46,6 +48,7 @@ export class Run {
     this.first = this.array("counts", Int32Array)[ROWS];
     // The end of the rows that are known to be within the bounds.
     this.checked = this.first;
+    this.draws = [...loop.draws]; // For each: the time, the place in m and the new values.
     this.take();
   }
 
@@ -71,6 +74,21 @@ export class Run {
 
   // Simulates until a time. Returns false if `isStale` has reported that the run is not needed.
   async advance(end, isStale = () => false) {
+    while (this.draws.length > 0 && this.draws[0][0] < end - SAME && !this.reason) {
+      const [time, place, ...value] = this.draws.shift();
+      if (!(await this.integrate(time, isStale))) return false;
+      this.array("m").set(value, place);
+      const counts = this.array("counts", Int32Array);
+      this.array("breaks").set([time, 0], 2 * counts[BREAKS]);
+      counts[BREAKS] += 1;
+    }
+    if (!(await this.integrate(end, isStale))) return false;
+    this.take(end >= this.duration || this.reason);
+    return true;
+  }
+
+  // Integrates between two draws of random sources; see advance().
+  async integrate(end, isStale) {
     const { run } = this.loop;
     let pause = performance.now() + FIRST_PAUSE;
     let status = FULL;
@@ -90,7 +108,6 @@ export class Run {
         pause = performance.now() + PAUSE;
       }
     }
-    this.take(end >= this.duration || this.reason);
     return true;
   }
 
