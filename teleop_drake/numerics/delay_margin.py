@@ -61,8 +61,8 @@ _NUM_CIRCLE_POINTS = 64
 _CIRCLE_SHARE = 0.1
 _LARGEST_TURN = 10.0
 
-# A coefficient of g(0, T) counts as 0 below this share of the largest one. The
-# imaginary part of one of its roots counts as 0 below this share of the root.
+# A coefficient of g(0, T) counts as 0 below the first share, of the largest one. The
+# imaginary part of a root of it counts as 0 below the second share, of the root.
 _NEGLIGIBLE_COEFFICIENT = 1e-9
 _NEGLIGIBLE_IMAGINARY = 1e-6
 
@@ -87,7 +87,7 @@ def neutral_root_count(loop: StateSpace) -> int:
 
 
 def is_delay_robust(loop: StateSpace) -> bool:
-    """Returns whether an arbitrarily small delay moves all roots arbitrarily little.
+    """Returns whether a small enough delay adds no root near or right of the axis.
 
     The condition is that the spectral radius of D is less than 1. Without direct
     feedthrough the radius is 0. If it is 1 or more, infinitely many roots lie right of
@@ -217,8 +217,8 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
     modes = modes[modes > _SLOW * np.linalg.norm(loop.A)]
     radius = _CIRCLE_SHARE * float(modes.min(initial=1.0))
     taylor = partial(_reduced_taylor, loop, order, radius)
-    # g(0, T) is a polynomial of degree k in T, which k + 1 values determine. The unit
-    # of time is scaled to the slowest mode that is not neutral.
+    # g(0, T) is a polynomial of degree k in T, which k + 1 values determine. Its unit
+    # of time follows from the slowest mode that is not neutral.
     unit = 1 / max(radius, 1e-6)
     nodes = np.arange(order + 1)
     polynomial = np.polyfit(nodes, [taylor(unit * x)[0] for x in nodes], order)
