@@ -86,8 +86,8 @@ class PointStability:
         force_mode: The loop on the contact surface after the operator has perceived
             contact and holds a force, at the point where the tool then rests. None: the
             operator does not change its behaviour there, or `untold` has the reason.
-        untold: Why there is no model of the loop after contact; empty: there is one, or
-            the operator does not change its behaviour.
+        untold: The reason why there is no model of the loop after contact; empty if
+            there is one, or if the operator does not change its behaviour.
     """
 
     model: LoopModel
@@ -217,6 +217,7 @@ def AnalyzeModel(
     """Analyses the loop at an operating point.
 
     Args:
+        model: The linear model of the loop.
         delay: Round-trip delay of the scenario in s.
         max_delay: The largest round-trip delay of the intervals, in s, > 0.
     """

@@ -59,7 +59,7 @@ class StabilityAnalysis:
     notes: list[str]
 
     def __getitem__(self, label: str) -> PointStability:
-        """Returns the loop of a label: the name of its operating point, or see there.
+        """Returns the loop with a label; see PointStability.label.
 
         Raises:
             KeyError: If there is no loop of that label.
