@@ -26,7 +26,7 @@ class SignalRow:
         reference: Name of a signal that is subtracted from the signal; empty if there
             is none.
         groups: Names of the groups into which the components are divided equally, such
-            as the rows of a matrix; a single name if all components are one group. They
+            as the rows of a matrix; each component or all of them may be a group. They
             are required for more than one component. Each group has its own colour.
     """
 
