@@ -144,6 +144,7 @@ class Linearizer:
         if teleoperator is None:
             teleoperator = _MakeTeleoperator(self._scenario, at_ports=at_ports)
         self.diagram = teleoperator
+        # _root is the Context of the operating point. It is reset from _default.
         self._root = teleoperator.CreateDefaultContext()
         self._default = teleoperator.CreateDefaultContext()
         self._function = CutDiagram(teleoperator, self._root)
@@ -151,6 +152,7 @@ class Linearizer:
         self._environment = teleoperator.GetSubsystemByName("environment")
         self._master = teleoperator.GetSubsystemByName("master")
         robot = teleoperator.GetSubsystemByName("robot")
+        # The blocks of both stations declare their contributions to the model.
         blocks = ReadLoopBlocks(self._function)
         self._blocks = blocks
         self._holding = next((x for x in blocks if x.described.held_force), None)
@@ -172,6 +174,8 @@ class Linearizer:
         self._states = [*slave_states, *StatesOf(blocks, "master")]
         self._num_slave_states = sum(x.size for x in slave_states)
         self._num_states = sum(x.size for x in self._states)
+        # The function of the model: from states and cuts to the rates, the signals that
+        # enter the cuts, and the robot's ports for the change of coordinates.
         seen = self._motion.Seen()
         if at_ports:
             device = self._master.GetSubsystemByName("haptic_device")

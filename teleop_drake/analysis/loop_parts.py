@@ -96,6 +96,8 @@ def CutTeleoperator(
     """
     master = teleoperator.GetSubsystemByName("master")
     controller = teleoperator.GetSubsystemByName("controller")
+    # Forces at the ports are cut where the haptic device and the environment exert
+    # them.
     hand = []
     tool = []
     if at_ports:
@@ -103,6 +105,8 @@ def CutTeleoperator(
         environment = teleoperator.GetSubsystemByName("environment")
         hand = [opened.CutAt(device.GetOutputPort("haptic_force"))]
         tool = [opened.CutAt(environment.GetOutputPort("environment_force"))]
+    # A channel is bypassed: its cut is at the receiving station's port, and the signal
+    # that enters it is the packet that the other station sends.
     forward = opened.CutAt(
         controller.GetInputPort("forward_packet"),
         master.GetOutputPort("forward_packet"),

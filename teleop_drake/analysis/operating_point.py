@@ -97,6 +97,7 @@ def OperatingPoints(
             "other, give AnalyzeStability() an OperatingPoint"
         )
         Refuse("environment", type(block).__name__, allowed)
+    # The end of the path, and the times at which the tool crosses surfaces before it.
     contact = FindSurface(surfaces, CONTACT)
     arrival = math.inf
     if contact is not None and contact.Along(velocity) > 0:
@@ -109,6 +110,8 @@ def OperatingPoints(
         _MakePoint(surfaces, start + velocity * (begin + end) / 2, velocity)
         for begin, end in pairwise(times)
     ]
+    # The point on the contact surface. The mobility along the normal is the inverse of
+    # the effective mass.
     if contact is not None and end_time == arrival:
         position = start + velocity * end_time
         inertia = FactsOfConfig(replace(scenario.robot, start=position)).inertia

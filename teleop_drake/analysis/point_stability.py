@@ -142,6 +142,7 @@ class PointStability:
 
         Args:
             delay: Round-trip delay in s.
+            count: The largest number of roots.
         """
         more = count + self.num_neutral
         roots = characteristic_roots(self.loop.fed_back(delay), count=more)

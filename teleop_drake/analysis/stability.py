@@ -121,6 +121,8 @@ def AnalyzeStability(
         environment = linearizer.diagram.GetSubsystemByName("environment")
         points = OperatingPoints(scenario, environment=environment)
     models = [linearizer.Loop(point) for point in points]
+    # The notes are the assumptions about channels, operator, loop and gains. The blocks
+    # are the same at all points, so that the first model suffices for the loop's.
     notes = [note for note in (forward.note, back.note) if note]
     operator_note = scenario.surgeon.LinearNote()
     if teleoperator is None and operator_note is not None:
@@ -133,6 +135,8 @@ def AnalyzeStability(
             f"{scenario.forward_channel.delay + scenario.return_channel.delay:g} s, "
             "whatever the delay."
         )
+    # At each point the loop with the velocity command is analysed and, behind a contact
+    # surface, the loop in which the operator holds a force.
     results = [
         _WithForceMode(
             AnalyzeModel(model, delay=delay, max_delay=max_delay), scenario, linearizer
@@ -165,6 +169,8 @@ def _WithForceMode(
     is_behind = IsBehindContact(SurfacesOf(environment) or (), point.position)
     if not is_behind or point.holds_force:
         return velocity_mode
+    # The loop with a held force is analysed at the point at which the tool then rests.
+    # If there is no such loop, the reason becomes a note.
     held = linearizer.held_force
     try:
         if held is None:
@@ -191,6 +197,8 @@ def _Assumptions(model: LoopModel, delay: float) -> list[str]:
     """Returns the assumptions of the model in addition to small deviations."""
     notes = []
     if model.inner_delays:
+        # Delays inside of a station must equal the round trip, so that there is only
+        # one delay.
         for inner in model.inner_delays:
             if not np.isclose(inner, delay, rtol=1e-9, atol=0):
                 raise ScenarioError(

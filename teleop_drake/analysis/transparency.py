@@ -61,6 +61,7 @@ def EnvironmentImpedance(
     """Returns Z_e(j w) = d_e + k_e/(j w) of the environment (K, n, n), (2.14).
 
     Args:
+        scenario: A scenario with this environment.
         point: The operating point; its velocity has no effect.
         frequencies: w in rad/s (K), > 0.
     """
@@ -196,6 +197,7 @@ def FeltStiffness(
     With k(w) < 0 the force changes as if the layer pulled the hand in.
 
     Args:
+        scenario: A valid scenario.
         point: The operating point, with the tool at rest.
         frequencies: w in rad/s (K), > 0.
 

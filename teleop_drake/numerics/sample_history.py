@@ -277,6 +277,7 @@ def _neighbours(times: Sequence[float], indices: range, spacing: float) -> list[
     The search ends at a jump or with the largest number of samples, `_REACH`.
 
     Args:
+        times: The times of all samples, ascending; two equal ones mark a jump.
         indices: The candidates in the order of the search. The first one is an end of
             the interval and is not returned.
         spacing: The shortest allowed time in s from one sample to the next.

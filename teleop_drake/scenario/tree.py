@@ -109,6 +109,8 @@ def _Build(value: Any, schema: Any, path: str) -> Any:
     if value is None and _MayBeNull(schema):
         return None
     if isinstance(schema, types.UnionType):
+        # A union is a gain (a number or a matrix, perhaps also auto), or one type that
+        # may be null.
         options = [x for x in typing.get_args(schema) if x is not type(None)]
         if len(options) > 1 and np.ndarray in options:
             return _BuildGain(value, path, allow_text=str in options)

@@ -96,6 +96,8 @@ class InsertionRun:
         self.speed = float(np.linalg.norm(self.v_d))
         self.normal = FirstNormal(recording.surfaces, self.v_d)
         self._crossings = FindCrossings(recording)
+        # Pieces end where the received command may jump or reverse and at the tool's
+        # crossings of surfaces.
         received, delay = self._Received()
         cuts = [time + delay for time in self._Turns(received)]
         for crossings in self._crossings:
