@@ -18,7 +18,7 @@ from teleop_drake.numerics.state_space import StateSpace
 AXIS_TOLERANCE = 1e-8
 """The relative distance within which a root counts as on the imaginary axis."""
 
-# |log |l|| below this may be a rounding error of 0.
+# |log|l|| below this may be a rounding error of 0.
 _MAGNITUDE_TOLERANCE = 1e-10
 
 # The number of points of the first sweep, and of those on each side of each pole.

@@ -67,7 +67,7 @@ class Pieces:
     A recording of a single row is one piece.
 
     Attributes:
-        begin: The begin of each piece, s (p).
+        begin: The start of each piece, s (p).
         end: The end of each piece, s (p).
         length: The length of each piece, s (p); 1 for a recording of a single row, so
             that it can be a divisor.
@@ -141,7 +141,7 @@ class Pieces:
         return signal.reshape(*sent.shape, -1)
 
     def between(self, begin: float | None = None, end: float | None = None) -> slice:
-        """Returns the pieces between two instants; None is the run's begin or end."""
+        """Returns the pieces between two instants; None is the run's start or end."""
         limits = [-math.inf if begin is None else begin]
         limits.append(math.inf if end is None else end)
         first, last = np.searchsorted((self.begin + self.end) / 2, limits).tolist()
@@ -286,7 +286,7 @@ class Band(NamedTuple):
 
 
 def settling_time(pieces: Pieces, span: slice, bands: Sequence[Band]) -> float | None:
-    """Returns the time in s from the begin of a span until vectors stay in their bands.
+    """Returns the time in s from the start of a span until vectors stay in their bands.
 
     Args:
         pieces: The pieces of the run.
@@ -315,13 +315,13 @@ def settling_time(pieces: Pieces, span: slice, bands: Sequence[Band]) -> float |
     if is_moving[-1, -1]:
         return None
     piece, _, share = _changes(is_outside, is_moving)
-    # Between two pieces, and at the begin, the condition may change at once.
+    # The condition may jump between two pieces and at the start.
     was_moving = np.append(False, is_moving[:-1, -1])
     changes = np.append(
         begin[was_moving != is_moving[:, 0]],
         begin[piece] + share * pieces.length[span][piece],
     )
-    # Rest and motion alternate. The vectors count as at rest before the begin, so each
+    # Rest and motion alternate. The vectors count as at rest before the start, so each
     # second interval, from the first one on, is a rest.
     limits = [begin[0], *np.sort(changes), pieces.end[-1]]
     rests = np.diff(limits)[::2]

@@ -38,7 +38,7 @@ class Pieces(NamedTuple):
     """A piecewise polynomial of k pieces.
 
     Attributes:
-        knots: Begin and end of each piece (k, 2), ascending.
+        knots: Start and end of each piece (k, 2), ascending.
         coefficients: Coefficients of ascending powers of the piece's variable, which is
             scaled to [-1, 1] (k, 8).
     """

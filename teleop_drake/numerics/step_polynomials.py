@@ -64,7 +64,7 @@ def lagrange(at: Array, degree: int) -> Array:
     At the points of the step the weights are exactly 0 or 1.
 
     Args:
-        at: Points as shares of the step's length (...,), 0 at its begin and 1 at its
+        at: Points as shares of the step's length (...,), 0 at its start and 1 at its
             end.
         degree: The degree d of the polynomial.
     """
