@@ -81,11 +81,12 @@ class PointStability:
         unresolved: The magnitude in 1/s below which roots and crossings do not count:
             they are slower than the motion of the operating point, or 0 to rounding.
         slave_root: The rightmost root of the slave alone, in 1/s, without neutral ones.
-            It describes the loop while the slave receives nothing. None: the slave has
-            only neutral roots.
+            It describes the loop while the slave receives nothing. It is None if the
+            slave has only neutral roots.
         force_mode: The loop on the contact surface after the operator has perceived
-            contact and holds a force, at the point where the tool then rests. None: the
-            operator does not change its behaviour there, or `untold` has the reason.
+            contact and holds a force, at the point where the tool then rests. It is
+            None if the operator does not change its behaviour, or if there is no model
+            for the reason in `untold`.
         untold: The reason why there is no model of the loop after contact; empty if
             there is one, or if the operator does not change its behaviour.
     """

@@ -100,14 +100,14 @@ def AnalyzeStability(
     Args:
         scenario: A teleoperation, or its name or file. A delay that is not constant is
             replaced by a constant one; see ChannelConfig.AsConstantDelay.
-        points: Operating points; None: the result of OperatingPoints(scenario).
+        points: Operating points; by default those of OperatingPoints(scenario).
         max_delay: The largest round-trip delay of the intervals, in s, > 0.
         teleoperator: A Diagram made by MakeTeleoperator() for this scenario. It may
-            contain your own systems. None: the Diagram is made from the scenario.
+            contain your own systems. By default it is made from the scenario.
 
     Raises:
         ScenarioError: If the scenario is not valid, is not a teleoperation, or
-            a channel is not a delay; if max_delay is not allowed; if Linearizer refuses
+            a channel is not a delay; if max_delay is not allowed; if Linearizer rejects
             a point; or if a station contains a delay that differs from the round trip.
         ValueError: If the loop is not well posed without delay.
     """

@@ -132,7 +132,7 @@ class ToolMotion:
         return [self._robot.GetOutputPort(name) for name in names]
 
     def Coordinates(self, rates: Array, seen: Array) -> tuple[Array, Array]:
-        """Returns the slopes of [r; s; v; w] and of the rates of these (2m, N) each.
+        """Returns the slopes of [r; s; v; w] and those of their rates, (2m, N) each.
 
         The N variables of all slopes begin with the robot's state.
 

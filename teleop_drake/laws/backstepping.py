@@ -70,8 +70,8 @@ class BacksteppingGains(LawGains):
     symmetric. Matrices are copied and made read-only.
 
     Attributes:
-        Lambda: Weighs the force error against the velocity error in m/(N s) (n, n),
-            positive definite (4.2, 5.2).
+        Lambda: Weight of the force error relative to the velocity error in m/(N s)
+            (n, n), positive definite (4.2, 5.2).
         G1: Damping of s in 1/s (n, n), such that P G1 is positive definite
             (4.23, 5.22).
         G2: Damping of z in 1/s (n, n), symmetric, positive definite (4.32, 5.31).
@@ -82,10 +82,10 @@ class BacksteppingGains(LawGains):
         beta3: Adaptation rate of W3, >= 0.
         nu1: Leakage of W1, >= 0 (4.52, 5.51).
         nu3: Leakage of W3, >= 0 (4.52, 5.51).
-        Upsilon: Supervision, pulls Psi back to Psi0, in [0, 1] (4.52, 5.51).
-        Psi0: A-priori estimate of Psi* = (I + Lambda D_e) M_r^-1 in 1/kg (n, n), its
-            determinant positive as that of Psi* is, all singular values greater
-            than `Psi_min`.
+        Upsilon: Supervision, which returns Psi to Psi0, in [0, 1] (4.52, 5.51).
+        Psi0: A-priori estimate of Psi* = (I + Lambda D_e) M_r^-1 in 1/kg (n, n). Its
+            determinant is positive, like that of Psi*, and all its singular values
+            are greater than `Psi_min`.
         Psi_min: Limit of the projection in 1/kg, > 0 (4.53, 5.53).
 
     Raises:

@@ -29,7 +29,7 @@ def RunMetrics(recording: Recording, *, task: Task[Any] | None = None) -> Record
 
     Args:
         recording: A run. Samples after its last finite sample are ignored.
-        task: The task that defines the metrics; None: the task of the scenario.
+        task: The task that defines the metrics; by default the task of the scenario.
 
     Returns:
         The `metrics` object of `teleop-drake run --json`: finite numbers, lists of
@@ -47,7 +47,7 @@ def RunSummary(recording: Recording, *, task: Task[Any] | None = None) -> Record
 
     Args:
         recording: A run. Samples after its last finite sample are ignored.
-        task: The task that defines the metrics; None: the task of the scenario.
+        task: The task that defines the metrics; by default the task of the scenario.
 
     Returns:
         A dict of finite numbers, None, bool, str, and lists and dicts of these:
