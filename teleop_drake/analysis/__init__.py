@@ -1,5 +1,6 @@
 """Analyses of a loop: linear models, stability, transparency and energy.
 
-`loop` and `ports` make exact linear models of a Diagram at an `operating_point`, which
-`stability`, `point_stability` and `transparency` evaluate. `energy` reads recordings.
+`loop` makes linear models of a teleoperator's loop at an `operating_point`, which
+`stability`, `point_stability` and `transparency` evaluate. `ports` makes linear models
+of any Diagram between two ports. `energy` evaluates recordings.
 """

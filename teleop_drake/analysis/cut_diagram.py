@@ -1,7 +1,8 @@
-"""A diagram, cut open at some input ports, as a function with slopes.
+"""A diagram that is cut open at some input ports, as a differentiable function.
 
-The slopes are those of the diagram that Drake converts to AutoDiffXd. If a block does
-not convert, they are central differences of the diagram itself.
+Slopes, that is partial derivatives, come from the diagram that Drake converts to
+AutoDiffXd. If a block does not convert, they are central differences of the original
+diagram.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,20 +30,25 @@ from teleop_drake.simulation.inputs import LeafInputs
 
 Port: TypeAlias = InputPort | OutputPort
 
-# How far apart slopes are compared, relative to values of 1 and more, and by which
-# share of the largest one they may differ.
+# The distance at which slopes on both sides are compared, relative to values of 1 and
+# more, and the largest difference as a share of the largest slope.
 _NEAR = 1e-7
 _BEND = 1e-4
 
 
 class _Twin(NamedTuple):
-    """A system of a diagram, or of the diagram that it was converted to."""
+    """A system of a diagram or its counterpart in the converted diagram.
+
+    Attributes:
+        system: The system, of any scalar type.
+        context: Its Context.
+    """
 
     system: Any
     context: Any
 
     def PortOf(self, port: Port) -> Any:
-        """Returns its port that corresponds to one of the original."""
+        """Returns the port that corresponds to a port of the original system."""
         index = int(port.get_index())
         if isinstance(port, OutputPort):
             return self.system.get_output_port(index)
@@ -58,8 +64,8 @@ class States:
 
     Attributes:
         system: The block.
-        context: Its Context.
-        size: How many of its states.
+        context: The block's Context.
+        size: The number of these states.
     """
 
     system: System
@@ -67,16 +73,16 @@ class States:
     size: int
 
     def Get(self) -> Array:
-        """Returns their values."""
+        """Returns the values of the states."""
         state = self.context.get_continuous_state_vector()
         return state.CopyToVector()[: self.size]
 
     def Set(self, values: Array) -> None:
-        """Gives them values."""
+        """Sets the values of the states."""
         self.SetIn({self.system: _Twin(self.system, self.context)}, values)
 
     def SetIn(self, twins: Twins, values: Array) -> None:
-        """Gives them values in a diagram of any scalar type."""
+        """Sets the values of the states in a diagram of any scalar type."""
         context = twins[self.system].context
         x = context.get_continuous_state_vector().CopyToVector()
         x[: self.size] = values
@@ -89,13 +95,13 @@ class Cut:
 
     Attributes:
         ports: The ports, which all receive the same signal.
-        originals: Every system of the diagram.
-        entering: The port whose signal they receive as long as nothing is cut, except
-            for a delay; None: nothing is connected to them.
-        value: What they receive at the operating point.
-        delay: The block between `entering` and the ports that delays the signal, if
+        originals: Every system of the diagram and its Context.
+        entering: The port whose signal the ports receive, possibly delayed, if nothing
+            is cut; None if they are not connected.
+        value: The value at which the ports are fixed, that of the operating point.
+        delay: The block that delays the signal between `entering` and the ports, if
             any.
-        time: By how long it does, in s.
+        time: The delay of that block in s.
     """
 
     ports: list[InputPort]
@@ -106,7 +112,7 @@ class Cut:
     time: float = 0.0
 
     def Get(self) -> Array:
-        """Returns what the ports receive at the operating point."""
+        """Returns the value at which the ports are fixed."""
         return self.value
 
     def Set(self, value: Array) -> None:
@@ -121,14 +127,14 @@ class Cut:
             twin.PortOf(port).FixValue(twin.context, value)
 
     def Settle(self) -> None:
-        """Fixes the ports at what enters now."""
+        """Fixes the ports at the present value of `entering`."""
         assert self.entering is not None
         twin = self.originals[self.entering.get_system()]
         self.Set(np.array(self.entering.Eval(twin.context)))
 
 
 def Split(entries: Sequence[States | Cut], values: Array) -> list[Array]:
-    """Returns the parts of a vector that belong to each of some states and cuts."""
+    """Returns the parts of a vector that belong to each of the states and cuts."""
     sizes = [len(x.Get()) for x in entries]
     return np.split(values, np.cumsum(sizes)[:-1])
 
@@ -139,19 +145,19 @@ def TimesOf(delays: Sequence[Cut]) -> tuple[float, ...]:
 
 
 class CutDiagram:
-    """The function that a diagram is of some of its states and of what enters its cuts.
+    """A diagram as a function of some of its states and of the values at its cuts.
 
-        [rates of the states; what is seen] = f(states; what is delivered at the cuts)
+        [rates of the states; observed signals] = f(states; values at the cuts)
 
-    Choose() determines which they are.
+    Choose() determines the states, cuts and observed signals.
 
     Args:
         diagram: The diagram.
-        root: Its Context: the operating point.
+        root: The diagram's Context, which is the operating point.
 
     Attributes:
-        blocks: Those of the diagram.
-        contexts: Of every system in it.
+        blocks: The blocks of the diagram, at all depths.
+        contexts: The Context of every system in the diagram.
         by_differences: Paths of the blocks that do not convert to AutoDiffXd. If there
             is one, all slopes are central differences.
     """
@@ -172,14 +178,15 @@ class CutDiagram:
         self._entries: list[States | Cut] = []
 
     def CutAt(self, port: Port, entering: Port | None = None) -> Cut:
-        """Returns the cut at the ports of blocks that receive a signal, if any.
+        """Returns the cut at all ports of blocks that receive a signal.
 
-        They receive there what they receive now.
+        Its value is the present value of the signal. Without such a port the cut is
+        empty.
 
         Args:
-            port: An input port, of a system at any depth, or an output port: then at
-                all that receive its signal.
-            entering: See Cut; None: where the signal comes from.
+            port: An input port of a system at any depth, or an output port, for the
+                ports that receive its signal.
+            entering: See Cut. By default it is the source of the signal.
         """
         ports = self._Receivers(port)
         cut = Cut(ports, self._originals, entering, np.zeros(port.size()))
@@ -196,9 +203,9 @@ class CutDiagram:
         return cut
 
     def CutAtDelay(self, delay: System) -> Cut:
-        """Returns the cut at the ports that a delay is connected to.
+        """Returns the cut at the ports that receive the output of a delay block.
 
-        Its time is that of the delay's Context.
+        Its time is the delay in the block's Context.
         """
         cut = self.CutAt(delay.get_output_port(), delay.get_input_port())
         (declared,) = KernelIn(delay, self.contexts[delay]).delays
@@ -219,19 +226,19 @@ class CutDiagram:
         ]
 
     def _SourceOf(self, port: OutputPort) -> Source:
-        """Returns the block that an output comes from, and its port."""
+        """Returns the block and port from which an output's signal comes."""
         return OutputOf(self.blocks, port.get_system(), int(port.get_index()))
 
     def Choose(
         self, states: Sequence[States], cuts: Sequence[Cut], seen: Sequence[Port]
     ) -> None:
-        """Determines what the function is of, and what it has.
+        """Chooses the arguments and the values of the function.
 
         Args:
             states: The states.
-            cuts: The cuts. A cut at a delay delivers what the delay would. Where two
-                cuts have the same port, the first of them counts.
-            seen: Ports at which values are wanted.
+            cuts: The cuts. If two cuts have the same port, the first one is effective.
+            seen: The ports whose signals are observed. The output of a delay that is
+                cut has the value at the cut.
         """
         self._states = states
         self._entries = [*states, *cuts]
@@ -248,14 +255,15 @@ class CutDiagram:
         dual.FixInputPortsFrom(self._diagram, self._root, self._dual_root)
 
     def Evaluate(self, step: float) -> tuple[Array, Array]:
-        """Returns rates of the states and what is seen (K), and the slopes of both.
+        """Returns the function's values at the operating point, and their slopes.
 
         Args:
-            step: The longest difference where slopes are differences, as a share of a
-                value of 1 and more.
+            step: The longest step of central differences, relative to values of 1 and
+                more.
 
         Returns:
-            The values (K) and their slopes by the N states and inputs (K, N).
+            The values (K), which are rates of the states and observed signals, and
+            their slopes by the N states and inputs (K, N).
         """
         point = self._Point()
         exact = self._Exact(point)
@@ -268,14 +276,14 @@ class CutDiagram:
         return values, slopes
 
     def Bends(self, slopes: Array) -> bool:
-        """Returns whether anything has two slopes here.
+        """Returns whether a value has different slopes on both sides of the point.
 
         Args:
-            slopes: At the point, by Evaluate().
+            slopes: The slopes at the point, from Evaluate().
         """
         point = self._Point()
-        # A direction that lies in no surface on which a law bends: no two elements are
-        # alike. numpy.random would have to be imported.
+        # A direction with different elements, which hardly lies in a surface on which a
+        # law bends. It is not random, because numpy.random would have to be imported.
         shares = 0.5 + (0.309 * np.arange(1, len(point) + 1)) % 0.5
         signs = (-1.0) ** np.arange(len(point))
         way = _NEAR * shares * signs * np.maximum(1.0, np.abs(point))
@@ -285,8 +293,8 @@ class CutDiagram:
             second = self._Values(point + way) - 2 * here + self._Values(point - way)
             return second / np.abs(way).max()
 
-        # By how much slopes differ on both sides. Those of a smooth law shrink with the
-        # length of the way; their limit is extrapolated.
+        # The difference of the slopes on both sides. For a smooth law it is
+        # proportional to the distance; the limit at the distance 0 is extrapolated.
         bend = 2 * SecondDifference(way / 2) - SecondDifference(way)
         # Evaluated last, so that the Contexts stay at the operating point.
         self._Values(point)
@@ -301,12 +309,13 @@ class CutDiagram:
         """Returns states and inputs at the operating point (N)."""
         for system, context in self.contexts.items():
             if context.get_accuracy() is None and SurfacesOf(system):
-                # The position decides then, not the region that is held.
+                # The environment's region then follows from the position, instead of
+                # the one that the Context holds.
                 system.ExecuteInitializationEvents(context)
         return np.concatenate([np.zeros(0), *(x.Get() for x in self._entries)])
 
     def _Exact(self, point: Array) -> tuple[Array, Array] | None:
-        """Returns values and slopes by AutoDiffXd; None: a block does not convert."""
+        """Returns values and slopes by AutoDiffXd; None if a block does not convert."""
         if not self._duals:
             return None
         self._dual_root.SetTimeStateAndParametersFrom(self._root)
@@ -314,24 +323,25 @@ class CutDiagram:
         try:
             y = self._Evaluate(self._duals, seeds)
         except TypeError:
-            # A function does not know AutoDiffXd, perhaps on a new branch.
+            # A function does not accept AutoDiffXd, perhaps on a branch that is taken
+            # for the first time.
             self._UseDifferences()
             if not self.by_differences:
                 raise
             return None
         slopes = ExtractGradient(y)
-        if slopes.size == 0:  # Nothing depends on the point.
+        if slopes.size == 0:  # No value depends on the point.
             slopes = np.zeros((len(y), len(point)))
         return ExtractValue(y).ravel(), slopes
 
     def _Values(self, point: Array) -> Array:
-        """Returns the values at a point (K), by the diagram itself."""
+        """Returns the values at a point (K), evaluated by the original diagram."""
         return self._Evaluate(self._originals, point)
 
     def _Evaluate(self, twins: Twins, point: Array) -> Array:
         """Returns the values at a point (K), of the scalar type of the twins."""
         parts = dict(zip(self._entries, Split(self._entries, point), strict=True))
-        # Of two cuts at the same port, the value of the first is what remains.
+        # In reverse order, so that the first of two cuts at the same port is effective.
         for x in reversed(self._entries):
             x.SetIn(twins, parts[x])
         values = []
@@ -348,14 +358,14 @@ class CutDiagram:
         return np.concatenate(values)
 
     def _CutOrPort(self, port: Port, cuts: Sequence[Cut]) -> Cut | Port:
-        """Returns where a signal is read: the cut that replaces a delay, or a port."""
+        """Returns the source of an observed signal: the cut at a delay, or a port."""
         if isinstance(port, InputPort):
             return LeafInputs(port)[0]
         system = self.blocks[self._SourceOf(port).block].system
         return next((cut for cut in cuts if cut.delay is system), port)
 
     def _UseDifferences(self) -> None:
-        """Names the blocks that do not convert, and gives the conversion up."""
+        """Switches to central differences and lists the blocks that do not convert."""
         self.by_differences = tuple(
             block.path
             for block in self.blocks
@@ -365,7 +375,11 @@ class CutDiagram:
 
 
 def _Converts(system: System, context: Context) -> bool:
-    """Returns whether a block converts to AutoDiffXd, with all that it calls here."""
+    """Returns whether a block converts to AutoDiffXd and can be evaluated at a point.
+
+    The rates and outputs of a block of this package are evaluated, unless it has
+    abstract states. Their functions may not accept AutoDiffXd.
+    """
     dual = system.ToAutoDiffXdMaybe()
     if not isinstance(dual, DualBlock) or context.num_abstract_states():
         return dual is not None

@@ -20,8 +20,8 @@ class EnergyBalance:
     """The energy that a system with two ends has taken in over a run.
 
     Attributes:
-        time: (N,) the times of the recording in s.
-        energy: (N,) integral of the power in less the power out in J, 0 at the start.
+        time: Times of the recording in s (N).
+        energy: Integral of the power in minus the power out, J, 0 at the start (N).
     """
 
     time: Array
@@ -41,10 +41,10 @@ def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
 
         power in = F_h . v_felt,    power out = F_c . v
 
-    It works for every architecture.
+    It is valid for every architecture.
 
     Raises:
-        ValueError: If it is the recording of something else.
+        ValueError: If the recording is not that of a teleoperation.
     """
     v_felt = recording.felt_velocity
     if v_felt is None or "forward_packet_sent" not in recording:

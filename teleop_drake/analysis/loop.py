@@ -1,53 +1,54 @@
-"""Linear models of both ends of the loop, taken from the live diagram.
+"""Linear models of a teleoperator's loop, computed from its Diagram.
 
-The teleoperator is cut at its channels by fixing what they deliver. What lies between
-two cuts, the master on one side and controller, robot and environment on the other, is
-evaluated in the Diagram that Drake converts to AutoDiffXd: no transfer function is
-written down here, and the slopes are exact. If a block does not convert, the slopes are
-central differences, and LoopModel.by_differences names the block.
+The teleoperator is cut at its channels by fixing the packets that they deliver. The two
+parts are the master, and the slave with controller, robot and environment. They are
+evaluated in the Diagram that Drake converts to AutoDiffXd, so that the slopes are exact
+and no transfer function is derived by hand. If a block does not convert, the slopes are
+central differences, and LoopModel.by_differences contains the block's path.
 
-Where. The operating point is in general a motion, not an equilibrium: the tool moves
-through the tissue with the velocity that the operator commands. The model is that of
-the instant, dx/dt = A(t) x with t held. What it says of a mode has a meaning as long as
-the model stays what it is while the mode goes through its motion. The rate at which the
-model moves follows from the derivative of that equation,
+Validity. The operating point is in general a motion, not an equilibrium: the tool moves
+through the tissue with the commanded velocity. The model is that of an instant,
+dx/dt = A(t) x with t held. A mode of this model is meaningful only if the model hardly
+changes during the mode's motion. The derivative of the equation shows how fast the
+model changes:
 
     x'' = A x' + A' x,    with solutions e^(z t) where det(z^2 I - z A - A') = 0.
 
-Where A changes slowly, z is a root s of A, or smaller: a single root a that changes at
-a rate a' has z = a and z = -a'/a, the rate at which the root itself changes. A root of
-size |s| is faster than the motion if no model on the way, A + h A'/|s| with |h| <= 1,
-has it moved there from 0; MotionRate() is the size from which on that holds. It does
-not depend on units or coordinates, and is 0 if A is constant. A root that is smaller
-says nothing about stability, because the tool is elsewhere before it shows, and counts
-as neutral.
+If A changes slowly, each z is close to a root of A or smaller. For example, a single
+root a that changes at the rate a' has z = a and z = -a'/a, the relative rate of the
+root. A root of magnitude |s| is faster than the motion if no root crosses the circle of
+radius |s| as the model changes within the time 1/|s|, that is among the models
+A + h A'/|s| with |h| <= 1. MotionRate() returns the magnitude from which this holds. It
+does not depend on units or coordinates, and is 0 if A is constant. A smaller root gives
+no information on stability, because the tool moves on before the mode develops. Such
+roots count as neutral.
 
 Source: W. J. Rugh, "Linear System Theory", 2nd ed., Prentice Hall (1996), chapter 8, on
 slowly varying systems.
 
-Coordinates. Off an equilibrium the linear model depends on the coordinates of the
-state. The robot's are taken to be position and velocity of its tool, r and v, in which
-(2.6) is written; then dr/dt = v also between small deviations, exactly, as the operator
-feels it. In joint coordinates it would not be: v = J(q) dq/dt. Joints beyond the task
-axes, which can move while the tool stays where it is, add coordinates of their own
-(analysis.tool_motion).
+Coordinates. Away from an equilibrium the linear model depends on the coordinates of the
+state. The robot's coordinates are position r and velocity v of its tool, as in (2.6).
+Then dr/dt = v also holds exactly between small deviations, as the operator feels it.
+In joint coordinates it does not hold, because v = J(q) dq/dt. A robot with more joints
+than task axes has further coordinates (analysis.tool_motion).
 
 Frozen states. The estimates of an adaptive law (W1, Psi, W3) are held at the values of
-the operating point, the initial ones unless it has others, and are no states of the
-model. F_c is one. What the law computes from the estimates' rates stays in.
+the operating point, by default at their initial values, and are not states of the
+model. F_c is a state. Terms that the law computes from the estimates' rates remain in
+the model.
 
-Passivity controllers are taken to be idle: their budgets are held at an amount that
-nothing near the point uses up, and are no states. What is left is a linear law; once
-they act there is no such model.
+Passivity controllers are assumed to be idle. Their budgets are held at an ample amount
+and are not states. The remaining law is linear. When the controllers act, there is no
+such model.
 
-Any other law that bends at the operating point is refused: the slopes on both sides
-are compared. One that switches near it is modelled on the side on which the point
-lies, and whoever linearises it has to know that.
+Bends. Any other law whose slopes differ on both sides of the operating point is
+refused. A law that switches near the point is modelled on the side on which the point
+lies; the user must take this into account.
 
-Delays inside. A constant delay within a station is a cut like the channels: what it
-delivers becomes an input of the model and what it gets an output.
+Inner delays. A constant delay within a station is cut like the channels: its output
+becomes an input of the model, and its input becomes an output.
 
-The blocks themselves describe what is frozen, idle or a delay (kernel.linear_part).
+The blocks declare frozen states, idle controllers and delays (kernel.linear_part).
 """
 
 import math
@@ -86,47 +87,50 @@ from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.validation import Refuse, ScenarioError, Within
 
-# How far the operating point moves on, as a share of the way to the nearest surface,
-# for the rate of the model: a central difference of exact models.
+# The rate of the model is a central difference of models at two points on the path.
+# This is their distance from the operating point as a share of the distance to the
+# nearest surface.
 _SHARE = 1e-2
 
-# Longest difference where slopes are differences: as a share of values of 1 and more,
-# and of the way to the nearest surface.
+# The longest step of central differences: relative to values of 1 and more, and as a
+# share of the distance to the nearest surface. The smaller one counts.
 _STEP = 1e-4
 _STEP_SHARE = 1 / 50
 
-# What is closer than this to a surface, in m, is on it.
+# A point closer than this to a surface, in m, counts as on the surface.
 _LEAST_DISTANCE = 1e-9
 
-# Steps of Newton's method that choose the packet, and the relative change at its end.
+# Trimming by Newton's method: the largest number of steps, and the relative change
+# below which it ends.
 _MAX_TRIM_STEPS = 10
 _TRIMMED = 1e-12
 
 
 class Linearizer:
-    """A scenario's teleoperator, cut open once for the models at many points.
+    """A scenario's teleoperator, cut open once for linear models at many points.
 
-    The operator commands a velocity, or holds a force if the point has held contact; an
-    operator who closes the loop is part of it, see OperatorConfig.MakeLinearOperator().
-    The forces in the forward packet, and the states of the controller that are not
-    frozen, are chosen such that the tool retains its velocity: what the operator's
-    device would have settled to.
+    The operator commands a velocity, or holds a force if the point's `holds_force` is
+    set. An operator who closes the loop is part of the model; see
+    OperatorConfig.MakeLinearOperator(). The forces in the forward packet, and the
+    states of controller and environment that are not frozen, are trimmed such that the
+    tool does not accelerate. These are the values to which the operator's device would
+    settle.
 
     Attributes:
         diagram: The teleoperator.
 
     Args:
-        scenario: A valid one, or its name or file.
-        teleoperator: The Diagram, made by MakeTeleoperator for this scenario, with
-            systems of your own perhaps; None makes the scenario's.
-        at_ports: Whether the model is that between hand and environment, TwoPort().
+        scenario: A valid scenario, or its name or file.
+        teleoperator: A Diagram made by MakeTeleoperator() for this scenario. It may
+            contain your own systems. By default it is made from the scenario.
+        at_ports: Whether the teleoperator is also cut at hand and tool, for TwoPort().
 
     Raises:
-        ScenarioError: If the robot's state is not that of as many joints as there are
-            task axes or more, the operator does not tell which force it would hold, a
-            system at either end has a state that is not continuous (a filter of
-            samples), a law bends at the point, the point is on a surface, or the robot
-            cannot be there.
+        ScenarioError: If the robot's state does not consist of the positions and
+            velocities of at least as many joints as task axes, the operator does not
+            declare the force that it holds, a system of either station has a state that
+            is not continuous (a filter of samples), a law bends at the point, the point
+            is on a surface, or the robot cannot reach it.
     """
 
     def __init__(
@@ -140,6 +144,7 @@ class Linearizer:
         if teleoperator is None:
             teleoperator = _MakeTeleoperator(self._scenario, at_ports=at_ports)
         self.diagram = teleoperator
+        # _root is the Context of the operating point. It is reset from _default.
         self._root = teleoperator.CreateDefaultContext()
         self._default = teleoperator.CreateDefaultContext()
         self._function = CutDiagram(teleoperator, self._root)
@@ -147,6 +152,7 @@ class Linearizer:
         self._environment = teleoperator.GetSubsystemByName("environment")
         self._master = teleoperator.GetSubsystemByName("master")
         robot = teleoperator.GetSubsystemByName("robot")
+        # The blocks of both stations declare their contributions to the model.
         blocks = ReadLoopBlocks(self._function)
         self._blocks = blocks
         self._holding = next((x for x in blocks if x.described.held_force), None)
@@ -162,12 +168,14 @@ class Linearizer:
             states=StatesOf(blocks, "robot"),
             num_axes=self._scenario.num_axes,
         )
-        # The states of controller and environment are chosen, the master's are not.
+        # Trimming chooses the states of controller and environment, not the master's.
         self._chosen = StatesOf(blocks, "controller") + StatesOf(blocks, "environment")
         slave_states = [self._motion.states, *self._chosen]
         self._states = [*slave_states, *StatesOf(blocks, "master")]
         self._num_slave_states = sum(x.size for x in slave_states)
         self._num_states = sum(x.size for x in self._states)
+        # The function of the model: from states and cuts to the rates, the signals that
+        # enter the cuts, and the robot's ports for the change of coordinates.
         seen = self._motion.Seen()
         if at_ports:
             device = self._master.GetSubsystemByName("haptic_device")
@@ -179,11 +187,11 @@ class Linearizer:
 
     @property
     def held_force(self) -> HeldForce | None:
-        """The force that the operator holds after contact, if it tells it."""
+        """The force that the operator holds after contact, if it declares one."""
         return self._holding and self._holding.described.held_force
 
     def Loop(self, point: OperatingPoint) -> LoopModel:
-        """Returns the model of the loop at an operating point, and of its motion."""
+        """Returns the model of the loop at an operating point, including its motion."""
         model = self._AtRest(point)
         speed = float(np.linalg.norm(point.velocity))
         if speed == 0:
@@ -196,7 +204,7 @@ class Linearizer:
         return replace(model, motion=Motion(behind=behind, ahead=ahead, time=2 * time))
 
     def _AtRest(self, point: OperatingPoint) -> LoopModel:
-        """Returns the model of the loop as if the operating point were at rest."""
+        """Returns the model of the loop at an operating point, without its motion."""
         system, residual = self._Linearize(point)
         signals = np.arange(self._num_signals)
         return LoopModel(
@@ -213,12 +221,13 @@ class Linearizer:
         )
 
     def TwoPort(self, point: OperatingPoint) -> TwoPortModel:
-        """Returns the model between hand and environment; needs `at_ports`."""
+        """Returns the model between hand and environment; requires `at_ports`."""
         system, _ = self._Linearize(point)
         n = self._scenario.num_axes
         num_signals = self._num_signals
         delayed = np.arange(2 * n, num_signals)
-        # Seen are the tool's position, velocity and acceleration and the felt velocity.
+        # After the signals, the outputs are the tool's position, velocity and
+        # acceleration and the felt velocity.
         _, tool_velocity, _, felt_velocity = num_signals + np.arange(4 * n).reshape(
             4, n
         )
@@ -236,8 +245,9 @@ class Linearizer:
         """Returns the model at an operating point, in the tool's coordinates.
 
         Returns:
-            The model from what is delivered at the cuts to what enters there and what
-            else is seen, and the largest rate that is left.
+            The model from the signals delivered at the cuts to the signals that enter
+            there and the observed ports, and the largest rate that remains after
+            trimming.
         """
         self._Settle(point)
         step = min(_STEP, _STEP_SHARE * self._SurfaceDistance(point))
@@ -254,7 +264,8 @@ class Linearizer:
             slopes[:num_joint_states], slopes[N + self._num_signals :]
         )
         slopes[:num_joint_states] = rates
-        # The coordinates are a function of the state: d/d(coordinates).
+        # Slopes by the state become slopes by the coordinates, which are a function of
+        # the state.
         by_state = np.eye(N)
         by_state[:num_joint_states] = coordinates[:, :N]
         by_coordinates = slopes[:, :N] @ np.linalg.inv(by_state)
@@ -263,9 +274,10 @@ class Linearizer:
         return model, float(np.abs(values[self._StoppedRates()]).max())
 
     def _Settle(self, point: OperatingPoint) -> None:
-        """Brings the Contexts to an operating point.
+        """Sets the Contexts to an operating point.
 
-        Each cut is fixed at what enters it, from the tool to the forward packet.
+        Each cut is fixed at the signal that enters it, in the order from the tool to
+        the forward packet.
         """
         self._root.SetTimeStateAndParametersFrom(self._default)
         if point.holds_force:
@@ -281,27 +293,28 @@ class Linearizer:
         forward.Set(np.zeros_like(forward.value))
         to_master = [*cuts.hand, *cuts.tool, *cuts.inner_slave, *cuts.back]
         to_master += cuts.inner_master
-        # Twice: what the hand feels may come out of the delays in the master.
+        # The cuts settle twice, because the felt signals may come out of delays in the
+        # master.
         for cut in (*to_master, *to_master, forward):
             cut.Settle()
 
     def _HoldForce(self) -> None:
-        """Gives the operator the mode in which it holds a force."""
+        """Sets the operator's mode in which it holds a force."""
         if self._holding is None or self.held_force is None:
             allowed = "an operator that tells which force it holds after contact"
             Refuse("surgeon", self._scenario.surgeon.kind, allowed)
         self._contexts[self._holding.system].SetDiscreteState(self.held_force.state)
 
     def _Evaluate(self, step: float) -> tuple[Array, Array]:
-        """Returns values and slopes, once the cuts inside of the slave have settled."""
+        """Returns values and slopes after the cuts inside of the slave have settled."""
         for cut in (*self._cuts.hand, *self._cuts.tool, *self._cuts.inner_slave):
             cut.Settle()
         return self._function.Evaluate(step)
 
     def _StoppedRates(self) -> Indices:
-        """Returns the rows of the rates that trimming stops.
+        """Returns the rows of the rates that trimming sets to 0.
 
-        They are the tool's acceleration and the rates of the states that are chosen.
+        They are the tool's acceleration and the rates of the chosen states.
         """
         n = self._scenario.num_axes
         acceleration = self._num_states + self._num_signals + 2 * n + np.arange(n)
@@ -309,10 +322,10 @@ class Linearizer:
         return np.r_[acceleration, first : self._num_slave_states]
 
     def _Trim(self, step: float) -> tuple[Array, Array]:
-        """Chooses the forward packet and the states that have a choice.
+        """Chooses the forward packet and the states of controller and environment.
 
         Returns:
-            Values and slopes, as CutDiagram.Evaluate().
+            Values and slopes as from CutDiagram.Evaluate().
         """
         chosen: list[States | Cut] = [*self._chosen, *self._cuts.forward]
         for _ in range(_MAX_TRIM_STEPS):
@@ -328,7 +341,7 @@ class Linearizer:
     def _NewtonStep(self, values: Array, slopes: Array) -> Array:
         """Returns the change of [chosen states; forward packet] that stops the rates.
 
-        An entry of the packet that does not depend on the master, such as a velocity
+        An entry of the packet that depends on no state or signal, such as a velocity
         command, does not change.
         """
         N = self._num_states
@@ -336,7 +349,8 @@ class Linearizer:
         first = self._motion.states.size
         packet = N + self._signals.forward
         columns = np.r_[first : self._num_slave_states, packet]
-        # Delays deliver what goes into them, and the tool feels its environment.
+        # For trimming, the inner delays of the slave deliver their inputs, and the
+        # environment is connected to the tool.
         closed = N + np.r_[self._signals.tool, self._signals.inner_slave]
         slope = close_loops(slopes, closed)[np.ix_(rows, columns)]
         is_free = np.ones(len(columns), dtype=bool)
@@ -347,7 +361,7 @@ class Linearizer:
         return change
 
     def _SurfaceDistance(self, point: OperatingPoint) -> float:
-        """Returns how far it is to the nearest surface, at most 1 m.
+        """Returns the distance in m to the nearest surface, at most 1 m.
 
         Raises:
             ScenarioError: If the point is on a surface.
@@ -364,7 +378,7 @@ class Linearizer:
 def _MakeTeleoperator(scenario: Scenario, *, at_ports: bool) -> Diagram:
     """Makes the scenario's teleoperator with an operator that has a linear model."""
     if at_ports:
-        # Who holds the device makes no difference to the two-port.
+        # The two-port does not depend on the operator.
         operator: System = ConstantVelocityOperator(velocity=scenario.surgeon.velocity)
     else:
         operator = scenario.surgeon.MakeLinearOperator(

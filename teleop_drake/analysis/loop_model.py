@@ -12,14 +12,14 @@ from teleop_drake.arrays import Array, ComplexArray, Indices
 from teleop_drake.numerics.crossings import closed_loop_matrix
 from teleop_drake.numerics.state_space import StateSpace, state_space
 
-# Circles about 0 that are looked at: how many in a decade, how many decades below the
-# fastest mode, and how many points on the upper half of each. What is slower than all
-# circles is neutral in any case.
+# The circles about 0 that MotionRate() examines: their number per decade, the number of
+# decades below the fastest mode, and the points on the upper half of each circle. Roots
+# inside of all circles are neutral in any case.
 _NUM_CIRCLES = 6
 _NUM_DECADES = 6
 _NUM_ANGLES = 9
 
-# Entries of A that change by less, as a share of the largest, do not: rounding.
+# A change of an entry of A counts as rounding below this share of the largest entry.
 _ROUNDING = 1e-13
 
 # Entries of B, C and D smaller than this, relative to the largest, are zero.
@@ -30,15 +30,15 @@ T = TypeVar("T")
 
 
 class AtCuts(NamedTuple, Generic[T]):
-    """Something for each of the cuts that open the loop, in the order of its signals.
+    """An entry for each group of cuts that open the loop, in the order of the signals.
 
     Attributes:
-        hand: The force at the operator's hand; empty for the loop.
-        tool: The force at the tool; empty for the loop.
-        forward: The forward channel.
-        inner_slave: Delays in the slave.
-        back: The return channel.
-        inner_master: Delays in the master.
+        hand: Entry of the force at the operator's hand; empty in a LoopModel.
+        tool: Entry of the force at the tool; empty in a LoopModel.
+        forward: Entry of the forward channel.
+        inner_slave: Entry of the delays inside of the slave.
+        back: Entry of the return channel.
+        inner_master: Entry of the delays inside of the master.
     """
 
     hand: T
@@ -50,35 +50,36 @@ class AtCuts(NamedTuple, Generic[T]):
 
 
 Signals = AtCuts[Indices]
-"""Which of the signals of a model are delivered at which cut."""
+"""The indices of the model's signals at each group of cuts."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopModel:
-    """The loop, cut at its channels and at delays inside, at an operating point.
+    """The linear model of the loop at an operating point, cut at all its delays.
 
-    Small deviations of what the delays deliver, each its T_i later, and of what enters
-    them obey
+    The loop is cut at its channels and at delays inside of the stations. Small
+    deviations of the signals that enter the delays and of those that leave them obey
 
         entering = system(s) delivered,    delivered_i(t) = entering_i(t - T_i).
 
     Attributes:
         point: The operating point.
-        system: From what is delivered to what enters. Its states are the slave's,
-            [r (n), v (n), the states of controller and environment that are not
-            frozen], and the master's; a robot with more joints has [r, s, v, w] in the
-            place of [r, v], see tool_motion.
-        num_slave_states: How many states are the slave's.
-        signals: Which signals are of the packets, and which of delays inside.
+        system: The model from `delivered` to `entering`. Its states are those of the
+            slave, [r (n), v (n), the states of controller and environment that are not
+            frozen], and those of the master. A robot with more than n joints has
+            [r, s, v, w] in place of [r, v]; see tool_motion.
+        num_slave_states: Number of the slave's states.
+        signals: Indices of the signals of each packet and of the inner delays.
         frozen_weights: Whether the estimates of an adaptive law are held constant.
-        idle_passivity: Whether passivity controllers are taken to inject nothing.
-        inner_delays: The delays inside, in s, an entry for each of their signals.
-        motion: How the model changes while the operating point moves on; None: it
-            rests.
-        by_differences: Paths of the blocks that do not convert to AutoDiffXd, whose
-            slopes come from differences.
-        trim_residual: Largest rate of the tool's velocity, in m/s^2, and of the
-            controller's states: what no choice of the forward packet could remove.
+        idle_passivity: Whether passivity controllers are assumed to inject nothing.
+        inner_delays: The delays inside of the stations in s, an entry for each of their
+            signals.
+        motion: The change of the model along the motion of the operating point; None if
+            the point is at rest.
+        by_differences: Paths of the blocks that do not convert to AutoDiffXd. If there
+            is one, all slopes are central differences.
+        trim_residual: The largest of the tool's acceleration in m/s^2 and the rates of
+            the states of controller and environment that trimming could not remove.
     """
 
     point: OperatingPoint
@@ -94,9 +95,10 @@ class LoopModel:
 
     @property
     def slave(self) -> StateSpace:
-        """From [forward packet received, delivered inside] to [return packet, inside].
+        """The slave's model, cut at its inner delays.
 
-        The return packet is the one that is sent.
+        Its inputs are [received forward packet; outputs of the inner delays], its
+        outputs [sent return packet; inputs of the inner delays].
         """
         at = self.signals
         return self.system.part(
@@ -108,12 +110,12 @@ class LoopModel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """How the model of a loop changes while the operating point moves on.
+    """The change of a loop's model along the motion of the operating point.
 
     Attributes:
-        behind: L a time before the point; see CutLoop.
+        behind: L shortly before the operating point; see CutLoop.
         ahead: L the same time after it.
-        time: Between the two, in s.
+        time: The time between the two in s.
     """
 
     behind: StateSpace
@@ -121,10 +123,10 @@ class Motion:
     time: float
 
     def Rate(self, loop: StateSpace) -> float:
-        """Returns the size in 1/s below which roots are slower than the motion.
+        """Returns the magnitude in 1/s below which roots are slower than the motion.
 
-        It is that of both ends or of the loop that is closed without delay, whichever
-        is larger; see analysis.loop.
+        It is the larger of two: that of the open loop and that of the loop closed
+        without delay; see analysis.loop.
 
         Args:
             loop: L at the point.
@@ -140,18 +142,18 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwoPortModel:
-    """The teleoperator between the operator's hand and the environment.
+    """The linear model of the teleoperator between hand and environment.
 
-    Haptic device and environment do not act on it: the force F_h at the hand and the
-    force F_e at the tool are inputs, and the velocity that the hand feels and the
-    tool's are outputs:
+    The haptic device and the environment are disconnected. The force F_h at the hand
+    and the force F_e at the tool are inputs. The velocity that the hand feels and the
+    tool's velocity are outputs:
 
         [v_felt, v, entering] = system(s) [F_h, F_e, delivered]
 
     Attributes:
-        system: As above.
-        signals: Which of the signals are forces at the ports or pass which delay.
-        idle_passivity: As in LoopModel.
+        system: The model, cut at all delays.
+        signals: Indices of the forces at the ports and of the signals of each delay.
+        idle_passivity: Whether passivity controllers are assumed to inject nothing.
     """
 
     system: StateSpace
@@ -167,7 +169,7 @@ class TwoPortModel:
     ) -> ComplexArray:
         """Returns y(j w) (K, 2n, 2n) of [v_felt; -v] = y [F_h; F_e].
 
-        Delays inside of the stations are the round trip, T_f + T_r.
+        Delays inside of the stations are set to the round trip, T_f + T_r.
 
         Args:
             frequencies: w in rad/s (K), > 0.
@@ -178,7 +180,7 @@ class TwoPortModel:
         delays = np.full(len(self.system.D), forward_delay + return_delay)
         delays[self.signals.forward] = forward_delay
         delays[self.signals.back] = return_delay
-        # Those of the forces at the ports count for nothing.
+        # The first 2n signals are the forces at the ports, which stay open.
         delayed = replace(self.system, delays=tuple(delays[2 * n :]))
         y = delayed.frequency_response(frequencies)
         y[:, n:] *= -1
@@ -186,14 +188,15 @@ class TwoPortModel:
 
 
 def CutLoop(model: LoopModel) -> StateSpace:
-    """Returns L, such that the loop has the roots of det(I + L(s) e^(-s T)).
+    """Returns L such that the loop's roots are those of det(I + L(s) e^(-s T)) = 0.
 
-    The loop is cut where fewer signals cross: among the entries of the return packet
-    that the master listens to, or those of the forward packet that depend on them and
-    act on the slave. Delays inside of the stations are cut in any case.
+    The loop is cut at one channel, the one with fewer relevant signals. These are the
+    entries of the return packet that act on the master, or the entries of the forward
+    packet that depend on the return packet and act on the slave. Delays inside of the
+    stations are cut in any case.
 
     Args:
-        model: The loop at an operating point; delays inside of it, if any, are T.
+        model: The loop at an operating point. Delays inside of the stations are T.
 
     Returns:
         L, not minimal: its states are those of the slave and of the master.
@@ -206,7 +209,8 @@ def CutLoop(model: LoopModel) -> StateSpace:
     heard = back[_Nonzero(by_input[:, back].T)]
     acts = _Nonzero(by_output[forward]) & _Nonzero(by_input[:, forward].T)
     sent = forward[acts]
-    # What is closed passes without delay, for the other one has all of it.
+    # The other channel is closed without delay: the channel that is cut has the whole
+    # round trip.
     if len(heard) <= len(sent):
         closed = forward
         crossing = heard
@@ -220,11 +224,11 @@ def CutLoop(model: LoopModel) -> StateSpace:
 
 
 def _MergeInputs(loop: StateSpace) -> StateSpace:
-    """Returns a loop with the same det(I + L z), with the fewest signals.
+    """Returns a loop with the same det(I + L z) and the fewest signals.
 
-    Inputs that always act together, as v_ret and -v_model(t - T) of a predictor do, or
-    position, velocity and force on the handle of four channels, are one:
-    det(I + P V^T z) = det(I + V^T P z).
+    Inputs that act only in fixed combinations are merged by
+    det(I + P V^T z) = det(I + V^T P z). Examples are v_ret and -v_model(t - T) of a
+    predictor, and position, velocity and force on the handle of a four-channel master.
     """
     by_input = loop.matrix[:, loop.num_states :]
     _, sigma, Vt = np.linalg.svd(by_input, full_matrices=False)
@@ -241,15 +245,15 @@ def _Nonzero(rows: Array) -> NDArray[np.bool_]:
 
 
 def MotionRate(A: Array, A_dot: Array) -> float:
-    """Returns the size in 1/s below which the roots of A(t) are slower than its motion.
+    """Returns the magnitude in 1/s below which roots of A(t) are slower than A(t).
 
     It is the radius of the smallest circle about 0 on which no z is an eigenvalue of
-    A + h A'/|z| with |h| <= 1: on which the spectral radius of (z I - A)^-1 A' is less
-    than |z|. 0 if that is the first circle that is looked at.
+    A + h A'/|z| with |h| <= 1: the spectral radius of (z I - A)^-1 A' is less than |z|
+    on the circle. If this is the first circle that is examined, the result is 0.
 
     Args:
-        A: (n, n), in 1/s.
-        A_dot: A', its rate (n, n), in 1/s^2.
+        A: The system matrix in 1/s (n, n).
+        A_dot: Its rate A' in 1/s^2 (n, n).
     """
     modes = np.linalg.eigvals(A).astype(complex)
     fastest = float(np.abs(modes).max(initial=0.0))
@@ -257,13 +261,13 @@ def MotionRate(A: Array, A_dot: Array) -> float:
         return 0.0
     smallest = fastest * 10.0**-_NUM_DECADES
     radii = np.geomspace(smallest, fastest, _NUM_DECADES * _NUM_CIRCLES + 1)
-    # The directions of the modes, too: none slips through between two points.
+    # The directions of the modes are included, so that no mode lies between two points.
     angles = np.concatenate([np.linspace(0, np.pi, _NUM_ANGLES), np.angle(modes)])
     directions = np.exp(1j * angles)[:, None, None] * np.eye(len(A))
     for k, radius in enumerate(radii):
         try:
             moved = np.linalg.solve(radius * directions - A, A_dot)
-        except np.linalg.LinAlgError:  # A root to the last digit.
+        except np.linalg.LinAlgError:  # A point is exactly an eigenvalue of A.
             continue
         if np.abs(np.linalg.eigvals(moved)).max() < radius:
             return float(radius) if k else 0.0

@@ -1,4 +1,4 @@
-"""The four systems between the channels, and the cuts that open their loop."""
+"""The blocks of a teleoperator's loop, and the cuts that open the loop."""
 
 from typing import NamedTuple
 
@@ -11,18 +11,18 @@ from teleop_drake.kernel.linear_part import LinearPart, LinearPartOf
 from teleop_drake.validation import ScenarioError, Within
 
 PARTS = ("master", "controller", "environment", "robot")
-"""The systems that a linear model is made of; the channels are cut."""
+"""The systems that make up the linear model; the channels between them are cut."""
 
 
 class LoopBlock(NamedTuple):
-    """A block of one of the four systems, as it describes itself.
+    """A block of one of the four systems, and its contribution to the linear model.
 
     Attributes:
-        part: Name of the system.
+        part: Name of the system that contains the block.
         system: The block.
-        described: What it contributes to the linear model.
-        states: Those of its states that are states of the model; None: none is.
-        cut: The cut at it if it is a delay.
+        described: The linear part that the block declares.
+        states: The block's states that are states of the model; None if there are none.
+        cut: The cut at the block if it is a delay, otherwise None.
     """
 
     part: str
@@ -64,7 +64,7 @@ def ReadLoopBlocks(opened: CutDiagram) -> list[LoopBlock]:
 
 
 def StatesOf(blocks: list[LoopBlock], part: str) -> list[States]:
-    """Returns the states of the model that one of the four systems has."""
+    """Returns the states of the model that belong to one of the four systems."""
     return [x.states for x in blocks if x.part == part and x.states is not None]
 
 
@@ -73,7 +73,7 @@ LoopCuts = AtCuts[list[Cut]]
 
 
 def SignalsAt(cuts: LoopCuts) -> Signals:
-    """Returns the places of what each of the cuts delivers among all signals."""
+    """Returns the indices of each group's signals among the signals of all cuts."""
     sizes = [sum(len(cut.value) for cut in group) for group in cuts]
     ends = np.cumsum(sizes)
     return Signals(*np.split(np.arange(ends[-1]), ends[:-1]))
@@ -89,12 +89,15 @@ def CutTeleoperator(
     """Returns the cuts that open the loop of a teleoperator.
 
     Args:
-        opened: The teleoperator.
-        blocks: Its blocks, by ReadLoopBlocks().
-        at_ports: Whether it is cut at the hand and at the tool, too.
+        teleoperator: The teleoperator.
+        opened: The teleoperator as a function.
+        blocks: The result of ReadLoopBlocks().
+        at_ports: Whether the teleoperator is also cut at the hand and at the tool.
     """
     master = teleoperator.GetSubsystemByName("master")
     controller = teleoperator.GetSubsystemByName("controller")
+    # Forces at the ports are cut where the haptic device and the environment exert
+    # them.
     hand = []
     tool = []
     if at_ports:
@@ -102,6 +105,8 @@ def CutTeleoperator(
         environment = teleoperator.GetSubsystemByName("environment")
         hand = [opened.CutAt(device.GetOutputPort("haptic_force"))]
         tool = [opened.CutAt(environment.GetOutputPort("environment_force"))]
+    # A channel is bypassed: its cut is at the receiving station's port, and the signal
+    # that enters it is the packet that the other station sends.
     forward = opened.CutAt(
         controller.GetInputPort("forward_packet"),
         master.GetOutputPort("forward_packet"),

@@ -26,35 +26,37 @@ from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioLike
 from teleop_drake.validation import Refuse, ScenarioError
 
 POSITION = "position"
-"""Where the tool is on its path, as a key of charts; see OperatingPointAt."""
+"""The key of charts for the tool's position on its path; see OperatingPointAt."""
 
-# Where the depth of an impact is looked for, in m.
+# The range in m in which the depth of an impact is searched.
 _SHORTEST_IMPACT = 1e-9
 _DEEPEST_IMPACT = 10.0
 
-# How near a surface a position is on it, and how far behind it the point is then, in m.
+# A position closer than the first distance in m to a surface counts as on it. The
+# operating point is then the second distance behind the surface.
 _ON_SURFACE = 1e-7
 _BEHIND = 1e-6
 
-# Steps of Newton's method to where a tool rests, and which share of the force may be
-# left there.
+# The number of Newton's steps to the point at which a tool rests, and the largest share
+# of the force that may remain unbalanced there.
 _REST_STEPS = 12
 _AT_REST = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OperatingPoint:
-    """Where the diagram is linearised.
+    """A point at which the diagram is linearised.
 
     Attributes:
-        name: What it is called; of those made here, the material that it is in, or the
-            surface that it is behind if that has no material, or EMPTY.
+        name: The point's name. The functions below use the name of the material at the
+            point; the name of the surface before the point if there is no material; or
+            EMPTY.
         position: p_WT in m (n).
         velocity: v_WT in m/s (n).
         estimates: State of an adaptive law, [F_c, W1, Psi, W3] as in
-            AdaptiveBackstepping; None: its initial estimates.
-        holds_force: Whether the operator has perceived contact and holds a force; else
-            it commands a velocity.
+            AdaptiveBackstepping; None for the initial state.
+        holds_force: Whether the operator has perceived contact and holds a force;
+            otherwise it commands a velocity.
     """
 
     name: str
@@ -67,21 +69,22 @@ class OperatingPoint:
 def OperatingPoints(
     scenario: ScenarioLike, *, environment: System | None = None
 ) -> list[OperatingPoint]:
-    """Returns an operating point between all surfaces that the tool comes to.
+    """Returns an operating point in each layer of the tool's path.
 
-    The path is the line on which the tool moves from its start with the commanded
-    velocity, for the duration of the scenario, as far as the robot reaches and no
-    farther than the contact surface. In each layer the point is halfway along. On the
-    surface it is where the first impact is deepest: at rest, where the spring has
-    taken up the energy of the tool's inertia and velocity along the normal.
+    The path is the straight line from the tool's start with the commanded velocity. It
+    ends with the duration of the scenario, at the robot's limit of reach or at the
+    contact surface. In each layer the point is in the middle of the path. If the path
+    reaches the contact surface, another point is at the greatest depth of the first
+    impact: at rest, where the spring has absorbed the kinetic energy of the tool's
+    inertia and velocity along the normal.
 
     Args:
-        scenario: A valid one, or its name or file.
-        environment: The block, an environment of your own perhaps; None makes the
-            scenario's.
+        scenario: A valid scenario, or its name or file.
+        environment: The block of the environment, which may be your own. By default it
+            is made from the scenario.
 
     Raises:
-        ScenarioError: If the environment does not tell its surfaces.
+        ScenarioError: If the environment does not declare its surfaces.
     """
     scenario = AsTeleoperation(scenario)
     start = np.asarray(scenario.robot.start, dtype=float)
@@ -94,6 +97,7 @@ def OperatingPoints(
             "other, give AnalyzeStability() an OperatingPoint"
         )
         Refuse("environment", type(block).__name__, allowed)
+    # The end of the path, and the times at which the tool crosses surfaces before it.
     contact = FindSurface(surfaces, CONTACT)
     arrival = math.inf
     if contact is not None and contact.Along(velocity) > 0:
@@ -106,6 +110,8 @@ def OperatingPoints(
         _MakePoint(surfaces, start + velocity * (begin + end) / 2, velocity)
         for begin, end in pairwise(times)
     ]
+    # The point on the contact surface. The mobility along the normal is the inverse of
+    # the effective mass.
     if contact is not None and end_time == arrival:
         position = start + velocity * end_time
         inertia = FactsOfConfig(replace(scenario.robot, start=position)).inertia
@@ -120,7 +126,11 @@ def OperatingPoints(
 
 
 def _CrossingTime(surface: Surface, start: Array, velocity: Array) -> float:
-    """Returns when the path crosses a surface, in s; infinity: never."""
+    """Returns the time in s at which the path's line crosses a surface.
+
+    It is infinite if the line is parallel to the surface, and negative if the surface
+    is behind the start.
+    """
     speed = surface.Along(velocity)
     return float(-surface.Depth(start) / speed) if speed else math.inf
 
@@ -128,14 +138,16 @@ def _CrossingTime(surface: Surface, start: Array, velocity: Array) -> float:
 def _DepthOfImpact(
     environment: System, surface: Surface, position: Array, energy: float
 ) -> float:
-    """Returns how deep a tool comes that has an energy (J) on a surface, in m.
+    """Returns the greatest depth in m of an impact with a kinetic energy in J.
 
-    With a spring, sqrt(2 energy/k); else up to where the force of the environment, at
-    rest, has done that work.
+    For a material with the stiffness k it is sqrt(2 energy/k). Otherwise it is the
+    depth at which the static force of the environment has done this work.
     """
     material = surface.material
     if material is not None and material.stiffness > 0:
         return math.sqrt(2 * energy / material.stiffness)
+    # The work is integrated by Gauss's rule, and the depth found by doubling and
+    # bisection.
     nodes, weights = np.polynomial.legendre.leggauss(16)
     normal = surface.normal_W
     at_rest = np.zeros_like(position)
@@ -171,18 +183,19 @@ def IsBehindContact(surfaces: Sequence[Surface], position: Array) -> bool:
 def PointOfRest(
     point: OperatingPoint, environment: System, force: ArrayLike
 ) -> OperatingPoint | None:
-    """Returns where a tool on the contact surface rests while a force is held.
+    """Returns the point at which a tool rests on the contact surface under a force.
 
-    The environment's force is that of the operator there. Across the normal the tool
-    stays where the given point is, unless something gives way there.
+    There the environment's force equals the operator's. In directions in which the
+    environment has no stiffness, the tool stays at the given point.
 
     Args:
-        force: What the operator holds, in N (n).
+        point: The point at which Newton's method starts.
+        environment: The block of the environment.
+        force: The force that the operator holds, in N (n).
 
     Returns:
-        The point; None if there is no contact surface, the given one is not behind it,
-        or the tool does not rest under the force: it leaves the surface, or slides
-        along it.
+        The point; None if there is no contact surface, or if the tool does not rest
+        behind it under the force, because it leaves the surface or slides along it.
     """
     held = np.asarray(force, dtype=float)
     at_rest = np.zeros_like(point.velocity)
@@ -204,15 +217,18 @@ def PointOfRest(
 def OperatingPointAt(scenario: Scenario, position: float) -> OperatingPoint:
     """Returns the operating point at a position along the tool's path.
 
-    The tool moves there with the commanded velocity; behind the contact surface it is
-    at rest. On a surface, where there is no linear model, it is just behind it.
+    The tool has the commanded velocity, or is at rest behind the contact surface. For a
+    position on a surface, where there is no linear model, the point is just behind the
+    surface.
 
     Args:
-        position: p_WT along the normal of the contact surface or, where there is none,
-            of the puncture surface or else along x, in m.
+        scenario: A teleoperation.
+        position: The component of p_WT in m along the normal of the contact surface.
+            Without a contact surface, it is along the normal of the puncture surface,
+            and without both along x.
 
     Raises:
-        ScenarioError: If the path does not lead there or the robot does not reach it.
+        ScenarioError: If the position is not on the path or the robot cannot reach it.
     """
     start = np.asarray(scenario.robot.start, dtype=float)
     velocity = np.asarray(scenario.surgeon.velocity, dtype=float)
@@ -233,7 +249,7 @@ def OperatingPointAt(scenario: Scenario, position: float) -> OperatingPoint:
     try:
         scenario.robot.JointPositions(p_WT)
     except ScenarioError as e:
-        # The robot calls the point its start.
+        # The robot's message begins with the name of its field for the position.
         reason = str(e).removeprefix("start = ")
         raise ScenarioError(f"{POSITION} = {position:g}: {reason}") from e
     if IsBehindContact(surfaces, p_WT):
@@ -244,6 +260,7 @@ def OperatingPointAt(scenario: Scenario, position: float) -> OperatingPoint:
 def _MakePoint(
     surfaces: tuple[Surface, ...], position: Array, velocity: Array
 ) -> OperatingPoint:
+    """Returns an operating point, named after the material or surface passed last."""
     surface = LastPassed(surfaces, position)
     name = EMPTY
     if surface is not None:
@@ -255,7 +272,7 @@ def _MakePoint(
 def _ReachableTime(
     scenario: Scenario, start: Array, velocity: Array, end_time: float
 ) -> float:
-    """Returns until when, in s, the robot can follow the path."""
+    """Returns the time in s up to which the robot can follow the path."""
 
     def IsReachable(time: float) -> bool:
         try:

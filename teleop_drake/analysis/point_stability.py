@@ -81,13 +81,14 @@ class PointStability:
         unresolved: The magnitude in 1/s below which roots and crossings do not count:
             they are slower than the motion of the operating point, or 0 to rounding.
         slave_root: The rightmost root of the slave alone, in 1/s, without neutral ones.
-            It describes the loop while the slave receives nothing. None: the slave has
-            only neutral roots.
+            It describes the loop while the slave receives nothing. It is None if the
+            slave has only neutral roots.
         force_mode: The loop on the contact surface after the operator has perceived
-            contact and holds a force, at the point where the tool then rests. None: the
-            operator does not change its behaviour there, or `untold` has the reason.
-        untold: Why there is no model of the loop after contact; empty: there is one, or
-            the operator does not change its behaviour.
+            contact and holds a force, at the point where the tool then rests. It is
+            None if the operator does not change its behaviour, or if there is no model
+            for the reason in `untold`.
+        untold: The reason why there is no model of the loop after contact; empty if
+            there is one, or if the operator does not change its behaviour.
     """
 
     model: LoopModel
@@ -142,6 +143,7 @@ class PointStability:
 
         Args:
             delay: Round-trip delay in s.
+            count: The largest number of roots.
         """
         more = count + self.num_neutral
         roots = characteristic_roots(self.loop.fed_back(delay), count=more)
@@ -217,6 +219,7 @@ def AnalyzeModel(
     """Analyses the loop at an operating point.
 
     Args:
+        model: The linear model of the loop.
         delay: Round-trip delay of the scenario in s.
         max_delay: The largest round-trip delay of the intervals, in s, > 0.
     """

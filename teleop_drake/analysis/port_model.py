@@ -12,13 +12,13 @@ from teleop_drake.numerics.delayed_loop import Margins, margins_of
 from teleop_drake.numerics.state_space import StateSpace
 from teleop_drake.validation import Refuse
 
-# Frequencies of Bode's diagram for each decade, and how far it reaches beyond the
-# slowest and the fastest mode.
+# The frequencies of a Bode diagram per decade, and the factor by which they extend
+# beyond the slowest and the fastest mode.
 _POINTS_PER_DECADE = 100
 _BEYOND = 10.0
 
-# The phase of a response must turn by less than this from one frequency to the next
-# to be followed, rad.
+# The largest phase shift by all delays in rad from one frequency to the next. A larger
+# one could make the continuous phase ambiguous.
 _TURN = 0.5
 
 
@@ -26,9 +26,9 @@ class BodeDiagram(NamedTuple):
     """A frequency response (M, p, m), or (M,) from one input to one output.
 
     Attributes:
-        frequencies: In rad/s (M).
-        magnitude: In dB.
-        phase: In degrees, continuous.
+        frequencies: Frequencies in rad/s (M).
+        magnitude: Magnitudes in dB.
+        phase: Phases in degrees, continuous.
     """
 
     frequencies: Array
@@ -38,18 +38,18 @@ class BodeDiagram(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PortModel(StateSpace):
-    """What small deviations at one port of a diagram do at another one.
+    """The linear model of a diagram from one port to another one, with its delays.
 
-    With the deviations u at the input, y at the output, x of the diagram's continuous
-    states in their order, and d of what the delays T_i deliver,
+    With small deviations u at the input, y at the output, x of the diagram's continuous
+    states in their order, and e and d at the inputs and outputs of the delays T_i,
 
-        dx/dt = A x + B [u, d],    [y, what goes into the delays] = C x + D [u, d]
-        d_i(t) = what goes into delay i, at t - T_i
+        dx/dt = A x + B [u, d],    [y, e] = C x + D [u, d],    d_i(t) = e_i(t - T_i)
 
     Attributes:
         by_differences: Paths of the blocks that do not convert to AutoDiffXd. If there
             is one, all slopes are central differences.
-        held: Systems with a mode or a layer, which is held.
+        held: Paths of the blocks whose discrete state, a mode or a layer, is held
+            constant.
         is_opened: Whether the loop is open at the input.
     """
 
@@ -69,10 +69,11 @@ class PortModel(StateSpace):
         )
 
     def Response(self, frequencies: ArrayLike) -> ComplexArray:
-        """Returns the frequency response from u to y, (M, size of y, size of u).
+        """Returns the frequency response from u to y (M, size of y, size of u).
 
         Args:
-            frequencies: (M,) in rad/s, none of them an undamped mode.
+            frequencies: Frequencies in rad/s (M,), none of them that of an undamped
+                mode.
         """
         return self.frequency_response(frequencies)
 
@@ -80,10 +81,12 @@ class PortModel(StateSpace):
         """Returns magnitude and phase of the response from u to y, in SciPy's units.
 
         Args:
-            frequencies: In rad/s, ascending, > 0. None: around all modes and delays.
+            frequencies: Ascending frequencies in rad/s, > 0. By default they cover all
+                modes and delays.
         """
         w = self._Frequencies() if frequencies is None else np.asarray(frequencies)
-        # Between two frequencies the delays may turn the phase more than once.
+        # Between two given frequencies the delays may turn the phase more than once.
+        # The phase is therefore unwrapped on a denser grid.
         parts = np.ceil(np.diff(w) * sum(self.delays) / _TURN).astype(int).clip(1)
         ends = np.concatenate([[0], np.cumsum(parts)])
         dense = np.interp(np.arange(ends[-1] + 1), ends, w)
@@ -98,10 +101,10 @@ class PortModel(StateSpace):
         return BodeDiagram(w, magnitude, np.degrees(phase))
 
     def margins(self) -> Margins:
-        """Returns the margins of the loop that u = y closes, in all signals at once.
+        """Returns the margins of the loop that u = y closes, for all signals alike.
 
-        That is the diagram's own loop if the output is where the input comes from:
-        LinearizePorts(diagram, context, port, is_opened=True).
+        It is the diagram's own loop if the model is from the input port back to its
+        source: LinearizePorts(diagram, context, port, is_opened=True).
 
         Raises:
             ValueError: If the model is not opened, or u and y differ in size.
@@ -119,7 +122,7 @@ class PortModel(StateSpace):
         model is exact.
 
         Args:
-            order: Of the approximants.
+            order: The order of the approximants.
 
         Raises:
             ModuleNotFoundError: If python-control is not installed.
@@ -142,7 +145,7 @@ class PortModel(StateSpace):
         return model.lft(control.append(*approximants), k, k)
 
     def _Frequencies(self) -> Array:
-        """Returns frequencies in rad/s around all modes and delays."""
+        """Returns frequencies in rad/s that cover all modes and delays."""
         modes = np.abs(np.linalg.eigvals(self.A))
         corners = [*modes[modes > 1e-6 * modes.max(initial=0.0)]]
         corners += [1 / delay for delay in self.delays]

@@ -1,9 +1,9 @@
 """The linear model of any diagram between two of its ports, with its exact delays.
 
-Drake's own Linearize() takes continuous states only. LinearizePorts() holds modes, cuts
-delays open and retains them as delays; the slopes are those of AutoDiffXd. If a block
-does not convert to AutoDiffXd, the slopes are central differences, and the model names
-the block. DelayMargin() returns the delay that a loop tolerates at one of its ports.
+Drake's Linearize() accepts only continuous states. LinearizePorts() holds modes
+constant and retains delays as exact delays. The slopes are computed by AutoDiffXd, or
+by central differences if a block does not convert; the model then contains the block's
+path. DelayMargin() returns the delay that a loop tolerates at one of its ports.
 """
 
 from collections.abc import Mapping
@@ -25,8 +25,8 @@ from teleop_drake.kernel.linear_part import LinearPartOf
 from teleop_drake.numerics.state_space import close_loops
 from teleop_drake.validation import Refuse
 
-# The longest difference for blocks that do not convert to AutoDiffXd, as a share of a
-# value of 1 and more. No surface may be as near.
+# The longest step of central differences, relative to values of 1 and more. Surfaces
+# must be farther away.
 _STEP = 1e-4
 
 
@@ -41,26 +41,27 @@ def LinearizePorts(
 ) -> PortModel:
     """Linearises a diagram from one of its ports to another one, at any depth.
 
-    A deviation is added to what the input port receives, as in a closed loop, or takes
-    its place: then the loop is open there. Every continuous state is one of the model,
-    the estimates of an adaptive law as well. What a TransportDelay holds is delayed
-    exactly. The mode of an operator and the layer of an environment stay as they are.
+    A deviation is added to the signal that the input port receives, as in a closed
+    loop. With `is_opened` it replaces the signal, so that the loop is open there. Every
+    continuous state is a state of the model, including the estimates of an adaptive
+    law. A TransportDelay is an exact delay. The mode of an operator and the layer of an
+    environment are held constant.
 
-    The operating point is a Context, at its time: nothing is trimmed. The diagram's own
-    inputs have the values of that Context, or are 0. Deviations obey the model as long
-    as the diagram does not move far from there.
+    The operating point is a Context at its time; nothing is trimmed. The diagram's own
+    inputs have the values of that Context, or are 0. The model is valid for small
+    deviations from this point.
 
     Args:
-        diagram: Any, with at least one continuous state or delay.
-        context: The operating point, of this diagram: from a Simulator, say; it is not
-            changed.
-        input_port: Where the deviation is: of a system in the diagram, or its own. Of
-            an output port, it is at all ports that receive its signal.
-        output_port: Where it is seen: of a system in the diagram, or its own. None:
-            where the input comes from.
-        is_opened: Whether the deviation takes the place of what the port receives.
-        is_settled: Whether each delay delivers what goes into it, as at rest, instead
-            of what it delivers in the Context.
+        diagram: Any diagram with at least one continuous state or delay.
+        context: The operating point, a Context of this diagram, for example from a
+            Simulator. It is not changed.
+        input_port: The port at which the deviation acts, of the diagram or of a system
+            in it. For an output port, it acts at all ports that receive its signal.
+        output_port: The port that is observed, of the diagram or of a system in it. By
+            default it is the source of the input port's signal.
+        is_opened: Whether the deviation replaces the signal that the port receives.
+        is_settled: Whether the output of each delay is set to its input, as at rest,
+            instead of its value in the Context.
 
     Returns:
         The model.
@@ -82,7 +83,7 @@ def LinearizePorts(
         if LinearPartOf(block.system).delay
     ]
     if is_settled:
-        # A value passes one more delay each time.
+        # In each round a value passes one more delay.
         for cut in delays * len(delays):
             cut.Settle()
     entry = function.CutAt(input_port)
@@ -96,7 +97,7 @@ def LinearizePorts(
         for block in blocks
         if (size := block.system.num_continuous_states())
     ]
-    # What the input port receives without a deviation comes first, where it counts.
+    # The first output is the input port's own signal, if the loop stays closed.
     entering = [] if is_opened or entry.entering is None else [entry.entering]
     late = [cut.entering for cut in delays if cut.entering is not None]
     function.Choose(states, [entry, *delays], [*entering, seen, *late])
@@ -105,7 +106,7 @@ def LinearizePorts(
         allowed = "where every law has one slope; one bends here, as at a surface"
         Refuse("context", f"at {context.get_time():g} s", allowed)
     n = sum(x.size for x in states)
-    # What is added to a signal that comes back goes around the loop.
+    # The loop is closed: the input is the deviation plus the port's own signal.
     back = n + np.arange(input_port.size() if entering else 0)
     return PortModel(
         matrix=np.delete(close_loops(slopes, back), back, axis=0),
@@ -120,31 +121,32 @@ def LinearizePorts(
 def DelayMargin(
     diagram: Diagram, context: Context, port: InputPort | OutputPort
 ) -> float:
-    """Returns the delay in s that a loop tolerates at a port, besides those in it.
+    """Returns the additional delay in s that a loop tolerates at a port.
 
-    The loop is stable if the signal at the port comes less than this later. All delays
-    are exact. Stable means that small deviations from an equilibrium decay.
+    The loop is stable if the signal at the port is delayed by less than this. All
+    delays are exact. Stable means that small deviations from an equilibrium decay.
 
     Args:
-        diagram: Any that LinearizePorts() linearises.
-        context: The equilibrium, of this diagram; each delay delivers there what goes
-            into it. It is not changed.
-        port: Of a system in the diagram. Of an output port, the signal comes later to
-            all ports that receive it.
+        diagram: A diagram that LinearizePorts() accepts.
+        context: The equilibrium, a Context of this diagram. The output of each delay is
+            set to its input there. The Context is not changed.
+        port: The port of a system in the diagram. For an output port, the delay acts on
+            all ports that receive its signal.
 
     Returns:
-        The margin; 0 if the loop is unstable as it is, infinity if it is stable with
-        every delay. LinearizePorts(..., is_opened=True).margins() tells more.
+        The margin; 0 if the loop is unstable without additional delay, infinity if it
+        is stable with every delay. LinearizePorts(..., is_opened=True).margins()
+        returns further margins.
 
     Raises:
-        ValueError: As LinearizePorts() does.
+        ValueError: As in LinearizePorts().
     """
     model = LinearizePorts(diagram, context, port, is_opened=True, is_settled=True)
     return model.margins().delay
 
 
 def _CopyContext(diagram: Diagram, context: Context) -> Context:
-    """Returns a copy of a Context that has values at the diagram's inputs."""
+    """Returns a copy of a Context; inputs of the diagram without a value are 0."""
     own = diagram.CreateDefaultContext()
     own.SetTimeStateAndParametersFrom(context)
     diagram.FixInputPortsFrom(diagram, context, own)
@@ -156,12 +158,16 @@ def _CopyContext(diagram: Diagram, context: Context) -> Context:
 
 
 def _PathOf(port: InputPort | OutputPort) -> str:
-    """Returns a port's name behind the path of its system."""
+    """Returns the path of a port's system, followed by the port's name."""
     return f"{port.get_system().GetSystemPathname()}:{port.get_name()}"
 
 
 def _Held(blocks: list[Block], contexts: Mapping[System, Context]) -> tuple[str, ...]:
-    """Returns what has a discrete state that is held; refuses other such blocks."""
+    """Returns the paths of blocks whose discrete state is held constant.
+
+    Raises:
+        ValueError: If a block has another state that is not continuous.
+    """
     held = []
     for block in blocks:
         context = contexts[block.system]

@@ -59,7 +59,7 @@ class StabilityAnalysis:
     notes: list[str]
 
     def __getitem__(self, label: str) -> PointStability:
-        """Returns the loop of a label: the name of its operating point, or see there.
+        """Returns the loop with a label; see PointStability.label.
 
         Raises:
             KeyError: If there is no loop of that label.
@@ -100,14 +100,14 @@ def AnalyzeStability(
     Args:
         scenario: A teleoperation, or its name or file. A delay that is not constant is
             replaced by a constant one; see ChannelConfig.AsConstantDelay.
-        points: Operating points; None: the result of OperatingPoints(scenario).
+        points: Operating points; by default those of OperatingPoints(scenario).
         max_delay: The largest round-trip delay of the intervals, in s, > 0.
         teleoperator: A Diagram made by MakeTeleoperator() for this scenario. It may
-            contain your own systems. None: the Diagram is made from the scenario.
+            contain your own systems. By default it is made from the scenario.
 
     Raises:
         ScenarioError: If the scenario is not valid, is not a teleoperation, or
-            a channel is not a delay; if max_delay is not allowed; if Linearizer refuses
+            a channel is not a delay; if max_delay is not allowed; if Linearizer rejects
             a point; or if a station contains a delay that differs from the round trip.
         ValueError: If the loop is not well posed without delay.
     """
@@ -121,6 +121,8 @@ def AnalyzeStability(
         environment = linearizer.diagram.GetSubsystemByName("environment")
         points = OperatingPoints(scenario, environment=environment)
     models = [linearizer.Loop(point) for point in points]
+    # The notes are the assumptions about channels, operator, loop and gains. The blocks
+    # are the same at all points, so that the first model suffices for the loop's.
     notes = [note for note in (forward.note, back.note) if note]
     operator_note = scenario.surgeon.LinearNote()
     if teleoperator is None and operator_note is not None:
@@ -133,6 +135,8 @@ def AnalyzeStability(
             f"{scenario.forward_channel.delay + scenario.return_channel.delay:g} s, "
             "whatever the delay."
         )
+    # At each point the loop with the velocity command is analysed and, behind a contact
+    # surface, the loop in which the operator holds a force.
     results = [
         _WithForceMode(
             AnalyzeModel(model, delay=delay, max_delay=max_delay), scenario, linearizer
@@ -165,6 +169,8 @@ def _WithForceMode(
     is_behind = IsBehindContact(SurfacesOf(environment) or (), point.position)
     if not is_behind or point.holds_force:
         return velocity_mode
+    # The loop with a held force is analysed at the point at which the tool then rests.
+    # If there is no such loop, the reason becomes a note.
     held = linearizer.held_force
     try:
         if held is None:
@@ -191,6 +197,8 @@ def _Assumptions(model: LoopModel, delay: float) -> list[str]:
     """Returns the assumptions of the model in addition to small deviations."""
     notes = []
     if model.inner_delays:
+        # Delays inside of a station must equal the round trip, so that there is only
+        # one delay.
         for inner in model.inner_delays:
             if not np.isclose(inner, delay, rtol=1e-9, atol=0):
                 raise ScenarioError(

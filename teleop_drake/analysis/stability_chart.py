@@ -50,7 +50,7 @@ class StabilityChart:
         return list(dict.fromkeys(labels))
 
     def StableDelays(self, name: str) -> list[list[tuple[float, float]] | None]:
-        """Returns the stable intervals in s at each value; None: no such loop.
+        """Returns the stable intervals in s at each value; None if no such loop exists.
 
         Args:
             name: The label of a loop, which is the name of its operating point if no

@@ -1,13 +1,13 @@
-"""The robot in the coordinates of the linear model: its tool, and its free joints.
+"""The robot's state in the coordinates of the linear model.
 
-A robot of m joints has the state [q; dq/dt]. The model takes in its place
+A robot of m joints has the state [q; dq/dt]. The model uses the coordinates
 
     [r; s; v; w],   v = dr/dt = J(q) dq/dt,   s = N^T q,   w = ds/dt = N^T dq/dt
 
-(for a tool that turns, v is its twist and dr/dt = E(r) v, see laws.task_space)
-with the n coordinates r of the tool and, if m > n, m - n free ones: the columns of N
-span the joint rates that do not move the tool at the operating point. N is constant, so
-that w is the rate of s also between small deviations.
+with the n coordinates r of the tool and, if m > n, m - n coordinates s of the free
+joint motion. The columns of N span the joint rates that do not move the tool at the
+operating point. N is constant, so that w is the rate of s also for small deviations.
+For a tool that rotates, v is its twist and dr/dt = E(r) v; see laws.task_space.
 """
 
 from collections.abc import Sequence
@@ -22,23 +22,26 @@ from teleop_drake.blocks.robots import RobotConfig
 from teleop_drake.laws.task_space import position_rate
 from teleop_drake.validation import Refuse, ScenarioError, Show
 
-# How far in m the tool may be from where the joints are to put it.
+# The largest distance in m of the tool from the position that the joints should reach.
 _TOLERANCE = 1e-6
 
 
 class ToolMotion:
-    """Poses a robot and tells its coordinates and their rates.
+    """Places a robot at an operating point and computes slopes of its coordinates.
+
+    Attributes:
+        states: The robot's continuous states [q; dq/dt].
 
     Args:
-        config: The robot's, which knows its joint positions.
-        robot: The system.
-        context: Its Context.
-        states: The continuous states of its parts.
-        num_axes: n.
+        config: The robot's config, which returns its joint positions.
+        robot: The robot's system.
+        context: The robot's Context.
+        states: The continuous states of the robot's parts.
+        num_axes: Number n of task axes.
 
     Raises:
-        ScenarioError: If the states are not positions and velocities of n joints or
-            more.
+        ScenarioError: If the states are not the positions and velocities of n or more
+            joints in one block.
     """
 
     def __init__(
@@ -69,17 +72,18 @@ class ToolMotion:
         return self._robot.GetOutputPort(name).Eval(self._context)
 
     def Place(self, p_WT: Array, v_WT: Array) -> None:
-        """Sets the joints such that the tool is at a position and has a velocity.
+        """Sets the joints such that the tool has a given position and velocity.
 
-        Of the motions of free joints it takes the one that forces on the tool give to
+        If m > n, the joint rates are those to which forces on the tool would accelerate
         a robot at rest.
 
         Args:
-            p_WT: In m (n).
-            v_WT: In m/s (n).
+            p_WT: Position of the tool in m (n).
+            v_WT: Velocity of the tool in m/s (n).
 
         Raises:
-            ScenarioError: If the config puts the tool elsewhere.
+            ScenarioError: If the joint positions of the config do not put the tool at
+                this position.
         """
         q = self._config.JointPositions(p_WT)
         if q.shape != (self._m,):
@@ -96,7 +100,7 @@ class ToolMotion:
                 f"{Show(p_WT)}, not at {Show(reached)}"
             )
         J = np.array(columns).T
-        # The last right singular vectors of J.
+        # The null space of J is spanned by its last right singular vectors.
         self._free = np.linalg.svd(J)[2][self._n :].T
         if self._m == self._n:
             rates = np.linalg.solve(J, v_WT).astype(float)
@@ -107,7 +111,7 @@ class ToolMotion:
         self._place = np.concatenate([reached, v_WT])
 
     def _AccelerationsByForce(self, q: Array) -> Array:
-        """Returns d(d^2q/dt^2)/dF of a force on the tool (m, n), which is M^-1 J^T."""
+        """Returns the joint accelerations per force on the tool, M^-1 J^T (m, n)."""
         robot = self._robot
         context = robot.CreateDefaultContext()
         at_rest = np.zeros(self._n)
@@ -123,17 +127,18 @@ class ToolMotion:
         return np.array([Accelerations(F) - without for F in np.eye(self._n)]).T
 
     def Seen(self) -> list[OutputPort]:
-        """Returns the ports of what Coordinates() is made of."""
+        """Returns the output ports whose slopes Coordinates() requires."""
         names = ("tool_position", "tool_velocity", "tool_acceleration")
         return [self._robot.GetOutputPort(name) for name in names]
 
     def Coordinates(self, rates: Array, seen: Array) -> tuple[Array, Array]:
-        """Returns the slopes of [r; s; v; w] and of their rates.
+        """Returns the slopes of [r; s; v; w] and those of their rates, (2m, N) each.
+
+        The N variables of all slopes begin with the robot's state.
 
         Args:
-            rates: Slopes of the state's rates, by numbers the first of which are the
-                state.
-            seen: Slopes of what is Seen(), and perhaps of more.
+            rates: Slopes of the rates of the robot's state (2m, N).
+            seen: Slopes of the ports of Seen(), possibly followed by others (>= 3n, N).
         """
         r, v, a = np.split(seen[: 3 * self._n], 3)
         m = self._m

@@ -61,6 +61,7 @@ def EnvironmentImpedance(
     """Returns Z_e(j w) = d_e + k_e/(j w) of the environment (K, n, n), (2.14).
 
     Args:
+        scenario: A scenario with this environment.
         point: The operating point; its velocity has no effect.
         frequencies: w in rad/s (K), > 0.
     """
@@ -96,18 +97,19 @@ class Transparency:
 
     @property
     def is_absolutely_stable(self) -> bool | None:
-        """Whether it is; None: a model without passivity controllers tells nothing."""
+        """Whether the two-port is absolutely stable; None if `idle_passivity`."""
         if self.idle_passivity:
             return None
         return bool(self.llewellyn.min() >= 1 - _ROUNDING)
 
     def ToRecord(self) -> dict[str, Any]:
-        """Returns as JSON where each axis is farthest from absolute stability."""
+        """Returns a JSON object with the least Llewellyn parameter of each axis."""
         least = self.llewellyn.argmin(axis=0)
         eta = self.llewellyn.min(axis=0)
         return {
             "name": self.point.name,
-            # JSON has no infinity. Null: one port alone generates energy.
+            # JSON has no infinity. Null stands for -infinity, a port that generates
+            # energy by itself, and for +infinity.
             "least_llewellyn": [x if np.isfinite(x) else None for x in eta.tolist()],
             "at_frequency": self.frequencies[least].tolist(),
             "absolutely_stable": self.is_absolutely_stable,
@@ -195,6 +197,7 @@ def FeltStiffness(
     With k(w) < 0 the force changes as if the layer pulled the hand in.
 
     Args:
+        scenario: A valid scenario.
         point: The operating point, with the tool at rest.
         frequencies: w in rad/s (K), > 0.
 

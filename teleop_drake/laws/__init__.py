@@ -1,1 +1,1 @@
-"""The mathematics of the thesis as pure functions of arrays, without Drake."""
+"""Laws of control, contact and operators as pure functions of arrays, without Drake."""

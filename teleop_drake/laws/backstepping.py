@@ -1,8 +1,8 @@
 """Neural-adaptive backstepping with tuning functions (chapters 4 and 5).
 
-One law for n task axes: chapter 4 is n = 1, chapter 5 is n = 2. Hats are left out:
-W1, Psi and W3 are the estimates, W1*, Psi* and W3* what they estimate (the thesis
-numbers the third network 6 in chapter 5).
+The law has n task axes: chapter 4 is n = 1, chapter 5 is n = 2. Hats are left out: W1,
+Psi and W3 are the estimates of the true values W1*, Psi* and W3*. The thesis numbers
+the third network 6 in chapter 5.
 
     s  = (v - v_dd) + Lambda (F_e - F_hd)          auxiliary error       (4.2, 5.2)
     ds/dt   = Psi* (F_c - F_e) + W1* Phi           the plant, as modelled (4.8, 4.9)
@@ -10,18 +10,19 @@ numbers the third network 6 in chapter 5).
     alpha   = F_e - Psi^-1 (W1 Phi + G1 s)         virtual control      (4.23, 5.22)
     z       = F_c - alpha                          control force error  (4.18, 5.17)
 
-with the tool's velocity v and the commanded one v_dd = v_d(t - T_f) in m/s, the robot's
-force F_e on the environment and the operator's F_hd = F_h(t - T_f) in N (n), and the
-basis functions Phi at the tool's position (N), Phi_dot in 1/s.
+with the tool's velocity v and the commanded velocity v_dd = v_d(t - T_f) in m/s (n),
+the robot's force F_e on the environment and the operator's force F_hd = F_h(t - T_f) in
+N (n), and the basis functions Phi at the tool's position (N), whose rate Phi_dot is in
+1/s.
 
-Proof that the law below is right, with X~ = X* - X and |X|^2 = tr(X^T X), for
+Proof of the law below, with X~ = X* - X and |X|^2 = tr(X^T X), for
 
     V2 = s^T P s/2 + z^T z/2 + |W1~|^2/(2 beta1) + |Psi~|^2/(2 beta2)
          + |W3~|^2/(2 beta3),                                           (4.27, 5.26)
 
 exact networks, no leakage (nu = 0), no supervision (Upsilon = 0) and the projection
-inactive. s' and alpha' are the rates of s and alpha as far as the law knows them
-(s_dot and alpha_dot in the code); e = ds/dt - s' = Psi~ (F_c - F_e) + W1~ Phi.
+inactive. s' and alpha' are the law's estimates of the rates of s and alpha (s_dot and
+alpha_dot in the code); e = ds/dt - s' = Psi~ (F_c - F_e) + W1~ Phi.
 
 1.  F_c - F_e = z - Psi^-1 (W1 Phi + G1 s), hence ds/dt = Psi z - G1 s + e, and with
     P = P^T:    d/dt s^T P s/2 = -s^T P G1 s + s^T P Psi z + s^T P e.
@@ -33,18 +34,18 @@ inactive. s' and alpha' are the rates of s and alpha as far as the law knows the
 4.  The weights add -<W1~, dW1/dt>/beta1 - <Psi~, dPsi/dt>/beta2
     - <W3~, dW3/dt>/beta3. With the update laws they cancel step 3 and -z^T W3~ Phi.
 
-What remains is  dV2/dt = -s^T P G1 s - z^T G2 z  exactly (4.44, 5.43). No step needs
-Lambda, G1 or G2 to be diagonal or symmetric. It decreases if and only if the
-symmetric parts of P G1 and G2 are positive definite: for P G1 this is NOT implied by
-P > 0 and G1 > 0, which is all that the thesis asks for.
+The result is  dV2/dt = -s^T P G1 s - z^T G2 z  exactly (4.44, 5.43). No step requires
+Lambda, G1 or G2 to be diagonal or symmetric. V2 decreases if and only if the symmetric
+parts of P G1 and G2 are positive definite. For P G1 this is NOT implied by P > 0 and
+G1 > 0, the only conditions in the thesis.
 
-The networks' input u is the tool's position, or with its velocity [p; v]. Then Phi_dot
-has the acceleration in it, of which the law knows Psi (F_c - F_e): all of it where
-Lambda D_e = 0, and the robot is what Psi says and W1* Phi = 0. What it does not know
-adds -z^T Psi^-1 W1 (Phi_dot - dPhi/dt) to dV2/dt, Phi_dot being the law's.
+The networks' input u is the tool's position p or [p; v]. For [p; v], Phi_dot contains
+the tool's acceleration, for which the law uses the estimate Psi (F_c - F_e). It is
+exact if Lambda D_e = 0, Psi = Psi* and W1* Phi = 0. Otherwise its error adds
+-z^T Psi^-1 W1 (Phi_dot - dPhi/dt) to dV2/dt, with the law's Phi_dot.
 
-Step 4 needs dW3/dt = -beta3 z Phi^T. The thesis loses this sign between (4.38) and
-(4.39), (5.37) and (5.39), and prints the opposite one in (4.43), (4.52), (5.42) and
+Step 4 requires dW3/dt = -beta3 z Phi^T. The thesis loses this sign between (4.38) and
+(4.39), (5.37) and (5.39), and prints the opposite sign in (4.43), (4.52), (5.42) and
 (5.51).
 """
 
@@ -69,8 +70,8 @@ class BacksteppingGains(LawGains):
     symmetric. Matrices are copied and made read-only.
 
     Attributes:
-        Lambda: Weighs the force error against the velocity error in m/(N s) (n, n),
-            positive definite (4.2, 5.2).
+        Lambda: Weight of the force error relative to the velocity error in m/(N s)
+            (n, n), positive definite (4.2, 5.2).
         G1: Damping of s in 1/s (n, n), such that P G1 is positive definite
             (4.23, 5.22).
         G2: Damping of z in 1/s (n, n), symmetric, positive definite (4.32, 5.31).
@@ -81,15 +82,15 @@ class BacksteppingGains(LawGains):
         beta3: Adaptation rate of W3, >= 0.
         nu1: Leakage of W1, >= 0 (4.52, 5.51).
         nu3: Leakage of W3, >= 0 (4.52, 5.51).
-        Upsilon: Supervision, pulls Psi back to Psi0, in [0, 1] (4.52, 5.51).
-        Psi0: A-priori estimate of Psi* = (I + Lambda D_e) M_r^-1 in 1/kg (n, n), its
-            determinant positive as that of Psi* is, all singular values greater
-            than `Psi_min`.
+        Upsilon: Supervision, which returns Psi to Psi0, in [0, 1] (4.52, 5.51).
+        Psi0: A-priori estimate of Psi* = (I + Lambda D_e) M_r^-1 in 1/kg (n, n). Its
+            determinant is positive, like that of Psi*, and all its singular values
+            are greater than `Psi_min`.
         Psi_min: Limit of the projection in 1/kg, > 0 (4.53, 5.53).
 
     Raises:
-        ValueError: If a gain is not finite, has another size than Lambda or is not
-            what is stated above.
+        ValueError: If a gain is not finite, has another size than Lambda or violates a
+            condition above.
     """
 
     G1: Array
@@ -173,16 +174,20 @@ def initial_state(gains: BacksteppingGains, num_functions: int) -> BacksteppingS
 def auxiliary_error(
     gains: BacksteppingGains, v: Array, v_dd: Array, F_e: Array, F_hd: Array
 ) -> Array:
-    """Returns s of (4.2), (5.2) in m/s (n)."""
+    """Returns the auxiliary error s of (4.2), (5.2) in m/s (n)."""
     return (v - v_dd) + gains.Lambda @ (F_e - F_hd)
 
 
 def damped_force_error(
     state: BacksteppingState, Phi: Array, F_e: Array, damping: Array
 ) -> Array:
-    """Returns z = F_c - alpha of (4.18), (5.17) in N (n), alpha by (4.23), (5.22).
+    """Returns z = F_c - alpha of (4.18), (5.17) in N (n), with alpha by (4.23), (5.22).
 
-    The damping of s is G1 s there.
+    Args:
+        state: The law's state.
+        Phi: Basis functions at the present input (N).
+        F_e: Force the robot exerts on the environment in N (n).
+        damping: The damping of s in m/s^2 (n), in these equations G1 s.
     """
     alpha = F_e - np.linalg.inv(state.Psi) @ (state.W1 @ Phi + damping)
     return state.F_c - alpha
@@ -201,28 +206,29 @@ def project(Psi: Array, update: Array, Psi_min: float) -> Array:
 
         proj[update] = update - U_m S_- V_m^T.
 
-    With one singular value at the limit this takes the component along u v^T out of
-    an update that would shrink it and leaves every other update alone. Several at
-    the limit, equal or not, are held together: S - S_- has no negative eigenvalue, so
-    none of them shrinks, whichever of the bases U_m, V_m the decomposition returns.
-    For n = 1 and Psi > 0 this is (4.53), with <= in the place of its <.
+    With one singular value at the limit, an update that would shrink it loses its
+    component along u v^T, and every other update is unchanged. Several singular values
+    at the limit, equal or not, are treated together: S - S_- has no negative
+    eigenvalue, so none of them shrinks, whichever bases U_m, V_m the decomposition
+    returns. For n = 1 and Psi > 0 this is (4.53) with <= in place of <.
 
-    Exactly at the limit d(sigma_min)/dt >= 0; in between nothing happens. An
-    integrator may step over the limit by its own error, from where Psi moves along
-    the limit or back. The update is discontinuous in Psi at the limit.
+    At or below the limit d(sigma_min)/dt >= 0; above it the update is unchanged. An
+    integrator may overshoot the limit by its own error; then Psi moves along the limit
+    or back. The update is discontinuous in Psi at the limit.
 
     For n = 1 the projection never increases V2 as long as Psi* >= Psi_min. For n > 1
-    that cannot be promised, because the matrices with singular values >= Psi_min are
-    not a convex set: there the projection keeps Psi invertible and no more.
+    this is not guaranteed, because the matrices with singular values >= Psi_min are not
+    a convex set. There the projection only keeps Psi invertible.
     """
     U, sigma, Vt = singular_values(Psi)
     at_limit = sigma <= Psi_min
     if not at_limit.any():
         return update.copy()
-    # All else is 0: machine code has matrices of one size.
+    # R has full size, because compiled matrices have fixed sizes. Entries of other
+    # singular values are 0.
     R = (U.T @ update @ Vt.T) * np.outer(at_limit, at_limit)
     S = (R + R.T) / 2
-    # The square root of S^2 has the eigenvectors of S, and their eigenvalues' sizes.
+    # (S^2)^(1/2) has the eigenvectors of S and the magnitudes of its eigenvalues.
     _, sizes, Wt = singular_values(S)
     S_minus = (S - (Wt.T * sizes) @ Wt) / 2
     return update - U @ S_minus @ Vt
@@ -241,15 +247,18 @@ def damped_rate(
     """Returns the time rate of the control force and of all estimates.
 
     See the top of this file for the derivation and the proof, where the damping of s is
-    G1 s. Steps 1 to 4 hold with any damping(s) for G1 s and with its slope for G1.
+    G1 s. Steps 1 to 4 hold with any damping(s) in place of G1 s and its slope in place
+    of G1.
 
     Args:
+        gains: The law's constants.
+        state: The law's state.
         Phi: Basis functions at the present input (N).
-        Phi_dot: Their time rate in 1/s (N).
+        Phi_dot: Time rate of Phi in 1/s (N).
         s: Auxiliary error in m/s (n).
         F_e: Force the robot exerts on the environment in N (n).
-        damping: What alpha takes from ds/dt, a function of s, in m/s^2 (n).
-        slope: Its derivative with respect to s in 1/s (n, n).
+        damping: The damping of s, a function of s, in m/s^2 (n).
+        slope: The derivative of the damping with respect to s in 1/s (n, n).
 
     Raises:
         numpy.linalg.LinAlgError: If Psi is singular.
@@ -272,13 +281,13 @@ def damped_rate(
     g_column = g[:, np.newaxis]
     W1_dot = gains.beta1 * (g_column * Phi - gains.nu1 * W1)
     Psi_dot = g_column * dF + gains.Upsilon * (gains.Psi0 - Psi)
-    # 1/sigma_min <= |Psi^-1|: far from the limit this spares a decomposition.
+    # 1/sigma_min <= |Psi^-1|, so that far from the limit no decomposition is needed.
     if (Psi_inv * Psi_inv).sum() * Psi_min**2 > 0.9:
         Psi_dot = project(Psi, Psi_dot, Psi_min)  # (4.53, 5.53)
     Psi_dot = gains.beta2 * Psi_dot
     W3_dot = gains.beta3 * (-z[:, np.newaxis] * Phi - gains.nu3 * W3)
 
-    # The virtual control's rate, as far as it is known (4.31, 5.30).
+    # The law's estimate of the rate of the virtual control (4.31, 5.30).
     s_dot = Psi @ dF + y1  # (4.36, 5.35)
     y1_dot = W1_dot @ Phi + W1 @ Phi_dot
     alpha_dot = y3 + Psi_inv @ (Psi_dot @ offset) - Psi_inv @ (y1_dot + slope @ s_dot)
@@ -287,12 +296,12 @@ def damped_rate(
 
 
 class Known(NamedTuple):
-    """What a law knows at an instant; see known().
+    """The quantities that a law uses at an instant; see known().
 
     Attributes:
-        state: Its own.
+        state: The law's state.
         Phi: Basis functions at the present input (N).
-        Phi_dot: Their rate in 1/s, as far as the law knows it (N).
+        Phi_dot: The law's estimate of the rate of Phi in 1/s (N).
         s: Auxiliary error in m/s (n).
         F_e: Force the robot exerts on the environment in N (n).
     """
@@ -314,17 +323,19 @@ def known(
     F_e: Array,
     F_hd: Array,
 ) -> Known:
-    """Returns what a law with Gaussian networks knows.
+    """Returns the quantities that a law with Gaussian networks uses at an instant.
 
-    Their input is r, or [r; v] if the lattice has so many dimensions.
+    The networks' input is r, or [r; v] if the lattice has more dimensions than r.
 
     Args:
-        x: State as pack_state() makes it.
+        gains: The law's constants.
+        network: The lattice of the basis functions.
+        x: The law's state as returned by pack_state().
         r: Position of the tool in m (n).
-        v: Its velocity in m/s (n).
-        v_dd: Velocity that is commanded in m/s (n).
+        v: Velocity of the tool in m/s (n).
+        v_dd: Commanded velocity as received, in m/s (n).
         F_e: Force the robot exerts on the environment in N (n).
-        F_hd: The operator's force in N (n).
+        F_hd: The operator's force as received, in N (n).
     """
     state = unpack_state(x, v.size)
     r_dot = position_rate(r, v)
@@ -337,15 +348,18 @@ def known(
 
 
 def adaptive_rate(gains: BacksteppingGains, *taken: Any) -> Array:
-    """Returns the law's rate with Gaussian networks, of and as a vector.
+    """Returns the rate of the law's state with Gaussian networks as a vector.
 
-    It takes what known() does.
+    The arguments are those of known().
     """
     now = known(gains, *taken)
     return pack_state(damped_rate(gains, *now, gains.G1 @ now.s, gains.G1))
 
 
 def adaptive_errors(gains: BacksteppingGains, *taken: Any) -> Array:
-    """Returns s in m/s and z in N as one vector (2n); it takes what known() does."""
+    """Returns [s in m/s; z in N] (2n).
+
+    The arguments are those of known().
+    """
     state, Phi, _, s, F_e = known(gains, *taken)
     return np.concatenate((s, damped_force_error(state, Phi, F_e, gains.G1 @ s)))

@@ -1,20 +1,19 @@
-"""Contact with a wall: Hunt's and Crossley's force, friction, and tissue that relaxes.
+"""Contact with a wall: the Hunt-Crossley force, friction, and viscoelastic tissue.
 
-Tissue that relaxes is the standard linear solid.
-
-A spring k beside a Maxwell branch, a spring k_1 in line with a dashpot k_1 tau:
+Viscoelastic tissue is a standard linear solid: a spring k in parallel to a Maxwell
+branch, which is a spring k_1 in series with a dashpot k_1 tau:
 
     F = k d + k_1 (d - z),    dz/dt = (d - z)/tau
 
-with the indentation d and the way z of the dashpot. A step to d gives the force
-(k + k_1 exp(-t/tau)) d. The surface of the tissue has no mass and does not stick: it
-follows a tool that withdraws as fast as it can, and that is where F = 0, at the
-indentation d_0 = k_1 z/(k + k_1). A tool in front of that feels nothing, and z follows
-from d_0 in the place of d.
+with the indentation d and the displacement z of the dashpot. The force after a step to
+d is (k + k_1 exp(-t/tau)) d. The surface of the tissue has no mass and does not stick
+to the tool. A free surface has F = 0, and therefore the indentation
+d_0 = k_1 z/(k + k_1). A tool in front of it feels no force, and d_0 replaces d in the
+equation of z.
 
 Below, `solid` is [k in N/m >= 0, k_1 in N/m > 0, tau in s > 0], `creep` is z in m (1),
-`plane` a point of the undeformed surface in m and its unit normal into the material
-(2, n), and p_WT the position of the tool in m (n).
+`plane` is a point of the undeformed surface in m and its unit normal into the material
+(2, n), and p_WT is the position of the tool in m (n).
 
 The energy k d^2/2 + k_1 (d - z)^2/2 is never negative and grows by no more than the
 tool's power: the tissue is passive.
@@ -34,14 +33,14 @@ def hunt_crossley_force(
 ) -> float:
     """Returns the normal force F = k d^p (1 + 3/2 alpha d') on a wall in N, >= 0.
 
-    It is continuous where the wall is touched, as the damping grows with the depth. A
-    body that meets a resting wall with a small speed v leaves it with (1 - alpha v) v;
-    for any speed, v_out follows from
+    The force is continuous at the surface, because the damping grows with the depth. A
+    body that meets a resting wall with a small speed v leaves it with (1 - alpha v) v.
+    For any speed, v_out follows from
 
         g(v) = g(-v_out),   g(v) = b v - ln(1 + b v),   b = 3/2 alpha
 
-    whatever k, p and the body's mass are. Where the formula is negative, that is while
-    the body leaves faster than the material expands, there is no force.
+    for all k, p and masses of the body. Where the formula is negative, because the body
+    leaves faster than the material expands, the force is 0.
 
     Source: K. H. Hunt and F. R. E. Crossley, "Coefficient of restitution interpreted as
     damping in vibroimpact", J. Applied Mechanics 42 (1975).
@@ -50,7 +49,7 @@ def hunt_crossley_force(
         stiffness: k in N/m^p, > 0.
         exponent: p, >= 1.
         damping: alpha in s/m, >= 0.
-        depth: d in m; in front of the wall it is negative.
+        depth: d in m, negative in front of the wall.
         speed: d' in m/s.
     """
     elastic: float = stiffness * max(depth, 0.0) ** exponent
@@ -64,16 +63,17 @@ def wall_force(
 
         F_e = F_n (n + mu v_t / sqrt(v_t . v_t + v_s^2))
 
-    with F_n of hunt_crossley_force() and the velocity v_t along the wall. It is
-    Coulomb's friction mu F_n against the motion, which v_s makes smooth: a tool that
-    Coulomb's law would hold creeps, at less than v_s for up to 70 % of mu F_n.
+    with F_n of hunt_crossley_force() and the velocity v_t along the wall. The second
+    term is Coulomb's friction mu F_n against the motion, smoothed by v_s. A tool that
+    Coulomb's law would hold creeps: more slowly than v_s if the force along the wall is
+    less than 70 % of mu F_n.
 
     Args:
         normal_law: [k in N/m^p, p, alpha in s/m].
         friction_law: [mu, v_s in m/s]; mu >= 0, v_s > 0.
         plane: A point of the wall in m, and its unit normal into the material (2, n).
         p_WT: Position of the tool in m (n).
-        v_WT: Its velocity in m/s (n).
+        v_WT: Velocity of the tool in m/s (n).
     """
     point = plane[0]
     normal = plane[1]
@@ -90,7 +90,7 @@ def wall_force(
 
 
 def indentation(solid: Array, creep: Array, plane: Array, p_WT: Array) -> float:
-    """Returns d in m, of the tissue under the tool or of its free surface."""
+    """Returns the indentation d in m, under the tool or of the free surface."""
     free: float = solid[1] * creep[0] / (solid[0] + solid[1])
     depth: float = np.sum((p_WT - plane[0]) * plane[1])
     return max(depth, free)

@@ -5,10 +5,10 @@
     F_c = C1 V_m + C3 F_h - C_s V_s - C5 F_e                      the slave
     C_s = B_c + K_c / s,   C1 = c1 (B + C_s)
 
-Accelerations are not measured, as Lawrence has it in practice: his ideal C1 and C4 have
-the masses, too. Positions count from `start`. The signals of the other end come in a
-packet [x; v; F]. The master's state is [x_m; v_m]. With six axes differences of
-positions and their rates are those of laws.task_space.
+Accelerations are not measured, as in Lawrence's practical form; his ideal C1 and C4
+also contain the masses. Positions are relative to `start`. The signals of the other end
+arrive in a packet [x; v; F]. The master's state is [x_m; v_m]. With six axes,
+laws.task_space defines differences of positions and their rates.
 
 Sources: D. A. Lawrence, "Stability and transparency in bilateral teleoperation",
 IEEE Trans. Robotics and Automation 9 (1993); with C5 and C6, K. Hashtrudi-Zaad and
@@ -28,13 +28,13 @@ class Station(NamedTuple):
     """One end of the architecture.
 
     Attributes:
-        damping: B in N s/m (n, n), of the handle or of the model of the robot.
+        damping: B in N s/m (n, n), of the master's handle or of the robot's model.
         local_damping: B_c in N s/m (n, n).
         local_stiffness: K_c in N/m (n, n).
         start: Position at time 0 in m (n).
-        motion: c4 of the master, c1 of the slave: share of the other end's motion.
-        force: C2 or C3, share of the other end's force.
-        local_force: C6 or C5, share of the own force.
+        motion: Factor on the other end's motion: c4 at the master, c1 at the slave.
+        force: Factor on the other end's force: C2 at the master, C3 at the slave.
+        local_force: Factor on the end's own force: C6 at the master, C5 at the slave.
     """
 
     damping: Array
@@ -49,7 +49,15 @@ class Station(NamedTuple):
 def master_rate(
     station: Station, M: Array, x: Array, F_h: Array, packet: Array
 ) -> Array:
-    """Returns d/dt [x_m; v_m] of the master (2n), with M in kg (n, n) of its handle."""
+    """Returns d/dt [x_m; v_m] of the master (2n).
+
+    Args:
+        station: The constants of the master.
+        M: Mass of the handle in kg (n, n).
+        x: State [x_m; v_m] in m and m/s (2n).
+        F_h: Force of the operator in N (n).
+        packet: [p; v; F_e] of the slave as received, in m, m/s and N (3n).
+    """
     start = station.start
     C4 = station.motion
     n = F_h.size
@@ -68,7 +76,15 @@ def master_rate(
 def slave_force(
     station: Station, packet: Array, p: Array, v: Array, F_e: Array
 ) -> Array:
-    """Returns F_c of the slave in N (n)."""
+    """Returns the control force F_c of the slave in N (n).
+
+    Args:
+        station: The constants of the slave.
+        packet: [x_m; v_m; F_h] of the master as received, in m, m/s and N (3n).
+        p: Position of the tool in m (n).
+        v: Velocity of the tool in m/s (n).
+        F_e: Force the robot exerts on the environment in N (n).
+    """
     start = station.start
     C1 = station.motion
     n = p.size
@@ -82,5 +98,8 @@ def slave_force(
 
 
 def _stretch(share: float, x: Array, other: Array, start: Array) -> Array:
-    """Returns (x - start) - share (other - start): of a spring to each of the two."""
+    """Returns (x - start) - share (other - start), the extension of the local spring.
+
+    It is computed as a weighted sum of the displacements from both positions.
+    """
     return (1 - share) * displacement(x, start) + share * displacement(x, other)

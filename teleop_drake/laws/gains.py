@@ -1,4 +1,4 @@
-"""The constants of a control law, checked and as machine code reads them."""
+"""The constants of a control law: their checks and their form for compiled code."""
 
 import functools
 from collections import namedtuple
@@ -13,12 +13,13 @@ from teleop_drake.validation import Refuse
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LawGains:
-    """Numbers, and matrices (n, n) for n task axes.
+    """The constants of a law with n task axes: numbers and matrices (n, n).
 
-    Matrices are copied and made read-only. A law has further gains.
+    Matrices are copied and made read-only. The class of each law adds its own gains.
 
     Attributes:
-        Lambda: Weighs one error against another (n, n).
+        Lambda: Weight of one error relative to another (n, n).
+        allowed_matrix: The condition on a matrix in an error message.
 
     Raises:
         ValueError: If a matrix is not finite or has another size than Lambda.
@@ -44,14 +45,14 @@ class LawGains:
         return len(self.Lambda)
 
     def as_numbers(self) -> Self:
-        """Returns the gains as a named tuple, which machine code can read."""
+        """Returns the gains as a named tuple, which compiled code can read."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return cast(Self, _tuple_of(*values)(**values))
 
 
 @functools.cache
 def _tuple_of(*names: str) -> Any:
-    """Returns the named tuple of some names."""
+    """Returns the named tuple class with the given fields."""
     return namedtuple("Numbers", names)
 
 

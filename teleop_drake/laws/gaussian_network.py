@@ -1,7 +1,7 @@
 """Gaussian radial basis functions on an equidistant lattice (section 3.2).
 
-A network is y(u) = W Phi(u). The weights W belong to the law that adapts them; this
-file has only the basis functions Phi(u) and their rate of change.
+A network is y(u) = W Phi(u). The weights W are part of the law that adapts them. This
+file contains only the basis functions Phi(u) and their rate of change.
 """
 
 from collections.abc import Sequence
@@ -19,9 +19,9 @@ def equidistant_lattice(
 ) -> tuple[Array, Array]:
     """Returns equidistant centres mu_i of the basis functions (3.1), and their spacing.
 
-    The first and the last centre of an axis lie on its bounds. An axis with count 1
-    has its only centre in the middle, and its whole length as spacing, as with count 2,
-    so that one function covers the whole interval.
+    The first and the last centre of an axis lie on its bounds. With count 1 the only
+    centre is in the middle, and the spacing is the whole length, as with count 2, so
+    that one function covers the interval.
 
     Args:
         lower: Lower bounds (m), in the unit of the network's input.
@@ -29,8 +29,8 @@ def equidistant_lattice(
         count: Number of centres per axis (m), each >= 1.
 
     Returns:
-        Centres (N, m), N = product of `count`, of which the last axis varies fastest;
-        and the distance of neighbouring centres per axis (m).
+        The centres (N, m), where N is the product of `count` and the last axis varies
+        fastest, and the distance between neighbouring centres on each axis (m).
     """
     low, high = (np.array(x, dtype=float, ndmin=1) for x in (lower, upper))
     if low.ndim != 1 or low.size == 0 or low.shape != high.shape:
@@ -57,7 +57,7 @@ def gaussian_functions(
 
     Args:
         u: Input (m).
-        u_dot: Its time rate (m), in the unit of u per s.
+        u_dot: Time rate of u (m), in the unit of u per s.
         centres: The centres mu_i (N, m).
         widths: The square roots of R's diagonal (m).
     """
@@ -67,12 +67,17 @@ def gaussian_functions(
 
 
 def basis_functions(u: Array, centres: Array, widths: Array) -> Array:
-    """Returns Phi(u) of (3.1) alone; see gaussian_functions()."""
+    """Returns Phi(u) of (3.1) (N); the arguments are those of gaussian_functions()."""
     return gaussian_functions(u, np.zeros(u.size), centres, widths)[0]
 
 
 class Lattice(NamedTuple):
-    """A network as machine code reads it: centres (N, m) and widths (m)."""
+    """The basis functions of a network for compiled code.
+
+    Attributes:
+        centres: The centres mu_i (N, m).
+        widths: The square roots of R's diagonal (m).
+    """
 
     centres: Array
     widths: Array
@@ -83,9 +88,9 @@ class GaussianNetwork:
 
         phi_i(u) = exp(-(u - mu_i)^T R^-1 (u - mu_i)),   i = 1 .. N           (3.1)
 
-    with the centres mu_i on an equidistant lattice and R = diag(widths^2). There is
-    no factor 1/2 in the exponent: at one width from its centre a function is 1/e.
-    The thesis states neither the bounds nor the width; both are choices of the user.
+    with the centres mu_i on an equidistant lattice and R = diag(widths^2). The exponent
+    has no factor 1/2: at a distance of one width from its centre a function is 1/e. The
+    thesis states neither the bounds nor the width; the user chooses both.
 
     Attributes:
         centres: The centres mu_i (N, m), read-only.
@@ -113,7 +118,7 @@ class GaussianNetwork:
         self.widths.setflags(write=False)
 
     def as_numbers(self) -> Lattice:
-        """Returns the network as machine code can read it."""
+        """Returns the basis functions as a named tuple for compiled code."""
         return Lattice(self.centres, self.widths)
 
     @property

@@ -7,17 +7,17 @@ from teleop_drake.laws.task_space import translation
 
 
 def layered_force(layer: Array, axis: Array, p_WT: Array, v_WT: Array) -> Array:
-    """Returns the force in N on the material by a tool (n).
+    """Returns the force of a tool on the material in N (n).
 
-    Equations (2.14) to (2.16), with x taken along an axis, and with the stiffness
-    acting from the layer's reference position. Across the axis a spring pulls the tool
-    towards it.
+    The force is that of (2.14) to (2.16), with x along an axis and the spring force
+    zero at the layer's reference position. A lateral spring pulls the tool towards the
+    axis.
 
     Args:
-        layer: Its row of layer_table().
-        axis: Its unit vector, and a point on it in m (2, n).
+        layer: The layer's row of layer_table().
+        axis: The axis's unit vector, and a point on the axis in m (2, n).
         p_WT: Position of the tool in m (n).
-        v_WT: Its velocity in m/s (n).
+        v_WT: Velocity of the tool in m/s (n).
     """
     along = axis[0]
     point = axis[1]
@@ -31,9 +31,9 @@ def layered_force(layer: Array, axis: Array, p_WT: Array, v_WT: Array) -> Array:
 
 
 LAYER_COLUMNS = ("start", "stiffness", "reference", "damping", "lateral_stiffness")
-"""What a row of layer_table() has, in this order."""
+"""The columns of layer_table(), in order."""
 
 
 def layer_table(*columns: Array) -> Array:
-    """Returns layers as rows of LAYER_COLUMNS."""
+    """Returns the table of layers, a row for each, from the columns LAYER_COLUMNS."""
     return np.column_stack(columns)

@@ -1,24 +1,24 @@
-"""Force and moment of tissue that holds a needle on a path that bends.
+"""Force and moment between a needle and tissue that holds it on a curved path.
 
-The path enters the tissue at a point, along the unit vector a, and bends: at the depth
-xi along a it is c(xi) = entry + xi a + xi^2/2 b, with b across a. The needle is a
-straight line through its tip p along the unit vector u, which turns with the tool:
+The path enters the tissue at a point along the unit vector a, and bends: at the depth
+xi along a it is c(xi) = entry + xi a + xi^2/2 b, with b perpendicular to a. The needle
+is a straight line through its tip p along the unit vector u, which turns with the tool:
 
     needle(xi) = p - s u,    s = (x - xi)/(u . a),    x = a . (p - entry)
     e(xi) = needle(xi) - c(xi)
 
-and the tissue is a spring between both, at every depth, of the energy
+At every depth the tissue is a spring between path and needle, with the total energy
 
     V = k/2 integral of |e|^2 over xi from 0 to x.
 
-The wrench on the tissue is the slope of V, beside a drag of the moving needle:
+The wrench on the tissue is the gradient of V plus a drag of the moving needle:
 
     dF/dxi = k h + d (v - s w x u),    h = e - a (u . e)/(u . a)
     F = k/2 |e(x)|^2 a + integral of dF,    M = integral of -s u x dF
 
-with the tip's velocity v and the tool's angular velocity w. The push h of a spring is
-normal to the needle; what spreads the tissue at the tip is along a. The integrands are
-cubic at most, so that Gauss's rule with two points is exact.
+with the tip's velocity v and the tool's angular velocity w. The spring force k h is
+normal to the needle; the force that spreads the tissue at the tip acts along a. The
+integrands are at most cubic, so that Gauss's rule with two points is exact.
 """
 
 from typing import NamedTuple
@@ -28,20 +28,21 @@ import numpy as np
 from teleop_drake.arrays import Array
 from teleop_drake.laws.task_space import rotated
 
-# Gauss's points in [0, 1]; each has the weight 1/2.
+# Gauss's points on [0, 1]; each has the weight 1/2.
 _POINTS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)
 
 
 class NeedlePath(NamedTuple):
-    """A path in tissue.
+    """A needle's path in tissue; the symbols are those of the module's equations.
 
     Attributes:
-        entry: A point of the surface, where the path begins, m (3).
-        inwards: a (3).
-        bend: b in 1/m (3).
-        needle: u where the tool is turned as at the posture (3).
-        stiffness: k in N/m^2.
-        drag: d in N s/m^2.
+        entry: The point of the surface at which the path begins, m (3).
+        inwards: The direction a at the entry (3).
+        bend: The curvature b in 1/m (3).
+        needle: The needle's direction u at the robot's posture, where the rotation
+            vector of the tool is 0 (3).
+        stiffness: The stiffness k per metre of depth in N/m^2.
+        drag: The drag d per metre of depth in N s/m^2.
     """
 
     entry: Array
@@ -56,6 +57,7 @@ def needle_wrench(path: NeedlePath, mode: Array, r: Array, v: Array) -> Array:
     """Returns [F; M about the tip] of a needle on tissue in N and N m (6).
 
     Args:
+        path: The path and the tissue.
         mode: Whether the tip is in the tissue, 0 or 1 (1).
         r: [p; theta] in m and rad (6).
         v: [v; w] in m/s and rad/s (6).

@@ -1,28 +1,28 @@
-"""The laws of the operators: stated intentions, and a human who closes the loop.
+"""The laws of the operators: planned commands, and a human who closes the loop.
 
-Stated intentions (2.5): a velocity until contact is felt, then a force.
+Planned commands (2.5): a velocity until contact is perceived, then a force.
 
     mode 0, velocity: v_d = velocity, F_h = force of the haptic device
     mode 1, force:    v_d = 0,        F_h = contact_force
-    mode 2, stopped:  v_d = 0,        F_h = 0 if contact was perceived, otherwise that
-                                      of the haptic device, which brakes the tool
+    mode 2, stopped:  v_d = 0,        F_h = 0 if contact was perceived, otherwise the
+                                      force of the haptic device, which brakes the tool
 
-What the operator knows is kept as two numbers, [contact perceived, stopped], 0 or 1.
+The operator's state is two numbers, [contact perceived, stopped], each 0 or 1.
 
-A human who closes the loop: crossover model, neuromuscular lag, yielding arm.
+A human who closes the loop: crossover model, neuromuscular lag, compliant arm.
 
     e       = start + velocity t - p(t - tau)          goal: position
     de/dt   = velocity - v(t - tau)                    goal: velocity, e(0) = 0
-    lag dv_i/dt = crossover e - v_i                    what the muscles are told to do
-    mass dw/dt  = -F_h - damping w - stiffness y,  dy/dt = w     how the arm yields
+    lag dv_i/dt = crossover e - v_i                    intended velocity
+    mass dw/dt  = -F_h - damping w - stiffness y,  dy/dt = w     deflection of the arm
     v_d     = v_i + w
 
-p and v are the tool's motion as it is felt, tau the human's reaction delay, F_h the
-force that the hand applies to the device. With a tool that follows the command at once,
-dp/dt = v_d, the open loop is crossover exp(-tau s)/(s (lag s + 1)): McRuer's crossover
-model (McRuer and Jex, "A review of quasi-linear pilot models", IEEE Transactions on
-Human Factors in Electronics 8, 1967, p. 231) with his neuromuscular lag. The arm is a
-mass, a damper and a spring (Hogan, "Controlling impedance at the man/machine
+p and v are the tool's felt position and velocity, tau is the human's reaction delay,
+and F_h is the force of the hand on the device. If the tool follows the command without
+delay, dp/dt = v_d, the open loop is crossover exp(-tau s)/(s (lag s + 1)). This is the
+crossover model with neuromuscular lag (McRuer and Jex, "A review of quasi-linear pilot
+models", IEEE Transactions on Human Factors in Electronics 8, 1967, p. 231). The arm is
+a mass, a damper and a spring (Hogan, "Controlling impedance at the man/machine
 interface", ICRA 1989; Tsuji, Morasso, Goto and Ito, "Human hand impedance
 characteristics during maintained posture", Biological Cybernetics 72, 1995, p. 475).
 """
@@ -35,7 +35,7 @@ from teleop_drake.arrays import Array
 
 
 def operator_mode(state: Array) -> float:
-    """Returns the mode."""
+    """Returns the mode, 0, 1 or 2, of a state [contact perceived, stopped]."""
     return 2.0 if state[1] else state[0]
 
 
@@ -52,16 +52,16 @@ def force_command(state: Array, haptic_force: Array, contact_force: Array) -> Ar
 
 
 class HumanOperator(NamedTuple):
-    """Every number of the human; the same on each axis.
+    """The constants of a human; the numbers hold for every axis.
 
     Attributes:
-        start: p_WT at time 0 in m (n).
-        velocity: Of the goal in m/s (n).
-        crossover: omega_c in rad/s.
-        lag: T_N in s.
-        mass: Of the arm in kg.
-        damping: Of the arm in N s/m.
-        stiffness: Of the arm in N/m.
+        start: Position p_WT of the tool at time 0 in m (n).
+        velocity: Velocity of the goal in m/s (n).
+        crossover: Crossover frequency omega_c in rad/s.
+        lag: Neuromuscular lag T_N in s.
+        mass: Mass of the arm in kg.
+        damping: Damping of the arm in N s/m.
+        stiffness: Stiffness of the arm in N/m.
     """
 
     start: Array
@@ -77,7 +77,8 @@ def intended_velocity(state: Array, human: HumanOperator) -> Array:
     """Returns v_d = v_i + w in m/s (n).
 
     Args:
-        state: [v_i, y, w], and e behind them if the goal is a velocity.
+        state: [v_i, y, w], followed by e if the goal is a velocity (3n or 4n).
+        human: The constants.
     """
     n = human.velocity.size
     return state[:n] + state[2 * n : 3 * n]
@@ -91,8 +92,9 @@ def rate_to_position(
     Args:
         state: [v_i, y, w] in m/s, m and m/s (3 n).
         time: t in s.
-        felt: [p, v] of the tool, tau ago, in m and m/s (2 n).
+        felt: [p, v] of the tool, delayed by tau, in m and m/s (2 n).
         haptic_force: F_h in N (n).
+        human: The constants.
     """
     n = human.velocity.size
     error = human.start + human.velocity * time - felt[:n]
@@ -102,12 +104,13 @@ def rate_to_position(
 def rate_to_velocity(
     state: Array, felt: Array, haptic_force: Array, human: HumanOperator
 ) -> Array:
-    """Returns d/dt [v_i, y, w, e] of a human who keeps a velocity.
+    """Returns d/dt [v_i, y, w, e] of a human who follows a velocity.
 
     Args:
         state: [v_i, y, w, e] in m/s, m, m/s and m (4 n).
-        felt: [p, v] of the tool, tau ago, in m and m/s (2 n).
+        felt: [p, v] of the tool, delayed by tau, in m and m/s (2 n).
         haptic_force: F_h in N (n).
+        human: The constants.
     """
     n = human.velocity.size
     rest = _muscles_and_arm(state, state[3 * n :], haptic_force, human)

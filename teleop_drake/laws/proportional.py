@@ -1,12 +1,13 @@
-"""Position-position teleoperation with damping (P+d): both ends on a spring.
+"""Position-position teleoperation with damping (P+d): a spring between both ends.
 
     M dv_m/dt = F_h - K (x_m - x_s) - B v_m,   dx_m/dt = v_m      the master
     F_c       = K (x_m - p) - B_s v                               the slave
 
-with x_s and x_m as they arrive at the other end, p and v of the tool: m, m/s and N (n),
-K in N/m, B in N s/m and M in kg (n, n). With six axes dx_m/dt is position_rate() and
-x_m - x_s displacement(), of laws.task_space, and the handle turns as a ball does. The
-pair is stable for 4 B B_s > (T_f + T_r)^2 K^2.
+with x_s and x_m as received from the other end, and the tool's position p and velocity
+v. Vectors are in m, m/s and N (n), K is in N/m, B in N s/m and M in kg (n, n). With six
+axes dx_m/dt is position_rate() and x_m - x_s is displacement() of laws.task_space, and
+the handle turns like a ball, without gyroscopic moments. The pair is stable for
+4 B B_s > (T_f + T_r)^2 K^2.
 
 Sources: D. Lee and M. W. Spong, "Passive bilateral teleoperation with constant time
 delay", IEEE Trans. Robotics 22 (2006); E. Nuno, L. Basanez and R. Ortega,
@@ -20,7 +21,7 @@ from teleop_drake.laws.task_space import displacement, position_rate
 
 
 def coupling_force(x_m: Array, x_s: Array, K: Array) -> Array:
-    """Returns K (x_m - x_s), the force of the spring on the slave's end, N (n)."""
+    """Returns the force K (x_m - x_s) of the spring on the slave's end, N (n)."""
     return K @ displacement(x_m, x_s)
 
 
@@ -41,15 +42,15 @@ def slave_force(x_m: Array, p: Array, v: Array, K: Array, B: Array) -> Array:
 
 
 def braked_force(F: Array, v: Array, B: Array) -> Array:
-    """Returns F - B v, a force and a damper to the ground, N (n)."""
+    """Returns a force minus that of a damper to the ground, F - B v, N (n)."""
     return F - damper_force(v, B)
 
 
 def damper_force(v: Array, B: Array) -> Array:
-    """Returns B v, what a damper to the ground takes, N (n); see braked_force."""
+    """Returns the force B v on a damper to the ground, N (n); see braked_force()."""
     return B @ v
 
 
 def velocity_error(v: Array, v_d: Array) -> Array:
-    """Returns v - v_d, the tool's velocity relative to the commanded one, m/s (n)."""
+    """Returns the velocity error v - v_d of the tool in m/s (n)."""
     return v - v_d

@@ -1,54 +1,57 @@
-"""An arm seen from its tool, (2.6) to (2.13), and the joints that the task leaves free.
+"""An arm in task space, (2.6) to (2.13), and control of its redundant joints.
 
-The task axes are the first n axes of the world, J the first n rows of Drake's
-translational Jacobian Jv_v_WT, and tau_e what the environment's reaction -F_e at the
-tool does to the joints:
+The task axes are the first n axes of the world, J is the first n rows of Drake's
+translational Jacobian Jv_v_WT, and tau_e are the joint torques of the environment's
+reaction -F_e at the tool:
 
     v_WT = J qdot,    tau = J^T F_c  (2.11),    tau_e = -J^T F_e  (2.6).
 
-With n = 6 the tool turns as well. Its velocity is the twist [v_WT; w_WT], a force the
-wrench [F; moment about T], both in the axes of the world, and J = [Jv_v_WT; Jw_WT]. Its
-position is r = [p_WT; theta] with the rotation vector theta of R_WT R_WP^T, P being the
-tool as it is turned at the robot's posture. That is one to one for |theta| < pi. Then
-dr/dt is not the velocity; position_rate() has it. Where numbers of a twist make one
-length, as a speed, 1 rad counts as 1 m.
+With n = 6 the task includes the tool's rotation. The tool's velocity is the twist
+[v_WT; w_WT], a force is the wrench [F; moment about T], both in the axes of the world,
+and J = [Jv_v_WT; Jw_WT]. The tool's position is r = [p_WT; theta] with the rotation
+vector theta of R_WT R_WP^T, where P is the tool's frame at the robot's posture. This is
+one to one for |theta| < pi. The rate dr/dt is then not the velocity; position_rate()
+returns it. Where a norm combines metres and radians, 1 rad counts as 1 m.
 
-The robot's state is x = [q; qdot]. Each function returns one vector, a port's value.
+The robot's state is x = [q; qdot]. A function that a block uses returns one vector, the
+value of a port.
 
-Control of the joints that an arm's task leaves free.
+Control of the joint motion that the task leaves free.
 
-The task takes v = J_v(q) dq/dt (n). The law chooses the joint accelerations
+The task determines v = J_v(q) dq/dt (n). The law chooses the joint accelerations
 
     a = w^2 (q_0 - q) - 2 zeta w dq/dt
 
-that would bring the posture q_0 back, and takes out of them what moves the rows J that
-others rule or that have a goal y of their own:
+that would return the arm to the posture q_0. It then replaces their effect on the
+controlled rows J, which have the desired accelerations y:
 
     tau = M a + J^T Lambda (y - J a),    Lambda = (J M^-1 J^T)^-1.
 
-Then J M^-1 tau = y: without friction and bias the rows move as y says, whatever a is.
-The laws have q and q_0 in rad or m, dq/dt as v (nv), the mass matrix M (nv, nv),
-and rotations (3, 3); tau is in N m or N.
+Then J M^-1 tau = y: without friction and bias the rows accelerate by y for every a.
+The laws have q and q_0 in rad or m (nv), dq/dt as v (nv), the mass matrix M (nv, nv)
+and rotations (3, 3); tau is in N m or N (nv).
 
-* posture:      J = J_v, y = 0. That is tau = (1 - J_v^T Jbar^T) M a with the
+* posture:      J = J_v, y = 0. This is tau = (1 - J_v^T Jbar^T) M a with the
   dynamically consistent inverse Jbar = M^-1 J_v^T Lambda: a torque in the null space
   of the task, which does not accelerate the tool (O. Khatib, "A unified approach for
   motion and force control of robot manipulators: the operational space formulation",
   IEEE J. Robotics and Automation 3, 1987, p. 43).
 * orientation:  J = [J_v; J_w], y = [0; -w^2 e - 2 zeta w omega], with the tool's
-  angular velocity omega = J_w dq/dt and e = 1/2 sum r_0k x r_k over the columns of its
-  rotations R_0 and R, which is sin(angle) times the axis from R_0 to R (J. Luh, M.
-  Walker and R. Paul, "Resolved-acceleration control of mechanical manipulators", IEEE
-  Trans. Automatic Control 25, 1980, p. 468). Joints that are still free hold q_0.
+  angular velocity omega = J_w dq/dt and the orientation error e, half the sum of
+  r_0k x r_k over the columns of the desired and actual rotations R_0 and R. It is
+  sin(angle) times the axis of the rotation from R_0 to R (J. Luh, M. Walker and R.
+  Paul, "Resolved-acceleration control of mechanical manipulators", IEEE Trans.
+  Automatic Control 25, 1980, p. 468). The remaining free motion holds q_0.
 
 Lambda is damped near singular poses (Y. Nakamura and H. Hanafusa, "Inverse kinematic
 solutions with singularity robustness for robot manipulator control", ASME J. Dynamic
-Systems, Measurement, and Control 108, 1986, p. 163). With A = J M^-1 J^T, scaled to
-ones on its diagonal, and 0 <= det A <= 1 as the measure of how far from one a pose is,
+Systems, Measurement, and Control 108, 1986, p. 163). A = J M^-1 J^T is scaled to ones
+on its diagonal. Its determinant, 0 <= det A <= 1, measures the distance of a pose from
+singular ones, and A is replaced by
 
-    A + damping max(0, 1 - det A/near)^2 1
+    A + damping max(0, 1 - det A/near)^2 I
 
-takes the place of A. Poses with det A >= `near` are not concerned.
+with the identity matrix I. Poses with det A >= `near` are not affected.
 """
 
 from typing import NamedTuple
@@ -66,25 +69,26 @@ from teleop_drake.numerics.rigid_body import (
 )
 
 MAX_ROTATION = 3.0
-"""Longest rotation vector in rad; at pi it jumps."""
+"""The longest allowed rotation vector in rad. At pi a rotation vector jumps."""
 
-# Added to A in any case, so that it can be inverted also where a row of J is zero.
+# Always added to the diagonal of A, so that A is invertible even if a row of J is zero.
 _FLOOR = 1e-13
 
-# Added to squares of which a root is a divisor: no change in what is not 0.
+# Added to a square whose root is a divisor. It avoids a division by 0 and does not
+# change other values.
 _TINY = 1e-300
 
-# The limit where a derivative divides by the fourth power: no change of dr/dt.
+# The same where a derivative divides by the fourth power. It does not change dr/dt.
 _SMALL = 1e-16
 
 
 class Tool(NamedTuple):
-    """The tool of an arm, and the axes along which the task moves it.
+    """The tool of an arm, and the number of task axes.
 
     Attributes:
         tree: The links of the arm.
-        link: Index of the link with the tool.
-        pose: [R, p] of the tool in the link's frame (3, 4), m.
+        link: Index of the link that carries the tool.
+        pose: Pose [R, p] of the tool in the link's frame (3, 4), m.
         num_axes: Number n of task axes.
     """
 
@@ -102,16 +106,18 @@ def place_tool(tool: Tool, motion: Motion) -> tuple[Array, Array, Array]:
 
 
 def tool_bias(tool: Tool, motion: Motion) -> Array:
-    """Returns dv/dt as long as no joint accelerates, dJ/dt qdot, in m/s^2 (n)."""
+    """Returns dJ/dt qdot, the tool's acceleration for qddot = 0, m/s^2, rad/s^2 (n)."""
     a = calc_bias_acceleration(motion, tool.link, tool.pose[:, 3])
     return np.append(a[3:], a[:3])[: tool.num_axes]
 
 
 def tool_kinematics(tool: Tool, R_WP: Array, x: Array) -> Array:
-    """Returns [r; v; J row by row], r = p_WT and v = v_WT for n < 6 (2n + n nv).
+    """Returns [r; v; J row by row] (2n + n nv); r = p_WT and v = v_WT for n < 6.
 
     Args:
-        R_WP: Rotation at which theta is 0 (3, 3); without effect for n < 6.
+        tool: The arm and its tool.
+        R_WP: Rotation of the tool at which theta is 0 (3, 3); unused for n < 6.
+        x: State [q; qdot] of the arm (2 nv).
     """
     n = tool.num_axes
     q, qdot = np.split(x, 2)
@@ -124,14 +130,20 @@ def tool_kinematics(tool: Tool, R_WP: Array, x: Array) -> Array:
 
 
 def tool_acceleration(tool: Tool, x: Array, qddot: Array) -> Array:
-    """Returns dv/dt in m/s^2 and rad/s^2 (n), with qddot in rad/s^2 or m/s^2."""
+    """Returns the tool's acceleration dv/dt in m/s^2 and rad/s^2 (n).
+
+    Args:
+        tool: The arm and its tool.
+        x: State [q; qdot] of the arm (2 nv).
+        qddot: Accelerations of the joints in rad/s^2 or m/s^2 (nv).
+    """
     motion = calc_motion(tool.tree, *np.split(x, 2))
     _, _, J = place_tool(tool, motion)
     return tool_bias(tool, motion) + (J[: tool.num_axes] * qddot).sum(axis=1)
 
 
 def gravity_torque(tree: RigidBodyTree, x: Array) -> Array:
-    """Returns the torque that carries the weight of an arm, N m or N (nv)."""
+    """Returns the joint torques that balance gravity, N m or N (nv)."""
     q, qdot = np.split(x, 2)
     rest = 0 * qdot
     return calc_dynamics(tree, calc_motion(tree, q, rest), rest)[1]
@@ -141,13 +153,13 @@ def rotation_vector(R: Array) -> Array:
     """Returns the axis of a rotation times its angle, 0 to pi, in rad (3)."""
     sine = orientation_error(np.eye(3), R)
     length = np.sqrt(np.sum(sine * sine) + _TINY)
-    # Not arccos, which is not smooth at no rotation.
+    # arctan2 is smooth at the angle 0, arccos is not.
     angle = np.arctan2(length, (np.trace(R) - 1) / 2)
     return angle / length * sine
 
 
 def rotated(theta: Array, u: Array) -> Array:
-    """Returns a vector that is turned by a rotation vector in rad (3)."""
+    """Returns the vector u rotated by the rotation vector theta in rad (3)."""
     angle = np.sqrt(np.sum(theta * theta) + _TINY)
     turn = np.cross(theta, u)
     bow = np.sin(angle / 2) / angle
@@ -155,11 +167,12 @@ def rotated(theta: Array, u: Array) -> Array:
 
 
 def position_rate(r: Array, v: Array) -> Array:
-    """Returns dr/dt of a tool's position (n), which is v but for a rotation.
+    """Returns dr/dt of a tool's position (n). Without rotation axes it is v.
 
         dtheta/dt = w - theta x w/2 + (1 - c)/|theta|^2 theta x (theta x w)
 
-    with c = |theta|/2 cot(|theta|/2), the inverse of the left Jacobian of SO(3).
+    with c = |theta|/2 cot(|theta|/2): the inverse left Jacobian of SO(3), applied to
+    the angular velocity w.
 
     Args:
         r: Position in m and rad (n).
@@ -174,10 +187,11 @@ def position_rate(r: Array, v: Array) -> Array:
 
 
 def displacement(r: Array, r_0: Array) -> Array:
-    """Returns how far a position is from another one (n), r - r_0 but for a rotation.
+    """Returns the displacement from position r_0 to r (n).
 
-    That is the rotation vector of R R_0^T. K times it is the moment of a spring, with
-    an energy, if K is the same about all axes: its power is that of w - w_0 then.
+    Translations have r - r_0, rotations the rotation vector of R R_0^T. If a rotational
+    stiffness K is the same about all axes, K times this vector is the moment of a
+    spring that stores energy: its power is moment times w - w_0.
 
     Args:
         r, r_0: Positions in m and rad (n), turned by less than pi from one another.
@@ -189,31 +203,34 @@ def displacement(r: Array, r_0: Array) -> Array:
 
 
 def translation(x: Array) -> Array:
-    """Returns a vector of the task space without what belongs to a rotation (n)."""
+    """Returns a vector of the task space with its rotational entries set to 0 (n)."""
     return np.append(x[:3], 0 * x[3:])
 
 
 def joint_torques(F_c: Array, F_e: Array, kinematics: Array) -> Array:
-    """Returns [tau; tau_e], (2.11) and (2.6), in N m or N (2 nv).
+    """Returns [tau; tau_e] of (2.11) and (2.6) in N m or N (2 nv).
 
-    Forces are wrenches for n = 6.
+    Args:
+        F_c: Control force in N, a wrench for n = 6 (n).
+        F_e: Force the robot exerts on the environment in N, a wrench for n = 6 (n).
+        kinematics: The result of tool_kinematics().
     """
     J = kinematics[2 * F_c.size :].reshape(F_c.size, -1)
-    # Not F @ J: BLAS adds in another order than machine code, and error control turns
-    # a difference in the last digit into other steps.
+    # F @ J would use BLAS, which adds in another order than compiled code. Error
+    # control would turn a difference in the last digit into different steps.
     tau = (F_c[:, np.newaxis] * J).sum(axis=0)
     tau_e = -(F_e[:, np.newaxis] * J).sum(axis=0)
     return np.concatenate((tau, tau_e))
 
 
 class PostureGains(NamedTuple):
-    """How the posture is held.
+    """The constants of the law that holds the posture or the orientation.
 
     Attributes:
-        frequency: w in rad/s.
-        damping_ratio: zeta.
-        near: det A below which a pose counts as nearly singular.
-        damping: What is added to A at a singular pose.
+        frequency: The natural frequency w in rad/s.
+        damping_ratio: The damping ratio zeta.
+        near: The value of det A below which a pose counts as nearly singular.
+        damping: The number added to the diagonal of A at a singular pose.
     """
 
     frequency: float
@@ -225,10 +242,13 @@ class PostureGains(NamedTuple):
 def hold_torque(
     tool: Tool, gains: PostureGains, held: tuple[Array, ...], x: Array
 ) -> Array:
-    """Returns the torque that holds what the task leaves free, in N m or N (nv).
+    """Returns the torque that controls the free joint motion, in N m or N (nv).
 
     Args:
-        held: q_0, to hold the posture; or q_0 and R_0, to hold the orientation.
+        tool: The arm and its tool.
+        gains: The law's constants.
+        held: (q_0,) to hold the posture, (q_0, R_0) to hold the orientation.
+        x: State [q; qdot] of the arm (2 nv).
     """
     q, qdot = np.split(x, 2)
     motion = calc_motion(tool.tree, q, qdot)
@@ -245,14 +265,14 @@ def hold_torque(
 
 
 def orientation_goal(gains: PostureGains, R_0: Array, R: Array, omega: Array) -> Array:
-    """Returns the angular acceleration that turns the tool back, in rad/s^2 (3)."""
+    """Returns -w^2 e - 2 zeta w omega, which turns the tool back, in rad/s^2 (3)."""
     w = gains.frequency
     error = orientation_error(R_0, R)
     return -w * w * error - 2 * gains.damping_ratio * w * omega
 
 
 def orientation_error(R_0: Array, R: Array) -> Array:
-    """Returns sin(angle) times the axis of the turn from R_0 to R (3)."""
+    """Returns sin(angle) times the axis of the rotation from R_0 to R (3)."""
     return np.cross(R_0.T, R.T).sum(axis=0) / 2
 
 
@@ -269,7 +289,7 @@ def held_torque(
 
 
 def _solve_damped(A: Array, b: Array, near: float, damping: float) -> Array:
-    """Returns A^-1 b for a symmetric A, damped where it is nearly singular."""
+    """Returns A^-1 b for a symmetric A, which is damped if it is nearly singular."""
     scale = np.sqrt(np.diag(A) + 1e-30)
     C = A / np.outer(scale, scale) + _FLOOR * np.eye(len(b))
     determinant = 1.0
@@ -281,10 +301,10 @@ def _solve_damped(A: Array, b: Array, near: float, damping: float) -> Array:
 
 
 def _pivots(A: Array) -> list[float]:
-    """Returns the squares of the diagonal of L in A = L L^T."""
+    """Returns the squared diagonal of L in A = L L^T, whose product is det A."""
     pivots = []
     while len(A) > 0:
-        # What rounding takes below zero is next to nothing.
+        # A pivot near 0 may be negative by rounding.
         pivots.append(max(A[0, 0], 1e-18))
         A = A[1:, 1:] - np.outer(A[1:, 0], A[0, 1:]) / pivots[-1]
     return pivots

@@ -1,19 +1,19 @@
-"""Channels between two people as a two-port, and how transparent they are.
+"""Channels as a two-port of force and velocity, and its absolute stability.
 
-A two-port is its hybrid matrix h(j w), of one axis,
+On one axis a two-port is described by its hybrid matrix h(j w),
 
     [F_m; -v_s] = [h11, h12; h21, h22] [v_m; F_s]                                (1)
 
-with force F_m and velocity v_m at the operator's side (port m), F_s and v_s at the
-environment's (port s). F_m v_m is the power that goes in at m, and -F_s v_s that which
-goes in at s. Ideal transparency is h = [0, 1; -1, 0].
+with force F_m and velocity v_m at the operator's side (port m), and F_s and v_s at the
+environment's side (port s). The power into port m is F_m v_m, the power into port s is
+-F_s v_s. Ideal transparency is h = [0, 1; -1, 0].
 
-Here the thesis's channels carry the force forward and the velocity back, so that (1)
-would be a prediction; their causal form is the inverse hybrid matrix g,
+The thesis's channels carry the force forward and the velocity back, so that (1) would
+be non-causal: a prediction. Their causal form is the inverse hybrid matrix g,
 
     [v_m; F_s] = g [F_m; -v_s] = [0, -e^(-s T_r); e^(-s T_f), 0] [F_m; -v_s]     (2)
 
-Everything below holds for either matrix: both have ports with power F v.
+The functions below accept either matrix, because power is F v at the ports of both.
 
 Sources: B. Hannaford, "A design framework for teleoperators with kinesthetic
 feedback", IEEE Trans. Robot. Autom. 5 (1989); R. J. Anderson and M. W. Spong,
@@ -33,13 +33,14 @@ def llewellyn(matrix: ArrayLike) -> Array:
 
         eta = (2 Re p11 Re p22 - Re(p12 p21))/|p12 p21|
 
-    A two-port without unstable poles is absolutely stable, that is stable with every
-    passive operator and every passive environment, if and only if at all w
+    A two-port without unstable poles is absolutely stable if and only if at all w
 
         Re p11 >= 0,  Re p22 >= 0  and  eta >= 1.
 
-    The parameter is -inf where Re p11 or Re p22 is negative, and +inf where p12 p21 = 0
-    and both are not: the ports do not know of each other.
+    Absolutely stable means stable with every passive operator and every passive
+    environment. The parameter is -inf where Re p11 or Re p22 is negative. It is +inf
+    where both are not negative and p12 p21 = 0, so that there is no loop through both
+    ports.
 
     Source: F. B. Llewellyn, "Some fundamental properties of transmission systems",
     Proc. IRE 40 (1952).

@@ -1,4 +1,4 @@
-"""Wave variables: what the two ends of a passive line for velocity and force do.
+"""Wave variables: the two ends of a passive transmission line of velocity and force.
 
 With the wave impedance b, a symmetric positive definite matrix, and S = (2 b)^(1/2),
 
@@ -6,12 +6,13 @@ With the wave impedance b, a symmetric positive definite matrix, and S = (2 b)^(
     w = S^-1 (b v - F)          the wave that comes back
     F^T v = (u^T u - w^T w) / 2
 
-Delayed by any constant times, u and w carry no more energy out of the line than went
-in. F > 0 and v > 0 mean power from the master to the slave at either end. Velocities v
-are in m/s, forces F in N, waves in W^(1/2) (n), the root S in (N s/m)^(1/2) and a
-damper D in N s/m (n, n).
+With any constant delays of u and w, the line releases no more energy than it has
+received. At either end, F > 0 and v > 0 mean power from the master to the slave.
+Velocities v are in m/s, forces F in N, waves in W^(1/2) (n), the root S in
+(N s/m)^(1/2) and a damper D in N s/m (n, n).
 
-The functions take arrays of any dtype, so that phasors show the frequency response.
+The functions accept arrays of any dtype. With complex phasors they give the frequency
+response.
 
 Sources: R. J. Anderson and M. W. Spong, "Bilateral control of teleoperators with time
 delay", IEEE Trans. Automatic Control 34 (1989); G. Niemeyer and J.-J. E. Slotine,
@@ -37,7 +38,7 @@ def master_velocity(force: Array, wave: Array, root: Array, damping: Array) -> A
 
         v = (b + D)^-1 (F + S w)
 
-    The damper D stands beside the line: the line gets F - D v.
+    The damper D is in parallel to the line, which receives the force F - D v.
     """
     return np.asarray(np.linalg.solve(root @ root / 2 + damping, force + root @ wave))
 
@@ -53,18 +54,21 @@ def reflected_wave(velocity: Array, wave: Array, root: Array) -> Array:
 
 
 def line_power(force: Array, velocity: Array, damping: Array) -> Array:
-    """Returns the power that goes into the line at the master's end, W (n)."""
+    """Returns the power into the line at the master's end on each axis, W (n)."""
     return (force - damping @ velocity) * velocity
 
 
 def passive_scaling(max_slope: float) -> float:
-    """Returns the largest factor on a wave that keeps a growing delay passive.
+    """Returns the largest factor on a wave with which a growing delay is passive.
 
-    A wave that is delayed by T(t) is stretched by 1 / (1 - dT/dt) in time, and its
-    energy with it. The factor f undoes that if f^2 <= 1 - dT/dt.
+    A delay T(t) stretches a wave by 1 / (1 - dT/dt) in time and increases its energy by
+    the same ratio. A factor f compensates for this if f^2 <= 1 - dT/dt.
 
     Source: R. Lozano, N. Chopra and M. W. Spong, "Passivation of force reflecting
     bilateral teleoperators with time varying delay", Proc. Mechatronics (2002).
+
+    Args:
+        max_slope: The largest dT/dt, < 1.
 
     Raises:
         ValueError: If max_slope >= 1.

@@ -1,4 +1,4 @@
-"""Where a condition that holds at one end of an interval ceases to hold."""
+"""Bisection: the point of an interval at which a condition ceases to hold."""
 
 from collections.abc import Callable
 
@@ -7,24 +7,25 @@ from numpy.typing import ArrayLike
 
 from teleop_drake.arrays import Array
 
-# Each round divides an interval into as many equal parts. They are tried at once,
-# which is quicker in numpy than one half after another.
+# The number of equal parts into which each round divides an interval. All dividing
+# points are tried at once, which is faster in NumPy than halving repeatedly.
 _PARTS = 32
 
 ROUNDS = 10
-"""Rounds that leave 2^-50 of an interval."""
+"""The default number of rounds, which narrow an interval to 2^-50 of its length."""
 
 
 def halve(
     holds: Callable[[float], bool], low: float, high: float, num_halves: int = 60
 ) -> tuple[float, float]:
-    """Returns the last place at which a condition holds, and the first it does not.
+    """Returns the narrowed interval (low, high) in which a condition ceases to hold.
 
     Args:
-        holds: Whether the condition holds at a place.
-        low: Where it holds.
-        high: Where it does not.
-        num_halves: How often the interval is halved, unless its ends are neighbours.
+        holds: Returns whether the condition holds at a point.
+        low: A point at which the condition holds.
+        high: A point at which it does not.
+        num_halves: The number of times the interval is halved; fewer if its ends become
+            neighbouring floating-point numbers.
     """
     for _ in range(num_halves):
         middle = (low + high) / 2
@@ -43,16 +44,16 @@ def bisect(
     high: ArrayLike,
     rounds: int = ROUNDS,
 ) -> Array:
-    """Returns where a condition ceases to hold in each of k intervals (k).
+    """Returns the point of each of k intervals at which a condition ceases to hold (k).
 
-    It is the upper end of what is left of the interval.
+    It is the upper end of the narrowed interval.
 
     Args:
-        holds: Returns whether the condition holds at places (31, k), a column for each
+        holds: Returns whether the condition holds at points (31, k), a column for each
             interval.
-        low: Lower ends (k), where it holds.
+        low: Lower ends (k), where the condition holds.
         high: Upper ends (k), where it does not.
-        rounds: How often an interval is divided by 32.
+        rounds: The number of times each interval is divided into 32 parts.
     """
     lower = np.asarray(low, float)
     part = (np.asarray(high, float) - lower) / _PARTS
@@ -60,6 +61,7 @@ def bisect(
     if not part.size:
         return lower
     for _ in range(rounds):
+        # True at the points before the first one at which the condition fails.
         still_holds = np.logical_and.accumulate(holds(lower + inner * part))
         lower = lower + still_holds.sum(axis=0) * part
         part = part / _PARTS

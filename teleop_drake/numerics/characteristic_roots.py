@@ -2,26 +2,26 @@
 
     dx/dt = A x + B w,    u = C x + D w,    w_i(t) = u_i(t - T_i)                (1)
 
-The state of (1) is x and what is under way in the delays, U_i(theta) = u_i(t + theta)
-for -T_i <= theta <= 0. It obeys dU/dt = dU/dtheta with U(0) = C x + D U(-T). With U
+The state of (1) is x and the signals in the delays, U_i(theta) = u_i(t + theta) for
+-T_i <= theta <= 0. They obey dU/dt = dU/dtheta with U(0) = C x + D U(-T). With U
 represented by its values at the Chebyshev points, this becomes an ordinary eigenvalue
 problem whose eigenvalues converge to the roots of
 
     det [ s I - A,  -B e^(-s T) ;  -C,  I - D e^(-s T) ] = 0                     (2)
 
 where e^(-s T) is a diagonal matrix. They converge faster than any power of the number
-of points, those near the origin first. Each is then polished by Newton's method on (2).
+of points, first near the origin. Each one is then refined by Newton's method on (2).
 
 Source: D. Breda, S. Maset and R. Vermiglio, "Pseudospectral differencing methods for
 characteristic roots of delay differential equations", SIAM J. Sci. Comput. 27 (2005),
 and, with the delay as a transport equation, "Stability of Linear Delay Differential
 Equations", Springer (2015).
 
-The number of points is chosen such that no root near or right of the imaginary axis is
-too fast for them, up to 200 points: 300 radians within the delay. Faster ones may be
-missed.
+The number of points is chosen such that all roots near or right of the imaginary axis
+are resolved. It is at most 200, enough for roots that turn by 300 radians within the
+delay. Faster roots may be missed.
 
-No method is shared with delay_margin, so that each can check the other.
+The method is independent of delay_margin, so that each can check the other.
 """
 
 import math
@@ -32,34 +32,35 @@ from numpy.polynomial.chebyshev import chebder, chebvander
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.numerics.state_space import StateSpace
 
-# Points for the slowest loops; more than the second number would take seconds.
+# The smallest number of points, and the largest one. More would take seconds.
 _FEWEST_POINTS = 20
 _MAX_POINTS = 200
 
-# What so many points do not find lies far to the left.
+# From this number of points on, roots that are not found lie far to the left.
 _ENOUGH_POINTS = 80
 
-# Where the gain from w back to u is less than this, there is no root worth finding.
+# Frequencies at which the gain from w to u, without D, is less than this need not be
+# resolved.
 _LEAST_GAIN = 0.5
 
-# Steps that Newton's method takes at most.
 _MAX_NEWTON_STEPS = 20
 
 
 def characteristic_roots(loop: StateSpace, *, count: int = 8) -> ComplexArray:
     """Returns the rightmost roots of (2), by descending real part.
 
-    dx/dt = A0 x + A1 x(t - T) is A = A0, B = A1, C = I, D = 0.
+    For dx/dt = A0 x + A1 x(t - T), let A = A0, B = A1, C = I and D = 0.
 
     Args:
-        loop: The loop (1), all signals of which are delayed: by T_i > 0 each, or all by
-            0. If D has a spectral radius of 1 or more, the rightmost roots lie at
-            infinity, and what is returned are some of the others.
-        count: How many roots, at most; of a complex pair both are returned.
+        loop: The loop (1), whose signals are all delayed, each by T_i > 0 or all by 0.
+            If D has a spectral radius of 1 or more, the rightmost roots lie at
+            infinity, and some of the other roots are returned.
+        count: The largest number of roots; it is exceeded by 1 if a complex pair would
+            be separated.
 
     Returns:
         The roots in 1/s. There are fewer than `count` if the others lie too far to the
-        left to be found; the rightmost one is the first to be.
+        left to be found. The rightmost root is found first.
     """
     longest = max(loop.delays, default=0.0)
     if longest == 0:
@@ -69,8 +70,8 @@ def characteristic_roots(loop: StateSpace, *, count: int = 8) -> ComplexArray:
     while True:
         raw = rightmost(_collocation_roots(loop, num_points), count)
         roots = np.array([_polish(s, loop) for s in raw])
-        # A root of the problem is one that Newton's method hardly has to move. Others
-        # are of the discretisation's own making.
+        # Newton's method hardly moves an approximation of a true root. Other
+        # eigenvalues are artefacts of the discretisation.
         moved = np.abs(roots - raw) * longest
         is_found = moved < 1e-3 * (1 + np.abs(raw) * longest)
         if is_found.all() or num_points >= _ENOUGH_POINTS:
@@ -79,10 +80,11 @@ def characteristic_roots(loop: StateSpace, *, count: int = 8) -> ComplexArray:
 
 
 def _num_points(loop: StateSpace) -> int:
-    """Returns how many points it takes to resolve all roots near the axis.
+    """Returns the number of points that resolves all roots near the axis.
 
-    There |C (s I - A)^-1 B + D| >= 1, so their frequency is limited, and a polynomial
-    needs more than half a point for each radian that such a root turns in the delay.
+    At a root near the axis |C (s I - A)^-1 B + D| >= 1, which limits its frequency. A
+    polynomial needs more than half a point for each radian that the root turns within
+    the delay.
     """
     gain = np.linalg.norm(loop.B, 2) * np.linalg.norm(loop.C, 2)
     highest = np.linalg.norm(loop.A, 2) + 2 * gain
@@ -99,8 +101,9 @@ def rightmost(roots: ComplexArray, count: int | None = None) -> ComplexArray:
     """Returns roots by descending real part, the upper root of a pair first.
 
     Args:
-        count: How many, at most, and one more where a pair would be torn apart; None:
-            all of them.
+        roots: The roots in 1/s.
+        count: The largest number of roots; it is exceeded by 1 if a pair would be
+            separated. None returns all roots.
     """
     roots = roots[np.lexsort((-roots.imag, -np.round(roots.real, 12)))]
     if count and count < len(roots) and roots[count - 1].imag > 0:
@@ -109,9 +112,13 @@ def rightmost(roots: ComplexArray, count: int | None = None) -> ComplexArray:
 
 
 def _differentiation_matrix(num_points: int) -> Array:
-    """Returns d/dx on the Chebyshev points on [-1, 1], descending."""
+    """Returns the matrix of d/dx on the Chebyshev points of [-1, 1], descending.
+
+    It has num_points + 1 rows and columns.
+    """
     x = np.cos(np.pi * np.arange(num_points + 1) / num_points)
-    # From the values to the coefficients of a series and on to its derivative.
+    # Values are converted to the coefficients of a Chebyshev series, which is
+    # differentiated and evaluated.
     of_series = chebvander(x, num_points - 1) @ chebder(np.eye(num_points + 1))
     return of_series @ np.linalg.inv(chebvander(x, num_points))
 
@@ -122,7 +129,7 @@ def _collocation_roots(loop: StateSpace, num_points: int) -> ComplexArray:
     m = len(loop.D)
     # U_0 = U(0) is eliminated; the unknowns are x and U_1 ... U_N, U_N = U(-T).
     derivative = _differentiation_matrix(num_points)[1:]
-    # Each signal has a scale of its own.
+    # The derivative is scaled from [-1, 1] to the delay of each signal.
     per_second = np.diag(2 / np.array(loop.delays))
     # U_0 = C x + D U_N.
     by_boundary = np.kron(derivative[:, :1], per_second)
@@ -134,9 +141,9 @@ def _collocation_roots(loop: StateSpace, num_points: int) -> ComplexArray:
 
 
 def _polish(s: complex, loop: StateSpace) -> complex:
-    """Returns the root of (2) next to s, by Newton's method on log det.
+    """Returns the root of (2) next to s, by Newton's method on the determinant.
 
-    Infinity if the method runs away from s.
+    The result is infinity if the method diverges.
     """
     for _ in range(_MAX_NEWTON_STEPS):
         step = loop.newton_step(s)

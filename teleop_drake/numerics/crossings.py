@@ -1,8 +1,8 @@
 """The frequencies at which the eigenloci of a loop cross the unit circle.
 
-An eigenlocus is an eigenvalue l(j w) of the frequency response L(j w) of a loop that is
-cut open; see delay_margin. The frequency is swept, densely around each pole, and each
-crossing is located to the last digit.
+An eigenlocus is an eigenvalue l(j w) of the open loop's frequency response L(j w); see
+delay_margin. The frequency is swept, densely around each pole, and each crossing is
+located by bisection to rounding.
 """
 
 from collections.abc import Callable
@@ -16,23 +16,26 @@ from teleop_drake.numerics.bisection import bisect
 from teleop_drake.numerics.state_space import StateSpace
 
 AXIS_TOLERANCE = 1e-8
-"""Relative accuracy of what counts as on the imaginary axis."""
+"""The relative distance within which a root counts as on the imaginary axis."""
 
-# A magnitude this close to 1 may be so by rounding.
+# |log|l|| below this may be a rounding error of 0.
 _MAGNITUDE_TOLERANCE = 1e-10
 
-# Points of the first sweep, and around each pole.
+# The number of points of the first sweep, and of those on each side of each pole.
 _NUM_SWEEP_POINTS = 2000
 _NUM_POLE_POINTS = 80
 
-# Points of each finer sweep around one of them, and how many sweeps find an extremum.
+# Around an extremum of |l| the sweep is refined: the number of points of each
+# refinement, ends included, and the number of refinements.
 _NUM_INNER_POINTS = 17
 _NUM_EXTREMUM_SWEEPS = 12
 
-# An extremum of log |l| farther than this from 0 is no crossing in disguise.
+# Only extrema of log |l| closer to 0 than this are refined: a finer sweep may find two
+# crossings there.
 _NEAR_CROSSING = 0.5
 
-# Extrema are located to this share of their frequencies: the magnitude to its square.
+# The refinement ends at this relative distance of frequencies. The magnitude, being
+# flat there, is then known to the square of this number.
 _FINEST = 1e-7
 
 
@@ -41,11 +44,12 @@ class Crossing:
     """A frequency at which roots cross the imaginary axis.
 
     Attributes:
-        frequency: w >= 0 in rad/s, a gain crossover of an eigenlocus. 0: a real root
-            passes the neutral ones.
-        delay: The smallest delay >= 0 at which they do, in s; the others follow in
-            steps of 2 pi/w, if w > 0.
-        direction: +1: to the right, towards instability; -1: to the left.
+        frequency: w >= 0 in rad/s, a gain crossover of an eigenlocus; 0 if a real root
+            passes through the neutral roots at s = 0.
+        delay: The smallest delay >= 0 in s at which roots cross here. For w > 0 the
+            other delays follow in steps of 2 pi/w.
+        direction: +1 if the roots move to the right, towards instability; -1 if they
+            move to the left.
     """
 
     frequency: float
@@ -54,7 +58,7 @@ class Crossing:
 
     @property
     def phase_margin(self) -> float:
-        """Phase in rad, 0 to 2 pi, that the delay takes until the roots cross."""
+        """The phase lag in rad, 0 to 2 pi, of the delay at the crossing."""
         return self.frequency * self.delay
 
 
@@ -62,7 +66,7 @@ def eigenloci(loop: StateSpace, frequencies: Array) -> ComplexArray:
     """Returns the eigenvalues of L(j w) by descending magnitude (K, m).
 
     Args:
-        loop: L, with as many inputs as outputs (m).
+        loop: L, with m inputs and m outputs.
         frequencies: w in rad/s (K).
     """
     response = loop.frequency_response(frequencies)
@@ -72,7 +76,9 @@ def eigenloci(loop: StateSpace, frequencies: Array) -> ComplexArray:
 
 
 def closed_loop_matrix(loop: StateSpace) -> Array:
-    """Returns A of the loop det(I + L(s)) = 0, with delays in it, if any, of 0.
+    """Returns A of the loop that u = -y closes, with all delays inside set to 0.
+
+    Its characteristic equation is det(I + L(s)) = 0.
 
     Raises:
         ValueError: If the loop is not well posed without delay.
@@ -81,13 +87,14 @@ def closed_loop_matrix(loop: StateSpace) -> Array:
 
 
 def sweep_frequencies(loop: StateSpace, more_poles: ArrayLike = ()) -> Array:
-    """Returns ascending frequencies in rad/s on which L(j w) shows all it does.
+    """Returns ascending frequencies in rad/s that resolve the features of L(j w).
 
-    They lie logarithmically, and close together around each pole near the axis, from
-    far below the slowest mode to where |L(j w)| has come within reach of D.
+    They are spaced logarithmically, and closely around each pole near the imaginary
+    axis. They reach from far below the slowest mode to where L(j w) is close to D.
 
     Args:
-        more_poles: Others near which the frequencies are to lie close together.
+        loop: L.
+        more_poles: Further points in 1/s around which the frequencies are dense.
     """
     poles = np.concatenate([np.linalg.eigvals(loop.A), np.asarray(more_poles)])
     closed_loop_modes = np.linalg.eigvals(closed_loop_matrix(loop))
@@ -96,7 +103,7 @@ def sweep_frequencies(loop: StateSpace, more_poles: ArrayLike = ()) -> Array:
     slow_modes = modes[modes > 1e-9 * high]
     slowest = min(float(slow_modes.min(initial=high)), high)
     low = 1e-4 * slowest
-    # The peak of a pole is as wide as the pole is far from the axis.
+    # The width of a pole's peak is the pole's distance from the imaginary axis.
     near = poles[poles.imag > low]
     widths = np.maximum(np.abs(near.real), 1e-9 * np.abs(near))
     offsets = np.geomspace(widths / 8, np.abs(near), _NUM_POLE_POINTS)
@@ -108,7 +115,7 @@ def sweep_frequencies(loop: StateSpace, more_poles: ArrayLike = ()) -> Array:
 
 
 def _highest_frequency(loop: StateSpace) -> float:
-    """Returns the frequency in rad/s from which on |L(j w)| < 1, if |D| < 1.
+    """Returns a frequency in rad/s above which |L(j w)| < 1, if |D| < 1.
 
     It follows from |C (j w - A)^-1 B| <= |B| |C|/(w - |A|).
     """
@@ -119,15 +126,16 @@ def _highest_frequency(loop: StateSpace) -> float:
 
 
 def crossings_between(loop: StateSpace, grid: Array) -> list[Crossing]:
-    """Returns where the eigenloci of a response cross the unit circle.
+    """Returns the crossings of the unit circle by the eigenloci of L(j w).
 
     Args:
-        grid: Ascending frequencies in rad/s, dense enough for all that it does.
+        loop: L.
+        grid: Ascending frequencies in rad/s that resolve the features of L(j w).
     """
     w, gains = _refine(loop, grid)
     crossings = []
     for locus in range(gains.shape[1]):
-        # A neutral root is where |l| tends to 1 for w to 0: no crossing.
+        # With a neutral root |l| tends to 1 as w tends to 0. That is no crossing.
         sure = np.flatnonzero(np.abs(gains[:, locus]) > _MAGNITUDE_TOLERANCE)
         is_above = gains[sure, locus] > 0
         k = np.flatnonzero(np.diff(is_above))
@@ -154,8 +162,10 @@ def locate(
     """Returns frequencies (k) at which a condition changes, and the eigenvalues there.
 
     Args:
-        locus: Which of the eigenvalues it is about, by descending magnitude.
-        condition: Of eigenvalues; it differs at the two ends of each interval.
+        loop: L.
+        locus: The index of the eigenvalue by descending magnitude.
+        condition: A condition on eigenvalues, which differs between the two ends of
+            each interval.
         low: Lower ends of the intervals in rad/s (k).
         high: Upper ends (k).
     """
@@ -169,9 +179,9 @@ def locate(
 
 
 def _phase_to_cross(value: complex) -> float:
-    """Returns the phase in rad, 0 to 2 pi, by which a delay turns a value to -1."""
+    """Returns the phase lag in rad, 0 to 2 pi, that turns a value to -1."""
     phase = float(np.angle(value) + np.pi) % (2 * np.pi)
-    # Rounding must not make a whole turn of none.
+    # A lag of 0 must not become 2 pi by rounding.
     is_whole_turn = phase > 2 * np.pi * (1 - AXIS_TOLERANCE)
     return 0.0 if is_whole_turn else phase
 
@@ -182,10 +192,14 @@ def _gains(loop: StateSpace, frequencies: Array) -> Array:
 
 
 def _refine(loop: StateSpace, w: Array) -> tuple[Array, Array]:
-    """Returns frequencies (K) that show where loci only just cross 1, and _gains().
+    """Returns a refined sweep (K) that resolves close crossings, and its _gains().
+
+    A locus may cross 1 twice between two frequencies. Its extrema near 1 are therefore
+    swept more and more finely.
 
     Args:
-        w: Ascending frequencies in rad/s, of which others are added in between.
+        loop: L.
+        w: Ascending frequencies in rad/s, to which others are added.
     """
     gains = _gains(loop, w)
     for _ in range(_NUM_EXTREMUM_SWEEPS):
@@ -205,16 +219,17 @@ def _refine(loop: StateSpace, w: Array) -> tuple[Array, Array]:
 
 
 def _are_closest(gains: Array) -> NDArray[np.bool_]:
-    """Returns where each locus comes closest to 1 without a crossing (K - 2, m).
+    """Returns whether each locus is closest to 1 without a crossing (K - 2, m).
 
     Args:
-        gains: log |l| at K points; the first and the last one are none of them.
+        gains: log |l| of m loci at K points (K, m); the result leaves out the first and
+            the last point.
     """
     size = np.abs(gains)
     here = size[1:-1]
     is_least = here <= np.minimum(size[:-2], size[2:])
     has_passed = np.diff(gains > 0, axis=0)
     is_on_one_side = ~(has_passed[:-1] | has_passed[1:])
-    # Where |l| is 1, as next to a neutral root, rounding makes extrema of its own.
+    # Where |l| is 1, as next to a neutral root, rounding errors look like extrema.
     is_near = (here > _MAGNITUDE_TOLERANCE) & (here < _NEAR_CROSSING)
     return is_least & is_on_one_side & is_near

@@ -1,22 +1,22 @@
 """Stability of a feedback loop against its delay, by sweeping the frequency.
 
-The loop is cut at the delay. What remains is a linear system L, and the closed loop
+The loop is cut at the delay. The open loop is a linear system L, and the closed loop
 has the characteristic equation
 
     det(I + L(s) e^(-s T)) = 0.                                                  (1)
 
-The delay is exact, not a Pade approximation. A root can change sides only over the
-imaginary axis, at s = j w, where |e^(-j w T)| = 1: so an eigenvalue l(j w) of
-L(j w) (an eigenlocus) has |l| = 1 there, whatever the delay. These w are few. Each
-belongs to the delays
+The delay is exact, not a Pade approximation. A root can change sides only through the
+imaginary axis, at s = j w, where |e^(-j w T)| = 1. There an eigenvalue l(j w) of
+L(j w) (an eigenlocus) has |l| = 1, whatever the delay. Only a few w meet this
+condition. Each belongs to the delays
 
     T_k = (arg l - pi + 2 pi k)/w,   k = 0, 1, ...                               (2)
 
-and at all of them the root crosses in the same direction: differentiating (1) gives
-sign Re ds/dT = -sign d|l|/dw. Where |l| falls through 1 a pair becomes unstable,
-where it rises a pair returns. With the number of unstable roots at T = 0, from an
-eigenvalue problem, the number at every T follows by counting: windows of stability
-may close and open again.
+At all of these delays the root crosses in the same direction: differentiating (1) gives
+sign Re ds/dT = -sign d|l|/dw. Where |l| falls through 1, a pair of roots becomes
+unstable; where |l| rises through 1, a pair becomes stable. The number of unstable roots
+at T = 0 follows from an eigenvalue problem, and the number at every other T by
+counting. As T grows, the loop may lose stability and regain it.
 
 Sources: K. L. Cooke and Z. Grossman, "Discrete delay, distributed delay and stability
 switches", J. Math. Anal. Appl. 86 (1982); K. Walton and J. E. Marshall, "Direct method
@@ -25,13 +25,14 @@ for TDS stability analysis", IEE Proc. D 134 (1987); J. Chen, G. Gu and C. N. Ne
 Syst. Control Lett. 26 (1995); K. Gu, V. L. Kharitonov and J. Chen, "Stability of
 Time-Delay Systems", Birkhauser (2003).
 
-What does not show in L (see minimal_realization) is none of this file's business.
+Modes that do not appear in L are not considered here (see minimal_realization).
 
-Neutral roots. At s = 0 the delay has no effect, so a root at 0 is one for every delay:
-a set of equilibria, such as all the places at which a tool can rest. The loop neither
-leaves nor returns to one of them. They are counted by neutral_root_count and by nothing
-else here. Another, real root can pass through 0 then, though: with k neutral roots, (1)
-as a polynomial times s^k g(s, T), it does where g(0, T), a polynomial in T, is zero.
+Neutral roots. At s = 0 the delay has no effect, so a root at 0 is a root for every
+delay. It stands for a set of equilibria, such as all the places at which a tool can
+rest: the loop neither leaves such a place nor returns to it. Only neutral_root_count
+counts these roots. Another, real root may pass through 0. With k neutral roots, the
+left side of (1) times det(s I - A) is s^k g(s, T), and a root passes through 0 where
+g(0, T), a polynomial in T, is zero.
 """
 
 import math
@@ -49,26 +50,27 @@ from teleop_drake.numerics.crossings import (
 )
 from teleop_drake.numerics.state_space import StateSpace
 
-# A mode this slow, relative to the norm of A, is at 0: several there, as one Jordan
-# block, are found no more accurately.
+# A mode slower than this, relative to the norm of A, counts as at 0. Several modes at 0
+# that form a Jordan block are not computed more accurately.
 _SLOW = 1e-6
 
-# Points of the circle about 0 on which derivatives at s = 0 are taken, its radius as a
-# share of the slowest mode that is not neutral, and the largest radius times delay.
+# Derivatives at s = 0 are computed on a circle about 0. It has this number of points,
+# this radius as a share of the slowest mode that is not neutral, and at most this
+# product of radius and delay.
 _NUM_CIRCLE_POINTS = 64
 _CIRCLE_SHARE = 0.1
 _LARGEST_TURN = 10.0
 
-# A coefficient of g(0, T) smaller than this, relative to the largest, is 0, and so is
-# the imaginary part of one of its roots smaller than this, relative to the root.
+# A coefficient of g(0, T) counts as 0 below the first share, of the largest one. The
+# imaginary part of a root of it counts as 0 below the second share, of the root.
 _NEGLIGIBLE_COEFFICIENT = 1e-9
 _NEGLIGIBLE_IMAGINARY = 1e-6
 
 
 def find_crossings(loop: StateSpace) -> list[Crossing]:
-    """Returns all frequencies at which roots of (1) cross, ascending.
+    """Returns all crossings of the imaginary axis by roots of (1), by frequency.
 
-    Where |l| only touches 1, no root changes sides and none is reported.
+    Where |l| only touches 1, no root changes sides, and no crossing is reported.
     """
     if loop.num_states == 0 or len(loop.D) == 0:
         return []
@@ -85,11 +87,11 @@ def neutral_root_count(loop: StateSpace) -> int:
 
 
 def is_delay_robust(loop: StateSpace) -> bool:
-    """Returns whether an arbitrarily small delay leaves all roots where they were.
+    """Returns whether a small enough delay adds no root near or right of the axis.
 
-    That is so if the spectral radius of D is less than 1; without direct feedthrough
-    it is 0. With more, infinitely many roots lie right of the axis, or tend to it, for
-    every delay > 0.
+    The condition is that the spectral radius of D is less than 1. Without direct
+    feedthrough the radius is 0. If it is 1 or more, infinitely many roots lie right of
+    the imaginary axis, or tend to it, for every delay > 0.
 
     Source: D. Henry, "Linear autonomous neutral functional differential equations",
     J. Differ. Equ. 15 (1974).
@@ -104,28 +106,29 @@ def unstable_roots(
     crossings: list[Crossing],
     slow: float = 0.0,
 ) -> tuple[Array, Indices]:
-    """Returns how many roots of (1) are unstable, as a function of the delay.
+    """Returns the number of unstable roots of (1) as a function of the delay.
 
     Args:
         loop: L, minimal, such that is_delay_robust(loop).
-        max_delay: Up to which delay in s.
-        crossings: Those of find_crossings(loop) that count.
-        slow: Below which size in 1/s a root is not told from one at 0.
+        max_delay: The largest delay in s.
+        crossings: The crossings of find_crossings(loop) to be counted.
+        slow: The magnitude in 1/s below which a root counts as at 0.
 
     Returns:
-        Delays (K) in s, ascending from 0, and the number of unstable roots from each to
-        the next, the last one to max_delay (K).
+        Delays (K) in s, ascending from 0, and the number of unstable roots from each
+        delay to the next one (K); the last number holds up to max_delay.
     """
     count = _unstable_without_delay(loop, slow)
     changes: list[tuple[float, int]] = []
     for crossing in crossings:
-        # A real root passes once, a pair at every delay that turns the phase as far.
+        # A real root passes once, a pair at every delay of (2).
         is_pair = crossing.frequency > 0
         period = 2 * math.pi / crossing.frequency if is_pair else math.inf
         change = 2 * crossing.direction if is_pair else crossing.direction
         delay = crossing.delay
         if delay <= (AXIS_TOLERANCE * period if is_pair else 0.0):
-            # It is on the axis without delay.
+            # The roots are on the axis at T = 0, and not counted as unstable there. The
+            # next crossing follows a period later.
             count += max(change, 0)
             delay += period
         while delay < max_delay:
@@ -137,12 +140,13 @@ def unstable_roots(
 
 
 def _unstable_without_delay(loop: StateSpace, slow: float) -> int:
-    """Returns how many roots of the loop without delay are right of the axis.
+    """Returns the number of roots right of the imaginary axis without delay.
 
-    Roots on the axis do not count, and those at 0 are on it.
+    Roots on the axis are not counted.
 
     Args:
-        slow: Below which size in 1/s a root is not told from one at 0.
+        loop: L.
+        slow: The magnitude in 1/s below which a root counts as at 0, on the axis.
     """
     size = float(np.linalg.norm(loop.A))
     roots = np.linalg.eigvals(closed_loop_matrix(loop))
@@ -157,14 +161,16 @@ def stable_delays(
     crossings: list[Crossing],
     slow: float = 0.0,
 ) -> list[tuple[float, float]]:
-    """Returns every interval of delays in which the loop is stable.
+    """Returns all intervals of delays in s in which the loop is stable.
 
-    Neutral roots apart, all roots lie left of the imaginary axis there.
+    There all roots except the neutral ones lie left of the imaginary axis.
 
     Args:
-        max_delay: Up to which delay in s; an interval that ends there goes on.
-        crossings: Those of find_crossings(loop) that count.
-        slow: Below which size in 1/s a root is not told from one at 0.
+        loop: L, minimal.
+        max_delay: The largest delay in s. An interval that ends there may continue
+            beyond it.
+        crossings: The crossings of find_crossings(loop) to be counted.
+        slow: The magnitude in 1/s below which a root counts as at 0.
     """
     if not is_delay_robust(loop):
         return []
@@ -172,7 +178,7 @@ def stable_delays(
     ends = np.append(delays[1:], max_delay)
     lasts = ends > delays
     is_stable = counts[lasts] == 0
-    # The places at which intervals of stability begin and end, one after the other.
+    # The indices at which intervals of stability begin and end, alternately.
     changes = np.flatnonzero(np.diff(is_stable, prepend=False, append=False))
     begins = delays[lasts][changes[::2]]
     finishes = ends[lasts][changes[1::2] - 1]
@@ -184,12 +190,13 @@ def delay_margin(
 ) -> Crossing | None:
     """Returns the crossing at which growing delay first makes the loop unstable.
 
-    Its `delay` is the delay margin, its `phase_margin` the phase margin. None if the
-    loop is not stable without delay, or with every delay.
+    Its `delay` is the delay margin, its `phase_margin` the phase margin. The result is
+    None if the loop is unstable without delay or stable with every delay.
 
     Args:
-        crossings: Those of find_crossings(loop) that count.
-        slow: Below which size in 1/s a root is not told from one at 0.
+        loop: L, minimal.
+        crossings: The crossings of find_crossings(loop) to be counted.
+        slow: The magnitude in 1/s below which a root counts as at 0.
     """
     if not is_delay_robust(loop) or unstable_roots(loop, 0.0, crossings, slow)[1][-1]:
         return None
@@ -198,9 +205,10 @@ def delay_margin(
 
 
 def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
-    """Returns the delays >= 0 at which a real root passes through neutral ones.
+    """Returns the crossings at which a real root passes through the neutral roots.
 
-    With k neutral roots, det(s, T) = s^k g(s, T), and g(0, T) = 0 at these delays.
+    With k neutral roots the characteristic determinant is s^k g(s, T), and g(0, T) = 0
+    at the delays T >= 0 of these crossings.
     """
     order = neutral_root_count(loop)
     if order == 0:
@@ -209,8 +217,8 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
     modes = modes[modes > _SLOW * np.linalg.norm(loop.A)]
     radius = _CIRCLE_SHARE * float(modes.min(initial=1.0))
     taylor = partial(_reduced_taylor, loop, order, radius)
-    # A polynomial of degree k in T goes through its values at k + 1 delays. Its unit of
-    # time is that of the slowest mode that is not neutral.
+    # g(0, T) is a polynomial of degree k in T, which k + 1 values determine. Its unit
+    # of time follows from the slowest mode that is not neutral.
     unit = 1 / max(radius, 1e-6)
     nodes = np.arange(order + 1)
     polynomial = np.polyfit(nodes, [taylor(unit * x)[0] for x in nodes], order)
@@ -219,12 +227,14 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
     roots = np.roots(polynomial)
     is_real = np.abs(roots.imag) <= _NEGLIGIBLE_IMAGINARY * np.abs(roots)
     times = roots.real[is_real & (roots.real >= 0)]
+    # The number of roots that pass at each delay. Several may pass at T = 0.
     is_at_once = times < AXIS_TOLERANCE
     numbers = {unit * float(time): 1 for time in times[~is_at_once]}
     numbers[0.0] = int(is_at_once.sum())
     passages = []
     for delay, number in numbers.items():
-        # Shortly after, the roots that pass show their side.
+        # The direction is the side on which the roots near 0 lie at a slightly longer
+        # delay.
         ascending = taylor(delay + 0.01 * unit)[: number + 1]
         for s in np.roots(ascending[::-1]):
             direction = 1 if s.real > 0 else -1
@@ -233,16 +243,16 @@ def _passages_of_the_origin(loop: StateSpace) -> list[Crossing]:
 
 
 def _reduced_taylor(loop: StateSpace, order: int, radius: float, delay: float) -> Array:
-    """Returns the first coefficients of g by ascending powers of s (k + 1).
+    """Returns the first coefficients of g(s, T) by ascending powers of s (k + 1).
 
-    det(s, T) is that of the loop's characteristic matrix, and so (1) as a polynomial in
-    s and e^(-s T). The coefficients follow by Cauchy's integral formula on a circle
+    s^k g(s, T) is the determinant of the loop's characteristic matrix, a polynomial in
+    s and e^(-s T). The coefficients follow from Cauchy's integral formula on a circle
     about 0.
 
     Args:
         loop: L, with k >= 1 neutral roots.
         order: k.
-        radius: Of the circle in 1/s, or less for long delays.
+        radius: The largest radius of the circle in 1/s; for long delays it is less.
         delay: T in s.
     """
     turns = np.arange(_NUM_CIRCLE_POINTS) / _NUM_CIRCLE_POINTS

@@ -1,13 +1,13 @@
-"""The margins of a loop that has delays in it.
+"""Stability margins of a loop that contains delays.
 
-The loop is cut open between y and u. What remains is a linear system with delays:
+The loop is cut open between y and u. The open loop is a linear system with delays:
 
     [y, e] = G(s) [u, d],    d_i(t) = e_i(t - T_i)
 
-With the response P(s) from u to y, the loop that is closed by u = k y(t - T) has the
-characteristic equation det(I - k P(s) e^(-s T)) = 0. Without a gain k and a delay T
-more it is the loop itself: k = 1, T = 0. Whether that is stable is found by collocation
-(characteristic_roots). If it is, a root reaches the imaginary axis first
+With the response P(s) from u to y, the loop that is closed by u(t) = k y(t - T) has the
+characteristic equation det(I - k P(s) e^(-s T)) = 0. The actual loop has k = 1 and
+T = 0. Its stability is found by collocation (characteristic_roots). If it is stable, a
+root reaches the imaginary axis first
 
 * as T grows from 0: where an eigenvalue p(j w) of P(j w) has the magnitude 1, see
   delay_margin;
@@ -30,37 +30,41 @@ from teleop_drake.numerics.crossings import (
 )
 from teleop_drake.numerics.state_space import StateSpace
 
-# A root this slow, relative to the norm of A, cannot be told from one at 0.
+# A root slower than this, relative to the norm of A, counts as at 0.
 _NEUTRAL = 1e-6
 
-# Points of the sweep for each turn of the phase by all delays, and how many at most.
+# The number of points of the sweep per turn of the phase by all delays, and its limit.
 _POINTS_PER_TURN = 12
 _MAX_POINTS = 100_000
 
-# Where all that goes around is weaker than this, nothing is looked for.
+# The sweep ends where the gain around every loop is less than this.
 _LEAST_GAIN = 1e-2
 
-# How real an eigenvalue has to be.
+# The relative imaginary part below which an eigenvalue counts as real.
 _REAL = 1e-6
 
-# What it may differ by from its value at the frequency 0, far below all modes.
+# The same at a frequency far below all modes; also the largest relative change of an
+# eigenvalue from one such frequency to another if its limit at 0 is finite.
 _NEARLY = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Margins:
-    """What a loop tolerates at the place where it is cut open, in all its signals.
+    """The stability margins of a loop at a cut, for all signals of the cut alike.
 
     Attributes:
-        is_stable: Whether the loop is stable as it is, neutral roots at 0 apart. If
-            not, it has no margins: they are 0, and 1 for the gain.
-        delay: The additional delay in s from which on the loop is unstable; infinity:
-            it is stable with every delay.
-        frequency: Of the oscillation at this delay, rad/s; 0: there is none.
-        phase: The least additional phase in rad, of either sign, with which the loop is
-            unstable; infinity: it is stable with every phase.
-        gain: The additional gains between which the loop is stable, one below and one
-            above 1; 0 and infinity: there is no such limit from 1/100 to 100.
+        is_stable: Whether the loop is stable without additional delay, phase or gain;
+            neutral roots at 0 are allowed. If it is unstable, the margins are 0, and 1
+            for the gain.
+        delay: The smallest additional delay in s that makes the loop unstable; infinity
+            if the loop is stable with every delay.
+        frequency: The frequency of the oscillation at this delay, rad/s; 0 if no delay
+            makes the loop unstable.
+        phase: The smallest additional phase in rad, of either sign, that makes the loop
+            unstable; infinity if the loop is stable with every phase.
+        gain: The limits of the additional gain, one below and one above 1, between
+            which the loop is stable; 0 and infinity if there is no limit from 1/100 to
+            100.
     """
 
     is_stable: bool
@@ -71,22 +75,24 @@ class Margins:
 
 
 def margins_of(system: StateSpace) -> Margins:
-    """Returns what a loop tolerates where it is cut open.
+    """Returns the stability margins of a loop at a cut.
 
     Args:
-        system: From u to y, of the same size, with the delays T_i > 0 in it.
+        system: The open loop from u to y, which have the same size, with its inner
+            delays T_i > 0.
     """
-    # Without dynamics around the loop, infinitely many roots lie near the axis.
+    # A loop of direct feedthrough with a gain of 1 or more would have infinitely many
+    # roots near or right of the imaginary axis.
     gains_at_once = np.linalg.eigvals(np.abs(system.D))
     if np.abs(gains_at_once).max(initial=0.0) >= 1:
         return Margins(is_stable=False)
     closed = system.closed(np.arange(system.num_open[0]))
     slow = _NEUTRAL * float(np.linalg.norm(closed.A))
-    # The rightmost roots are the first to be right of the axis.
+    # The two rightmost roots decide the stability.
     roots = characteristic_roots(closed, count=2)
     if np.any((np.abs(roots) > slow) & (roots.real > slow)):
         return Margins(is_stable=False)
-    # With the sign that delay_margin takes: det(I + L(s) e^(-s T)) = 0.
+    # L = -P is the sign convention of crossings: det(I + L(s) e^(-s T)) = 0.
     loop = -system
     grid = _sweep(loop)
     crossings = crossings_between(loop, grid)
@@ -106,14 +112,14 @@ def margins_of(system: StateSpace) -> Margins:
 
 
 def _sweep(loop: StateSpace) -> Array:
-    """Returns ascending frequencies in rad/s that show all that L(j w) does."""
-    # Loops of the delays alone have modes of their own.
+    """Returns ascending frequencies in rad/s that resolve the features of L(j w)."""
+    # With the cut open, the delayed signals still form loops, whose modes are peaks.
     rest = np.arange(loop.num_open[0], len(loop.D))
     inner = loop.part(np.arange(loop.num_states), rest, rest)
     modes = characteristic_roots(replace(inner, delays=loop.delays))
     grid = sweep_frequencies(loop, modes)
     sizes = np.abs(loop.opened.frequency_response(grid))
-    # What no delays let go around any loop of the signals with more.
+    # An upper bound of the gain around any loop of the signals, for all delays.
     largest = np.abs(np.linalg.eigvals(sizes)).max(axis=1, initial=0.0)
     is_heard = largest > _LEAST_GAIN
     grid = grid[: np.flatnonzero(is_heard).max(initial=0) + 2]
@@ -124,21 +130,24 @@ def _sweep(loop: StateSpace) -> Array:
 
 
 def _gains_between(system: StateSpace, grid: Array) -> tuple[float, float]:
-    """Returns the gains next to 1 at which a root is on the axis, or 0, infinity.
+    """Returns the gains next to 1, below and above, at which a root is on the axis.
+
+    Without such a gain the result is 0 or infinity.
 
     Args:
-        grid: Frequencies in rad/s, from far below the slowest mode.
+        system: The open loop.
+        grid: Ascending frequencies in rad/s, from far below the slowest mode.
     """
-    # The loci end on the real axis at the frequency 0, unless they come from there at
-    # infinity.
+    # At the frequency 0 a locus ends on the real axis or at infinity. Finite, positive
+    # ends belong to roots at 0.
     at_zero, slow = eigenloci(system, grid[0] * np.array([0.1, 1.0]))
     is_real = np.abs(at_zero.imag) < _NEARLY * at_zero.real
     is_finite = np.abs(at_zero - slow) < _NEARLY * np.abs(slow)
     values = at_zero[is_real & is_finite].real
-    # A neutral root stays where it is only with the gain 1.
+    # A neutral root of the actual loop makes an end at 1, which is not counted.
     values = values[np.abs(values - 1) > _REAL]
     loci = eigenloci(system, grid)
-    # Smaller ones are the rounding errors of 0.
+    # Smaller real parts are rounding errors of 0.
     is_right = loci.real > _REAL * np.abs(loci[:, :1])
     has_changed = np.diff(np.signbit(loci.imag), axis=0) & is_right[:-1] & is_right[1:]
     for locus in range(loci.shape[1]):
@@ -146,7 +155,8 @@ def _gains_between(system: StateSpace, grid: Array) -> tuple[float, float]:
         _, found = locate(
             system, locus, lambda p: np.signbit(p.imag), grid[k], grid[k + 1]
         )
-        # Where two eigenvalues of the same size change places, neither is real.
+        # The sign of the imaginary part also changes where two complex eigenvalues of
+        # equal magnitude change places in the order. These are left out.
         is_real = np.abs(found.imag) < _REAL * np.abs(found)
         values = np.append(values, found[is_real & (found.real > 0)].real)
     gains = 1 / values

@@ -1,7 +1,7 @@
-"""Derivatives of a function by differences.
+"""Numerical derivatives of a function by finite differences.
 
-Central differences with four steps, each half of the one before, are extrapolated to
-step 0 (Richardson), which is exact for polynomials of degree 8.
+Central differences with four steps, each half of the previous one, are extrapolated to
+step 0 (Richardson). The result is exact for polynomials of degree 8.
 """
 
 from collections.abc import Callable
@@ -18,8 +18,8 @@ def differentiate(function: Callable[[Array], Array], x0: Array, steps: Array) -
     """Returns the Jacobian of a function (k, n).
 
     Args:
-        function: From x (n) to its values (k).
-        x0: Where (n).
+        function: The function of x (n), with k values.
+        x0: The point at which it is differentiated (n).
         steps: The longest step of each entry of x, > 0 (n).
     """
     columns = []

@@ -1,15 +1,15 @@
-"""When two instants are one."""
+"""Tolerances within which two instants count as the same."""
 
 SAME = 1e-12
-"""Instants closer together than this, in s, are one."""
+"""Instants closer together than this, in s, count as the same."""
 
 TIE = 1e-6
-"""A number of periods that differs from a whole number by less than this is whole."""
+"""A number of periods counts as whole if it is closer than this to a whole number."""
 
 
 def same_within(time: float) -> float:
-    """Returns how far from a time in s an instant may be to be the same one, s.
+    """Returns the distance in s within which an instant counts as equal to a time.
 
-    Rounding makes 15 * 0.02 less than 3 * 0.1, by some units in the last place.
+    Times that should be equal may differ by rounding: 15 * 0.02 is less than 3 * 0.1.
     """
     return max(SAME, 2e-15 * abs(time))

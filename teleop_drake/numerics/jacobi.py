@@ -1,7 +1,7 @@
-"""Singular values of small matrices, by rotations of two axes (Jacobi).
+"""Singular value decomposition of small matrices by Jacobi's method.
 
-Unlike LAPACK's, the function is a fixed sequence of operations. In machine code it
-returns the same vectors with the same signs as in Python.
+Unlike LAPACK's functions, this one is a fixed sequence of operations. Compiled and in
+Python it therefore returns the same vectors with the same signs.
 """
 
 from typing import Any
@@ -10,24 +10,28 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 
-# Rounds of rotations: they converge quadratically. With two axes one rotation is exact.
+# The number of sweeps over all pairs of axes, by the number of axes, and for more axes.
+# The sweeps converge quadratically; with two axes a single rotation is exact.
 _SWEEPS = {1: 0, 2: 1, 3: 5}
 _MAX_SWEEPS = 8
 
 _EPSILON = float(np.finfo(float).eps)
 
-# As a share of the difference on the diagonal. Its square is no infinite number.
+# An off-diagonal element below this share of the difference of the diagonal elements
+# needs no rotation. For any other one the square of zeta below does not overflow.
 _NEGLIGIBLE = 1e-150
 
 
 def singular_values(matrix: Array) -> tuple[Array, Array, Array]:
-    """Returns U (n, n), singular values (n), in no order, and V^T (n, n) of a matrix.
+    """Returns U (n, n), the singular values sigma (n) and V^T (n, n) of a matrix.
 
-    A column of U whose singular value vanishes is nan: nothing determines it.
+    The singular values are not sorted. A column of U whose singular value vanishes is
+    undetermined, and is returned as nan.
 
     Args:
-        matrix: (n, n) = U diag(sigma) V^T.
+        matrix: The matrix U diag(sigma) V^T (n, n).
     """
+    # The rotations make the columns of U orthogonal; their lengths are then sigma.
     U = matrix.copy()
     V = np.eye(len(U))
     for i, j in _pairs(len(U)):
@@ -42,7 +46,7 @@ def singular_values(matrix: Array) -> tuple[Array, Array, Array]:
 
 
 def _pairs(n: int) -> list[tuple[int, int]]:
-    """Returns the pairs of axes to turn, one after another."""
+    """Returns the pairs of axes to rotate, in the order of the rotations."""
     sweep = [(i, j) for i in range(n) for j in range(i + 1, n)]
     return sweep * _SWEEPS.get(n, _MAX_SWEEPS)
 
@@ -54,7 +58,7 @@ def _rotation(off_diagonal: float, difference: float) -> tuple[Any, Any]:
         off_diagonal: c.
         difference: b - a.
     """
-    # Less than that turns nothing. What is not a number stays so.
+    # The comparison is false for a nan, which therefore propagates into the result.
     is_small = np.abs(off_diagonal) <= _NEGLIGIBLE * np.abs(difference)
     is_needed = np.logical_not(is_small)
     zeta = difference / (2.0 * np.where(is_needed, off_diagonal, 1.0))
@@ -66,7 +70,7 @@ def _rotation(off_diagonal: float, difference: float) -> tuple[Any, Any]:
 
 
 def _rotate(M: Array, i: int, j: int, cosine: Any, sine: Any) -> None:
-    """Turns two columns into each other, in place."""
+    """Rotates two columns of a matrix in their plane, in place."""
     first = M[:, i].copy()
     second = M[:, j].copy()
     M[:, i] = cosine * first - sine * second

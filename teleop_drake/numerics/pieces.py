@@ -1,13 +1,13 @@
-"""Signals of a run in pieces, and what metrics are made of.
+"""Signals of a run in pieces, and the operations from which metrics are computed.
 
 A piece is a step of a recording, or a part of a step that was cut at an instant. A
-signal in pieces is an array (p, 5, ...): its values at five points of each of p pieces,
-equally far apart, of which the ends are two. Between them it is the quartic through
-them. So all functions here are exact for the polynomials of a run, and what is computed
-with them converges with the solver, not with the sampling.
+signal in pieces is an array (p, 5, ...) of its values at five equally spaced points of
+each of p pieces, both ends included. Between the points it is the quartic through them.
+All functions here are therefore exact for the polynomials of a run, and metrics
+converge with the accuracy of the solver, not with the density of samples.
 
-Signals in pieces are added and multiplied as arrays are. A product is a quartic through
-its values again.
+Signals in pieces are added and multiplied as arrays. A product is represented by the
+quartic through its values.
 """
 
 import math
@@ -32,24 +32,29 @@ from teleop_drake.numerics.step_polynomials import (
 Truths = NDArray[np.bool_]
 
 NODES = shares(DEGREE)
-"""The points of a piece at which a signal is given."""
+"""The points of a piece at which a signal is given, as shares of its length."""
 
 SAME_INSTANT = 5e-12
-"""Instants that are closer together than this, in s, are one. Sums of times are."""
+"""Instants closer together than this, in s, count as the same.
 
-# Where a delayed signal jumps at an end of a piece, this is inside of the piece, s.
+It allows for the rounding of sums of times.
+"""
+
+# The ends of a piece are moved inwards by this time in s before a delayed signal is
+# evaluated, which may jump there.
 _INWARDS = 2 * SAME_INSTANT
 
-# At a flat place a value is exact long before its place is.
+# The rounds of bisection for an extreme, where the value is much more accurate than the
+# instant.
 _ROUNDS_TO_EXTREMES = 4
 
 
 class Crossings(NamedTuple):
-    """The instants at which a signal changes its sign, in s.
+    """The instants in s at which a signal changes its sign.
 
     Attributes:
-        upwards: Where it was negative before.
-        downwards: Where it is negative afterwards.
+        upwards: Changes from negative to positive.
+        downwards: Changes from positive to negative.
     """
 
     upwards: list[float]
@@ -59,28 +64,31 @@ class Crossings(NamedTuple):
 class Pieces:
     """The steps of a recording, cut at instants.
 
+    A recording of a single row is one piece.
+
     Attributes:
-        begin: When each piece begins, s (p).
-        end: When it ends, s (p).
-        length: How long it lasts, s (p). A recording of a single row is one piece, of
-            which 1 is told.
+        begin: The start of each piece, s (p).
+        end: The end of each piece, s (p).
+        length: The length of each piece, s (p); 1 for a recording of a single row, so
+            that it can be a divisor.
     """
 
     def __init__(self, times: Array, steps: Indices, cuts: Iterable[float] = ()):
-        """Cuts steps.
+        """Cuts the steps of a recording.
 
         Args:
-            times: Of the rows of the recording in s (N).
-            steps: Their rows (S, d + 1); see numerics.step_polynomials.
-            cuts: Instants in s.
+            times: The times of the recording's rows in s (N).
+            steps: The rows of each step (S, d + 1); see numerics.step_polynomials.
+            cuts: The instants in s at which steps are cut.
         """
-        # A step between two instants that are one is a part of what jumps there.
+        # A step between two instants that count as the same belongs to a jump.
         steps = steps[times[steps[:, -1]] - times[steps[:, 0]] > SAME_INSTANT]
         if len(steps) == 0:
             steps = np.full((1, len(NODES)), len(times) - 1)
         begin = times[steps[:, 0]]
         end = times[steps[:, -1]]
-        # The step in which each instant is. At the end of a step it cuts nothing.
+        # `inside` is the step that contains each instant. An instant at an end of a
+        # step, or a repeated one, cuts nothing.
         instants = np.array(sorted(cuts))
         inside = np.minimum(np.searchsorted(end, instants), len(end) - 1)
         is_cut = instants > begin[inside] + SAME_INSTANT
@@ -95,7 +103,8 @@ class Pieces:
         self._steps = steps
         self._rows = steps[step]
         self._instants = self.begin[:, None] + NODES * self.length[:, None]
-        # A piece that is a part of a step is evaluated at points of its own.
+        # A piece that is a part of a step has other points than the step. Its values
+        # are interpolated from those of the step.
         self._parts = np.flatnonzero(self.length < (end - begin)[step])
         owner = step[self._parts, None]
         share = (self._instants[self._parts] - begin[owner]) / (end - begin)[owner]
@@ -104,11 +113,11 @@ class Pieces:
             self.length = np.ones(1)
 
     def signal(self, samples: Array, delay: float = 0.0) -> Array:
-        """Returns a signal, or what it was a delay ago, in pieces (p, 5, n).
+        """Returns a signal, which may be delayed, in pieces (p, 5, n).
 
         Args:
-            samples: Of the rows of the recording (N, n).
-            delay: In s. Before the first row a signal is 0.
+            samples: The signal in the rows of the recording (N, n).
+            delay: The delay in s. Before the first row the signal is 0.
         """
         if delay > 0:
             return self._delayed(samples, delay)
@@ -120,9 +129,10 @@ class Pieces:
         return signal
 
     def _delayed(self, samples: Array, delay: float) -> Array:
-        """Returns what a signal was a delay ago in pieces (p, 5, n)."""
+        """Returns a delayed signal in pieces (p, 5, n)."""
         sent = self._instants - delay
-        # A jump at an end of the piece has happened, or has not.
+        # The signal may jump at an end of a piece. A point inside of the piece is on
+        # the right side of the jump.
         inwards = np.minimum(_INWARDS, (self.end - self.begin) / 8)
         sent[:, 0] += inwards
         sent[:, -1] -= inwards
@@ -131,14 +141,14 @@ class Pieces:
         return signal.reshape(*sent.shape, -1)
 
     def between(self, begin: float | None = None, end: float | None = None) -> slice:
-        """Returns the pieces between two instants; None: those of the run's ends."""
+        """Returns the pieces between two instants; None is the run's start or end."""
         limits = [-math.inf if begin is None else begin]
         limits.append(math.inf if end is None else end)
         first, last = np.searchsorted((self.begin + self.end) / 2, limits).tolist()
         return slice(first, last)
 
     def crossings(self, y: Array) -> Crossings:
-        """Returns where a signal (p, 5) changes its sign; 0 counts as positive."""
+        """Returns the sign changes of a signal (p, 5); 0 counts as positive."""
         is_in = y >= 0
         with np.errstate(invalid="ignore"):  # A surface may be at infinity.
             powers = _powers(y)
@@ -153,15 +163,17 @@ class Pieces:
 def _changes(
     holds: Callable[[Indices, Array], Truths], is_in: Truths, rounds: int = ROUNDS
 ) -> tuple[Indices, Indices, Array]:
-    """Returns where a condition changes between two neighbouring points of a piece.
+    """Returns the changes of a condition between neighbouring points of the pieces.
 
     Args:
-        holds: Returns whether it holds in pieces (k) at shares of them (m, k).
-        is_in: Whether it holds at the points of all pieces (p, 5).
-        rounds: How often an interval is divided; see bisect().
+        holds: Returns whether the condition holds in pieces (k) at shares of their
+            lengths (m, k).
+        is_in: Whether the condition holds at the points of all pieces (p, 5).
+        rounds: The number of times an interval is divided; see bisect().
 
     Returns:
-        The piece, the point before the change, and the share of the piece (k each).
+        For each change the index of the piece, the index of the point before the
+        change, and the change's instant as a share of the piece (k each).
     """
     piece, node = np.nonzero(is_in[:, 1:] != is_in[:, :-1])
     was_in = is_in[piece, node]
@@ -172,14 +184,20 @@ def _changes(
 
 
 def first_after(time: float | None, times: Iterable[float]) -> float | None:
-    """Returns the first of some instants after another one, s; None without either."""
+    """Returns the first of the instants `times` after `time`, s.
+
+    The result is None if `time` is None or no instant is later.
+    """
     if time is None:
         return None
     return next((t for t in times if t > time), None)
 
 
 def value_before(y: Array, span: slice) -> Array:
-    """Returns a signal (p, m, ...) just before a span of pieces; its first value."""
+    """Returns the value of a signal (p, m, ...) just before a span of pieces.
+
+    If the span begins with the first piece, it is the signal's first value.
+    """
     if span.start == 0:
         return y[0, 0]
     return y[span.start - 1, -1]
@@ -188,7 +206,7 @@ def value_before(y: Array, span: slice) -> Array:
 def values_in(y: Array, span: slice) -> Array:
     """Returns the values of a signal in a span of pieces (s, m, ...).
 
-    Without a piece it is the value before them.
+    For an empty span it is the value just before the span.
     """
     if span.start >= span.stop:
         return value_before(y, span)
@@ -198,12 +216,13 @@ def values_in(y: Array, span: slice) -> Array:
 def extremes(y: Array) -> Array:
     """Returns values of a signal between which it is monotonic (p, 9, ...).
 
-    They are in the order of time: those at the points of each piece, and between two of
-    them the extreme or, if there is none, the one before again.
+    In the order of time, they are the values at the five points of each piece and,
+    between two points, the extreme value there. Without an extreme in between, the
+    value at the point before is repeated.
     """
     columns = y.reshape(*y.shape[:2], -1)
     values = np.repeat(columns, 2, axis=1)[:, :-1]
-    # One polynomial for each component of each piece.
+    # The coefficients of one polynomial for each component of each piece.
     powers = _powers(columns).reshape(DEGREE + 1, -1)
     slope = polyder(powers)
     index, node, share = _changes(
@@ -232,7 +251,7 @@ def rms(y: Array, length: Array) -> Array:
 
     Args:
         y: The signal (p, 5, n).
-        length: Of the pieces, s (p).
+        length: The length of each piece, s (p).
     """
     products = products_of_values(DEGREE).sum(axis=0)
     squares = (y * (products @ y)).sum(axis=1)
@@ -244,8 +263,8 @@ def integral(y: Array, length: Array, start: Array) -> Array:
 
     Args:
         y: The signal (p, 5, n).
-        length: Of the pieces, s (p).
-        start: Where it begins (n).
+        length: The length of each piece, s (p).
+        start: The initial value of the integral (n).
     """
     powers = np.arange(1, DEGREE + 2)
     to_integral = NODES[:, None] ** powers / powers @ to_powers(DEGREE)
@@ -255,11 +274,11 @@ def integral(y: Array, length: Array, start: Array) -> Array:
 
 
 class Band(NamedTuple):
-    """A vector that has come to rest where it stays this near to a centre.
+    """A vector and the band around a centre in which it counts as at rest.
 
     Attributes:
-        offset: The vector less its centre in pieces (p, 5, n).
-        radius: The distance at which it is not at rest any more.
+        offset: The vector minus its centre, in pieces (p, 5, n).
+        radius: The distance from the centre at which the band ends.
     """
 
     offset: Array
@@ -267,17 +286,17 @@ class Band(NamedTuple):
 
 
 def settling_time(pieces: Pieces, span: slice, bands: Sequence[Band]) -> float | None:
-    """Returns how long it takes until vectors stay in their bands, s.
+    """Returns the time in s from the start of a span until vectors stay in their bands.
 
     Args:
-        pieces: Of the run.
-        span: The pieces from when on it is looked at.
-        bands: The vectors.
+        pieces: The pieces of the run.
+        span: The pieces that are examined.
+        bands: The vectors with their bands.
 
     Returns:
-        None if a vector is outside at the end, or if all were inside for as long before
-        without staying so: a run that happens to end as a vector passes has not
-        settled.
+        The time, or None if a vector is outside its band at the end, or if an earlier
+        rest that did not last was at least as long as the final one. A run that ends
+        while a vector is passing through its band has not settled.
     """
     if span.start >= span.stop:
         return None
@@ -296,13 +315,14 @@ def settling_time(pieces: Pieces, span: slice, bands: Sequence[Band]) -> float |
     if is_moving[-1, -1]:
         return None
     piece, _, share = _changes(is_outside, is_moving)
-    # Between two pieces, and at the begin, it changes at once.
+    # The condition may jump between two pieces and at the start.
     was_moving = np.append(False, is_moving[:-1, -1])
     changes = np.append(
         begin[was_moving != is_moving[:, 0]],
         begin[piece] + share * pieces.length[span][piece],
     )
-    # Each rest lasts from a change to the next one, the first one from the begin.
+    # Rest and motion alternate. The vectors count as at rest before the start, so each
+    # second interval, from the first one on, is a rest.
     limits = [begin[0], *np.sort(changes), pieces.end[-1]]
     rests = np.diff(limits)[::2]
     if rests[-1] <= rests[:-1].max(initial=0.0):
@@ -311,9 +331,9 @@ def settling_time(pieces: Pieces, span: slice, bands: Sequence[Band]) -> float |
 
 
 def _powers(y: Array) -> Array:
-    """Returns the coefficients of ascending powers (5, k, ...) of quartics in [0, 1].
+    """Returns the coefficients of ascending powers (5, k, ...) of quartics on [0, 1].
 
-    Those of a constant are exactly 0 but for the first one.
+    For a constant, all but the first one are exactly 0.
     """
     first = y[:, 0]
     powers = np.tensordot(to_powers(DEGREE), y - y[:, :1], axes=(1, 1))

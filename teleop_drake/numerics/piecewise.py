@@ -1,6 +1,7 @@
-"""A smooth function of one variable as polynomials, one after another.
+"""Approximation of a function of one variable by piecewise polynomials.
 
-A function in Python becomes numbers, which machine code can read.
+The polynomials are arrays of numbers, which compiled code can evaluate without a call
+to the Python function.
 """
 
 import itertools
@@ -14,30 +15,32 @@ from teleop_drake.arrays import Array
 NUM_COEFFICIENTS = 8
 """The number of coefficients of each polynomial."""
 
-# On a piece the variable goes from -1 to 1. Chebyshev's points with both ends.
+# On each piece the variable is scaled to [-1, 1]. The nodes are the Chebyshev points of
+# the second kind, which include both ends.
 _NODES = np.cos(np.pi * np.arange(NUM_COEFFICIENTS) / (NUM_COEFFICIENTS - 1))[::-1]
 _TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
-# Where a polynomial is compared with the function.
+# The points between the nodes at which a polynomial is compared with the function.
 _TESTS = (_NODES[1:] + _NODES[:-1]) / 2
 _AT_TESTS = np.vander(_TESTS, NUM_COEFFICIENTS, increasing=True)
-# The nodes, and the tests between them.
+# The nodes and the test points between them, ascending.
 _POINTS = np.sort(np.concatenate([_NODES, _TESTS])).tolist()
 
-# The polynomials may differ from the function by this share of it, or of 1 where it is
-# less.
+# The largest error of a polynomial, relative to the function's largest absolute value
+# on the piece or to 1, whichever is greater.
 _TOLERANCE = 1e-13
 
-# Pieces are not cut into pieces shorter than this share of the whole, whatever the
-# tolerance, so that there cannot be too many.
+# The shortest piece as a share of the whole interval. It takes precedence over the
+# tolerance and so limits the number of pieces.
 _SHORTEST = 1e-5
 
 
 class Pieces(NamedTuple):
-    """Polynomials, each of which holds between two knots.
+    """A piecewise polynomial of k pieces.
 
     Attributes:
-        knots: Where each piece begins and ends (k, 2), ascending.
-        coefficients: Of ascending powers of what goes from -1 to 1 on a piece (k, 8).
+        knots: Start and end of each piece (k, 2), ascending.
+        coefficients: Coefficients of ascending powers of the piece's variable, which is
+            scaled to [-1, 1] (k, 8).
     """
 
     knots: Array
@@ -51,17 +54,21 @@ def fit_pieces(
     *,
     nonsmooth_times: Iterable[float] = (),
 ) -> Pieces:
-    """Returns polynomials that are a function, to within a tolerance.
+    """Returns the piecewise polynomial that approximates a function to a tolerance.
+
+    A piece whose polynomial is not accurate enough is halved.
 
     Args:
-        function: Continuous, and smooth between its nonsmooth points.
-        end: Where it ends, > start.
-        nonsmooth_times: Where a derivative jumps; no piece reaches across one.
+        function: The function, continuous, and smooth between its nonsmooth points.
+        start: The lower end of the interval.
+        end: The upper end of the interval, > start.
+        nonsmooth_times: Points at which a derivative jumps; no piece reaches across
+            one.
     """
     shortest = _SHORTEST * (end - start)
     inner = sorted({float(x) for x in nonsmooth_times if start < x < end})
     ends = [float(start), *inner, float(end)]
-    # The next interval is the last one of the list.
+    # A stack: the last interval of the list is the next one to be fitted.
     intervals = list(itertools.pairwise(ends))[::-1]
     knots = []
     rows = []

@@ -1,11 +1,11 @@
 """Dynamics of a tree of links with one revolute or prismatic joint each.
 
-Recursive Newton-Euler and composite rigid bodies (R. Featherstone, "Rigid Body
-Dynamics Algorithms", 2008, chapters 5 and 6). All spatial vectors are about the
-world's origin O and in the world's axes, so that those of different links add up
-without a transformation:
+The recursive Newton-Euler and composite-rigid-body algorithms (R. Featherstone, "Rigid
+Body Dynamics Algorithms", 2008, chapters 5 and 6). All spatial vectors are about the
+world's origin O and in the world's axes, so that vectors of different links can be
+added without a transformation:
 
-    motion   V = [w; v], the angular velocity and the velocity of the point at O
+    motion   V = [w; v], the angular velocity and the velocity of the body point at O
     force    F = [moment about O; force]
     inertia  F = I V,  I = [[inertia about O, h~], [-h~, m 1]],  h = m c, h~ a = h x a
 
@@ -32,11 +32,11 @@ class RigidBodyTree(NamedTuple):
         frames: Pose [R, p] of each joint's frame on the parent in the parent's frame
             (n, 3, 4), m.
         axes: Unit vector of each joint's axis in the link's frame (n, 3).
-        masses: Of the links (n), kg.
+        masses: Mass of each link (n), kg.
         moments: First moment m c of each link about the origin of its frame (n, 3),
             kg m.
         inertias: Inertia of each link about the origin of its frame (n, 3, 3), kg m^2.
-        rotor_inertias: What each joint's rotor adds, reflected (n), kg m^2 or kg.
+        rotor_inertias: Reflected inertia of each joint's rotor (n), kg m^2 or kg.
         damping: Viscous damping of each joint (n), N m s or N s/m.
         gravity: Acceleration of gravity in the world (3), m/s^2.
     """
@@ -54,14 +54,14 @@ class RigidBodyTree(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """How the links of a tree are and move, the world first.
+    """The poses, velocities and accelerations of the links of a tree, the world first.
 
     Attributes:
         R: Rotation of each link's frame (3, 3).
-        p: Position of its origin in m (3).
-        S: Motion of the link for a unit rate of its joint (6).
-        V: Its velocity (6).
-        A: Its acceleration dV/dt as long as no joint accelerates (6).
+        p: Position of each frame's origin in m (3).
+        S: Motion of each link for a unit rate of its joint (6).
+        V: Spatial velocity of each link (6).
+        A: Spatial acceleration dV/dt of each link without joint accelerations (6).
     """
 
     R: list[Array]
@@ -78,9 +78,9 @@ def _skew(a: Array) -> Array:
 
 
 def _cross(V: Array, W: Array) -> Array:
-    """Returns the rate of a motion W that is carried along by a motion V.
+    """Returns V x W, the rate of a motion vector W that moves along with V.
 
-    With the halves of W and of the result exchanged it is that of a momentum.
+    For the rate of a force or momentum, exchange the halves of W and of the result.
     """
     w = V[:3]
     turning = np.cross(w, W[:3])
@@ -89,7 +89,7 @@ def _cross(V: Array, W: Array) -> Array:
 
 
 def _exchanged(F: Array) -> Array:
-    """Returns a vector whose halves have changed places."""
+    """Returns a spatial vector with its halves exchanged."""
     return np.append(F[3:], F[:3])
 
 
@@ -97,10 +97,11 @@ def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
     """Returns poses, velocities and accelerations of all links.
 
     Args:
+        tree: The links.
         q: Positions of the joints in rad or m (n).
-        v: Their velocities in rad/s or m/s (n).
+        v: Velocities of the joints in rad/s or m/s (n).
     """
-    # The world comes first, at rest.
+    # The lists begin with the world, at rest.
     R = [np.eye(3)]
     p = [np.zeros(3)]
     S = [np.zeros(6)]
@@ -116,7 +117,7 @@ def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
             p_i = p_i + q[i] * axis
             S_i = np.append(np.zeros(3), axis)
         else:
-            K = _skew(tree.axes[i])  # Rodrigues.
+            K = _skew(tree.axes[i])  # Rodrigues' formula.
             turn = np.eye(3) + np.sin(q[i]) * K + (1 - np.cos(q[i])) * (K @ K)
             R_i = R_i @ turn
             S_i = np.append(axis, np.cross(p_i, axis))
@@ -129,12 +130,13 @@ def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
 
 
 def _calc_inertia(tree: RigidBodyTree, motion: Motion, i: int) -> Array:
-    """Returns a link's inertia about O."""
+    """Returns the spatial inertia of a link about O (6, 6)."""
     m = tree.masses[i]
     R = motion.R[i + 1]
     p = motion.p[i + 1]
     h = R @ tree.moments[i]
-    shift = np.outer(p, m * p / 2 + h)  # Steiner, with h about the link's origin.
+    # The parallel-axis theorem. The first moment h is about the link's origin.
+    shift = np.outer(p, m * p / 2 + h)
     about_O = R @ tree.inertias[i] @ R.T - shift - shift.T
     about_O = about_O + 2 * np.trace(shift) * np.eye(3)
     h_skew = _skew(m * p + h)
@@ -144,28 +146,33 @@ def _calc_inertia(tree: RigidBodyTree, motion: Motion, i: int) -> Array:
 def calc_dynamics(tree: RigidBodyTree, motion: Motion, v: Array) -> tuple[Array, Array]:
     """Returns M (n, n) and the bias (n) of M v_dot + bias = forces - D v.
 
-    The bias has the Coriolis, centrifugal and gravity terms, N m or N.
+    The bias contains the Coriolis, centrifugal and gravity terms, N m or N.
 
     Args:
-        motion: As calc_motion() returns it.
+        tree: The links.
+        motion: The result of calc_motion().
         v: Velocities of the joints in rad/s or m/s (n).
     """
     n = len(tree.parents)
-    # Zeros of the type of v.
+    # Zeros of the scalar type of v.
     M = 0 * v[:, np.newaxis] * v
     bias = 0 * v
-    # What each link needs to move on, were no joint to accelerate, in free fall.
+    # F has the force on each link that its motion without joint accelerations requires.
+    # Gravity is represented by an opposite acceleration of the whole tree.
     fall = np.append(np.zeros(3), -tree.gravity)
     I = [_calc_inertia(tree, motion, i) for i in range(n)]
     F = [
         I_i @ (A_i + fall) + _exchanged(_cross(V_i, _exchanged(I_i @ V_i)))
         for I_i, A_i, V_i in zip(I, motion.A[1:], motion.V[1:], strict=True)
     ]
+    # From the tips to the base, I and F of a link become those of the composite body:
+    # the link with all links outboard of it.
     for i in reversed(range(n)):
         S = motion.S[i + 1]
         parent = tree.parents[i]
         bias[i] = S @ F[i]
-        # What the links outboard of joint i weigh for the joints inboard of it.
+        # The force on the composite body for a unit acceleration of joint i. It acts on
+        # joint i and on all joints inboard of it.
         weight = I[i] @ S
         M[i, i] = S @ weight + tree.rotor_inertias[i]
         j = parent
@@ -184,9 +191,11 @@ def calc_joint_accelerations(
     """Returns v_dot of M v_dot = forces - D v - bias, rad/s^2 or m/s^2 (n).
 
     Args:
+        tree: The links.
         q: Positions of the joints in rad or m (n).
-        v: Their velocities in rad/s or m/s (n).
-        forces: What acts on the joints, their damping and gravity aside, N m or N (n).
+        v: Velocities of the joints in rad/s or m/s (n).
+        forces: Generalised forces on the joints, without damping and gravity, N m or N
+            (n).
     """
     M, bias = calc_dynamics(tree, calc_motion(tree, q, v), v)
     return np.asarray(np.linalg.solve(M, forces - tree.damping * v - bias))
@@ -195,11 +204,12 @@ def calc_joint_accelerations(
 def calc_jacobian(
     tree: RigidBodyTree, motion: Motion, link: int, point: Array
 ) -> tuple[Array, Array]:
-    """Returns a point's position (3) and the Jacobian of [w; velocity] there (6, n).
+    """Returns a point's position in m (3) and the Jacobian of [w; velocity] (6, n).
 
     Args:
-        motion: As calc_motion() returns it.
-        link: Index of the link, -1 for the world.
+        tree: The links.
+        motion: The result of calc_motion().
+        link: Index of the link on which the point is, -1 for the world.
         point: The point in the link's frame, m (3).
     """
     p = motion.p[link + 1] + motion.R[link + 1] @ point
@@ -215,19 +225,19 @@ def calc_jacobian(
 def calc_bias_acceleration(motion: Motion, link: int, point: Array) -> Array:
     """Returns dJ/dt v at a point: [angular acceleration; acceleration] (6).
 
-    That is what happens there as long as no joint accelerates, in rad/s^2 and m/s^2.
+    This is the acceleration without joint accelerations, in rad/s^2 and m/s^2.
 
     Args:
-        motion: As calc_motion() returns it.
-        link: Index of the link, -1 for the world.
+        motion: The result of calc_motion().
+        link: Index of the link on which the point is, -1 for the world.
         point: The point in the link's frame, m (3).
     """
     p = motion.p[link + 1] + motion.R[link + 1] @ point
     w = motion.V[link + 1][:3]
     u = motion.V[link + 1][3:]
     alpha = motion.A[link + 1][:3]
-    # What happens at O. The point there belongs to another part of the link all the
-    # time.
+    # The spatial acceleration is the rate of the velocity at the fixed point O, through
+    # which the points of the link pass. The last term makes it that of a body point.
     a_O = motion.A[link + 1][3:]
     a = a_O + np.cross(alpha, p) + np.cross(w, u + np.cross(w, p))
     return np.append(alpha, a)

@@ -2,9 +2,9 @@
 
     dx/dt = A x + B u,    y = C x + D u                                          (1)
 
-Of the signals, the last k outputs may go back to the last k inputs, each after a delay:
-u_i(t) = y_i(t - T_i). The others are the open inputs and outputs, with the transfer
-function G(s) from one to the other.
+The last k outputs may be fed back to the last k inputs, each through a delay:
+u_i(t) = y_i(t - T_i). The other inputs and outputs are called open. G(s) is the
+transfer function from the open inputs to the open outputs.
 """
 
 from dataclasses import dataclass, replace
@@ -16,20 +16,21 @@ from numpy.typing import ArrayLike
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.validation import CheckNumber, Refuse
 
-# Directions that are reached, or seen, more weakly than this are taken to be neither,
-# relative to the norm of A in balanced coordinates. Well above the error of blocks with
-# differences, about 1e-10.
+# A direction of the state space counts as uncontrollable or unobservable if its
+# coupling is weaker than this, relative to the norm of A in balanced coordinates. The
+# tolerance is well above the error of blocks whose slopes are finite differences,
+# about 1e-10.
 _TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StateSpace:
-    """A linear system (1). Its matrix is copied and made read-only.
+    """A linear system (1) with n states, p outputs and m inputs.
 
     Attributes:
-        matrix: [A, B; C, D] (n + p, n + m), of p outputs and m inputs.
+        matrix: [A, B; C, D] (n + p, n + m), copied and made read-only.
         num_states: Number n of states.
-        delays: T_i >= 0 in s (k).
+        delays: The delays T_i >= 0 in s of the last k outputs (k).
 
     Raises:
         ValueError: If an entry is not finite or a delay is negative.
@@ -50,34 +51,34 @@ class StateSpace:
 
     @property
     def A(self) -> Array:
-        """The rates of the states by the states (n, n)."""
+        """The matrix from states to rates (n, n)."""
         return self.matrix[: self.num_states, : self.num_states]
 
     @property
     def B(self) -> Array:
-        """The rates of the states by the inputs (n, m)."""
+        """The matrix from inputs to rates (n, m)."""
         return self.matrix[: self.num_states, self.num_states :]
 
     @property
     def C(self) -> Array:
-        """The outputs by the states (p, n)."""
+        """The matrix from states to outputs (p, n)."""
         return self.matrix[self.num_states :, : self.num_states]
 
     @property
     def D(self) -> Array:
-        """The outputs by the inputs (p, m)."""
+        """The matrix from inputs to outputs, the direct feedthrough (p, m)."""
         return self.matrix[self.num_states :, self.num_states :]
 
     @property
     def num_open(self) -> tuple[int, int]:
-        """Numbers of open outputs and inputs, those without a delay."""
+        """The number of open outputs and the number of open inputs."""
         p, m = self.D.shape
         k = len(self.delays)
         return p - k, m - k
 
     @property
     def opened(self) -> Self:
-        """The system that is cut open at its delays: all its signals are open."""
+        """The system cut open at its delays, so that all its signals are open."""
         return replace(self, delays=())
 
     def __neg__(self) -> Self:
@@ -87,9 +88,12 @@ class StateSpace:
         return replace(self, matrix=matrix)
 
     def fed_back(self, delay: float) -> Self:
-        """Returns the loop that u(t) = -y(t - T) closes, with the same T in s for all.
+        """Returns the loop that the feedback u(t) = -y(t - T) closes.
 
         Its characteristic equation is det(I + G(s) e^(-s T)) = 0.
+
+        Args:
+            delay: T in s, the same for all signals.
         """
         return replace(-self, delays=(delay,) * len(self.D))
 
@@ -97,26 +101,26 @@ class StateSpace:
         """Returns G(j w) between the open signals (K, p - k, m - k).
 
         Args:
-            frequencies: w in rad/s (K), none of them an undamped mode.
+            frequencies: w in rad/s (K), none of them that of an undamped mode.
         """
         s = 1j * np.asarray(frequencies, dtype=float).reshape(-1)
         y, u = (self.num_states + np.arange(count) for count in self.num_open)
-        # M(s) z = by_u u, with z of the states and of what goes into the delays.
+        # M(s) z = by_u u, where z contains the states and the inputs of the delays.
         by_u = np.delete(self.matrix[:, u], y, axis=0)
         z = np.linalg.solve(self.characteristic_matrix(s), by_u[np.newaxis])
         seen = np.delete(self.matrix[y], u, axis=1) * self._lags(s)
         return (seen @ z + self.matrix[np.ix_(y, u)]).astype(complex)
 
     def characteristic_matrix(self, s: ArrayLike) -> ComplexArray:
-        """Returns M(s) (..., n + k, n + k), of the states and the delayed signals.
+        """Returns M(s) of the states and the delayed signals (..., n + k, n + k).
 
             M(s) = [s I - A, -B e^(-s T); -C, I - D e^(-s T)]
 
-        with the diagonal matrix e^(-s T). Where det M(s) = 0, s is a root of the system
-        whose open signals are 0.
+        with the diagonal matrix e^(-s T). The roots of det M(s) = 0 are the
+        characteristic roots of the system with its open inputs at 0.
 
         Args:
-            s: In 1/s (...,).
+            s: Points of the complex plane in 1/s (...,).
         """
         y, u = (self.num_states + np.arange(count) for count in self.num_open)
         closed = np.delete(np.delete(self.matrix, y, axis=0), u, axis=1)
@@ -126,17 +130,18 @@ class StateSpace:
         return (at - closed * self._lags(s)).astype(complex)
 
     def _times(self) -> Array:
-        """Returns how late states, by 0, and delayed signals act, in s (n + k)."""
+        """Returns the delays in s of states, which are 0, and of signals (n + k)."""
         return np.concatenate([np.zeros(self.num_states), self.delays])
 
     def _lags(self, s: ArrayLike) -> ComplexArray:
-        """Returns e^(-s T) for each of these (..., 1, n + k)."""
+        """Returns e^(-s T) for each of the delays of _times() (..., 1, n + k)."""
         return np.exp(-np.asarray(s)[..., np.newaxis, np.newaxis] * self._times())
 
     def newton_step(self, s: complex) -> complex:
-        """Returns the step from s of Newton's method to a root, in 1/s.
+        """Returns the step of Newton's method from s towards a root, in 1/s.
 
-        It is 0 exactly on a root, and infinite where it leads nowhere.
+        It is 0 on a root, and infinite where the method fails: M(s) overflows or the
+        derivative of its determinant vanishes.
         """
         with np.errstate(over="ignore", invalid="ignore"):
             matrix = self.characteristic_matrix(s)
@@ -144,10 +149,10 @@ class StateSpace:
             return complex(np.inf)
         times = self._times()
         is_state = np.diag(np.arange(len(times)) < self.num_states)
-        # dM/ds: the delayed signals have the columns of I - M, times T.
+        # slope is dM/ds. The columns of the delayed signals are those of I - M times T.
         slope = is_state + times * (np.eye(len(times)) - matrix)
         try:
-            # (det M)'/det M.
+            # trace is (det M)'/det M.
             trace = np.trace(np.linalg.solve(matrix, slope))
         except np.linalg.LinAlgError:
             return 0j
@@ -158,10 +163,12 @@ class StateSpace:
     def part(
         self, states: ArrayLike, inputs: ArrayLike, outputs: ArrayLike
     ) -> "StateSpace":
-        """Returns the system of some states, inputs and outputs, all of them open.
+        """Returns the subsystem of some states, inputs and outputs, without delays.
 
         Args:
-            states: Their indices, as those of the others.
+            states: Indices of the states.
+            inputs: Indices of the inputs.
+            outputs: Indices of the outputs.
         """
         x = np.asarray(states, dtype=int)
         rows = np.append(x, self.num_states + np.asarray(outputs, dtype=int))
@@ -170,9 +177,12 @@ class StateSpace:
         return StateSpace(matrix=matrix, num_states=len(x))
 
     def closed(self, signals: ArrayLike) -> Self:
-        """Returns the system with some open outputs fed to the inputs of their indices.
+        """Returns the system with some open outputs fed back to open inputs.
 
-        They are no inputs and outputs any more.
+        The connected outputs and inputs are removed.
+
+        Args:
+            signals: Indices of the outputs, which are also those of the inputs.
 
         Raises:
             ValueError: If the loop is not well posed.
@@ -183,11 +193,11 @@ class StateSpace:
 
 
 def close_loops(matrix: Array, signals: ArrayLike) -> Array:
-    """Returns a matrix of slopes after some of its rows are fed to its columns.
+    """Returns a matrix after some of its outputs are fed back to its inputs.
 
     Args:
-        matrix: Slopes of what comes out by what goes in.
-        signals: The indices of the rows, which are those of the columns.
+        matrix: The matrix from inputs (columns) to outputs (rows).
+        signals: The indices of the rows, which are also those of the columns.
 
     Raises:
         ValueError: If the loop is not well posed.
@@ -201,18 +211,18 @@ def close_loops(matrix: Array, signals: ArrayLike) -> Array:
 
 
 def state_space(A: ArrayLike, B: ArrayLike, C: ArrayLike, D: ArrayLike) -> StateSpace:
-    """Returns the system of four matrices, all its signals open."""
+    """Returns the system of four matrices, without delays."""
     blocks = [np.asarray(x, dtype=float) for x in (A, B, C, D)]
     matrix = np.block([blocks[:2], blocks[2:]])
     return StateSpace(matrix=matrix, num_states=len(blocks[0]))
 
 
 def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
-    """Removes the modes that do not show in G(s).
+    """Removes the modes that do not appear in G(s).
 
-    First what the input does not reach, then what the output does not see, by the
-    Krylov spaces of (A, B) and (A^T, C^T) with orthonormal bases. A feedback around
-    the system leaves the removed modes where they are.
+    The uncontrollable modes are removed first, then the unobservable ones, by means of
+    orthonormal bases of the Krylov spaces of (A, B) and (A^T, C^T). Feedback around the
+    system does not change the removed modes.
 
     Source: R. E. Kalman, "Mathematical description of linear dynamical systems",
     SIAM J. Control 1 (1963); the staircase form is that of P. Van Dooren, "The
@@ -220,29 +230,33 @@ def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
     Control 26 (1981).
 
     Returns:
-        The minimal system, in coordinates without a meaning of their own, and the
-        eigenvalues of the removed modes.
+        The minimal system, whose states have no physical meaning, and the eigenvalues
+        of the removed modes.
     """
     scale = _balance(system)
     balanced = _in_coordinates(system, np.diag(scale), np.diag(1 / scale))
-    # What the input reaches.
+    # The controllable subspace.
     V, hidden = _reachable(balanced.A, balanced.B)
     reached = _in_coordinates(balanced, V, V.T)
-    # What the output sees: the reachable space of the dual system.
+    # The observable part is the controllable subspace of the dual system.
     W, unseen = _reachable(reached.A.T, reached.C.T)
     minimal = _in_coordinates(reached, W, W.T)
     return minimal, np.concatenate([hidden, unseen])
 
 
 def _in_coordinates(system: StateSpace, basis: Array, inverse: Array) -> StateSpace:
-    """Returns the system of the states z, with x = basis z and z = inverse x."""
+    """Returns a system in the states z, with x = basis z and z = inverse x."""
     return state_space(
         inverse @ system.A @ basis, inverse @ system.B, system.C @ basis, system.D
     )
 
 
 def _reachable(A: Array, B: Array) -> tuple[Array, ComplexArray]:
-    """Returns a basis of the reachable space and the eigenvalues outside of it."""
+    """Returns a basis of the controllable subspace and the uncontrollable modes.
+
+    The basis is orthonormal. It is extended by A times its newest vectors until these
+    add no new direction.
+    """
     n = len(A)
     V = np.zeros((n, 0))
     block = B
@@ -261,10 +275,11 @@ def _reachable(A: Array, B: Array) -> tuple[Array, ComplexArray]:
 
 
 def _balance(system: StateSpace) -> Array:
-    """Returns scales of the states that make their rows and columns alike.
+    """Returns scales of the states that balance their rows and columns (n).
 
-    Those are of [A, B; C, 0] without the diagonal. Entries that may be rounding errors
-    do not count.
+    For each state they make the sums of magnitudes of its row and its column in
+    [A, B; C, 0] nearly equal. The diagonal and entries that may be rounding errors are
+    left out.
 
     Source: B. N. Parlett and C. Reinsch, "Balancing a matrix for calculation of
     eigenvalues and eigenvectors", Numer. Math. 13 (1969).

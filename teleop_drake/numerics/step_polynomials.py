@@ -1,10 +1,10 @@
-"""Signals in steps: in each step a polynomial through points of that step.
+"""Recorded signals as piecewise polynomials, one polynomial for each step.
 
-A step is d + 1 rows of a recording at equal distances in time, its ends among them: a
-row of `steps` (S, d + 1) has their indices. Two steps share the row between them, but
-where something jumps or bends: there each has a row of its own. So no polynomial
-reaches across such an instant. In a step a signal is the polynomial of degree d through
-its values (S, d + 1, k), `values[steps]`.
+A step consists of d + 1 rows of a recording, equally spaced in time, both ends
+included. The array `steps` (S, d + 1) contains the indices of these rows. Adjacent
+steps share the row between them. Where a signal jumps or bends, each step has its own
+row instead, so that no polynomial reaches across such an instant. Within a step a
+signal is the polynomial of degree d through its values `values[steps]` (S, d + 1, k).
 """
 
 import math
@@ -15,29 +15,31 @@ import numpy as np
 from teleop_drake.arrays import Array, Indices
 
 Series = tuple[Array, dict[str, Array], Indices]
+"""A recording: times (N,) in s, signals (N, k) by name, and steps (S, d + 1)."""
 
 DEGREE = 4
-"""Of the polynomials of a run: three rows between the ends of a step."""
+"""The degree of the polynomials of a run: a step has three rows between its ends."""
 
 
 @cache
 def shares(degree: int) -> Array:
-    """Returns where in a step its points are (d + 1), from 0 to 1."""
+    """Returns the points of a step as shares of its length, from 0 to 1 (d + 1)."""
     return np.linspace(0.0, 1.0, degree + 1)
 
 
 @cache
 def to_powers(degree: int) -> Array:
-    """Returns the matrix from values to coefficients of ascending powers."""
+    """Returns the matrix from values at a step's points to ascending powers."""
     powers = np.vander(shares(degree), increasing=True)
     return np.asarray(np.linalg.inv(powers), np.float64)
 
 
 @cache
 def products_of_values(degree: int) -> Array:
-    """Returns the integrals of the products of Lagrange's polynomials.
+    """Returns the integrals of products of two Lagrange polynomials (d, d + 1, d + 1).
 
-    From each point of the step to the next one: (d, d + 1, d + 1).
+    The first index is the interval between two neighbouring points of the step; the
+    other two are the polynomials.
     """
     powers = np.arange(degree + 1)
     powers = powers[:, None] + powers + 1
@@ -58,22 +60,24 @@ def steps_of(row_ends: Indices) -> Indices:
 
 
 def straight_steps(times: Array) -> Indices:
-    """Returns steps (S, 2) from each row to the next one, jumps left out.
+    """Returns steps of degree 1 (S, 2) between neighbouring rows, except at jumps.
 
     Args:
-        times: (N,) of the rows; two equal ones mark a jump.
+        times: The times of the rows (N,); two equal ones mark a jump.
     """
     first = np.flatnonzero(np.diff(times) > 0)
     return np.stack([first, first + 1], axis=1)
 
 
 def lagrange(at: Array, degree: int) -> Array:
-    """Returns the weights (..., d + 1) of a step's values in the value at a share.
+    """Returns the interpolation weights (..., d + 1) of a step's values.
 
-    At the points of the step they are exactly 0 and 1.
+    At the points of the step the weights are exactly 0 or 1.
 
     Args:
-        at: (...,) shares of a step, 0 at its begin and 1 at its end.
+        at: Points as shares of the step's length (...,), 0 at its start and 1 at its
+            end.
+        degree: The degree d of the polynomial.
     """
     nodes = shares(degree)
     weights = []
@@ -84,13 +88,13 @@ def lagrange(at: Array, degree: int) -> Array:
 
 
 def interpolate(times: Array, values: Array, steps: Indices, query: Array) -> Array:
-    """Returns a signal (M, k) at any times, before a jump at the instant of the jump.
+    """Returns a signal at any times (M, k); at a jump, the value before it.
 
     Args:
-        times: (N,) of the rows.
-        values: (N, k) rows of the signal.
-        steps: (S, d + 1).
-        query: (M,) times, clamped to the span of the steps.
+        times: The times of the rows (N,).
+        values: The signal in the rows (N, k).
+        steps: The steps (S, d + 1).
+        query: The times (M,), clamped to the span of the steps.
     """
     if len(steps) == 0:
         return np.repeat(values[-1:], len(query), axis=0)
@@ -103,12 +107,16 @@ def interpolate(times: Array, values: Array, steps: Indices, query: Array) -> Ar
 
 
 def part(series: Series, begin: float, end: float) -> Series:
-    """Returns times, signals and steps between two instants.
+    """Returns the part of a series between two instants.
+
+    A step that crosses one of the instants is cut there: its rows are moved into the
+    part that remains, and the signals are interpolated. Without a step in between, the
+    result is the first row and no step.
 
     Args:
         series: Times (N,), signals (N, k) by name, steps.
-        begin: From when on, s. A step that begins before is cut there.
-        end: Until when, s, later.
+        begin: The first instant in s.
+        end: The last instant in s, later.
     """
     times, signals, steps = series
     starts = times[steps[:, 0]]
@@ -124,6 +132,7 @@ def part(series: Series, begin: float, end: float) -> Series:
     rows = slice(first, last + 1)
     new_times = times[rows].copy()
     new_signals = {name: x[rows].copy() for name, x in signals.items()}
+    # Only the first and the last step can be cut.
     for k in {i, j}:
         low = max(starts[k], begin)
         high = min(ends[k], end)
@@ -138,7 +147,10 @@ def part(series: Series, begin: float, end: float) -> Series:
 
 
 def finite_part(series: Series) -> Series:
-    """Returns the steps before the first row that is not finite; none if it is first.
+    """Returns the part of a series before its first row that is not finite.
+
+    Without a complete step before that row, the result is the first row, or no row if
+    the first one is not finite, and no step.
 
     Args:
         series: Times (N,), signals (N, k) by name, steps.
@@ -155,12 +167,14 @@ def finite_part(series: Series) -> Series:
 
 
 def integrate_product(first: Array, second: Array) -> Array:
-    """Returns the integrals (S, d, k) of the product of two signals, exactly.
+    """Returns the exact integrals of the product of two signals in steps (S, d, k).
 
-    From each point of a step to the next one, over the share of the step.
+    Each integral reaches from one point of a step to the next one. The variable is the
+    share of the step, so the result is to be multiplied by the step's length.
 
     Args:
-        first: (S, d + 1, k) a signal in its steps.
+        first: The values of a signal in its steps (S, d + 1, k).
+        second: The values of the other signal (S, d + 1, k).
     """
     mass = products_of_values(first.shape[1] - 1)
     return np.einsum("sak,jab,sbk->sjk", first, mass, second, optimize=True)

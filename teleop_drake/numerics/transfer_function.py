@@ -1,4 +1,4 @@
-"""State-space realisation of a transfer function."""
+"""State-space realisations of transfer functions and of the Pade approximation."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,8 +26,8 @@ def realize_transfer_function(
 
         dx_j/dt = x_{j+1}  (j < k),   dx_k/dt = -a_0 x_1 - ... - a_{k-1} x_k + u.
 
-    The axes do not couple: A to D are block-diagonal, and the states of one axis
-    stand together.
+    The axes do not couple: A to D are block-diagonal, and the states of one axis are
+    adjacent.
 
     Args:
         numerator: Coefficients of H's numerator, highest power of s first.
@@ -59,7 +59,7 @@ def realize_transfer_function(
     A[-1:] = -den[:0:-1]
     B = np.zeros((order, 1))
     B[-1:] = 1.0
-    # What remains of the numerator after the constant part of H.
+    # The numerator of H - D, the strictly proper part of H.
     C = (num[1:] - num[0] * den[1:])[np.newaxis, ::-1]
     return _on_axes(num_axes, A, B, C, num[:1, np.newaxis])
 
@@ -72,10 +72,10 @@ def _on_axes(num_axes: int, *matrices: Array) -> tuple[Array, Array, Array, Arra
 
 
 def low_frequency_resistance(numerator: ArrayLike, denominator: ArrayLike) -> float:
-    """Returns the constant term of H(s) around s = 0.
+    """Returns the constant term b of the Laurent series of H(s) at s = 0.
 
-    Near zero frequency H(s) = ... + K / s + b + O(s); for a force over a velocity K is
-    a stiffness and b the resistance, in the unit of H.
+    Near zero frequency H(s) = ... + K / s + b + O(s). For a force over a velocity, K is
+    a stiffness and b a resistance, in the unit of H.
 
     Args:
         numerator: Coefficients of H's numerator, highest power of s first.
@@ -100,16 +100,17 @@ def all_pass_of_delay(
 ) -> tuple[Array, Array, Array, Array]:
     """Returns (A, B, C, D) of the diagonal Pade approximation of a delay.
 
-    It is realised as sections of second order one behind another, with numbers of the
-    size of 1/delay. Of order 6 it is exp(-s delay) to 0.11 % up to |s| delay = 6.
+    It is realised as a cascade of second-order sections, whose coefficients are of the
+    order of 1/delay. With order 6 its error is 0.11 % of exp(-s delay) up to
+    |s| delay = 6.
 
     Args:
-        delay: In s, > 0.
-        order: Even, >= 2.
+        delay: The delay in s, > 0.
+        order: The order k of the approximation, even, >= 2.
         num_axes: Number n of equal, independent axes, >= 1.
 
     Returns:
-        A (n k, n k), B (n k, n), C (n, n k), D (n, n), with k the order.
+        A (n k, n k), B (n k, n), C (n, n k), D (n, n).
 
     Raises:
         ValueError: If the delay or the order is not allowed.
@@ -119,10 +120,11 @@ def all_pass_of_delay(
         Refuse("order", order, "even, and at least 2")
     polynomial = [1.0]
     for k in range(order, 0, -1):
-        # Of (2 N - k)!/(k! (N - k)!), from the highest power of s down.
+        # The coefficients (2 N - k)!/(k! (N - k)!) of the denominator of order N, each
+        # from that of the next higher power of s.
         polynomial.append(polynomial[-1] * (2 * order - k + 1) * k / (order - k + 1))
     poles = np.roots(polynomial) / delay
-    # No section yet: y = u.
+    # Before the first section the cascade is y = u.
     A = np.zeros((0, 0))
     B = np.zeros((0, 1))
     C = np.zeros((1, 0))

@@ -1,8 +1,8 @@
-"""The parts of a scenario that have no folder: controller, tracking, solver.
+"""The sections of a scenario for the controller, the tracking task and the solver.
 
-Each is a dataclass, with its unit and where its default is from beside every field. Its
-checks raise a ScenarioError that names the first bad field, its value and what is
-allowed.
+Each section is a dataclass. A comment at each field states its unit and the source of
+its default. Check() raises a ScenarioError with the first invalid field, its value and
+the allowed values.
 """
 
 from dataclasses import field, fields
@@ -51,19 +51,19 @@ from teleop_drake.validation import (
 )
 
 TRACKING_CONTROLLERS = ("network_tracking",)
-"""Every kind of controller of a TrackingScenario."""
+"""The kinds of controllers of a TrackingScenario."""
 
 DISTURBANCES = ("linear", "coupled")
-"""Every kind of disturbance of a TrackingScenario."""
+"""The kinds of disturbances of a TrackingScenario."""
 
 MAX_FREQUENCY = 1000.0
 """Highest frequency of a trajectory in rad/s."""
 
 INTEGRATION_SCHEMES = tuple(
-    # cenic steps a MultibodyPlant, which would have to be named `plant` and stand at
-    # the top of the diagram. velocity_implicit_euler writes the state as if all q came
-    # first, then all v and z, whereas a Diagram has the q, v and z of one system after
-    # those of another: it is wrong, and says nothing.
+    # cenic requires a MultibodyPlant named `plant` at the top of the diagram.
+    # velocity_implicit_euler assumes that all q of the state come first, then all v and
+    # z. A Diagram has the q, v and z of each system together, so that the results are
+    # wrong without an error.
     scheme
     for scheme in GetIntegrationSchemes()
     if scheme not in ("cenic", "velocity_implicit_euler")
@@ -73,9 +73,9 @@ INTEGRATION_SCHEMES = tuple(
 
 @Config
 class _ChosenKind(FixedFields):
-    """The choice of a control architecture; it stands first in a scenario."""
+    """The kind of a control architecture, the first field of the section."""
 
-    # One of ARCHITECTURES, or module:Class of your own.
+    # One of ARCHITECTURES, or module:Class of your own architecture.
     kind: str = REQUIRED
 
 
@@ -83,10 +83,10 @@ class _ChosenKind(FixedFields):
 class ControllerConfig(BacksteppingParameters, _ChosenKind):
     """The control architecture.
 
-    `adaptive_backstepping` uses the parameters up to `network`, `robust_backstepping`
-    these and `robust`, `direct_force` none, each of the others the field of its name,
-    and one of your own `parameters`. A gain is a number (times the identity) or an
-    n x n matrix.
+    `adaptive_backstepping` uses the parameters up to `network`, and
+    `robust_backstepping` also uses `robust`. `direct_force` has no parameters. Each of
+    the other kinds uses the field of its name, and your own kind uses `parameters`. A
+    gain is a number (times the identity) or an n x n matrix.
     """
 
     robust: RobustTermsConfig = field(default_factory=RobustTermsConfig)
@@ -100,12 +100,12 @@ class ControllerConfig(BacksteppingParameters, _ChosenKind):
     )
     four_channel: FourChannelConfig = field(default_factory=FourChannelConfig)
     smith_predictor: SmithPredictorConfig = field(default_factory=SmithPredictorConfig)
-    # The fields of an architecture of your own.
+    # The fields of your own architecture.
     parameters: dict[str, Any] = field(default_factory=dict)
 
     @property
     def path(self) -> str:
-        """The place in a scenario of what the architecture of this kind has to say."""
+        """The dotted path of the section with the parameters of this kind."""
         if self.kind not in ARCHITECTURES:
             return "controller.parameters"
         return f"controller.{self.kind}" if hasattr(self, self.kind) else "controller"
@@ -119,10 +119,10 @@ class ControllerConfig(BacksteppingParameters, _ChosenKind):
         )
 
     def Chosen(self) -> ArchitectureConfig:
-        """Returns the architecture that `kind` names.
+        """Returns the config of the architecture that `kind` names.
 
         Raises:
-            ScenarioError: If there is none of that name, or its parameters are unknown.
+            ScenarioError: If the kind or one of its parameters is unknown.
         """
         kind = ARCHITECTURE_KINDS.Find(self.kind, "controller.kind")
         if self.is_backstepping:
@@ -135,7 +135,7 @@ class ControllerConfig(BacksteppingParameters, _ChosenKind):
             return FromTree(self.parameters, kind)
 
     def Check(self, num_axes: int) -> None:
-        """Checks every field, also those that this kind does not use."""
+        """Checks every field, including those that this kind does not use."""
         chosen = self.Chosen()
         for item in fields(self):
             section = getattr(self, item.name)
@@ -152,11 +152,11 @@ class TrajectoryConfig(FixedFields):
 
     # m, n entries.
     centre: np.ndarray = REQUIRED
-    # m, n entries; the whole line is in reach of the robot.
+    # m, n entries; the robot must reach the whole line.
     amplitude: np.ndarray = REQUIRED
     # rad/s, 0 to MAX_FREQUENCY.
     frequency: float = Number(1.0, "rad/s", minimum=0, maximum=MAX_FREQUENCY)
-    # rad, -1000 to 1000: of a larger one, too few digits are left.
+    # rad, -1000 to 1000; larger angles lose too many digits.
     phase: float = Number(0.0, "rad", minimum=-1000, maximum=1000)
 
     def Check(self, robot: RobotConfig) -> None:
@@ -164,7 +164,8 @@ class TrajectoryConfig(FixedFields):
         CheckVector("trajectory.centre", self.centre, robot.num_axes, "m")
         CheckVector("trajectory.amplitude", self.amplitude, robot.num_axes, "m")
         self.CheckNumbers("trajectory")
-        # The farthest point is an end. The nearest may be inside.
+        # The point farthest from the robot is an end of the line. The nearest one may
+        # be inside.
         with np.errstate(all="ignore"):
             nearest = -(self.centre @ self.amplitude) / (
                 self.amplitude @ self.amplitude
@@ -184,7 +185,7 @@ class TrajectoryConfig(FixedFields):
 class DisturbanceConfig(FixedFields):
     """The unknown force F_e on the tool (thesis eq. 3.7, 3.8)."""
 
-    # One of DISTURBANCES; coupled needs n = 2.
+    # One of DISTURBANCES; coupled requires n = 2.
     kind: str = REQUIRED
     # K, N/m; a number (times the identity) or an n x n matrix.
     gain: np.ndarray | float = REQUIRED
@@ -193,7 +194,7 @@ class DisturbanceConfig(FixedFields):
         """Checks both fields."""
         CheckChoice("disturbance.kind", self.kind, DISTURBANCES)
         n = num_axes
-        gain = np.asarray(self.gain, float)  # Of null, it is NaN.
+        gain = np.asarray(self.gain, float)  # Null becomes NaN.
         if not np.isfinite(gain).all() or GainMatrix(gain, n).shape != (n, n):
             allowed = f"a finite number or {n} x {n} matrix (N/m)"
             Refuse("disturbance.gain", self.gain, allowed)
@@ -227,7 +228,7 @@ class TrackingControllerConfig(FixedFields):
 
 
 def DefaultSimulator() -> SimulatorConfig:
-    """Returns the solver of a scenario that says nothing of it."""
+    """Returns the solver of a scenario without a section `simulator`."""
     # Dormand-Prince 5(4), the thesis's ode45. The tolerance is absolute in Drake.
     return SimulatorConfig(
         integration_scheme="runge_kutta5",
@@ -238,7 +239,11 @@ def DefaultSimulator() -> SimulatorConfig:
 
 
 def CheckSimulatorConfig(simulator: SimulatorConfig) -> None:
-    """Checks `simulator`."""
+    """Checks the section `simulator` of a scenario.
+
+    Raises:
+        ScenarioError: If a field is not allowed.
+    """
     scheme = simulator.integration_scheme
     CheckChoice("simulator.integration_scheme", scheme, INTEGRATION_SCHEMES)
     # Below 1e-14 no step passes the error test.

@@ -1,4 +1,4 @@
-"""Scenarios from names, files and overrides."""
+"""Loading of scenarios from names, files and overrides."""
 
 import math
 import os
@@ -27,7 +27,7 @@ from teleop_drake.scenario.yaml_text import ParseFile, ParseYaml
 from teleop_drake.validation import Choices, Refuse, ScenarioError
 
 MAX_STEPS = 1_000_000
-"""Most steps that a simulation may be forced to take."""
+"""The largest number of steps that a scenario may require of a simulation."""
 
 _SCENARIO_DIR = Path(__file__).parent.parent / "scenarios"
 
@@ -43,19 +43,20 @@ def LoadScenario(
     """Loads a scenario, applies overrides and validates the result.
 
     Args:
-        name_or_path: A built-in name (see `ScenarioNames`) or a YAML file. What the
-            file leaves out has the default of its dataclass, if there is one.
+        name_or_path: A built-in name (see `ScenarioNames`) or a YAML file. Fields that
+            the file leaves out have the default of their dataclass, if there is one.
         overrides: Either a mapping such as {"delay": 0.05} or strings "PATH=VALUE"
             with a YAML value. A path is dotted; an element of a list is addressed by
             its number or its `name` ("environment.layers.bone.stiffness",
-            "surgeon.velocity.0"), and ALIASES has short ones: `delay` is that of both
-            channels. Later ones win.
+            "surgeon.velocity.0"). ALIASES contains short paths; `delay` sets the delay
+            of both channels. A later override replaces an earlier one.
 
     Returns:
-        A TrackingScenario if the file has a key `trajectory`, else a Scenario.
+        A TrackingScenario if the file has a key `trajectory`, otherwise a Scenario.
 
     Raises:
-        ScenarioError: if the file cannot be read or anything in it is not allowed.
+        ScenarioError: If the file cannot be read, or its contents or an override are
+            not allowed.
     """
     return LoadOverridden(name_or_path, overrides)[0]
 
@@ -63,15 +64,16 @@ def LoadScenario(
 def LoadOverridden(
     scenario: ScenarioLike | Record, overrides: Overrides
 ) -> tuple[AnyScenario, list[str]]:
-    """Returns a scenario with overrides, and what the overrides replace.
+    """Returns a scenario with overrides, and the paths of the replaced fields.
 
     Args:
-        scenario: A valid one, what LoadScenario() loads one from, or a tree of
-            ReadTree().
+        scenario: A valid scenario, its name or file, or a tree of ReadTree().
+        overrides: The overrides as in LoadScenario().
 
     Returns:
-        The scenario, and dotted paths with the numbers of elements, never their names:
-        the same for all names of a field, and two for `delay`.
+        The scenario, and the dotted paths of the replaced fields, two for `delay`. They
+        contain the numbers of a list's elements, never their names, so that each field
+        has a unique path.
     """
     given = scenario
     if isinstance(given, str | os.PathLike):
@@ -79,7 +81,8 @@ def LoadOverridden(
     tree = ToTree(given)
     replaced = SetFields(tree, overrides)
     changed = FromTree(tree, _SchemaOf(tree))
-    # Most sweeps change the channels of a valid scenario alone.
+    # Most sweeps change only the channels of a valid scenario. Checking only these
+    # saves time.
     only_channels = all(path.startswith(CHANNELS) for path in replaced)
     if isinstance(given, Scenario) and only_channels:
         assert isinstance(changed, Scenario)
@@ -90,23 +93,24 @@ def LoadOverridden(
 
 
 def ReadTree(name_or_path: str | os.PathLike[str]) -> Record:
-    """Returns the complete tree of a scenario; the files that it names are absolute."""
+    """Returns the complete tree of a scenario, in which paths of files are absolute."""
     return _CompleteTree(_FindScenario(name_or_path).absolute())
 
 
 def ReadScenario(
     name_or_path: str | os.PathLike[str], overrides: Overrides = ()
 ) -> tuple[Record, dict[str, str]]:
-    """Returns what a scenario file and overrides say, without running any of it.
+    """Returns the contents of a scenario file with overrides, without running code.
 
-    Nothing is checked, and nothing that is left out is filled in: a kind of a user's
-    own does both when it is imported.
+    Values are not checked, and defaults are not added: both could import the module of
+    a user's own kind.
 
     Args:
-        name_or_path: As LoadScenario() takes it.
+        name_or_path: A built-in name or a YAML file.
+        overrides: The overrides as in LoadScenario().
 
     Returns:
-        The tree, and the kinds and the task of a user's own in it by their fields.
+        The tree, and the names of the user's own kinds and task in it by their fields.
 
     Raises:
         ScenarioError: If the file or an override cannot be read.
@@ -127,17 +131,21 @@ def ReadScenario(
 
 
 def AsScenario(scenario: ScenarioLike) -> AnyScenario:
-    """Returns the scenario, loaded if it is a name or a file."""
+    """Returns the scenario, which is loaded if a name or a file is given."""
     if isinstance(scenario, (str, os.PathLike)):
         return LoadScenario(scenario)
     return scenario
 
 
 def AsTeleoperation(scenario: ScenarioLike, reason: str = "") -> Scenario:
-    """Returns the scenario, loaded if need be, and refuses one of another task.
+    """Returns a teleoperation, which is loaded if a name or a file is given.
 
     Args:
-        reason: Why no other task will do, for the message.
+        scenario: The scenario, or its name or file.
+        reason: The reason why no other task is possible, for the message.
+
+    Raises:
+        ScenarioError: If the scenario is not a teleoperation.
     """
     scenario = AsScenario(scenario)
     if not isinstance(scenario, Scenario):
@@ -147,9 +155,12 @@ def AsTeleoperation(scenario: ScenarioLike, reason: str = "") -> Scenario:
 
 
 def CheckSteps(scenario: AnyScenario) -> None:
-    """Refuses a valid scenario whose simulation takes more than MAX_STEPS.
+    """Refuses a valid scenario whose simulation requires more than MAX_STEPS steps.
 
     It would take very long and fill the memory.
+
+    Raises:
+        ScenarioError: If the duration is too long for the longest possible step.
     """
     steps: dict[str, float] = {}
     if isinstance(scenario, Scenario):
@@ -172,9 +183,11 @@ def CheckSteps(scenario: AnyScenario) -> None:
 
 
 def _ParseScenario(path: Path) -> dict[Any, Any]:
-    """Returns the tree of a scenario file; `delay` has become that of both channels.
+    """Returns the tree of a scenario file, with `delay` moved to both channels.
 
-    A file that is no mapping in YAML, or gives a delay twice, raises a ScenarioError.
+    Raises:
+        ScenarioError: If the file is not a mapping in YAML, or gives two different
+            delays for a channel.
     """
     tree = ParseFile(path)
     if "delay" not in tree or _SchemaOf(tree) is not Scenario:
@@ -188,7 +201,7 @@ def _ParseScenario(path: Path) -> dict[Any, Any]:
 
 
 def _CompleteTree(path: Path) -> Record:
-    """Returns the tree of a scenario file; what it leaves out has its default."""
+    """Returns the tree of a scenario file, completed by defaults."""
     tree = _ParseScenario(path)
     tree.setdefault("name", path.stem)
     scenario = FromTree(tree, _SchemaOf(tree))
@@ -201,13 +214,13 @@ def _CompleteTree(path: Path) -> Record:
 
 
 def ScenarioFromYaml(text: str) -> AnyScenario:
-    """Returns the scenario that `ScenarioToYaml` wrote.
+    """Returns the scenario from a text of ScenarioToYaml().
 
-    If it names files, only the types of its values are checked. So a recording can be
-    loaded without them.
+    If the scenario contains paths of files, only the types of its values are checked,
+    so that a recording can be loaded without these files.
 
     Raises:
-        ScenarioError: if the text is not YAML or anything in it is not allowed.
+        ScenarioError: If the text is not YAML or a value is not allowed.
     """
     tree = ParseYaml(text, "scenario")
     scenario = FromTree(tree, _SchemaOf(tree))
@@ -217,7 +230,11 @@ def ScenarioFromYaml(text: str) -> AnyScenario:
 
 
 def _FindScenario(name_or_path: str | os.PathLike[str]) -> Path:  # noqa: RET503
-    """Returns the file to read."""
+    """Returns the path of a scenario's file.
+
+    Raises:
+        ScenarioError: If there is no built-in scenario or file of that name.
+    """
     text = os.fspath(name_or_path)
     built_in = _SCENARIO_DIR / f"{text}.yaml"
     path = Path(text)
@@ -230,6 +247,6 @@ def _FindScenario(name_or_path: str | os.PathLike[str]) -> Path:  # noqa: RET503
 
 
 def _SchemaOf(tree: Any) -> type[AnyScenario]:
-    """Returns the class that a tree describes."""
+    """Returns the class of the scenario that a tree describes."""
     is_tracking = isinstance(tree, dict) and "trajectory" in tree
     return TrackingScenario if is_tracking else Scenario

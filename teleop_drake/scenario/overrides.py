@@ -1,4 +1,4 @@
-"""Overrides: dotted paths of fields in a tree, and their new values."""
+"""Overrides of a scenario: dotted paths of fields in a tree, and their new values."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -8,14 +8,14 @@ from teleop_drake.scenario.tree import ToTree
 from teleop_drake.scenario.yaml_text import ParseFile, ParseYaml
 from teleop_drake.validation import Choices, ScenarioError, Show
 
-# Most paths that a message suggests.
+# The largest number of paths that a message suggests.
 _MOST_PATHS = 3
 
 CHANNELS = ("forward_channel", "return_channel")
 """The fields of a Scenario that are channels."""
 
 DELAYS = ("forward_channel.delay", "return_channel.delay")
-"""What the key `delay` stands for, in files and overrides."""
+"""The fields that the key `delay` sets, in files and overrides."""
 
 ALIASES = {
     "channel": CHANNELS,
@@ -25,21 +25,22 @@ ALIASES = {
     "return_delay": DELAYS[1:],
     "seed": ("forward_channel.seed", "return_channel.seed"),
 }
-"""Short names of fields, wherever a field is set or varied."""
+"""Short names of fields, for overrides and for keys that vary."""
 
 Override = str | tuple[str, Any]
 """A text PATH=VALUE with a YAML value, or a dotted path with its value."""
 
 Overrides = Mapping[str, Any] | Sequence[Override]
-"""Overrides in any form that LoadScenario() takes."""
+"""Overrides in any form that LoadScenario() accepts."""
 
 
 def FieldsOf(key: str, value: Any = None) -> Sequence[str]:
-    """Returns the dotted paths of the fields that a key stands for.
+    """Returns the dotted paths of the fields that a key sets.
 
     Args:
         key: A dotted path, or one of ALIASES.
-        value: Its value. `controller` with a mapping is all of the controller.
+        value: The new value. With a mapping, `controller` is the whole section instead
+            of `controller.kind`.
     """
     if key == "controller" and isinstance(value, Mapping):
         return (key,)
@@ -47,7 +48,7 @@ def FieldsOf(key: str, value: Any = None) -> Sequence[str]:
 
 
 def ParseOverrides(overrides: Overrides) -> list[tuple[str, Any]]:
-    """Returns the dotted paths of fields and their new values, trees.
+    """Returns the dotted paths of fields and their new values, which are trees.
 
     Args:
         overrides: A mapping of dotted paths to values, or a list of overrides. A path
@@ -59,7 +60,7 @@ def ParseOverrides(overrides: Overrides) -> list[tuple[str, Any]]:
     pairs = []
     for item in items:
         key, value = _ParseOverride(item) if isinstance(item, str) else item
-        # Each field has a tree of its own, because later overrides may change a part.
+        # Each field gets its own copy, because later overrides may change parts of it.
         pairs += [(path, ToTree(value)) for path in FieldsOf(str(key), value)]
     return pairs
 
@@ -78,7 +79,11 @@ def _ParseOverride(item: str) -> tuple[str, Any]:
 
 
 def GetPath(tree: Any, dotted: str) -> Any:
-    """Returns one value in a tree of dicts and lists, or refuses the path."""
+    """Returns one value in a tree of dicts and lists.
+
+    Raises:
+        ScenarioError: If there is no such path.
+    """
     for part in dotted.split("."):
         tree = tree[_FindKey(tree, part, dotted)]
     return tree
@@ -100,12 +105,12 @@ def SetFields(tree: Any, overrides: Overrides) -> list[str]:
 def SetPath(tree: Any, dotted: str, value: Any) -> str:
     """Replaces one value in a tree of dicts and lists.
 
-    FromTree() refuses keys that a mapping must not have: its kind decides which these
-    are, and what is left out of a mapping has its default, and may be set as well.
+    A key that a mapping lacks is added, because the mapping may leave out fields that
+    have a default. FromTree() refuses keys that are not fields of the mapping's kind.
 
     Returns:
-        The path with the numbers of elements instead of their names: the same for all
-        names of a value.
+        The path with the numbers of a list's elements instead of their names, which is
+        unique for each value.
     """
     keys: list[str | int] = []
     for part in dotted.split("."):
@@ -121,12 +126,15 @@ def SetPath(tree: Any, dotted: str, value: Any) -> str:
 
 
 def _Shown(dotted: str, value: Any) -> str:
-    """Returns an override for messages."""
+    """Returns the text of an override in messages."""
     return f"{dotted if dotted.isprintable() else Show(dotted)} = {Show(value)}"
 
 
 def _CheckBegin(tree: Any, dotted: str, value: Any) -> None:
-    """Refuses a path whose first key is unknown; the end of others is named in full."""
+    """Refuses a path whose first key is unknown.
+
+    If the path is the end of known paths, the message suggests the full paths.
+    """
     first = dotted.partition(".")[0]
     if first in tree:
         return
@@ -140,7 +148,7 @@ def _CheckBegin(tree: Any, dotted: str, value: Any) -> None:
 
 
 def _Paths(tree: Any, prefix: str = "") -> Iterator[str]:
-    """Yields the dotted paths of a tree, elements of lists by their names."""
+    """Yields the dotted paths of a tree; only named elements of lists are included."""
     for key, place in _Places(tree).items():
         if isinstance(tree, dict) or not key.isdecimal():
             path = f"{prefix}{key}"
@@ -149,7 +157,10 @@ def _Paths(tree: Any, prefix: str = "") -> Iterator[str]:
 
 
 def _Places(tree: Any) -> dict[str, Any]:
-    """Returns the keys of a mapping, or the indices of a list by names and numbers."""
+    """Returns the keys of a mapping or indices of a list by the parts of a path.
+
+    An element of a list has its number and, if it has one, its name as parts.
+    """
     if isinstance(tree, dict):
         return {key: key for key in tree}
     places: dict[str, Any] = {}
@@ -162,13 +173,22 @@ def _Places(tree: Any) -> dict[str, Any]:
 
 
 def _FindKey(tree: Any, part: str, shown: str) -> str | int:
-    """Returns the key or index that `part` of a path means in `tree`."""
+    """Returns the key or index of `tree` that a part of a path means.
+
+    Args:
+        tree: A mapping or a list.
+        part: The part of the path.
+        shown: The override or path in messages.
+
+    Raises:
+        ScenarioError: If there is no such key or element.
+    """
     places = _Places(tree)
     if part in places:
         key: str | int = places[part]
         return key
     known = [*places]
     if "forward_channel" in places:
-        known.append("delay")  # That of both channels.
+        known.append("delay")  # The alias for both channels.
     allowed = f"must be {Choices(part, known)}" if known else "there is nothing below"
     raise ScenarioError(f"{shown}: unknown key {part!r}, {allowed}")

@@ -1,9 +1,9 @@
 """Scenarios: one task, its robot, channels, tissue and controller, as plain data.
 
-A scenario is a tree of dataclasses: a `Scenario` is a teleoperation, and what has a
-`trajectory` is a `TrackingScenario`. `LoadScenario` reads one from YAML, applies
-overrides and validates it; `ScenarioToYaml` writes it back. Units are SI throughout.
-Vectors have one entry per task axis (n = 1 for the slider, n = 2 for the planar arm).
+A scenario is a tree of dataclasses. A `Scenario` is a teleoperation. A scenario with a
+`trajectory` is a `TrackingScenario`. `LoadScenario` reads a scenario from YAML, applies
+overrides and validates it; `ScenarioToYaml` writes it. Units are SI throughout. Vectors
+have one entry per task axis (n = 1 for the slider, n = 2 for the planar arm).
 
 "thesis" is P. P. Sarda, "Control of a Teleoperating Robotic Arm Subject to Time
 Delays", MS thesis, The University of Texas at Arlington, 2012. A number that it does
@@ -72,18 +72,20 @@ from teleop_drake.validation import (
     Within,
 )
 
-# With more, joints move faster than any step of the solver, m/s^2.
+# The largest acceleration of gravity, m/s^2. With more, joints move too fast for the
+# solver's steps.
 _MOST_GRAVITY = 1000.0
 
-# Farther away, a small motion is lost in the rounding of the position, m.
+# The largest coordinate of the start, m. Farther away, small motions are lost in the
+# rounding of the position.
 _FARTHEST_START = 1e6
 
 
 @Config
 class _ScenarioBase(FixedFields):
-    """What every scenario has."""
+    """The fields that all scenarios have."""
 
-    # Short name; the file's stem where the file gives none.
+    # Short name; by default the stem of the file's name.
     name: str = ""
     # A title in words for pages and `teleop-drake list`; empty: the name.
     title: str = ""
@@ -93,8 +95,8 @@ class _ScenarioBase(FixedFields):
     story: str = ""
     # Where the task comes from.
     source: str = ""
-    # `module:Class` of a task of one's own, which derives from tasks.Task; null: the
-    # task of this class of scenarios.
+    # `module:Class` of your own task, which derives from tasks.Task; null: the task of
+    # this class of scenarios.
     task: str | None = None
     # Simulated time.
     duration: float = Number(REQUIRED, "s", minimum=SHORTEST_TIME)
@@ -110,7 +112,7 @@ class _ScenarioBase(FixedFields):
 
     @property
     def num_axes(self) -> int:
-        """Number of task axes n, the robot's."""
+        """Number n of the robot's task axes."""
         return self.robot.num_axes
 
     def Value(self, dotted: str) -> Any:
@@ -118,7 +120,7 @@ class _ScenarioBase(FixedFields):
 
         Args:
             dotted: The path of the field, such as `environment.layers.bone.stiffness`,
-                or a key of ALIASES, which stands for the first of its fields.
+                or a key of ALIASES, for the first of its fields.
 
         Raises:
             ScenarioError: If there is no such field.
@@ -129,14 +131,15 @@ class _ScenarioBase(FixedFields):
         """Checks every field.
 
         Raises:
-            ScenarioError: naming the first bad field, its value and what is allowed.
+            ScenarioError: If a field is not valid. The message contains the first such
+                field, its value and the allowed values.
         """
-        # The round trip checks the types, and leaves arrays where a user who edits a
-        # scenario in Python may have put lists.
+        # The round trip checks the types. In the checked copy, lists that a user has
+        # assigned in Python are arrays.
         FromTree(ToTree(self), type(self))._Check()
 
     def _Check(self) -> None:
-        """Checks the values, which have the right types."""
+        """Checks the values of the fields. Their types are right."""
         if not self.name or not self.name.isprintable() or {"/", "\\"} & {*self.name}:
             Refuse("name", self.name, "one line of text without / and \\")
         self.CheckNumbers()
@@ -147,10 +150,11 @@ class _ScenarioBase(FixedFields):
 
 @Config
 class Scenario(_ScenarioBase):
-    """One simulation of a teleoperation, completely described.
+    """The complete description of one simulation of a teleoperation.
 
-    Two scenarios are equal when every field is. Fields may be edited in Python, with
-    anything that numpy.asarray takes for a vector; call `Validate` afterwards.
+    Two scenarios are equal if all their fields are equal. Fields may be edited in
+    Python. For a vector, assign any value that numpy.asarray() accepts. Call Validate()
+    afterwards.
     """
 
     surgeon: OperatorConfig = field(default_factory=ConstantVelocityConfig)
@@ -159,19 +163,19 @@ class Scenario(_ScenarioBase):
     return_channel: ChannelConfig = field(default_factory=TransportChannelConfig)
     environment: EnvironmentConfig = field(default_factory=LayersEnvironmentConfig)
     controller: ControllerConfig = field(default_factory=ControllerConfig)
-    # Between the law and the robot; the thesis has neither.
+    # Drive and sensors between the control law and the robot; the thesis has neither.
     actuator: ActuatorConfig = field(default_factory=ActuatorConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig)
     # The run ends as diverged when |v_WT| exceeds this many times |v_d|. Assumed.
     divergence_speed_ratio: float = Number(5.0, above=1, maximum=1000)
-    # Drake's own. Steps are shorter than max_step_size where the smallest delay is;
-    # start_time is 0.
+    # Drake's config of the solver. Steps are shorter than max_step_size if the smallest
+    # delay is; start_time is 0.
     simulator: SimulatorConfig = field(default_factory=DefaultSimulator)
 
     def Value(self, dotted: str) -> Any:
         """Returns the value of a field; see _ScenarioBase.
 
-        The parameters of a controller of a user's own have their defaults.
+        Parameters of a user's controller that are not given have their defaults.
         """
         if not dotted.startswith("controller.parameters."):
             return super().Value(dotted)
@@ -179,21 +183,21 @@ class Scenario(_ScenarioBase):
         return GetPath({"controller": {"parameters": parameters}}, dotted)
 
     def Surfaces(self) -> tuple[Surface, ...]:
-        """Returns the surfaces of the environment, none if it tells none."""
+        """Returns the surfaces that the environment declares."""
         return self.environment.Surfaces(self.robot.start)
 
     def FindSurface(self, name: str) -> Surface | None:
-        """Returns a surface, `contact` for instance; None: there is none so named."""
+        """Returns the surface with a name, such as `contact`, or None."""
         return FindSurface(self.Surfaces(), name)
 
     def Facts(
         self, robot: System | None = None, environment: System | None = None
     ) -> Facts:
-        """Returns what the defaults of an architecture derive from.
+        """Returns the facts from which the defaults of an architecture derive.
 
         Args:
-            robot: The robot in the diagram; None: the scenario's own.
-            environment: The environment in the diagram; None: the scenario's own.
+            robot: The robot in the diagram; by default the scenario's robot.
+            environment: The environment in the diagram; by default the scenario's.
         """
         start = np.asarray(self.robot.start, dtype=float)
         told = FactsOfConfig(self.robot) if robot is None else FactsOfRobot(robot)
@@ -216,7 +220,7 @@ class Scenario(_ScenarioBase):
         )
 
     def ConstantDelays(self) -> list[ConstantDelay]:
-        """Returns the forward and the return delay that stand for the channels."""
+        """Returns the constant delays that replace the channels in linear analyses."""
         return [
             getattr(self, path).AsConstantDelay(path, self.duration)
             for path in CHANNELS
@@ -233,9 +237,7 @@ class Scenario(_ScenarioBase):
         n = self.num_axes
         self.surgeon.Check("surgeon", n)
         self.haptic_device.Check("haptic_device")
-        # The channels, which need the duration.
         self._CheckChannels()
-        # The tissue and the tool in front of it.
         with Within("environment"):
             self.environment.Check()
         CheckStart(self.robot.start, self.Surfaces())
@@ -248,7 +250,7 @@ class Scenario(_ScenarioBase):
                 Refuse("sensor.encoder.sample_period", period, ideal)
             if not self.actuator.is_ideal:
                 Refuse("actuator", ToTree(self.actuator), "ideal with six axes")
-        # The controller, whose defaults derive from what has been checked.
+        # The controller comes last, because its defaults derive from the other fields.
         controller = self.controller
         controller.Check(n)
         is_given = not isinstance(controller.initial_psi, str)
@@ -264,10 +266,10 @@ class Scenario(_ScenarioBase):
 
 @Config
 class TrackingScenario(_ScenarioBase):
-    """One simulation of the tracking task of chapter 3, completely described.
+    """The complete description of one simulation of the tracking task of chapter 3.
 
-    An arm follows a trajectory while it learns a disturbance. There is neither an
-    operator nor a delay. For the rest see `Scenario`.
+    An arm follows a trajectory and learns a disturbance. There is neither an operator
+    nor a delay. Equality and editing of fields are as for `Scenario`.
     """
 
     # Acceleration of gravity along the task axes, m/s^2, n entries.
@@ -279,13 +281,13 @@ class TrackingScenario(_ScenarioBase):
     )
     # The run ends as diverged when |v_WT| exceeds this. Assumed.
     divergence_speed: float = Number(10.0, "m/s", above=0)
-    # Drake's own; start_time is 0.
+    # Drake's config of the solver; start_time is 0.
     simulator: SimulatorConfig = field(default_factory=DefaultSimulator)
 
     def _Check(self) -> None:
         """Checks the values; see _ScenarioBase."""
         super()._Check()
-        # The controller's model has no friction, and a slider does.
+        # The controller's model has no friction, so that the robot must have none.
         robot = self.robot
         n = self.num_axes
         if not isinstance(robot, PlantRobotConfig) or not robot.is_frictionless:
@@ -306,11 +308,14 @@ AnyScenario = Scenario | TrackingScenario
 """What LoadScenario() returns."""
 
 ScenarioLike = AnyScenario | str | os.PathLike[str]
-"""A scenario, or what LoadScenario() loads one from; simulate() and others take it."""
+"""A scenario, the name of a built-in scenario, or the path of a scenario file."""
 
 
 def ScenarioFiles(scenario: _ScenarioBase) -> dict[str, str]:
-    """Returns the files that a scenario names, by their dotted fields."""
+    """Returns the paths of files in a scenario's fields, by the fields' dotted paths.
+
+    Fields that are null are left out.
+    """
     files = {
         f"{name}.{key}": getattr(config, key)
         for name, config in vars(scenario).items()
@@ -321,22 +326,24 @@ def ScenarioFiles(scenario: _ScenarioBase) -> dict[str, str]:
 
 
 def ScenarioToYaml(scenario: _ScenarioBase) -> str:
-    """Returns YAML text of which `LoadScenario` or `ScenarioFromYaml` makes its equal.
+    """Returns YAML text from which an equal scenario can be loaded.
 
-    The text is plain ASCII, has every field, and depends on nothing but their values.
+    LoadScenario() and ScenarioFromYaml() load it. The text is plain ASCII, contains
+    every field, and depends only on the fields' values.
     """
     tree = ToTree(FromTree(ToTree(scenario), type(scenario)))
     return DumpYaml(tree, is_compact=True)
 
 
 def CheckStart(start: ArrayLike, surfaces: Sequence[Surface]) -> None:
-    """Refuses a tool that starts behind the contact surface, or too far away.
+    """Checks that the tool starts in front of the contact surface and not too far away.
 
     Args:
         start: p_WT at time 0 in m (n).
+        surfaces: The surfaces of the environment.
 
     Raises:
-        ScenarioError: If it does, or a surface is not one for n axes.
+        ScenarioError: If the start is not allowed, or a surface does not have n axes.
     """
     for surface in surfaces:
         if surface.point_W.shape != np.shape(start):

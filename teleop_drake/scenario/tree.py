@@ -1,6 +1,6 @@
-"""The types of scenarios: configs made of plain data, and the reverse.
+"""Conversion between the configs of a scenario and trees of plain data.
 
-A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
+A tree consists of the types of YAML: dict, list, str, float, int, bool and None.
 """
 
 import copy
@@ -39,12 +39,12 @@ def _ReduceSimulator(config: SimulatorConfig) -> tuple[Any, tuple[()]]:
     return functools.partial(SimulatorConfig, **values), ()
 
 
-# Drake's own cannot be pickled.
+# SimulatorConfig cannot be pickled by itself.
 copyreg.pickle(SimulatorConfig, _ReduceSimulator)
 
 
 def _FieldTypes(schema: Any) -> Record:
-    """Returns the names and types of a config's fields."""
+    """Returns the types of a config's fields by their names."""
     if schema is SimulatorConfig:
         return _SIMULATOR_FIELDS
     return {item.name: item.type for item in dataclasses.fields(schema)}
@@ -58,7 +58,7 @@ _PLAIN = {str, float, int, bool, type(None)}
 
 def ToTree(value: Any) -> Any:
     """Returns the tree of a config, an array, a list, a dict or a plain value."""
-    if type(value) in _PLAIN:  # Most are.
+    if type(value) in _PLAIN:  # The most frequent case.
         return value
     if dataclasses.is_dataclass(value) or isinstance(value, SimulatorConfig):
         schemas = FieldTypes(type(value))
@@ -73,7 +73,7 @@ def ToTree(value: Any) -> Any:
 
 
 def _FieldToTree(value: Any, schema: Any) -> Any:
-    """Returns the tree of a field, which says its kind if its type does not."""
+    """Returns the tree of a field, with its kind if the field's type allows several."""
     table = TableOf(schema)
     if table is None or value is None:
         return ToTree(value)
@@ -81,10 +81,11 @@ def _FieldToTree(value: Any, schema: Any) -> Any:
 
 
 def FromTree(tree: Any, schema: type[_T]) -> _T:
-    """Returns a config with fields of the right types, their values unchecked.
+    """Returns a config whose fields have the right types. Values are not checked.
 
     Args:
-        tree: Of ToTree(), or what a file or its user made of it.
+        tree: A tree made by ToTree(), or read from a file or edited by a user.
+        schema: The class of the config.
 
     Raises:
         ScenarioError: If a key is unknown or a value is of the wrong type.
@@ -98,10 +99,18 @@ def _MayBeNull(schema: Any) -> bool:
 
 
 def _Build(value: Any, schema: Any, path: str) -> Any:
-    """Returns the value of a declared type that a tree describes."""
+    """Returns the value that a tree describes, of a field's declared type.
+
+    Args:
+        value: The tree.
+        schema: The declared type.
+        path: The dotted path of the field, for messages.
+    """
     if value is None and _MayBeNull(schema):
         return None
     if isinstance(schema, types.UnionType):
+        # A union is a gain (a number or a matrix, perhaps also auto), or one type that
+        # may be null.
         options = [x for x in typing.get_args(schema) if x is not type(None)]
         if len(options) > 1 and np.ndarray in options:
             return _BuildGain(value, path, allow_text=str in options)
@@ -128,7 +137,7 @@ def _Build(value: Any, schema: Any, path: str) -> Any:
 
 
 def _BuildConfig(value: Any, schema: Any, path: str) -> Any:
-    """Returns a config of a class, each field of the type declared there."""
+    """Returns a config of the class `schema` from a mapping."""
     fields = FieldTypes(schema)
     _CheckMapping(value, fields, path)
     prefix = f"{path}." if path else ""
@@ -136,7 +145,7 @@ def _BuildConfig(value: Any, schema: Any, path: str) -> Any:
     for key, item in value.items():
         if key not in fields:
             _RefuseKey(prefix, key, item, fields)
-        # A required field that is null is left for the checks to name.
+        # A required field that is null is left out: the config's checks report it.
         is_required = getattr(schema, key, 0) is None and not _MayBeNull(fields[key])
         if item is not None or not is_required:
             built[key] = _Build(item, fields[key], prefix + key)
@@ -160,9 +169,12 @@ def _BuildKind(value: Any, table: KindTable[Any], path: str) -> Any:
 def _CheckForeign(
     value: Any, key: Any, kind: type[KindConfig], table: KindTable[Any], path: str
 ) -> None:
-    """Accepts a field of another kind if it says what holds for this kind anyway.
+    """Accepts a field of another kind if it has that kind's default value.
 
-    So that a scenario can be changed from one kind to another by its `kind` alone.
+    A scenario can therefore be changed from one kind to another by its `kind` only.
+
+    Raises:
+        ScenarioError: If no kind has such a field, or the field has another value.
     """
     other = next((x for x in table.kinds if key in FieldTypes(x)), None)
     if other is None:
@@ -209,14 +221,14 @@ def _BuildBool(value: Any, path: str) -> bool:
 
 
 def _BuildNumber(value: Any, path: str, allowed: str = "a number") -> float:
-    """Returns a number, which may stand in quotes; its size has to be usable."""
+    """Returns a number, which may be in quotes, if its magnitude is usable."""
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         Refuse(path, value, allowed)
     try:
         number = float(value)
     except (ValueError, OverflowError):
         Refuse(path, value, allowed)
-    # Infinity and NaN are left for the checks of the field.
+    # Infinity and NaN are not refused here, but by the checks of the field.
     is_usable = number == 0 or _SMALLEST <= abs(number) <= _LARGEST
     if math.isfinite(number) and not is_usable:
         size = f"0, or {_SMALLEST:g} to {_LARGEST:g} in size"
@@ -263,6 +275,6 @@ _BUILDERS: dict[Any, Callable[[Any, str], Any]] = {
 
 
 def _ElementName(item: Any, index: int) -> str:
-    """Returns how messages call an element of a list."""
+    """Returns the name of a list's element in messages: its `name` or its index."""
     name = item.get("name") if isinstance(item, dict) else None
     return name if isinstance(name, str) and name.isidentifier() else str(index)

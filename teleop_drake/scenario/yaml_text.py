@@ -1,6 +1,6 @@
-"""Text in YAML, and the trees that it describes.
+"""Conversion between YAML text and trees of plain data.
 
-A "tree" is what YAML knows: dict, list, str, float, int, bool and None.
+A tree consists of the types of YAML: dict, list, str, float, int, bool and None.
 """
 
 import re
@@ -12,24 +12,24 @@ import yaml
 from teleop_drake.files import ReadText
 from teleop_drake.validation import ScenarioError, Show
 
-# Numbers that people write and YAML 1.1 takes for text: it asks for a dot, for a sign
-# of the exponent, and for a digit between sign and dot. 1e-2, 1.5e3, -.5
+# Common forms of numbers that YAML 1.1 reads as text, such as 1e-2, 1.5e3 and -.5. It
+# requires a dot, a sign of the exponent, and a digit between sign and dot.
 _FLOAT = re.compile(
     r"^[-+]?(?:[0-9][0-9_]*(?:\.[0-9_]*)?|\.[0-9][0-9_]*)[eE][-+]?[0-9]+$"
     r"|^[-+]\.[0-9][0-9_]*$"
 )
 
 
-# libyaml's, where PyYAML was built with it, is several times as fast. Where a text is
-# nested too deep, it ends the process.
+# Text that is nested too deep would crash libyaml, and with it the process.
 _MAX_DEPTH = 100
+# The loader of libyaml, if PyYAML was built with it, is several times faster.
 _SafeLoader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class _Loader(_SafeLoader):
-    """YAML's safe loader with the numbers that people write, and strict about keys.
+    """YAML's safe loader, which also accepts the numbers of _FLOAT.
 
-    PyYAML's own lets the last of equal keys win.
+    It refuses duplicate keys, of which PyYAML's loaders use the last one.
     """
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
@@ -46,7 +46,7 @@ class _Loader(_SafeLoader):
 
 
 def _ConstructNumber(loader: Any, node: Any) -> Any:
-    """Returns a number; text such as 1:30, which YAML 1.1 takes for 90."""
+    """Returns a number, or text such as 1:30, which YAML 1.1 reads as the number 90."""
     if ":" in node.value:
         return node.value
     return _SafeLoader.yaml_constructors[node.tag](loader, node)
@@ -57,7 +57,7 @@ _Loader.add_constructor("tag:yaml.org,2002:float", _ConstructNumber)
 
 
 class Dumper(yaml.SafeDumper):
-    """YAML's safe dumper, which puts text that _Loader takes for a number in quotes."""
+    """YAML's safe dumper, which quotes text that _Loader would read as a number."""
 
 
 for _class in (_Loader, Dumper):
@@ -65,9 +65,12 @@ for _class in (_Loader, Dumper):
 
 
 def DumpYaml(tree: Any, *, is_compact: bool = False) -> str:
-    """Returns a YAML text of which ParseYaml() makes the tree, keys in their order.
+    """Returns YAML text that ParseYaml() converts back to the tree.
+
+    Keys retain their order.
 
     Args:
+        tree: The tree.
         is_compact: Whether the innermost mappings and lists are on one line each.
     """
     style = None if is_compact else False
@@ -78,11 +81,15 @@ def DumpYaml(tree: Any, *, is_compact: bool = False) -> str:
 def ParseYaml(text: str, origin: str) -> Any:
     """Returns the tree of a YAML text.
 
-    It is YAML 1.1, in which 1_000 and 0x10 are numbers, with two differences: 1e-2,
-    +1e3 and -.5 are numbers, and 1:30 is text.
+    The text is YAML 1.1, in which 1_000 and 0x10 are numbers, with two differences:
+    1e-2, +1e3 and -.5 are numbers, and 1:30 is text.
+
+    Args:
+        text: The text.
+        origin: The source of the text, for messages.
 
     Raises:
-        ScenarioError: if it is not YAML, or a key stands twice.
+        ScenarioError: If the text is not YAML, or contains a key twice.
     """
     depth = 0
     try:
@@ -93,8 +100,8 @@ def ParseYaml(text: str, origin: str) -> Any:
                 raise yaml.YAMLError(f"nested more than {_MAX_DEPTH} deep")
         return yaml.load(text, Loader=_Loader)
     except Exception as e:  # noqa: BLE001
-        # PyYAML's constructors also let ValueError, KeyError and more escape, for
-        # example on `2020-13-01`.
+        # PyYAML's constructors also raise ValueError, KeyError and others, for example
+        # on `2020-13-01`.
         reason = getattr(e, "problem", None) or e
         mark = getattr(e, "problem_mark", None)
         where = f" at line {mark.line + 1}, column {mark.column + 1}" if mark else ""
@@ -106,7 +113,7 @@ def ParseFile(path: Path) -> dict[Any, Any]:
     """Returns the tree of a YAML file, which must be a mapping.
 
     Raises:
-        ScenarioError: If it cannot be read, or is none.
+        ScenarioError: If the file cannot be read or is not a mapping in YAML.
     """
     origin = f"scenario file {str(path)!r}"
     tree = ParseYaml(ReadText(path, origin), origin)

@@ -1,4 +1,4 @@
-"""The tasks of operator and robot, each with its metrics in a file of its own."""
+"""The tasks of operator and robot: insertion, and the tracking of chapter 3."""
 
 from typing import Any
 
@@ -10,15 +10,15 @@ from teleop_drake.tasks.tracking import Tracking
 from teleop_drake.validation import Refuse
 
 TASKS: dict[type, Task[Any]] = {Scenario: Insertion(), TrackingScenario: Tracking()}
-"""The task of each class of scenarios, also of the classes that derive from it."""
+"""The task of each class of scenarios and of its derived classes."""
 
 
 def TaskOf(scenario: AnyScenario) -> Task[Any]:
-    """Returns the task that a scenario names, else the task of its class.
+    """Returns the task that a scenario names, or otherwise the task of its class.
 
     Raises:
-        ScenarioError: If the scenario names something that is not a task, or is None,
-            as in the recording of a Diagram.
+        ScenarioError: If the scenario names a class that is not a task, or is None, as
+            in the recording of a Diagram.
         TypeError: If the argument is not a scenario.
     """
     if scenario is None:

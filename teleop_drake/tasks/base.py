@@ -29,7 +29,7 @@ class SpeedLimit:
     name: str
 
     def Reason(self, speed: float) -> str:
-        """Returns why a run ended.
+        """Returns the message of a run that the limit has ended.
 
         Args:
             speed: The speed of the tool in m/s.
@@ -38,9 +38,9 @@ class SpeedLimit:
 
 
 def Divergence(recording: Recording) -> Record:
-    """Returns `diverged`, whether a run has, and `diverged_at` in s or None.
+    """Returns `diverged`, a bool, and `diverged_at` in s or None.
 
-    A run diverges if the tool's speed exceeds its limit or the solver fails.
+    A run has diverged if the tool's speed exceeded its limit or the solver failed.
     """
     has_diverged = recording.termination == "diverged"
     end = float(recording.time[-1]) if has_diverged else None
@@ -57,13 +57,14 @@ class Task(ABC, Generic[_S]):
     Attributes:
         controllers: The kinds of controllers that a comparison uses by default; empty
             if there is only one.
-        is_compared: Whether figures show its runs together, and against the position.
-        systems: Names of those systems of MakeDiagram() that the task needs; one of
+        is_compared: Whether figures show several runs together, and also against the
+            position.
+        systems: Names of the systems of MakeDiagram() that the task requires; one of
             them is `robot`.
         units: The units of the scalar metrics, by their dotted names. A name that ends
             in `.*` has a value for each task axis.
         page_metrics: The name of the function in page/metrics.js that computes the
-            metrics of this very class; empty: there is none, and a page states this.
+            metrics of exactly this class; empty if there is none, which a page states.
     """
 
     controllers: ClassVar[Names] = ()
@@ -73,7 +74,7 @@ class Task(ABC, Generic[_S]):
     page_metrics: ClassVar[str] = ""
 
     def Check(self, scenario: _S) -> None:
-        """Checks a scenario, and the values that derive from several of its fields.
+        """Checks a scenario, and the values that are derived from it.
 
         Raises:
             ScenarioError: If the scenario is not valid.

@@ -30,9 +30,10 @@ _CROSSINGS = {PUNCTURE: ("puncture", "heal"), CONTACT: ("contact", "release")}
 
 
 class Insertion(Task[Scenario]):
-    """The operator moves the tool through a boundary, or against a hard surface.
+    """The task of moving the tool through a boundary, or against a hard surface.
 
-    Puncture and contact are crossings of the environment's surfaces of these names.
+    Puncture and contact are the tool's crossings of the environment's surfaces
+    `puncture` and `contact`.
     """
 
     controllers = tuple(CONTROLLERS)
@@ -41,11 +42,11 @@ class Insertion(Task[Scenario]):
     page_metrics: ClassVar[str] = "insertion"
 
     def Check(self, scenario: Scenario) -> None:
-        """Checks a scenario, and the architecture that derives from it.
+        """Checks a scenario, and makes its architecture to check derived values.
 
         Raises:
             ScenarioError: If the scenario is not valid.
-            ValueError: If a value that derives from it is not allowed.
+            ValueError: If a derived value is not allowed.
         """
         super().Check(scenario)
         MakeArchitecture(scenario)
@@ -59,7 +60,7 @@ class Insertion(Task[Scenario]):
         return MakeTeleoperator(scenario)
 
     def MakeSpeedLimit(self, scenario: Scenario) -> SpeedLimit:
-        """Returns the multiple of the commanded speed that ends a run as diverged."""
+        """Returns the limit of the tool's speed, a multiple of the commanded speed."""
         ratio = scenario.divergence_speed_ratio
         return SpeedLimit(
             speed=ratio * float(np.linalg.norm(scenario.surgeon.velocity)),
@@ -67,7 +68,7 @@ class Insertion(Task[Scenario]):
         )
 
     def FindEvents(self, recording: Recording) -> list[Event]:
-        """Returns when the tool crosses a surface and when the operator switches.
+        """Returns the tool's crossings of surfaces and the operator's changes of mode.
 
         Args:
             recording: A run whose events are not found yet.
@@ -75,7 +76,7 @@ class Insertion(Task[Scenario]):
         events = _OperatorEvents(recording)
         found = FindCrossings(recording)
         for surface, crossings in zip(recording.surfaces, found, strict=True):
-            # If several surfaces have one name, the first one counts.
+            # Of several surfaces with the same name, only the first one has events.
             if surface is not recording.FindSurface(surface.name):
                 continue
             names = _CROSSINGS.get(surface.name, ())
@@ -92,7 +93,7 @@ class Insertion(Task[Scenario]):
         * AXIS_METRICS, each per task axis.
         * diverged: whether the run ended early because the tool's speed exceeded its
           limit or the solver failed.
-        * diverged_at: the time in s at which it did; None if it did not.
+        * diverged_at: the time in s at which the run diverged, or None.
 
         Args:
             recording: A run, all of its numbers finite.
@@ -127,7 +128,7 @@ class Insertion(Task[Scenario]):
     def Panels(self, recordings: Sequence[Recording]) -> list[SignalRow]:
         """Returns velocity, sensed force, position and control force, per task axis.
 
-        Axes along which no environment pushes have no row for the sensed force.
+        An axis without a force of the environment has no row for the sensed force.
 
         Args:
             recordings: One run or more, of robots with the same number of axes.
@@ -159,7 +160,7 @@ def _OperatorEvents(recording: Recording) -> list[Event]:
     """Returns the events at which the operator starts to hold a force, or stops."""
     if "surgeon_mode" not in recording:
         return []
-    # Where a step was cut, the mode was interpolated.
+    # The mode is interpolated, and not a whole number, where a step was cut.
     mode = np.round(recording["surgeon_mode"][:, 0])
     events = []
     for row in 1 + np.flatnonzero(np.diff(mode)):

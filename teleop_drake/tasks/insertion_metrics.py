@@ -1,10 +1,10 @@
 """The metrics of an insertion.
 
 Each metric is one of the functions below, computed from the signals of an InsertionRun.
-The signals are polynomials in each step of the run. An instant is a root of such a
-polynomial, a peak is its extreme, and an integral is exact for it. The building blocks
-are in teleop_drake.numerics.pieces. To add your own metric, write one more such
-function and call it in the Metrics() of your own task; a page does not show it.
+In each step of the run the signals are polynomials. The instant of an event is a root
+of such a polynomial, a peak is its extreme, and integrals are exact. The operations are
+defined in teleop_drake.numerics.pieces. To add your own metric, write such a function
+and call it in the Metrics() of your own task. Pages do not show it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,21 +31,20 @@ from teleop_drake.numerics.pieces import (
 from teleop_drake.recording import Recording
 
 AT_REST = 1e-6
-"""A command slower than this share of |v_d| has no direction: rounding may have made it
-differ from zero."""
+"""The share of |v_d| below which a command counts as zero, because of rounding."""
 
 SETTLING_RATIO = 0.05
-"""Share of |v_d| below which the tool counts as settled. For the rest time it is also
-the share of the final force."""
+"""The share of |v_d| below which the tool's speed counts as settled. For the rest time
+the deviation from the final force must be below this share of that force."""
 
 
 class Passage(NamedTuple):
-    """How the tool passes a surface.
+    """The passage of the tool through a surface.
 
     Attributes:
-        time: When the tool first crosses the surface inwards, s; None: never.
-        since: The pieces from then on; all if that is never.
-        crossings: When the tool crosses the surface; upwards means into it.
+        time: The time of the first crossing into the surface, s; None if there is none.
+        since: The pieces from that time on; all pieces if there is no crossing.
+        crossings: The crossings of the surface; upwards means into the surface.
         velocity: Velocity of the tool along the surface's normal, m/s (p, 5).
         force: The force on the environment along the normal, N (p, 5).
     """
@@ -61,23 +60,24 @@ class InsertionRun:
     """The signals of an insertion in pieces, and the times of its events.
 
     A signal is an array (p, 5, n); see numerics.pieces. The pieces are the steps of the
-    recording, cut where the command jumps as it arrives at the slave, where it reverses
-    and where the tool crosses a surface. Times are in s.
+    recording, cut where the received command jumps or reverses and where the tool
+    crosses a surface. Times are in s.
 
     v_d is surgeon.velocity. An operator of another kind than constant_velocity does not
-    command v_d all the time. Overshoots are then relative to the command as it arrives
-    at the slave at each instant.
+    command v_d all the time. Overshoots are then relative to the received command at
+    each instant.
 
     Attributes:
         recording: The run, all of its numbers finite.
         v_d: The velocity that the scenario commands, m/s (n).
         speed: |v_d|, m/s.
-        normal: The normal (n) of the puncture surface, else of the contact surface,
-            else of the first surface; without surfaces the direction of v_d.
+        normal: The normal (n) of the first existing surface among the puncture surface,
+            the contact surface and the first surface of the list; without surfaces the
+            direction of v_d.
         pieces: The pieces of time in which the signals are polynomials.
         position: Position of the tool, m.
         velocity: Velocity of the tool, m/s.
-        force: What the environment is pushed with, N.
+        force: The robot's force on the environment, N.
         haptic_force: The operator's force as the slave receives it, N.
         command: The velocity command as the slave receives it, m/s.
         puncture: The passage of the surface `puncture`.
@@ -96,6 +96,8 @@ class InsertionRun:
         self.speed = float(np.linalg.norm(self.v_d))
         self.normal = FirstNormal(recording.surfaces, self.v_d)
         self._crossings = FindCrossings(recording)
+        # Pieces end where the received command may jump or reverse and at the tool's
+        # crossings of surfaces.
         received, delay = self._Received()
         cuts = [time + delay for time in self._Turns(received)]
         for crossings in self._crossings:
@@ -111,7 +113,7 @@ class InsertionRun:
         self.command = packet[..., n:]
         self.puncture = self._Passage(PUNCTURE)
         self.contact = self._Passage(CONTACT)
-        # All at once, which takes a third of the time.
+        # One call for all signals takes a third of the time of four calls.
         values = extremes(
             np.dstack(
                 [
@@ -129,6 +131,7 @@ class InsertionRun:
 
     def _Overshoot(self) -> Array:
         """Returns the excess of the tool's velocity over its command, m/s (p, 5)."""
+        # A constant command counts from the beginning, before the slave receives it.
         along = self.command @ self.normal
         if self.recording.has_constant_command:
             along = np.full_like(along, self.v_d @ self.normal)
@@ -137,7 +140,7 @@ class InsertionRun:
         return np.where(mean < -AT_REST * self.speed, -excess, excess)
 
     def _Passage(self, name: str) -> Passage:
-        """Returns the passage of a surface; nothing crosses one that does not exist."""
+        """Returns the passage of a surface, without crossings if it does not exist."""
         surface = self.recording.FindSurface(name)
         normal = self.normal
         crossings = Crossings([], [])
@@ -154,9 +157,10 @@ class InsertionRun:
         )
 
     def _Received(self) -> tuple[Array, float]:
-        """Returns [F_h; v_d] of which the slave receives what it was a delay in s ago.
+        """Returns the signal [F_h; v_d] and the delay in s after which it is received.
 
-        A packet is recorded at the slave, without a delay.
+        The delay is 0 if the received packet contains [F_h; v_d], because it is
+        recorded at the slave. Otherwise the commands and the channel's delay are used.
         """
         if "velocity_command" in self.recording:
             delay = self.recording.teleoperation.forward_channel.delay
@@ -164,7 +168,10 @@ class InsertionRun:
         return self.recording["forward_packet_received"], 0.0
 
     def _Turns(self, commands: Array) -> list[float]:
-        """Returns when the commands [F_h; v_d] start, jump or reverse, s."""
+        """Returns the times in s at which the commands [F_h; v_d] start or change.
+
+        A change is a jump of any command or a reversal of the velocity command.
+        """
         time = self.recording.time
         is_same_instant = np.diff(time) <= SAME_INSTANT
         has_changed = (np.diff(commands, axis=0) != 0).any(axis=1)
@@ -175,16 +182,17 @@ class InsertionRun:
         return [*time[[0, *jumps]], *reversals.upwards, *reversals.downwards]
 
 
-# The metrics of an insertion. x is the direction of a normal: of InsertionRun.normal in
-# the overshoots, of the surface `puncture` or `contact` in the other metrics.
+# The metrics of an insertion. The index x means the component along a normal: for
+# overshoots along InsertionRun.normal, for other metrics along the normal of the
+# surface `puncture` or `contact`.
 
 
 def StartVelocityOvershoot(run: InsertionRun) -> float:
     """Returns the max of s (v_x - v_d_x) before the puncture, m/s; at least 0.
 
     Without a puncture the maximum is taken before the contact; without a contact, over
-    the whole run. s is -1 where the command goes backwards by more than 1e-6 of |v_d|,
-    else 1.
+    the whole run. s is -1 where v_d_x is negative by more than 1e-6 of |v_d|, and
+    otherwise 1.
     """
     end = run.contact.time if run.puncture.time is None else run.puncture.time
     before = values_in(run.overshoot, run.pieces.between(None, end))
@@ -192,7 +200,7 @@ def StartVelocityOvershoot(run: InsertionRun) -> float:
 
 
 def PunctureTime(run: InsertionRun) -> float | None:
-    """Returns when the tool first crosses the surface `puncture`, s."""
+    """Returns the time at which the tool first crosses the surface `puncture`, s."""
     return run.puncture.time
 
 
@@ -202,7 +210,7 @@ def PunctureVelocity(run: InsertionRun) -> float:
 
 
 def PunctureForce(run: InsertionRun) -> float:
-    """Returns F_e_x just before the puncture, by the law of the layer left, N."""
+    """Returns F_e_x just before the puncture, in the layer that the tool leaves, N."""
     return float(value_before(run.puncture.force, run.puncture.since))
 
 
@@ -218,7 +226,7 @@ def PunctureVelocityOvershoot(run: InsertionRun) -> float:
 
 
 def CollisionTime(run: InsertionRun) -> float | None:
-    """Returns when the tool first reaches the surface `contact`, s."""
+    """Returns the time at which the tool first reaches the surface `contact`, s."""
     return run.contact.time
 
 
@@ -251,8 +259,8 @@ def SettlingTime(run: InsertionRun) -> float | None:
     """Returns the time from contact until |v_x| stays below 5 % of |v_d|, s.
 
     The result is None if |v_x| does not stay below the limit to the end, or if the run
-    diverges. It is also None if |v_x| was below the limit for as long before and then
-    exceeded it: a recording that ends while v_x passes through 0 has not settled.
+    diverges. It is also None if |v_x| was below the limit for at least as long earlier
+    and then exceeded it: a run that ends while v_x passes through 0 has not settled.
     """
     v_x = run.contact.velocity[..., np.newaxis]
     return _Settling(run, [Band(v_x, SETTLING_RATIO * run.speed)])
@@ -263,8 +271,8 @@ def RestTime(run: InsertionRun) -> float | None:
 
     At rest, |v| stays below 5 % of |v_d| and |F_e - F_end| below 5 % of |F_end|, where
     F_end is the force at the end of the run. F_end depends on the duration of the run
-    if the force creeps. With six axes both conditions have to hold for the translation
-    and for the rotation, each by itself. A force or moment that is always 0 is ignored.
+    if the force creeps. With six axes both conditions apply separately to translation
+    and rotation. A force or moment that is always 0 is ignored.
     """
     bands = []
     for first in range(0, len(run.v_d), 3):
@@ -306,10 +314,11 @@ def ForceRmsError(run: InsertionRun) -> Array:
 def CoordinationRmsError(run: InsertionRun) -> Array | None:
     """Returns the rms over the run of x_m - p_WT per axis, m.
 
-    Master and tool start at one position, and x_m is that position plus the integral of
-    the felt velocity. Over exact channels it is the tool's position one return delay
-    ago, unless the architecture feeds back another velocity. With six axes the metric
-    has the first three. None if the recording has no felt velocity.
+    Master and tool start at the same position, and x_m is this position plus the
+    integral of the felt velocity. With exact channels x_m is the tool's position
+    delayed by the return channel, unless the architecture feeds back another velocity.
+    With six axes the metric has only the first three. The result is None if the
+    recording has no felt velocity.
     """
     velocity = run.recording.felt_velocity
     if velocity is None:
@@ -371,7 +380,10 @@ UNITS = {
 
 
 def FirstNormal(surfaces: tuple[Surface, ...], v_d: Array) -> Array:
-    """Returns the normal of the puncture, contact or first surface, else of v_d."""
+    """Returns the normal of the puncture, contact or first surface.
+
+    Without surfaces it is the direction of v_d.
+    """
     named = [FindSurface(surfaces, name) for name in (PUNCTURE, CONTACT)]
     for surface in (*named, *surfaces):
         if surface is not None:

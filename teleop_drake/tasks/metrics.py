@@ -1,4 +1,4 @@
-"""Numbers that describe one run: pure functions of a recording."""
+"""The metrics and the summary of a run, computed from its recording."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -22,14 +22,14 @@ name begins with the name of the channel, as in `forward_channel.age_mean`."""
 
 
 def RunMetrics(recording: Recording, *, task: Task[Any] | None = None) -> Record:
-    """Returns the metrics of a run, as its task defines them.
+    """Returns the metrics of a run, which its task defines.
 
     Insertion.Metrics() describes the metrics of a teleoperation, Tracking.Metrics() the
     metrics of the tracking of chapter 3.
 
     Args:
         recording: A run. Samples after its last finite sample are ignored.
-        task: The task that defines the metrics; None: the task of the scenario.
+        task: The task that defines the metrics; by default the task of the scenario.
 
     Returns:
         The `metrics` object of `teleop-drake run --json`: finite numbers, lists of
@@ -47,7 +47,7 @@ def RunSummary(recording: Recording, *, task: Task[Any] | None = None) -> Record
 
     Args:
         recording: A run. Samples after its last finite sample are ignored.
-        task: The task that defines the metrics; None: the task of the scenario.
+        task: The task that defines the metrics; by default the task of the scenario.
 
     Returns:
         A dict of finite numbers, None, bool, str, and lists and dicts of these:
@@ -60,7 +60,7 @@ def RunSummary(recording: Recording, *, task: Task[Any] | None = None) -> Record
         * metrics: the result of RunMetrics().
         * final: position in m, velocity in m/s and environment_force in N of the last
           sample, n each.
-        * notes: why something was left out, a sentence each; only if something was.
+        * notes: what was left out and why, a sentence each; only if there are any.
         * channels: the PacketStatistics of each network channel by its name; only if
           there are network channels.
         * solver: the SolverStatistics.
@@ -115,7 +115,7 @@ def MetricUnits(scenario: AnyScenario) -> dict[str, str]:
 
 
 def FlattenMetrics(metrics: Mapping[str, Any], prefix: str = "") -> Record:
-    """Returns metrics keyed by dotted names, as `puncture.time` and `rms_error.x`."""
+    """Returns metrics keyed by dotted names, `puncture.time` or `rms_error.x`."""
     flat: Record = {}
     for key, value in metrics.items():
         if isinstance(value, Mapping):
@@ -129,7 +129,7 @@ def FlattenMetrics(metrics: Mapping[str, Any], prefix: str = "") -> Record:
 
 
 def _FinitePart(recording: Recording) -> Recording:
-    """Returns the recording up to its first step that is not finite."""
+    """Returns the part of a recording before its first row that is not finite."""
     series = recording.time, recording.signals, recording.steps
     time, signals, steps = finite_part(series)
     if len(time) == 0:

@@ -20,13 +20,14 @@ class SignalRow:
         signal: Name of the signal.
         components: The indices of the components that are shown.
         command: The index of the operator's command that is drawn beside the signal;
-            None: no command is drawn.
+            None if no command is drawn.
         beside: Name of a signal whose components are drawn beside those of the signal;
-            empty: none.
-        reference: Name of a signal that is subtracted from the signal; empty: none.
+            empty if there is none.
+        reference: Name of a signal that is subtracted from the signal; empty if there
+            is none.
         groups: Names of the groups into which the components are divided equally, such
-            as the rows of a matrix, or of all components: needed if there is more than
-            one. A group has one colour.
+            as the rows of a matrix; each component or all of them may be a group. They
+            are required for more than one component. Each group has its own colour.
     """
 
     label: str

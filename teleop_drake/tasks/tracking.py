@@ -25,12 +25,12 @@ from teleop_drake.wiring import Wire
 
 
 class TrackingRun:
-    """The signals of a tracking in pieces (p, 5, n); see numerics.pieces.
+    """The signals of a tracking run in pieces (p, 5, n); see numerics.pieces.
 
     Attributes:
         pieces: The pieces of time in which the signals are polynomials.
-        error: r - r_d, m.
-        disturbance_error: W Phi - F_e, N.
+        error: The tracking error r - r_d, m.
+        disturbance_error: The error W Phi - F_e of the estimated disturbance, N.
     """
 
     def __init__(self, recording: Recording):
@@ -55,7 +55,7 @@ def RmsError(run: TrackingRun) -> Array:
 def DisturbanceRmsError(run: TrackingRun) -> Array:
     """Returns the rms over the run of W Phi - F_e per axis, N.
 
-    It is the part of the disturbance that the network has not learned.
+    W Phi - F_e is the part of the disturbance that the network has not learned.
     """
     return rms(run.disturbance_error, run.pieces.length)
 
@@ -72,7 +72,7 @@ UNITS = {f"{name}.*": unit for name, (_, unit) in METRICS.items()}
 
 
 class Tracking(Task[TrackingScenario]):
-    """An arm follows a trajectory while it learns a disturbance."""
+    """The task in which an arm follows a trajectory and learns a disturbance."""
 
     is_compared = False
     systems = ("robot", "reference")
@@ -88,7 +88,7 @@ class Tracking(Task[TrackingScenario]):
         return MakeNetworkTracking(scenario)
 
     def MakeSpeedLimit(self, scenario: TrackingScenario) -> SpeedLimit:
-        """Returns the speed of the scenario that ends a run as diverged."""
+        """Returns the scenario's `divergence_speed`, which ends a run as diverged."""
         speed = scenario.divergence_speed
         return SpeedLimit(speed=speed, name=f"{speed:g} m/s")
 
@@ -112,7 +112,8 @@ class Tracking(Task[TrackingScenario]):
     def Panels(self, recordings: Sequence[Recording]) -> list[SignalRow]:
         """Returns the position, the tracking error and the disturbance along each axis.
 
-        The desired position and the estimated disturbance are drawn beside them.
+        The desired position is drawn beside the position, and the estimated disturbance
+        beside the disturbance.
         """
         axes = range(recordings[0]["tool_position"].shape[1])
         rows = (
@@ -135,7 +136,9 @@ class Tracking(Task[TrackingScenario]):
 
 
 def MakeReference(config: TrajectoryConfig) -> Diagram:
-    """Makes r_d(t) = centre + amplitude sin(frequency t + phase), named `reference`.
+    """Makes the source of r_d(t), a Diagram named `reference`.
+
+        r_d(t) = centre + amplitude sin(frequency t + phase)                    (3.28)
 
     | port | name                 | size | unit  |
     |------|----------------------|------|-------|
@@ -144,7 +147,7 @@ def MakeReference(config: TrajectoryConfig) -> Diagram:
     | out  | desired_acceleration | n    | m/s^2 |
 
     Args:
-        config: The trajectory (3.28).
+        config: The trajectory.
     """
     n = len(config.centre)
     sine = Sine(config.amplitude, [config.frequency] * n, [config.phase] * n, True)
@@ -167,13 +170,13 @@ def MakeReference(config: TrajectoryConfig) -> Diagram:
 
 
 def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
-    """Makes the demonstration of chapter 3, four systems.
+    """Makes the Diagram of the tracking of chapter 3, which has four systems.
 
         reference -> controller -> robot <-> disturbance
                          ^           |
                          +-----------+
 
-    The controller does not measure the disturbance. It learns it from the motion.
+    The controller does not measure the disturbance, but learns it from the motion.
 
     Returns:
         The Diagram, named `network_tracking`. A run starts from its default Context.

@@ -118,7 +118,7 @@ def test_files(capsys, unrendered):
     out = capsys.readouterr().out
     assert "Delay margins\nrobot.mass  tissue [s]  free [s]  bone [s]" in out
     assert f"here/{stem}_chart.png" in out
-    # The delay of each value is that of the overrides.
+    # The overrides hold for the analysis of each value.
     assert record["chart"]["analyses"][0]["controller"] == "direct_force"
 
 

@@ -1,4 +1,4 @@
-"""Energy: the robots conserve it, the tissue only takes it."""
+"""Conservation of energy: robots conserve it, and tissue only dissipates it."""
 
 import math
 
@@ -23,7 +23,7 @@ ROBOTS = {
 
 
 def Energies(robot_name, *, layers, v0, duration):
-    """Lets a robot go against a force field; returns (times, kinetic, stored)."""
+    """Simulates a free robot in a force field; returns (times, kinetic, stored)."""
     builder = DiagramBuilder()
     robot = builder.AddNamedSystem("robot", MakeRobot(**ROBOTS[robot_name]))
     n = robot.GetInputPort("control_force").size()

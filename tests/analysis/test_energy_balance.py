@@ -27,7 +27,7 @@ def Run(name, kind, **overrides):
 
 
 def Sinusoids(phi, forward, back, w):
-    """A recording of sinusoids behind a raw delay, on two axes."""
+    """Returns a recording of sinusoids through raw delays, on two axes."""
     t = np.linspace(0, 12, 2401)
     F, v = (lambda t: 2 * np.sin(w * t)), (lambda t: 0.7 * np.sin(w * t + phi))
 
@@ -56,11 +56,11 @@ def Sinusoids(phi, forward, back, w):
 
 @pytest.mark.parametrize("phi", [-1.2, 0.4])
 def test_sinusoids_in_closed_form(phi):
-    """A raw delay makes energy at some phases. The law here passes the force on."""
+    """A raw delay generates energy at some phases. F_c is the received force."""
     w, forward, back = 3.0, 0.3, 0.1
     balance = TwoPortEnergyBalance(Sinusoids(phi, forward, back, w))
     t = balance.time
-    # sin a sin b = (cos(a - b) - cos(a + b))/2, integrated from 0.
+    # The integral of sin a sin b = (cos(a - b) - cos(a + b))/2 from 0.
     expected = 0.7 * (
         (np.cos(phi - w * back) - np.cos(phi + w * forward)) * t
         - (np.sin(2 * w * t + phi - w * back) - np.sin(phi - w * back)) / (2 * w)
@@ -79,7 +79,10 @@ def test_other_recordings():
 
 
 def BySamples(recording):
-    """Returns the energy of the two-port at the recording's times, by the trapezoid."""
+    """Returns the two-port's energy at the recording's times, by the trapezoidal rule.
+
+    The signals are sampled densely.
+    """
     t = np.linspace(0.0, recording.time[-1], 40_001)
     names = ("force_command", "felt_velocity", "control_force", "tool_velocity")
     if "felt_velocity" not in recording.signals:
@@ -92,12 +95,12 @@ def BySamples(recording):
 
 
 def test_force_that_is_let_go_and_caught_between_packets():
-    """Jumps, and corners close behind them: metrics are those of the samples."""
+    """The force jumps, with corners close behind the jumps."""
     channel = {"kind": "sampled", "delay": 0.1, "sample_period": 0.05}
     channels = {"forward_channel": channel, "return_channel": channel}
     kind = "time_domain_passivity"
     recording = Run("two_dof_combined", kind, duration=4.0, **channels)
-    # What the samples themselves are with steps of 0.0002 s.
+    # The expected values are those of dense samples with steps of 0.0002 s.
     metrics = RunMetrics(recording)
     assert metrics["control_force_peak"] == pytest.approx([0.2, 0.0492862], rel=1e-3)
     assert metrics["control_force_variation"] == pytest.approx(
@@ -108,7 +111,7 @@ def test_force_that_is_let_go_and_caught_between_packets():
 @pytest.mark.parametrize("channel", Slow(["transport", "network"]))
 @pytest.mark.parametrize("kind", ARCHITECTURES)
 def test_every_architecture_has_a_balance(kind, channel):
-    """That of dense samples."""
+    """The balance equals that of dense samples."""
     overrides = {"duration": 1.0}
     if channel == "network":
         overrides |= {"forward_channel": NETWORK, "return_channel": NETWORK}
@@ -120,8 +123,10 @@ def test_every_architecture_has_a_balance(kind, channel):
 
 @pytest.mark.parametrize("delays", [(0.1, 0.1), (0.25, 0.05)])
 def test_a_wave_line_stores_its_waves(delays):
-    """E = integral over what is under way of u^T u/2 and w^T w/2, and what the damper
-    at the master has dissipated: closed form, from the waves alone."""
+    """The energy is that of the waves in the channels plus the damper's dissipation.
+
+    The waves have the energies u^T u/2 and w^T w/2, integrated over the delays.
+    """
     forward, back = delays
     overrides = {"forward_channel.delay": forward, "return_channel.delay": back}
     recording = Run("two_dof_collision", "wave_variables", duration=2.4, **overrides)

@@ -1,4 +1,4 @@
-"""What the hand feels of the bone: closed forms, a second method, and runs."""
+"""The stiffness of the bone as the hand feels it: closed forms and a second method."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ BONE = 150.0
 MASS, DAMPING = 0.5, 0.1  # Of the slider.
 RESISTANCE = 0.92  # b of H(s) = 2/s + 0.92 + ...
 
-# The delays are not equal, because only their sum shows.
+# The shares of the round trip are not equal, because only their sum has an effect.
 SHARES = (0.3, 0.7)
 
 PREDICTOR = "smith_predictor"
@@ -39,7 +39,7 @@ def OnBone(scenario, *frequencies):
     [*((kind, "one_dof") for kind in ARCHITECTURES), (PREDICTOR, "two_dof_collision")],
 )
 def test_slow_motions(kind, name, round_trip):
-    """The springs that stand in series with the bone, from each one's equations."""
+    """The springs in series with the bone, from the equations of each architecture."""
     scenario = Scenario(kind, round_trip, name)
     series = 1 / BONE
     if kind == "wave_variables":
@@ -47,9 +47,9 @@ def test_slow_motions(kind, name, round_trip):
     elif kind == "proportional_damping":
         series += 1 / ResolveController(scenario).stiffness[0, 0]
     elif kind == "smith_predictor" and name == "two_dof_collision" and round_trip:
-        # The model has neither spring nor damper: it runs away from any force.
+        # The predictor's model has neither spring nor damper and yields to any force.
         series = np.inf
-    # The spring of the Smith predictor's model gives in below 0.02 rad/s only.
+    # The spring of the Smith predictor's model counts only below 0.02 rad/s.
     omega = 1e-6 if kind == "smith_predictor" and name == "one_dof" else 1e-4
     assert OnBone(scenario, omega)[0] == pytest.approx(1 / series, rel=1e-3, abs=1e-3)
 
@@ -59,9 +59,10 @@ def test_direct_force_with_a_damper_and_a_predictor(round_trip):
     s = 1j * OMEGA
     z = np.exp(-s * round_trip)
     tool = z / (MASS * s**2 + DAMPING * s + BONE)
-    # The damper is 2 N s/m, by the rule of its default.
+    # The damper's default is 2 N s/m.
     damped = z / (MASS * s**2 + (DAMPING + 2.0) * s + BONE)
-    # The model is that of the tissue: 0.01 N/m and 0.5 N s/m beside the rail's damping.
+    # The predictor's model is that of the tissue: 0.01 N/m, and 0.5 N s/m in addition
+    # to the slider's damping.
     model = (1 - z) / (MASS * s**2 + (DAMPING + 0.5) * s + 0.01)
     for kind, expected in (
         ("direct_force", tool),
@@ -74,15 +75,15 @@ def test_direct_force_with_a_damper_and_a_predictor(round_trip):
 
 
 def Tool(s, damping=DAMPING):
-    """The slider on the bone: F/x at s (rad/s)."""
+    """Returns F/x of the slider on the bone at s in rad/s."""
     return MASS * s**2 + damping * s + BONE
 
 
 def Adaptive(s):
-    """F_h/x of the thesis's law without adaptation, from (4.2), (4.23) and (4.32).
+    """Returns F_h/x of the thesis's law without adaptation, (4.2), (4.23) and (4.32).
 
-    F_c' = alpha' - Psi P s - G2 z with alpha' = -Psi^-1 G1 Psi (F_c - F_e), the slope
-    that the law uses, because it does not know that of F_e. v_d is 0.
+    F_c' = alpha' - Psi P s - G2 z with alpha' = -Psi^-1 G1 Psi (F_c - F_e). This rate
+    of alpha lacks that of F_e, whose estimate W3 Phi is 0. v_d is 0.
     """
     Psi, Lambda, G1, G2, P = 4.3, 1.0, 2.0, 20.0, 1.0
     F_e = BONE  # Of x = 1.
@@ -93,7 +94,7 @@ def Adaptive(s):
 
 
 def Waves(s, T):
-    """The transmission line of test_the_wave_line_is_a_transmission_line, as F_h/x."""
+    """Returns F_h/x of the line in test_the_wave_line_is_a_transmission_line."""
     load = Tool(s) / s
     tangent = np.tanh(s * T / 2)
     line = (load + RESISTANCE * tangent) / (RESISTANCE + load * tangent)
@@ -150,7 +151,7 @@ def test_the_wave_line_is_a_transmission_line(round_trip):
     tangent = np.tanh(s * round_trip / 2)
     line = b * (load + b * tangent) / (b + load * tangent)
     scenario = Scenario("wave_variables", round_trip)
-    # A damper D = b stands beside the line.
+    # The line has a parallel damper D = b.
     assert OnBone(scenario, *OMEGA) == pytest.approx((s * (line + b)).real, rel=1e-6)
 
 
@@ -158,7 +159,7 @@ def test_the_wave_line_is_a_transmission_line(round_trip):
     "kind", ["wave_variables", "proportional_damping", "four_channel"]
 )
 def test_the_blocks_alone_say_the_same(kind):
-    """A second method: phasors through the blocks, robot and bone on paper."""
+    """A second method: phasors through the blocks, with closed forms of the rest."""
     scenario = Scenario(kind, 1.0)
     sides = MakeArchitecture(scenario)
     expected = []

@@ -1,4 +1,4 @@
-"""Two joints on a bus, against sampled-data control by hand and Colgate and Schenkel.
+"""Two joints on a bus against exact sampled-data models and published conditions.
 
 J. E. Colgate and G. G. Schenkel, "Passivity of a class of sampled-data systems:
 application to haptic interfaces", J. Robotic Systems 14 (1997): with viscous friction
@@ -6,11 +6,12 @@ b, a force H(z) of the sampled position, held for T, is passive if and only if
 
     b > T/2 Re((1 - e^(-j w T)) H(e^(j w T)))/(1 - cos w T)    for 0 <= w <= pi/T.
 
-For H = K + B (z - 1)/(T z) that is b > K T/2 + |B|, for one joint on a fixed wall. Two
-equal joints that move against each other are one joint: with the springs K and H = K/z
-if the drive of each closes its own loop, b > 3 K T/2, and with 2 H if a host ties both,
-b > K T + 2 |B|. A force that acts one cycle late has three times the spring's share:
-3 K T/2 on the wall, 3 K T for the tied pair.
+For one joint on a fixed wall, H = K + B (z - 1)/(T z) gives b > K T/2 + |B|. Two equal
+joints that move against each other are equivalent to one joint. If the drive of each
+joint closes its own loop, its springs are K and H = K/z, which gives b > 3 K T/2. If a
+host ties both joints, its spring is 2 H, which gives b > K T + 2 |B|. If the force acts
+one cycle late, the term of the spring is three times as large: 3 K T/2 on the wall,
+3 K T for the tied pair.
 """
 
 import re
@@ -32,12 +33,15 @@ M, b, K, v_d = 0.02, 0.2, 100.0, 0.5
 
 
 def bus(T, *, M=M, K=K, hand=1.0):
-    """The map from one cycle to the next, of [x_m, v_m, x_s, v_s, the hand's two, both
-    positions of the cycle before], and what v_d adds."""
+    """Returns the map of the state from one cycle to the next, and its column of v_d.
+
+    The state is [x_m, v_m, x_s, v_s, two states of the hand, both positions of the
+    cycle before].
+    """
     A, B = np.zeros((6, 6)), np.zeros((6, 3))
     A[0, 1] = A[2, 3] = A[4, 5] = 1
     A[1, :2] = A[3, 2:4] = -K / M, -b / M
-    # The hand: (2 s + 10)/(s^2 + 20 s), fed by v_d - v_m.
+    # The hand is (2 s + 10)/(s^2 + 20 s) with the input v_d - v_m.
     A[1, 4:] = 10 * hand / M, 2 * hand / M
     A[5, 1], A[5, 5], B[5, 2] = -1, -20, 1
     B[1, 0] = B[3, 1] = K / M
@@ -49,7 +53,10 @@ def bus(T, *, M=M, K=K, hand=1.0):
 
 
 def wall(T, B, *, m, k_e, b=0.1, K=K):
-    """The same of [x, v, the position before], on a spring k_e of its own, with F_0."""
+    """Returns the map of one joint at a fixed wall, and its column of a force.
+
+    The state is [x, v, the position of the cycle before]. A spring k_e holds the joint.
+    """
     A = np.array([[0, 1], [-k_e / m, -b / m]])
     G = np.array([[0], [1 / m]])
     A, G, *_ = cont2discrete((A, G, np.eye(2), np.zeros((2, 1))), T, "zoh")
@@ -61,11 +68,11 @@ def wall(T, B, *, m, k_e, b=0.1, K=K):
 
 
 def host(T, *, b=b, B=0.0, K=K, m=M, k_e=0.0, late=False, tied=True):
-    """The map from one cycle to the next of two joints that a host drives.
+    """Returns the map from one cycle to the next of two joints that a host drives.
 
-    The state is [x_1, v_1, x_2, v_2, both positions of the cycle before], with the two
-    forces of the cycle before behind it if they act a cycle late. The host ties the two
-    joints to each other, or else each of them to a fixed wall. A hand with the
+    The state is [x_1, v_1, x_2, v_2, both positions of the cycle before]. If the forces
+    act one cycle late, the two forces of the cycle before follow. The host ties the
+    joints to each other or, if not `tied`, each joint to a fixed wall. A hand with the
     stiffness k_e holds each joint.
     """
     joint = [[0, 1], [-k_e / m, -b / m]]
@@ -83,7 +90,7 @@ def host(T, *, b=b, B=0.0, K=K, m=M, k_e=0.0, late=False, tied=True):
 
 
 def radius(cycle):
-    """The largest |z| but for a neutral z = 1, where the pair as a whole stands."""
+    """Returns the largest |z|, without the neutral z = 1 of the pair's position."""
     z = np.linalg.eigvals(cycle)
     return np.abs(z[np.abs(z - 1) > 1e-6]).max()
 
@@ -98,7 +105,7 @@ def on_bus(T, **overrides):
 
 
 def assert_same(recording, cycle, by_input, u, states):
-    """The recording at the cycles is what the map says."""
+    """Asserts that the recording equals the iterated map at all cycles."""
     T, x, rows = recording.scenario.forward_channel.sample_period, 0 * by_input, []
     times = np.arange(0, recording.time[-1], T)
     for _ in times:
@@ -125,7 +132,10 @@ def test_it_shakes_beyond_the_longest_cycle(share):
 
 @pytest.mark.parametrize("stiffness", Slow([25, 100, 200], but=[0]))
 def test_analyze_finds_the_longest_cycle(stiffness):
-    """The round trip is two cycles and two halves; Colgate and Schenkel are below."""
+    """The delay is two cycles and two holds of half a cycle, three cycles in all.
+
+    The condition of Colgate and Schenkel is more conservative.
+    """
     exact = longest_cycle(K=stiffness)
     key = "controller.proportional_damping.stiffness"
     (point,) = AnalyzeStability(on_bus(1e-3, **{key: stiffness})).points
@@ -137,7 +147,7 @@ def test_analyze_finds_the_longest_cycle(stiffness):
 
 @pytest.mark.parametrize(("B", "above"), [(0.0, 1.02), (0.05, 1.5)])
 def test_colgate_and_schenkel_where_the_host_closes_the_loop(B, above):
-    """Stable with every mass and spring below the bound, and not with all above."""
+    """Below the bound every mass and spring is stable; above it some are not."""
     bound = 2 * (0.1 - B) / K
 
     def worst(T):
@@ -162,17 +172,17 @@ WIRINGS = {
         3,
     ),
 }
-"""The wirings of a host, as the page names them, and b/(K T) at their condition."""
+"""The wirings of a host, named as on the page, and b/(K T) at their condition."""
 
 
 def longest_cycle_of_host(wiring, *, K=K):
-    """The cycle in s from which on the map grows without a hand."""
+    """Returns the cycle in s above which the map is unstable without a hand."""
     return brentq(lambda T: radius(host(T, K=K, **wiring)) - 1, 1e-5, 0.02)
 
 
 @pytest.mark.parametrize(("wiring", "share"), WIRINGS.values(), ids=WIRINGS)
 def test_the_condition_of_each_wiring_of_a_host(wiring, share):
-    """The least friction of the exact map is the condition's, but for the inertia."""
+    """The least stable friction is that of the condition, except for the inertia."""
     T = 1e-3
     least = brentq(lambda b: radius(host(T, b=b, **wiring)) - 1, 1e-3, 1.0)
     assert least == pytest.approx(share * K * T, rel=5e-3)
@@ -188,7 +198,7 @@ def test_the_walls_condition_does_not_hold_for_two_tied_joints():
     ("B", "late", "above"), [(0.0, False, 1.02), (0.02, False, 1.5), (0.0, True, 1.02)]
 )
 def test_two_tied_joints_in_any_hands(B, late, above):
-    """Stable with every mass and hand below the bound, and not with all above."""
+    """Below the bound every mass and hand is stable; above it some are not."""
     bound = (b - 2 * B) / ((3 if late else 1) * K)
 
     def worst(T):
@@ -203,7 +213,7 @@ def test_two_tied_joints_in_any_hands(B, late, above):
 
 @pytest.mark.parametrize("share", [0.97, 1.03])
 def test_two_joints_tied_by_a_host_shake_beyond_the_longest_cycle(share):
-    """A Diagram of Drake's blocks: the package runs what the map describes."""
+    """A simulated Diagram of Drake's blocks is stable or unstable as the map is."""
     T = share * longest_cycle_of_host({"tied": True})
     joint = [[0, 1], [0, -b / M]]
     tie = K * np.array([[-1, 0, 1, 0], [1, 0, -1, 0]])
@@ -235,7 +245,7 @@ def test_two_joints_tied_by_a_host_shake_beyond_the_longest_cycle(share):
 
 @pytest.mark.parametrize("share", [0.9, 1.1])
 def test_the_encoder_samples_as_theirs_does(share):
-    """A leader that is held fast is a wall to the follower."""
+    """A leader with a very large mass is a fixed wall to the follower."""
     B, k_e = 0.05, 50.0
     T = share * brentq(lambda T: radius(wall(T, B, m=M, k_e=k_e)[0]) - 1, 1e-4, 0.1)
     spring = {"name": "spring", "start": -np.inf, "stiffness": k_e, "reference": 0.01}

@@ -1,4 +1,4 @@
-"""Tests of analysis.loop against models written by hand."""
+"""Tests of analysis.loop against models in closed form."""
 
 import math
 from dataclasses import replace
@@ -77,16 +77,16 @@ def test_empty_space_and_the_robots_reach():
     )
     (point,) = OperatingPoints(scenario)
     assert point.name == "empty"
-    # From 0.85 m to where |sin q2| = 0.05: two links of 0.75 m.
+    # The path is from 0.85 m to |sin q2| = 0.05; both links are 0.75 m long.
     reach = math.sqrt(2 * 0.75**2 * (1 + math.sqrt(1 - 0.05**2)))
     np.testing.assert_allclose(point.position, [(0.85 + reach) / 2, 0.0])
 
 
 def test_adaptive_law_without_adaptation_is_its_textbook_form():
-    """With W1 = W3 = 0 and constant Psi, (4.23), (4.31), (4.32) leave
+    """With W1 = W3 = 0 and constant Psi, (4.23), (4.31), (4.32) are F_c = A F_e - K s.
 
-    dF_c/dt = -(G1 + G2) (F_c - F_e) + dF_e/dt-free terms: F_c = A F_e - K s with
-    A = (G1 + G2)/(p + G1 + G2), K = (Psi + G1 G2/Psi)/(p + G1 + G2).
+    A = (G1 + G2)/(p + G1 + G2), K = (Psi + G1 G2/Psi)/(p + G1 + G2), p = d/dt. dF_e/dt
+    does not appear.
     """
     scenario = LoadScenario("one_dof", {"controller.adaptation_rate": 0.0})
     m, c, Psi, G1, G2, Lambda = 0.5, 0.1, 4.3, 2.0, 20.0, 1.0
@@ -111,9 +111,9 @@ def test_adaptive_law_without_adaptation_is_its_textbook_form():
 
 
 def ArmMotion(x, F):
-    """[p, v, dv/dt] of the tool by Appendix A, also for complex x = [q, qdot].
+    """Returns [p, v, dv/dt] of the tool by Appendix A; x = [q, qdot] may be complex.
 
-    F is what acts on the tool: F_c - F_e.
+    F is the total force F_c - F_e on the tool.
     """
     q, qdot = x[:2], x[2:]
     J, M, C = (
@@ -130,7 +130,7 @@ def ArmMotion(x, F):
 
 @pytest.mark.parametrize("velocity", [[0.0, 0.0], [0.1, -0.05]])
 def test_arm_is_appendix_a(velocity):
-    """In tissue and moving; derivatives by complex steps, exact to rounding."""
+    """The arm is in tissue and moves; complex steps give exact derivatives."""
     scenario = LoadScenario("two_dof_combined", {"controller.kind": "direct_force"})
     p0, v0 = np.array([0.93, 0.05]), np.array(velocity)
     point = OperatingPoint(name="here", position=p0, velocity=v0)
@@ -139,14 +139,15 @@ def test_arm_is_appendix_a(velocity):
     q0 = TwoLinkArmConfig(elbow="down").JointPositions(p0)
     x0 = np.concatenate([q0, np.linalg.solve(appendix_a.J(q0), v0)])
     np.testing.assert_allclose(ArmMotion(x0, np.zeros(2))[:4], [*p0, *v0], atol=1e-12)
-    # The force that keeps the velocity: dv/dt is affine in it.
+    # F0 is the force at a constant velocity. dv/dt is affine in the force.
     a0 = ArmMotion(x0, np.zeros(2))[4:]
     slope = np.array([ArmMotion(x0, F)[4:] - a0 for F in np.eye(2)]).T
     F0 = np.linalg.solve(slope, -a0)
 
     def Motion(x):
         p, v = ArmMotion(x, F0)[:4].reshape(2, 2)
-        change = 0.01 * (p[0] - p0[0]) + 0.5 * (v[0] - v0[0])  # of F_e
+        # The change of F_e.
+        change = 0.01 * (p[0] - p0[0]) + 0.5 * (v[0] - v0[0])
         return ArmMotion(x, F0 - np.array([change, 0 * change]))
 
     h = 1e-30
@@ -178,7 +179,7 @@ def test_free_joints_are_states_like_others():
 
 
 def test_estimates_are_those_of_the_point():
-    """Psi of the point, not of the scenario; the weights W1 shift the law."""
+    """The model uses Psi of the point, not of the scenario, and its weights W1."""
     scenario = LoadScenario("one_dof", {"controller.adaptation_rate": 0.0})
     point = OperatingPoints(scenario)[1]
     count = scenario.controller.network.count[0]
@@ -196,7 +197,7 @@ def test_estimates_are_those_of_the_point():
         expected.slave.frequency_response(W),
         rtol=1e-9,
     )
-    # F_c = alpha has -Psi^-1 W1 Phi(r): a spring of its own at the robot.
+    # With weights, F_c contains -Psi^-1 W1 Phi(r), which acts as a spring.
     weights = np.linspace(-1, 1, count)
     curved = LinearizeLoop(
         scenario,
@@ -206,7 +207,7 @@ def test_estimates_are_those_of_the_point():
 
 
 def test_what_was_learned_hardly_moves_the_margin():
-    """With the estimates of a run at the point where the tool is then."""
+    """The estimates are those of a run, and the point is the tool's position then."""
     scenario = LoadScenario("one_dof", {"duration": 12.0})
     recording = simulate(scenario)
 
@@ -251,7 +252,7 @@ class ForcePlus(LeafSystem):
 
 
 def test_a_block_that_does_not_convert_is_differentiated_and_named():
-    """A plain LeafSystem with a law that is curved over two millimetres."""
+    """The law is a plain LeafSystem, with a sine whose length is 2 mm per radian."""
     curved = ForcePlus(lambda r, v: np.sin(r / 0.002))
     scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
     point = OperatingPoints(scenario)[0]
@@ -271,7 +272,7 @@ def sine_in_free_space(F_hd, r):
 
 
 class HalfDual(KernelBlock):
-    """F_c = F_hd, and in free space sin(r) more, by a function of `math`."""
+    """F_c = F_hd, plus sin(r) in free space, computed by a function of `math`."""
 
     def __init__(self):
         super().__init__()
@@ -299,7 +300,7 @@ def test_a_block_that_converts_at_one_point_only():
 
 
 def LawWith(late):
-    """Direct force whose haptic force goes through a system."""
+    """Returns a law of direct force whose haptic force passes through a system."""
     builder = DiagramBuilder()
     law = builder.AddNamedSystem("law", DirectForce(num_axes=1))
     late = builder.AddNamedSystem("late", late)
@@ -317,8 +318,11 @@ def LawWith(late):
 
 
 def test_delay_of_its_own_is_one_more_cut():
-    """Of the slave: the delay's output acts as the haptic force did, and its input is
-    that force as received."""
+    """A delay in the slave is a further cut of its model.
+
+    The delay's output acts on the slave as the haptic force did without it, and its
+    input is the received haptic force.
+    """
     scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
     point = OperatingPoints(scenario)[0]
     late = LawWith(TransportDelay(delay=0.1, size=1))
@@ -336,7 +340,7 @@ def test_delay_of_its_own_is_one_more_cut():
 
 
 def test_samples_have_no_linear_model():
-    """What a system keeps in samples would be taken for constant."""
+    """Sampled states of a system are refused: they would count as constant."""
     scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
     late = LawWith(SampledDelay(delay=0.1, sample_period=0.01, size=1))
     diagram = MakeTeleoperator(scenario, control_law=late)
@@ -378,7 +382,7 @@ def test_law_that_bends_at_the_point_has_no_linear_model():
         ValueError, match="a law that bends at the operating point 'tis"
     ):
         LinearizeLoop(scenario, point, teleoperator=diagram)
-    # On either side of the bend it has one.
+    # On either side of the bend there is a linear model.
     for v_bend, sign in ((-0.1, 1), (0.1, -1)):
         model = LinearizeLoop(
             scenario,
@@ -389,7 +393,7 @@ def test_law_that_bends_at_the_point_has_no_linear_model():
 
 
 def test_no_difference_crosses_a_border():
-    """A micrometre before the bone, the environment still is free space."""
+    """At 1 um in front of the bone the slopes are those of free space."""
     scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
     model = LinearizeLoop(scenario, OperatingPointAt(scenario, 0.015 - 1e-6))
     np.testing.assert_allclose(model.slave.A, [[0, 1], [0, -0.2]], atol=1e-7)
@@ -405,7 +409,7 @@ def test_no_point_is_invented_where_surfaces_are_not_told():
 
 
 def test_path_to_an_oblique_bone():
-    """A position on the path is that along the normal of the surface ahead."""
+    """Positions on the path are measured along the normal of the contact surface."""
     scenario = LoadScenario("needle_insertion")
     normal = np.array([0.6, 0.48, -0.64])
     start = normal @ np.array(scenario.robot.start)

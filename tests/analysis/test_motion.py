@@ -1,4 +1,4 @@
-"""Tests of what the linear model of an instant can tell, and what not."""
+"""Tests of the validity of the linear model of an instant of a motion."""
 
 import math
 
@@ -25,9 +25,9 @@ def EverywhereBone(stiffness, **overrides):
 
 @pytest.mark.parametrize("speed", [0.002, 0.1])
 def test_modes_of_the_motion_itself_are_neutral(speed):
-    """An arm without a controller, in motion: 0.2 v +- 1.5 v j are its slave's roots.
+    """The slave of a moving arm without a controller has the roots 0.2 v +- 1.5 v j.
 
-    They are what the instant says of a motion that takes it across the workspace.
+    They are as slow as the arm's motion across the workspace and must not count.
     """
     scenario = LoadScenario(
         "two_dof_collision",
@@ -43,7 +43,7 @@ def test_modes_of_the_motion_itself_are_neutral(speed):
 
 
 def test_slow_root_that_is_unstable_is_found():
-    """A heavy slider on a soft spring: nothing in its model drifts as it moves on."""
+    """The model of a heavy slider on a soft spring does not change along its path."""
     scenario = LoadScenario(
         "one_dof",
         EverywhereBone(
@@ -66,11 +66,11 @@ def test_slow_root_that_is_unstable_is_found():
 
 
 def test_rate_of_a_motion():
-    """A root a that changes at a rate a' is as slow as its motion where a^2 = |a'|."""
+    """A root a that changes at the rate a' is as slow as its change if a^2 = |a'|."""
     A = np.diag([-10.0, 0.0, 0.0]) + np.eye(3, k=1)
     assert MotionRate(A, 0 * A) == 0
     A_dot = np.diag([0.0, 0.0, 0.04])
-    # On the last circle that the neutral root reaches, and within a sixth of a decade.
+    # The result is the next circle outside of 0.2; there are six circles per decade.
     assert 0.2 <= MotionRate(A, A_dot) <= 0.2 * 10 ** (1 / 6)
     units = np.array([1.0, 1e3, 1e-3])
     scale = units / units[:, None]
@@ -84,7 +84,10 @@ def test_slider_on_a_spring_rests_while_it_moves():
 
 
 def Rate(recording, begin):
-    """Growth rate of the deviation from the steady motion, from its extremes."""
+    """Returns the growth rate in 1/s of a deviation from steady motion.
+
+    It is computed from the deviation's extremes.
+    """
     t = np.linspace(begin, recording.time[-1], 6000)
     v = recording.Interpolate("tool_velocity", t)[:, 0]
     i = np.flatnonzero(np.diff(v)[:-1] * np.diff(v)[1:] < 0) + 1
@@ -96,8 +99,10 @@ def Rate(recording, begin):
     "seed", [1, *(pytest.param(i, marks=pytest.mark.slow) for i in range(2, 8))]
 )
 def test_roots_against_growth(seed):
-    """Random sliders on random springs with random delays: the run grows or decays at
-    the rate of the rightmost root."""
+    """A run with a random slider, spring and delay grows or decays as predicted.
+
+    The predicted rate is that of the rightmost root.
+    """
     rng = np.random.default_rng(seed)
     delay = rng.uniform(0.1, 0.5)
     share = rng.uniform(0.2, 0.8)
@@ -108,7 +113,7 @@ def test_roots_against_growth(seed):
             "robot.damping": rng.uniform(0.0, 0.5),
             "forward_channel.delay": share * delay,
             "return_channel.delay": (1 - share) * delay,
-            # The solver's error is absolute, and these signals are small.
+            # Error control is absolute, and these signals are small.
             "simulator.max_step_size": 0.005,
         },
     )
@@ -117,7 +122,8 @@ def test_roots_against_growth(seed):
     bone = AnalyzeStability(scenario, points=[point]).points[0]
     roots = bone.Roots(delay, count=6)
     root = roots[0]
-    # Long enough for the others to have gone, and not for all to have.
+    # Long enough for the faster modes to decay, and short enough for the slowest one to
+    # remain.
     duration = float(np.clip(10 / abs(root.real), 2.0, 10.0))
     apart = next(s.real for s in roots if abs(s.imag) != abs(root.imag))
     if (root.real - apart) * duration < 20 or root.imag == 0:

@@ -1,4 +1,4 @@
-"""Margins of anybody's loop, against closed forms, python-control, SciPy and runs."""
+"""Margins of any loop, against closed forms, python-control, SciPy and runs."""
 
 import math
 import sys
@@ -31,7 +31,7 @@ def MakeLoop(A, B, C, K, *, inner=0.0, side=None):
     """Returns the loop dx/dt = A x + B u, y = C x, u = -K y(t - inner).
 
     Args:
-        side: Gain and delay of another feedback of y beside this one.
+        side: Gain and delay of a second feedback of y.
     """
     builder = DiagramBuilder()
     plant = builder.AddNamedSystem("plant", LinearSystem(A, B, C))
@@ -91,7 +91,7 @@ def test_state_feedback_of_a_double_integrator():
     expected = math.atan(k2 * w / k1) / w - 0.1
     context = diagram.CreateDefaultContext()
     plant, delay, law = map(diagram.GetSubsystemByName, ("plant", "delay", "law"))
-    # Vectors or scalars, behind an output or before an input: one loop.
+    # The margin is the same at ports of outputs and inputs, of vectors and scalars.
     for port in (
         plant.get_input_port(),
         delay.get_input_port(),
@@ -111,7 +111,7 @@ def test_two_delays_of_which_one_is_left_as_it_is():
     w, T = margins.frequency, margins.delay
     terms = np.array([1j * w, a * np.exp(-1j * w * T1), b * np.exp(-1j * w * T)])
     assert abs(terms.sum()) < 1e-9
-    # No smaller T is on the axis: |j w + a e^(-j w T1)| = b has one solution.
+    # No smaller T has a root on the axis: |j w + a e^(-j w T1)| = b has one solution.
     frequencies = np.linspace(1e-3, a + b, 20001)
     rest = np.abs(1j * frequencies + a * np.exp(-1j * frequencies * T1)) - b
     (crossing,) = frequencies[:-1][np.diff(np.signbit(rest))]
@@ -126,7 +126,7 @@ def test_gain_margin_of_three_lags():
 
 
 def test_gain_margins_of_an_unstable_plant():
-    """0.1 s^2 + 0.9 s + k - 1: k/(s - 1) behind the actuator 1/(0.1 s + 1)."""
+    """k/(s - 1) after the actuator 1/(0.1 s + 1): roots of 0.1 s^2 + 0.9 s + k - 1."""
     A = [[1.0, 1.0], [0.0, -10.0]]
     diagram = MakeLoop(A, [[0.0], [10.0]], [[1.0, 0.0]], [[3.0]])
     port = diagram.GetSubsystemByName("plant").get_input_port()
@@ -153,7 +153,7 @@ def test_the_delay_is_that_of_the_context():
 
 @pytest.mark.parametrize(("share", "is_stable"), [(0.98, True), (1.02, False)])
 def test_runs_on_both_sides_of_the_margin(share, is_stable):
-    """Two delays, of which the first has the margin; see above."""
+    """Of two delays, the first one is increased up to and beyond its margin."""
     diagram = MakeLoop(*INTEGRATOR, [[3.0]], inner=0.1, side=(1.0, 0.4))
     port = diagram.GetSubsystemByName("delay").get_output_port()
     margin = DelayMargin(diagram, diagram.CreateDefaultContext(), port)
@@ -194,7 +194,7 @@ def test_python_control_finds_the_margins_of_the_same_loop():
     w = np.array([0.1, 1.0, 5.0])
     response = converted(1j * w)
     np.testing.assert_allclose(response, model.Response(w)[:, 0, 0], rtol=1e-9)
-    # python-control closes a loop with a minus.
+    # python-control assumes negative feedback.
     _, phase, _, _ = control.margin(-converted)
     assert math.radians(phase) == pytest.approx(model.margins().phase, rel=1e-6)
     undelayed = MakeLoop(*DOUBLE, [[4.0, 2.0]])
@@ -230,7 +230,7 @@ def test_what_is_no_loop_has_no_margins():
 
 
 def test_delays_in_series_are_settled():
-    """dx/dt = c - x^2(t - T1 - T2) rests at x = sqrt(c), where its slope is -2 x."""
+    """dx/dt = c - x^2(t - T1 - T2) has the equilibrium x = sqrt(c), with slope -2 x."""
     x = Variable("x")
     u = Variable("u")
     builder = DiagramBuilder()
@@ -255,7 +255,7 @@ def test_delays_in_series_are_settled():
     "kind", ["direct_force", "wave_variables", "proportional_damping"]
 )
 def test_a_teleoperator_has_the_margin_of_the_loop_analysis(kind):
-    """That one knows stations and channels, and cuts both channels."""
+    """The loop analysis uses the stations, and cuts the loop at both channels."""
     scenario = LoadScenario("one_dof", {"controller.kind": kind, "delay": 0.02})
     tissue = AnalyzeStability(scenario)["tissue"]
     diagram = MakeTeleoperator(scenario)

@@ -1,4 +1,4 @@
-"""Linear models between any two ports, against closed forms and the loop's own."""
+"""Linear models between any two ports, against closed forms and the loop analysis."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ T, K = 0.13, 0.7
 
 
 def MakeLoop():
-    """Returns r -> (+) -> 1 / (s + 2) -> y, with -K y(t - T) fed back."""
+    """Returns the loop r -> (+) -> 1 / (s + 2) -> y with the feedback -K y(t - T)."""
     builder = DiagramBuilder()
     adder = builder.AddNamedSystem("adder", Adder(2, 1))
     plant = builder.AddNamedSystem("plant", LinearSystem([[-2.0]], [[1.0]], [[1.0]]))
@@ -74,7 +74,7 @@ def test_a_deviation_inside_runs_around_the_loop_unless_it_is_opened():
     )
     expected = -LOOP_GAIN / (1 + LOOP_GAIN)
     np.testing.assert_allclose(closed.Response(W)[:, 0, 0], expected, rtol=1e-12)
-    # Cut in the middle of the nested diagram: minus the loop gain.
+    # Opened within the nested diagram, the response is minus the loop gain.
     gain = feedback.GetSubsystemByName("gain")
     opened = LinearizePorts(
         diagram,
@@ -88,7 +88,7 @@ def test_a_deviation_inside_runs_around_the_loop_unless_it_is_opened():
 
 @pytest.mark.parametrize("kind", ["direct_force", "wave_variables"])
 def test_half_of_a_teleoperator_is_that_of_the_loop_analysis(kind):
-    """From the forward packet received to the return packet sent, in tissue."""
+    """The model is from the received forward packet to the sent return packet."""
     scenario = LoadScenario("one_dof", {"controller.kind": kind})
     (point,) = (x for x in OperatingPoints(scenario) if x.name == "tissue")
     slave = Linearizer(scenario).Loop(point).slave
@@ -106,7 +106,7 @@ def test_half_of_a_teleoperator_is_that_of_the_loop_analysis(kind):
         is_opened=True,
     )
     response = model.Response(W)
-    assert len(slave.D) == response.shape[1]  # Neither has a delay inside its slave.
+    assert len(slave.D) == response.shape[1]  # The slaves have no inner delay.
     expected = [
         slave.C @ np.linalg.solve(1j * w * np.eye(slave.num_states) - slave.A, slave.B)
         + slave.D
@@ -136,7 +136,7 @@ def test_what_has_no_linear_model_is_refused():
 
 
 def test_a_context_with_an_accuracy_holds_the_layer_that_it_has():
-    """The tool is in the tissue, and the environment still has free space's law."""
+    """The tool is in the tissue, while the environment's mode is still free space."""
     scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
     teleoperator = MakeTeleoperator(scenario)
     context = teleoperator.CreateDefaultContext()
@@ -163,7 +163,7 @@ def test_a_context_with_an_accuracy_holds_the_layer_that_it_has():
 
 
 def LayerAt(position, teleoperator):
-    """Returns the mode that the environment has where a run begins at a position."""
+    """Returns the environment's mode at the start of a run at a position."""
     context = teleoperator.CreateDefaultContext()
     robot = teleoperator.GetSubsystemByName("robot")
     robot.GetMyMutableContextFromRoot(context).SetContinuousState([position, 0.001])

@@ -22,7 +22,7 @@ from teleop_drake.numerics.delay_margin import is_delay_robust
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 
-# They look at the same analyses.
+# The tests share analyses, and therefore run in one process.
 pytestmark = pytest.mark.xdist_group("stability")
 
 TASKS = ("one_dof", "two_dof_combined")
@@ -35,7 +35,7 @@ OTHERS = (
     "smith_predictor",
 )
 
-# One layer that is everywhere, so that a run stays at its operating point.
+# A single, unbounded layer, so that a run stays at its operating point.
 EVERYWHERE = {
     "tissue": [
         {
@@ -55,7 +55,7 @@ ANALYSES = {}
 
 
 def Analyze(name, kind="direct_force", **overrides):
-    """Returns the analysis of a scenario, made for the first test that looks at it."""
+    """Returns the analysis of a scenario, which is made once for all tests."""
     overrides = {"controller.kind": kind, **overrides}
     key = repr((name, overrides))
     if key not in ANALYSES:
@@ -67,7 +67,10 @@ def Analyze(name, kind="direct_force", **overrides):
     ("layer", "k", "d"), [("tissue", 0.01, 0.5), ("free", 0, 0), ("bone", 150, 0)]
 )
 def test_direct_force_on_one_axis_by_hand(layer, k, d):
-    """L = (25 s + 50)/((s + 25) (m s^2 + (c + d) s + k)), the integrator cancelled."""
+    """L = (25 s + 50)/((s + 25) (m s^2 + (c + d) s + k)), with a cancelled integrator.
+
+    The crossings follow from a polynomial in w^2.
+    """
     analysis = Analyze("one_dof")
     point = analysis[layer]
     m, c = 0.5, 0.1
@@ -77,7 +80,7 @@ def test_direct_force_on_one_axis_by_hand(layer, k, d):
     np.testing.assert_allclose(
         point.loop.frequency_response(w)[:, 0, 0], expected, rtol=1e-9
     )
-    # |25 j w + 50|^2 = |j w + 25|^2 |k - m w^2 + j (c + d) w|^2, in w^2.
+    # |25 j w + 50|^2 = |j w + 25|^2 |k - m w^2 + j (c + d) w|^2 is a polynomial in w^2.
     spring = np.polyadd(np.polymul([-m, k], [-m, k]), [(c + d) ** 2, 0])
     squares = np.roots(np.polysub(np.polymul([1, 625], spring), [625, 2500]))
     w = np.sort(np.sqrt(squares[(squares.real > 0) & (abs(squares.imag) < 1e-9)].real))
@@ -93,9 +96,11 @@ def test_direct_force_on_one_axis_by_hand(layer, k, d):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", TASKS)
 def test_collocation_agrees_at_every_border(name, kind):
-    """At the ends of each interval the rightmost root is on the axis, at the frequency
-    of a crossing; inside it is left, and outside right of it. On the bone stability
-    returns."""
+    """The rightmost root is on the axis at the ends of each interval of stability.
+
+    It has the frequency of a crossing there. Inside of an interval it is left of the
+    axis, between intervals right of it. On the bone there are several intervals.
+    """
     for point in Analyze(name, kind).points:
         assert is_delay_robust(point.loop)
         for begin, end in point.stable_delays:
@@ -123,14 +128,14 @@ def test_collocation_and_counting_agree_for_all_architectures(name, kind):
     for point in Analyze(name, kind).points:
         for T in (0.05, 0.2, 0.45):
             root = point.RightmostRoot(T)
-            # It is None where the two do not agree.
+            # The result is None if the two methods do not agree.
             assert root is not None
             assert (root.real < 0) == point.IsStableWith(T)
 
 
 @pytest.mark.parametrize("name", Slow(["two_dof_combined", "one_dof"]))
 def test_only_integrators_are_hidden(name):
-    """All roots of the uncut, unreduced loop are those of L and the integrators."""
+    """The roots of the full model are those of L and the integrators."""
     for point in Analyze(name, "adaptive_backstepping").points:
         system = point.model.system
         T = 0.3
@@ -149,7 +154,7 @@ def test_only_integrators_are_hidden(name):
 
 
 def Growth(recording, begin):
-    """Growth rate and frequency of an oscillation, from its extremes."""
+    """Returns growth rate and frequency of an oscillation, from its extremes."""
     t = np.linspace(begin, recording.time[-1], 8000)
     v = recording.Interpolate("tool_velocity", t)[:, 0]
     slope = np.diff(v)
@@ -163,7 +168,7 @@ RUNS = [
     ("one_dof", "direct_force", "tissue", 40.0, 1e-3),
     ("one_dof", "direct_force", "free", 40.0, 1e-3),
     ("one_dof", "direct_force", "bone", 9.0, 1e-3),
-    # The estimates go on adapting in these.
+    # In the runs of these the estimates continue to adapt.
     ("one_dof", "adaptive_backstepping", "tissue", 40.0, 2e-2),
     ("one_dof", "adaptive_backstepping", "free", 40.0, 2e-2),
     ("two_dof_collision", "direct_force", "tissue", 20.0, 1e-2),
@@ -173,14 +178,16 @@ RUNS = [
 
 @pytest.mark.parametrize(
     ("name", "kind", "layer", "duration", "tolerance", "share"),
-    # The slider below its margin in free space, and the arm above.
+    # The fast tests are the slider below its margin in free space, and the arm above.
     Slow([(*run, share) for run in RUNS for share in (0.95, 1.05)], but=[2, 13]),
 )
 def test_runs_on_either_side_of_the_margin(
     name, kind, layer, duration, tolerance, share
 ):
-    """The diagram itself, with unequal delays, decays below and grows above it, at the
-    rate of the rightmost root."""
+    """A run decays below the margin and grows above it, at the rightmost root's rate.
+
+    The delays of the channels are not equal.
+    """
     overrides = {
         "controller.kind": kind,
         "environment.layers": EVERYWHERE[layer],
@@ -188,7 +195,8 @@ def test_runs_on_either_side_of_the_margin(
         "simulator.accuracy": 1e-10,
     }
     if name != "one_dof":
-        # So slow that the pose of the arm stays what it is, and no spring at first.
+        # The arm moves so slowly that its pose hardly changes, and begins with a
+        # relaxed spring.
         overrides |= {"surgeon.velocity": [1e-4, 0.0], "surgeon.contact_force": None}
         if layer == "tissue":
             overrides |= {"environment.layers.tissue.reference": 0.85}
@@ -219,7 +227,7 @@ def test_runs_on_either_side_of_the_margin(
     assert frequency == pytest.approx(root.imag, rel=1e-3)
 
 
-# No border bends it, and it is touched at 10 um.
+# Almost the same spring on both sides of a contact surface at 10 um.
 SPRING = [
     {"name": "free", "start": -math.inf, "stiffness": 149.99, "reference": 0.0},
     {"name": "bone", "start": 1e-5, "stiffness": 150.0, "reference": 0.0},
@@ -234,7 +242,7 @@ SPRING = [
     ],
 )
 def test_runs_follow_the_loop_of_the_held_force(kind, delay, grows):
-    """And not that of the commanded velocity."""
+    """Runs with contact do not follow the loop of the commanded velocity."""
     overrides = {
         "controller.kind": kind,
         "robot.mass": 0.2 if kind == "direct_force" else 0.5,
@@ -261,7 +269,7 @@ def test_runs_follow_the_loop_of_the_held_force(kind, delay, grows):
 
 
 def Rest(name):
-    """Where the tool of a scenario rests under the force that its operator holds."""
+    """Returns a scenario and the point of rest under the force that is held."""
     scenario = LoadScenario(name)
     point = OperatingPoints(scenario)[-1]
     environment = scenario.environment.MakeEnvironment(scenario.robot.start)
@@ -273,7 +281,7 @@ def test_a_tool_that_slides_has_no_place_of_rest():
 
 
 def test_what_gives_way_across_the_normal_moves_the_point_of_rest():
-    """K (p - p_rest) = F along three axes, of an oblique bone held by soft tissue."""
+    """K (p - p_rest) = F on three axes: an oblique bone, and soft tissue across."""
     scenario, point = Rest("needle_insertion")
     normal = np.array([0.6, 0.48, -0.64])
     across = np.eye(3) - np.outer(normal, normal)
@@ -285,7 +293,7 @@ def test_what_gives_way_across_the_normal_moves_the_point_of_rest():
 
 
 def test_force_that_is_held_leaves_the_slider_alone():
-    """m s^2 + c s + k = 0, where the spring carries the force."""
+    """The roots are those of the slider on the spring, m s^2 + c s + k = 0."""
     held = Analyze("one_dof")["bone"].force_mode
     expected = np.roots([0.5, 0.1, 150.0])[0]
     assert held.RightmostRoot(0.2) == pytest.approx(expected, rel=1e-9)
@@ -314,9 +322,9 @@ def test_no_loop_of_a_held_force(overrides, reason):
 
 
 def PredictorDeterminant(s, T, model_mass, k, d):
-    """The characteristic function of the slider behind a Smith predictor, by hand.
+    """Returns the characteristic function of the slider with a Smith predictor.
 
-    With tool P = 1/(m s + c + d + k/s), model Q = 1/(m' s + ...) and the device's H:
+    With tool P = 1/(m s + c + d + k/s), model Q = 1/(m' s + ...) and device H it is
     1 + H [P z + Q (1 - z)], z = e^(-s T).
     """
     H = (25 * s + 50) / (s**2 + 25 * s)
@@ -331,7 +339,7 @@ def PredictorDeterminant(s, T, model_mass, k, d):
     [("tissue", 0.01, 0.5, 0.05), ("free", 0, 0, 1.3), ("bone", 150, 0, 0.3)],
 )
 def test_roots_of_a_predictor_by_hand(layer, k, d, T):
-    """Its delay follows the channels, and every root that is found is one."""
+    """All computed roots are zeros of the characteristic function."""
     point = Analyze(
         "one_dof",
         "smith_predictor",
@@ -344,7 +352,7 @@ def test_roots_of_a_predictor_by_hand(layer, k, d, T):
     roots = point.Roots(T, count=6)
     assert len(roots) >= 4
     for s in roots:
-        # A simple root: its Newton step is small.
+        # The step of Newton's method from a simple root is small.
         h = 1e-6 * max(abs(s), 1e-3)
         low, middle, high = (
             PredictorDeterminant(s + x, T, 0.7, k, d) for x in (-h, 0, h)
@@ -354,7 +362,7 @@ def test_roots_of_a_predictor_by_hand(layer, k, d, T):
 
 
 def test_exact_predictor_has_the_roots_without_delay():
-    """As many as there are, at every delay, and no crossing."""
+    """The roots are the same at every delay, and none crosses the axis."""
     tissue = Analyze("one_dof", "smith_predictor")["tissue"]
     assert tissue.margin is None
     assert [x for x in tissue.crossings if x.frequency > 0] == []
@@ -368,12 +376,12 @@ def test_exact_predictor_has_the_roots_without_delay():
 
 
 IN_FREE_SPACE = {
-    # The predictor's model of the tissue is wrong here, and it knows its delay.
+    # The predictor's model is that of the tissue, which is wrong here.
     "smith_predictor": {"damping": 0.6},
-    # Gains that do not derive from the delay.
+    # These gains do not derive from the delay.
     "proportional_damping": {"stiffness": 10.0},
     "four_channel": {"variant": "position_position", "bandwidth": 5.0},
-    # With packets that are held: half a period is part of the delay that fails.
+    # Packets are held: half a period counts as a part of each channel's delay.
     "direct_force": {},
 }
 PERIOD = 0.02
@@ -424,7 +432,7 @@ def test_gains_that_derive_from_the_delay_are_held(kind):
 
 
 def test_bare_wave_line_is_not_robust():
-    """Without a damper the wave is reflected whole at both ends."""
+    """Without a damper the wave is completely reflected at both ends."""
     analysis = Analyze(
         "one_dof",
         "wave_variables",
@@ -448,7 +456,7 @@ def test_idle_passivity_is_said():
 
 
 def test_device_whose_loop_is_too_fast_for_collocation():
-    """The side of the margin then comes from counting, and no root is invented."""
+    """Stability then follows from counting crossings, and no false root is returned."""
     free = Analyze(
         "one_dof",
         **{
@@ -476,7 +484,7 @@ def test_record_is_plain_json():
 
 
 def test_unstable_without_delay():
-    """A device that turns the error round is positive feedback."""
+    """A device that reverses the sign of the error is positive feedback."""
     analysis = Analyze("one_dof", **{"haptic_device.numerator": [-25.0, -50.0]})
     point = analysis["free"]
     assert point.margin is None and not point.is_stable
@@ -521,7 +529,7 @@ def test_chart_along_the_path():
     chart = ChartStability(
         "two_dof_combined",
         POSITION,
-        # 1.0 and 1.1 are where free space and bone begin.
+        # Free space begins at 1.0 and bone at 1.1.
         [0.9, 1.0, 1.1],
         overrides={"controller.kind": "direct_force"},
     )
@@ -530,7 +538,7 @@ def test_chart_along_the_path():
 
 
 def test_refuses():
-    """The command's tests have what else is refused."""
+    """Further refusals are tested with the command."""
     with pytest.raises(ValueError, match=r"robot\.mass = \[\]: must be a list"):
         ChartStability("one_dof", "robot.mass", [])
     with pytest.raises(ValueError, match="max_delay = "):

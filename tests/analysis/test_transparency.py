@@ -42,14 +42,14 @@ def Analyze(name, kind, point=0, forward=0.07, back=0.13, **overrides):
 
 @pytest.mark.parametrize(("point", "k", "d"), LAYERS)
 def test_transmitted_impedance_of_direct_force(point, k, d):
-    """Z_to = (m j w + c + Z_e) e^(j w T): the robot is felt as well."""
+    """Z_to = (m j w + c + Z_e) e^(j w T), which includes the robot's impedance."""
     _, result = Analyze("one_dof", "direct_force", point)
     Z_e = d + k / (1j * W)
     np.testing.assert_allclose(result.environment[:, 0, 0], Z_e)
     Z_to = result.transmitted[:, 0, 0]
     np.testing.assert_allclose(Z_to, (ROBOT + Z_e) * np.exp(0.2j * W), rtol=1e-8)
     np.testing.assert_allclose(result.undelayed[:, 0, 0], ROBOT + Z_e, rtol=1e-8)
-    # The same through the channels as a two-port.
+    # The channels as a two-port give the same impedance.
     felt = TerminatedPort(
         delay_two_port(W, forward_delay=0.07, return_delay=0.13), ROBOT + Z_e
     )
@@ -57,7 +57,10 @@ def test_transmitted_impedance_of_direct_force(point, k, d):
 
 
 def test_llewellyn_of_direct_force():
-    """y11 = z/Z, y12 = -z_r/Z, y21 = -z_f/Z, y22 = 1/Z with the robot's Z."""
+    """y11 = z/Z, y12 = -z_r/Z, y21 = -z_f/Z, y22 = 1/Z with the impedance of the robot.
+
+    z_f, z_r and z are the delays of the channels and of the round trip.
+    """
     scenario, result = Analyze("one_dof", "direct_force")
     model = Linearizer(scenario, at_ports=True).TwoPort(result.point)
     y = model.Admittance(W, forward_delay=0.07, return_delay=0.13)
@@ -76,7 +79,7 @@ def test_llewellyn_of_direct_force():
 
 
 def test_an_exact_predictor_lets_the_model_be_felt():
-    """Z_to = m j w + c + Z_e, with any delay: the operator feels the model alone."""
+    """Z_to = m j w + c + Z_e with any delay: the operator feels only the model."""
     _, result = Analyze("one_dof", "smith_predictor", 0, 0.3, 0.5)
     np.testing.assert_allclose(
         result.transmitted[:, 0, 0], ROBOT + 0.5 + 0.01 / (1j * W), rtol=1e-8
@@ -84,10 +87,10 @@ def test_an_exact_predictor_lets_the_model_be_felt():
 
 
 def test_an_ideal_four_channel_loop_adds_a_mass_without_delay():
-    """Z_to = M s + Z_e where the robot is as heavy as the handle: by hand.
+    """Z_to = M s + Z_e if the robot and the handle have the same mass M.
 
-    Master and slave add up to M s (V_m + V_s) = 2 (F_h - F_e), and have the difference
-    (M s + 2 B + 2 C) (V_m - V_s) = 0.
+    The sum of the equations of master and slave is M s (V_m + V_s) = 2 (F_h - F_e),
+    their difference is (M s + 2 B + 2 C) (V_m - V_s) = 0.
     """
     _, result = Analyze("one_dof", "four_channel")
     expected = result.environment[:, 0, 0] + 0.5j * W
@@ -117,7 +120,7 @@ def test_absolute_stability(name, kind, is_stable):
 
 @pytest.mark.parametrize(("share", "is_stable"), [(0.99, True), (1.01, False)])
 def test_proportional_damping_is_passive_as_published(share, is_stable):
-    """4 B_m B_s > (T_f + T_r)^2 K^2, with the robot's own damping, c, beside B_s.
+    """The condition is 4 B_m B_s > (T_f + T_r)^2 K^2, with the robot's damping in B_s.
 
     E. Nuno, L. Basanez and R. Ortega, Automatica 47 (2011). It is sharp here.
     """
@@ -143,7 +146,7 @@ def test_proportional_damping_is_passive_as_published(share, is_stable):
 
 
 def test_wave_variables_on_the_arm_are_passive():
-    """All axes together: the scattering matrix of every axis, and y + y^H >= 0."""
+    """y + y^H >= 0 for all axes, and the scattering norm of each axis is at most 1."""
     scenario, result = Analyze("two_dof_combined", "wave_variables", 2)
     model = Linearizer(scenario, at_ports=True).TwoPort(result.point)
     y = model.Admittance(W, forward_delay=0.07, return_delay=0.13)
@@ -157,7 +160,7 @@ def test_the_arm_is_felt_by_direct_force():
     scenario, result = Analyze("two_dof_combined", "direct_force", 1)
     assert result.transmitted.shape == (40, 2, 2)
     assert np.all(result.environment == 0)
-    # At high frequencies the inertia of the tool.
+    # At high frequencies the felt impedance is that of the tool's inertia.
     model = Linearizer(scenario, at_ports=True).TwoPort(result.point)
     inertia = -np.linalg.inv(model.system.B[2:4, 2:4])
     np.testing.assert_allclose(result.undelayed[-1] / (1j * W[-1]), inertia, rtol=1e-2)

@@ -1,4 +1,4 @@
-"""Friction of gears and joints, and sampled sensors, as numbers."""
+"""Tests of the friction of gears and joints, and of sampled sensors."""
 
 import numpy as np
 from hypothesis import given

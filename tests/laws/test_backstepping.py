@@ -1,4 +1,4 @@
-"""The backstepping law against its Lyapunov identity, on a plant of its own kind."""
+"""The backstepping law against its Lyapunov identity, on the plant of its proof."""
 
 import math
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ NO_LEAKAGE = {"nu1": 0.0, "nu3": 0.0, "Upsilon": 0.0}
 
 
 def _definite(rng: np.random.Generator, n: int) -> np.ndarray:
-    """A symmetric, positive definite matrix with all its entries in use."""
+    """Returns a symmetric, positive definite matrix without zeros."""
     root = rng.normal(size=(n, n))
     return root @ root.T + 0.5 * np.eye(n)
 
@@ -45,7 +45,7 @@ def _rotation(rng: np.random.Generator, n: int) -> np.ndarray:
 
 
 def _far_from_singular(rng: np.random.Generator, n: int) -> np.ndarray:
-    """A matrix without symmetry, det > 0 and singular values in [1, 3]."""
+    """Returns an unsymmetric matrix with det > 0 and singular values in [1, 3]."""
     return _rotation(rng, n) * rng.uniform(1.0, 3.0, n) @ _rotation(rng, n)
 
 
@@ -72,7 +72,7 @@ def _random_gains(
 
 @dataclass
 class _Truth:
-    """What the estimates estimate."""
+    """The true values W1*, Psi* and W3* of the estimates."""
 
     W1: np.ndarray
     Psi: np.ndarray
@@ -95,12 +95,12 @@ def _random_state(rng: np.random.Generator, n: int, N: int) -> BacksteppingState
 
 
 def _z(gains, state, Phi, s, F_e):
-    """Control force error (5.17) with (5.22), for real and complex numbers."""
+    """Returns the control force error of (5.17), (5.22); numbers may be complex."""
     return state.F_c - F_e + np.linalg.inv(state.Psi) @ (state.W1 @ Phi + gains.G1 @ s)
 
 
 def _V2(gains, truth, state, Phi, s, F_e):
-    """Lyapunov function (5.26), for real and complex numbers."""
+    """Returns the Lyapunov function (5.26); numbers may be complex."""
     z = _z(gains, state, Phi, s, F_e)
     return (
         s @ gains.P @ s / 2
@@ -112,11 +112,12 @@ def _V2(gains, truth, state, Phi, s, F_e):
 
 
 def _dV2(seed: int, n: int, unknown: float = 0.0, sign: float = 1.0, **overrides: Any):
-    """dV2/dt at a random point by a complex step, its terms, and the error of z.
+    """Returns dV2/dt at a random point, the terms of the proof, and the error of z.
 
-    The plant is ds/dt = Psi* (F_c - F_e) + W1* Phi, dF_e/dt = W3* Phi. Leakage and
-    supervision are on unless overridden; by `unknown` the law's dPhi/dt is wrong. The
-    third network learns with a sign of -1 as (4.43), (4.52), (5.42), (5.51) print.
+    The derivative is a complex step. The plant is ds/dt = Psi* (F_c - F_e) + W1* Phi,
+    dF_e/dt = W3* Phi. Leakage and supervision are on unless overridden. `unknown` is
+    the size of an error of the law's dPhi/dt. With the sign -1 the third network learns
+    as in the thesis, (4.43), (4.52), (5.42), (5.51).
     """
     rng = np.random.default_rng(seed)
     N = 4
@@ -162,7 +163,7 @@ def test_lyapunov_identity_at_random_points(n, seed):
 
 
 def test_printed_sign_makes_V2_grow():
-    """Without leakage V2 falls at every point; with that sign it grows at some."""
+    """V2 decreases at every point without leakage; with that sign it grows at some."""
     for sign, grows in ((1.0, False), (-1.0, True)):
         rates = [_dV2(seed, 1, sign=sign, **NO_LEAKAGE)[0] for seed in range(20)]
         assert (max(rates) > 0) == grows
@@ -171,7 +172,7 @@ def test_printed_sign_makes_V2_grow():
 @pytest.mark.parametrize("n", [1, 2, 3])
 @given(seed=seeds)
 def test_networks_of_position_and_velocity(n, seed):
-    """Phi at [r; v]; its rate where the velocity's is Psi (F_c - F_e), by steps."""
+    """Phi is evaluated at [r; v], and its rate with dv/dt = Psi (F_c - F_e)."""
     rng = np.random.default_rng(seed)
     network = GaussianNetwork(
         lower=[-1] * 2 * n, upper=[1] * 2 * n, count=[2] * 2 * n, width=1.0
@@ -188,7 +189,7 @@ def test_networks_of_position_and_velocity(n, seed):
     ) / network.widths
     expected = np.exp(-(offsets**2).sum(axis=1)).imag / h.imag
     np.testing.assert_allclose(Phi_dot, expected, rtol=1e-9, atol=1e-12)
-    # The law is the one of the identity above, with these functions.
+    # The law is that of the identity above, with these basis functions.
     rate = backstepping_rate(gains, state, Phi, Phi_dot, v, v_dd, F_e, F_hd)
     x_dot = adaptive_rate(gains, numbers, x, r, v, v_dd, F_e, F_hd)
     np.testing.assert_array_equal(x_dot, pack_state(rate))
@@ -198,7 +199,7 @@ def test_networks_of_position_and_velocity(n, seed):
 def test_one_axis_is_chapter_4(seed):
     rng = np.random.default_rng(seed)
     N = 3
-    # Psi0 is 4 and the states' Psi in [1, 3]: the limit is often reached.
+    # Psi is in [1, 3] and the limit is 2, so that the projection is often active.
     gains = _random_gains(rng, 1, P=[[1.0]], Psi0=[[4.0]], Psi_min=2.0)
     state = _random_state(rng, 1, N)
     Phi, Phi_dot = rng.uniform(0, 1, N), rng.normal(size=N)
@@ -207,7 +208,7 @@ def test_one_axis_is_chapter_4(seed):
         gains, state, Phi=Phi, Phi_dot=Phi_dot, v=v, v_dd=v_dd, F_e=F_e, F_hd=F_hd
     )
 
-    # The scalar equations of chapter 4 as they stand, but for the sign of w3.
+    # The scalar equations of chapter 4, with the sign of w3 corrected.
     lam, g1, g2 = (float(x[0, 0]) for x in (gains.Lambda, gains.G1, gains.G2))
     fc, fe, fh = float(state.F_c[0]), float(F_e[0]), float(F_hd[0])
     w1, w3 = state.W1[0].tolist(), state.W3[0].tolist()
@@ -243,14 +244,14 @@ def test_one_axis_is_chapter_4(seed):
 
 
 def _at_the_limit(rng, n, num_at_limit, limit):
-    """A matrix whose smallest singular value, num_at_limit-fold, is the limit."""
+    """Returns a matrix whose num_at_limit smallest singular values are the limit."""
     sigma = limit + rng.uniform(0.5, 2.0, n)
     sigma[:num_at_limit] = limit
     return _rotation(rng, n) * sigma @ _rotation(rng, n)
 
 
 LIMIT = 0.4
-# A singular value computed as LIMIT + rounding is meant to be at the limit.
+# Slightly more than LIMIT, so that LIMIT + rounding counts as at the limit.
 LIMIT_UP = LIMIT * (1 + 1e-12)
 
 
@@ -272,9 +273,10 @@ def test_projection_at_the_limit(seed, sizes):
     free_rate = (sigma_min(Psi + h * update) - LIMIT) / h
     rate = (sigma_min(Psi + h * projected) - LIMIT) / h
     assert rate > -1e-4  # the second order in h
-    if free_rate > 1e-3:  # not shrinking: left alone
+    if free_rate > 1e-3:  # the update does not shrink the singular value
         np.testing.assert_allclose(projected, update, atol=1e-12)
-    # It takes out no more than it must, and nothing twice.
+    # The removed part is orthogonal to the rest, and a second projection changes
+    # nothing.
     assert np.sum(projected * (update - projected)) == pytest.approx(0.0, abs=1e-12)
     np.testing.assert_allclose(project(Psi, projected, LIMIT_UP), projected, atol=1e-12)
 
@@ -296,7 +298,7 @@ def test_projection_of_a_multiple_value_does_not_depend_on_its_basis(seed):
     rng = np.random.default_rng(seed)
     Q = _rotation(rng, 3)
     update = rng.normal(size=(3, 3))
-    # Every orthogonal basis is a basis of singular vectors of LIMIT * Q.
+    # Every orthonormal basis consists of singular vectors of LIMIT * Q.
     symmetric = (Q.T @ update + update.T @ Q) / 2
     eigenvalues, vectors = np.linalg.eigh(symmetric)
     expected = update - Q @ (vectors * np.minimum(eigenvalues, 0)) @ vectors.T
@@ -346,7 +348,7 @@ def test_smallest_singular_value_stays_above_the_limit(n, seed):
 @pytest.mark.parametrize("n", [1, 2])
 @given(seed=seeds, margin=st.sampled_from([-0.1, 0.0, 1e-9, 0.02, 0.05, 0.3]))
 def test_law_projects_and_supervises_psi(n, seed, margin):
-    """Wherever the limit is near, the shortcut in the law makes no difference."""
+    """The law's shortcut far from the limit does not change the result."""
     rng = np.random.default_rng(seed)
     gains = _random_gains(rng, n, Psi_min=LIMIT_UP)
     Psi = _at_the_limit(rng, n, 1, LIMIT * (1 + margin))
@@ -391,7 +393,7 @@ def test_bad_gains(change, message):
 
 
 def test_definite_P_and_G1_do_not_make_their_product_definite():
-    """Why the check is on P G1: here s^T P G1 s < 0 although P > 0 and G1 > 0."""
+    """An example with s^T P G1 s < 0 although P > 0 and G1 > 0: P G1 is checked."""
     P, G1 = np.diag([1.0, 100.0]), np.array([[1.0, 0.9], [0.9, 1.0]])
     for matrix in (P, G1):
         assert np.linalg.eigvalsh(matrix)[0] > 0
@@ -402,7 +404,7 @@ def test_definite_P_and_G1_do_not_make_their_product_definite():
         ValueError, match=r"^G1 = .*such that P G1 is positive definite"
     ):
         replace(VALID, P=P, G1=G1)
-    # Without P's weights the same G1 will do.
+    # With P = 1 the same G1 is allowed.
     assert replace(VALID, G1=G1).num_axes == 2
 
 

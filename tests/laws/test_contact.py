@@ -16,7 +16,7 @@ from teleop_drake.laws.contact import (
 
 
 def bounce(k, p, alpha, mass, speed):
-    """Returns the speed at which a mass leaves a wall that it meets."""
+    """Returns the speed with which a mass rebounds from a wall."""
 
     def rate(t, state):
         force = hunt_crossley_force(k, p, alpha, *state)
@@ -55,7 +55,7 @@ def test_indentation_at_rest():
     depth = (force / k) ** (1 / p)
     assert hunt_crossley_force(k, p, 3.0, depth, 0.0) == pytest.approx(force, rel=1e-14)
     assert hunt_crossley_force(k, p, 3.0, -depth, 9.0) == 0.0
-    # It does not stick to a body that leaves fast.
+    # The wall does not pull at a body that leaves fast.
     assert hunt_crossley_force(k, p, 3.0, depth, -9.0) == 0.0
 
 
@@ -76,14 +76,15 @@ def test_friction(n, data):
     F_n = hunt_crossley_force(*law, depth, speed)
     assert normal @ F_e == pytest.approx(F_n, rel=1e-9, abs=1e-9)
     F_t, v_t = F_e - F_n * normal, v_WT - speed * normal
-    # Against the motion, never more than Coulomb's, and all of it in fast sliding.
+    # Friction acts against the motion. It is at most Coulomb's, which it reaches in
+    # fast sliding.
     assert F_t @ v_t >= -1e-9
     assert np.linalg.norm(F_t) <= mu * F_n * (1 + 1e-9) + 1e-9
     if np.linalg.norm(v_t) > 0.5:
         assert np.linalg.norm(F_t) == pytest.approx(mu * F_n, rel=0.03, abs=1e-9)
 
 
-# Tissue that relaxes.
+# Viscoelastic tissue.
 
 SOLID = np.array([20.0, 80.0, 0.5])
 NORMAL = np.array([0.6, 0.0, -0.8])
@@ -95,7 +96,7 @@ def at(depth):
 
 
 def run(depth, time, creep=0.0):
-    """Returns z at some times, of a tool at depth(t)."""
+    """Returns z at the given times, for a tool at depth(t)."""
 
     def rate(t, z):
         return creep_rate(SOLID, z, PLANE, at(depth(t)))
@@ -122,7 +123,7 @@ def test_a_step_relaxes():
 
 
 def test_the_surface_recovers_without_the_tool():
-    """Left at z, it comes back with the time constant tau (k + k_1)/k of creep."""
+    """Without the tool, z decays with the creep time constant tau (k + k_1)/k."""
     k, k_1, tau = SOLID
     time, creep = np.linspace(0, 5, 6), 0.01
     z = run(lambda t: -0.5, time, creep)[:, 0]
@@ -134,7 +135,7 @@ def test_the_surface_recovers_without_the_tool():
 
 
 def test_it_is_passive():
-    """What the tool does in work is stored or lost, whichever way it moves."""
+    """The tool's work is stored or dissipated, for any motion."""
     k, k_1, tau = SOLID
     time = np.linspace(0, 1, 1001)
 

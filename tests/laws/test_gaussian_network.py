@@ -32,7 +32,7 @@ def test_values_of_one_axis():
     network = GaussianNetwork(lower=[0.0], upper=[2.0], count=[3], width=0.5)
     assert (network.num_inputs, network.num_functions) == (1, 3)
     np.testing.assert_allclose(network.widths, [0.5])
-    # (3.1) has no factor 1/2: one width from the centre it is 1/e.
+    # (3.1) has no factor 1/2: at one width from the centre a function is 1/e.
     np.testing.assert_allclose(
         network.evaluate(np.array([0.5])),
         [math.exp(-1.0), math.exp(-1.0), math.exp(-9.0)],

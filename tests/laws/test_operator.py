@@ -1,4 +1,4 @@
-"""The law of a human on the goal; operators/test_human.py has transfer functions."""
+"""The law of a human at the goal; operators/test_human.py has transfer functions."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ NOTHING = np.zeros(2)
 
 
 def test_on_the_goal_nothing_changes():
-    """Felt where the goal is, the human does nothing; at its velocity, no more."""
+    """With the tool felt at the goal, or with the goal's velocity, all rates are 0."""
     time = 2.0
     felt = np.concatenate([HUMAN.start + time * HUMAN.velocity, HUMAN.velocity])
     rest = np.zeros(6)

@@ -1,4 +1,4 @@
-"""Passivity control on paper: no port gives more than it has."""
+"""The law of passivity control: no port releases more energy than its budget."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def test_no_more_leaves_than_there_is(force, velocity, budget, horizon):
         assert power <= max(budget, 0) / horizon + 1e-15 or v[0] ** 2 == 0
     else:
         assert power == pytest.approx(max(budget, 0) / horizon, abs=1e-12)
-        # Damping never turns the force round.
+        # Damping never reverses the force.
         assert abs((F - r * v)[0]) <= abs(force) + 1e-12
     limited = injected_resistance(F, v, np.array([budget]), horizon, 0.5)
     assert limited[0] == min(r[0], 0.5)

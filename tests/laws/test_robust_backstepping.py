@@ -32,7 +32,7 @@ def _definite(rng, n):
 
 @dataclass
 class Case:
-    """A law, and a plant that the networks represent but for remainders d1 and d3."""
+    """A law, and a plant that the networks represent up to remainders d1 and d3."""
 
     n: int
 
@@ -113,7 +113,7 @@ class Case:
         )
 
     def Rates(self, law, t, r, s, F_e, x, bounds=BOUNDS):
-        """Rates of the plant and the law, where the remainders do their worst."""
+        """Rates of the plant and the law, with the most unfavourable remainders."""
         v_dd = np.sin((1 + np.arange(self.n)) * t)
         F_hd = np.cos((2 + np.arange(self.n)) * t)
         v = s + v_dd - self.gains.Lambda @ (F_e - F_hd)
@@ -183,7 +183,7 @@ def test_lyapunov_identity_at_random_points(n):
 
 @pytest.mark.parametrize("n", [1, 3])
 def test_robust_terms_hold_what_the_law_of_chapter_5_does_not(n):
-    """Where the estimates are right, z = 0, and s alone is left."""
+    """The estimates are exact and z = 0, so that V2 depends only on s."""
     case = Case(n)
     gains, b = case.gains, BOUNDS
     x = np.concatenate(

@@ -1,4 +1,4 @@
-"""An arm seen from its tool, and what holds the joints that the task leaves free."""
+"""Control of the joint motion that an arm's task leaves free."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def random_case(seed, num_rows, num_joints):
 
 @pytest.mark.parametrize("num_axes, num_joints", [(1, 2), (3, 7)])
 def test_the_posture_is_held_without_moving_the_tool(num_axes, num_joints):
-    """The torque is that of the textbook's null-space projector."""
+    """The torque is that of the standard null-space projector."""
     M, (q_0, q, v), _ = random_case(0, 3, num_joints)
     J = random_case(1, num_axes, num_joints)[1]
     tau = held_torque(GAINS, M, J, np.zeros(num_axes), q_0, q, v)
@@ -60,7 +60,7 @@ def test_the_error_is_the_sine_of_the_angle_about_the_axis():
 
 @pytest.mark.parametrize("distance", [0.0, 1e-9, 1e-4])
 def test_no_pose_is_too_singular(distance):
-    """Two rows that are the same, and one that is zero, leave a bounded torque."""
+    """The torque is bounded even if two rows of J are equal and one is zero."""
     M, J, _ = random_case(5, 3, 6)
     J[1] = J[0] + distance * J[1]
     J[2] *= distance
@@ -70,7 +70,7 @@ def test_no_pose_is_too_singular(distance):
 
 
 def test_the_damping_begins_where_it_should():
-    """It is continuous, and does not act on poses that are far enough."""
+    """The damping does not affect poses that are far enough from singular ones."""
     M, J, y = np.eye(2), np.eye(2), (np.array([1.0, 0.5]), np.zeros(2), np.zeros(2))
     for share, is_damped in ((1.001, False), (0.5, True)):
         # det A of these rows is the squared sine of the angle between them.

@@ -21,7 +21,7 @@ GAINS = TrackingGains(
 
 
 def lyapunov_rate(seed, gains=GAINS, sign=1.0):
-    """Returns (dV1/dt, -s^T G1 s) of a random robot; `sign` is that of dW/dt."""
+    """Returns (dV1/dt, -s^T G1 s) of a random robot; `sign` multiplies dW/dt."""
     rng = np.random.default_rng(seed)
     n, N = 2, 7
     root = rng.normal(size=(n, n))

@@ -16,7 +16,7 @@ def test_scattering_norm_of_a_raw_delay():
     matrix = delay_two_port(W, forward_delay=T, return_delay=T)
     expected = np.abs(np.tan(W * T)) + np.abs(1 / np.cos(W * T))
     np.testing.assert_allclose(scattering_norm(matrix), expected, rtol=1e-9)
-    # No more passive however small: norm 1 + w T + ...
+    # However small the delay is, it is not passive: the norm is 1 + w T + ...
     assert scattering_norm(matrix[:1])[0] > 1
 
 
@@ -27,7 +27,7 @@ def test_without_delay_the_channel_is_lossless():
 
 
 def test_scattering_norm_of_a_dashpot():
-    """A dashpot d between the ports in parallel, which is passive."""
+    """A dashpot in parallel between the ports, which is passive."""
     matrix = np.array([[[3.0, 1], [-1, 0]]], dtype=complex)
     S = (matrix[0] - np.eye(2)) @ np.linalg.inv(matrix[0] + np.eye(2))
     norm = scattering_norm(matrix)[0]
@@ -36,14 +36,14 @@ def test_scattering_norm_of_a_dashpot():
 
 
 def test_llewellyn_of_a_raw_delay_with_dampers():
-    """Dampers at both ends: eta = 2 d1 d2 + cos w T >= 1 for d1 d2 >= 1, always."""
+    """Dampers at both ends: eta = 2 d1 d2 + cos w T, which is >= 1 if d1 d2 >= 1."""
     matrix = delay_two_port(W, forward_delay=0.2, return_delay=0.2)
     matrix[:, 0, 0], matrix[:, 1, 1] = 2.0, 0.5
     np.testing.assert_allclose(llewellyn(matrix), 2 + np.cos(0.4 * W))
 
 
 def test_llewellyn_is_what_passive_loads_can_do():
-    """Where eta < 1 some passive load makes the other port active, else none does."""
+    """If and only if eta < 1, some passive load makes the other port active."""
     random = np.random.default_rng(1)
     z = random.normal(size=(40, 2, 2)) + 1j * random.normal(size=(40, 2, 2))
     z[:, 0, 0] += 2

@@ -1,4 +1,4 @@
-"""The wave line on paper: its power. What it feels like is in test_felt_stiffness."""
+"""The power of the wave line; test_felt_stiffness has the stiffness that it adds."""
 
 import math
 
@@ -26,16 +26,16 @@ def test_power_is_the_difference_of_the_waves(first, second, b1, b2, r):
     S = wave_root(b)
     assert pytest.approx(2 * b) == S @ S
     scale = 1 + abs(first).max() ** 2 + abs(second).max() ** 2
-    # The slave: v and u are given.
+    # At the slave, v and u are given.
     F, w = (
         slave_force(first, second, root=S),
         reflected_wave(first, second, root=S),
     )
     assert F @ first == pytest.approx((second @ second - w @ w) / 2, abs=1e-8 * scale)
-    # Both definitions.
+    # The definitions of u and w.
     assert S @ second == pytest.approx(b @ first + F, abs=1e-9 * scale)
     assert S @ w == pytest.approx(b @ first - F, abs=1e-9 * scale)
-    # The master: F and w are given.
+    # At the master, F and w are given.
     v = master_velocity(first, second, root=S, damping=np.zeros((2, 2)))
     u = reflected_wave(v, second, root=S)
     assert first @ v == pytest.approx((u @ u - second @ second) / 2, abs=1e-7 * scale)

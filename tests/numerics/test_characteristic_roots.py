@@ -50,23 +50,23 @@ def test_roots_of_a_coupled_system():
 
 
 def test_neutral_equation():
-    """u(t) = d u(t - T) alone: e^(s T) = d, s = (log d + 2 pi j k)/T."""
+    """The equation u(t) = d u(t - T): e^(s T) = d, s = (log d + 2 pi j k)/T."""
     d, delay = 0.3, 2.0
     empty = np.zeros((0, 0))
     roots = roots_of(
         empty, np.zeros((0, 1)), np.zeros((1, 0)), [[d]], delay=delay, count=5
     )
-    # All lie on one vertical line, so which ones are found first is open.
+    # All roots lie on one vertical line, so that their order is arbitrary.
     assert len(roots) >= 5
     assert len(np.unique(roots.imag.round(6))) == len(roots)
     np.testing.assert_allclose(np.exp(roots * delay), d, rtol=1e-9)
 
 
 def test_fast_root_behind_slow_ones():
-    """Of two loops side by side the fast one has the rightmost root.
+    """The faster one of two independent loops has the rightmost root.
 
-    It turns by more than a hundred radians within the delay: a resonance at 120 rad/s
-    whose damping is weaker than its delayed feedback.
+    It is a resonance at 120 rad/s whose damping is weaker than its delayed feedback. It
+    turns by more than a hundred radians within the delay.
     """
     delay, fast = 1.0, 120.0
     A = np.array([[-1.0, 0, 0], [0, 0, 1], [0, -(fast**2), -0.1]])

@@ -9,7 +9,7 @@ from teleop_drake.numerics.delay_margin import find_crossings
 
 
 def test_narrow_resonance_is_not_overlooked():
-    """|L| exceeds 1 over 1e-6 of its frequency only."""
+    """|L| exceeds 1 only in an interval of 1e-6 of its frequency."""
     zeta = 1e-7
     loop = Scalar([3e-7, 0.0], [1, 2 * zeta, 1])
     crossings = find_crossings(loop)
@@ -23,7 +23,7 @@ def test_narrow_resonance_is_not_overlooked():
 
 
 def test_flat_top_between_two_points_of_the_sweep():
-    """|L| just exceeds 1 between two neighbours of the sweep."""
+    """|L| just exceeds 1 between two neighbouring points of the sweep."""
     a = 0.6
     # |1/(s^2 + a s + 1)| peaks at w^2 = 1 - a^2/2 with 1/(a sqrt(1 - a^2/4)).
     peak = 1 / (a * math.sqrt(1 - a**2 / 4))

@@ -49,8 +49,9 @@ def test_oscillator_with_delayed_positive_feedback():
     2 pi i/sqrt(w0^2 - k) < T < (2 i + 1) pi/sqrt(w0^2 + k).
 
     C. Abdallah, P. Dorato, J. Benitez-Read and R. Byrne, "Delayed positive feedback
-    can stabilize oscillatory systems", Proc. American Control Conference (1993): as
-    e^(-j w T) has to be real, it is 1 or -1. Without delay the roots are on the axis.
+    can stabilize oscillatory systems", Proc. American Control Conference (1993). On the
+    axis e^(-j w T) must be real, so it is 1 or -1. Without delay the roots are on the
+    axis.
     """
     loop = Scalar([-0.1], [1, 0, 1])
     expected = []
@@ -65,7 +66,7 @@ def test_oscillator_with_delayed_positive_feedback():
 
 
 def CookeGrossman(a, c, d):
-    """All switches of s^2 + a s + c + d e^(-s T), by hand.
+    """Returns the switches of s^2 + a s + c + d e^(-s T), in closed form.
 
     K. L. Cooke and Z. Grossman, "Discrete delay, distributed delay and stability
     switches", J. Math. Anal. Appl. 86 (1982): w^4 + (a^2 - 2 c) w^2 + c^2 - d^2 = 0
@@ -106,11 +107,11 @@ def test_number_of_unstable_roots_is_what_collocation_finds():
 
 
 def KroneckerFrequencies(A0, A1):
-    """Crossing frequencies without any sweep.
+    """Returns the crossing frequencies of A0 and A1, computed without a sweep.
 
     J. Chen, G. Gu and C. N. Nett (1995): where j w is an eigenvalue of A0 + z A1 with
-    |z| = 1, the Kronecker sum of the matrix and its conjugate is singular: a quadratic
-    eigenvalue problem in z.
+    |z| = 1, the Kronecker sum of this matrix and its conjugate is singular. This is a
+    quadratic eigenvalue problem in z.
     """
     A0, A1 = np.array(A0, dtype=float), np.array(A1, dtype=float)
     n = len(A0)
@@ -160,7 +161,7 @@ def test_identical_axes_cross_twice():
 def test_feedthrough():
     """L = b + c/s: roots of s (1 + b z) + c z, a neutral equation.
 
-    |b| < 1 is needed at any delay. |L| = 1 at w = c/sqrt(1 - b^2), where
+    Stability at any delay requires |b| < 1. |L| = 1 at w = c/sqrt(1 - b^2), where
     arg L = -atan(c/(w b)).
     """
     b, c = 0.5, 1.0
@@ -177,8 +178,10 @@ def test_feedthrough():
 
 
 def test_neutral_root():
-    """s + 1 - e^(-s T) has the root 0 at every T, and otherwise stable ones: with
-    x = Re s > 0, |s + 1| > 1 > |e^(-s T)|."""
+    """s + 1 - e^(-s T) has the root 0 at every T, and otherwise stable roots.
+
+    There is no root with Re s > 0, where |s + 1| > 1 > |e^(-s T)|.
+    """
     loop = Scalar([-1.0], [1, 1])
     assert neutral_root_count(loop) == 1
     assert find_crossings(loop) == []
@@ -200,7 +203,7 @@ def test_root_that_passes_a_neutral_one():
 
 
 def test_roots_that_pass_two_neutral_ones():
-    """Two loops as above with different gains: T = 1 and T = 1/2."""
+    """Two independent loops as above, whose roots pass 0 at T = 1 and T = 1/2."""
     loop = state_space(
         A=np.diag([1.0, 2.0]), B=np.eye(2), C=np.diag([1.0, 2.0]), D=np.zeros((2, 2))
     )
@@ -212,8 +215,10 @@ def test_roots_that_pass_two_neutral_ones():
 
 @pytest.mark.parametrize(("c", "direction"), [(0.1, -1), (-0.1, 1)])
 def test_root_that_leaves_the_neutral_one_with_the_delay(c, direction):
-    """s^2 + c (1 - e^(-s T)) = s [s + c T - ...]: a double root 0 at T = 0, of which
-    one stays and one goes to -c T."""
+    """s^2 + c (1 - e^(-s T)) = s [s + c T - ...] has a double root 0 at T = 0.
+
+    With growing T, one root stays at 0 and the other one moves to -c T.
+    """
     loop = Scalar([-c], [1, 0, c])
     delays, counts = unstable_roots(loop, 0.5)
     passage = find_crossings(loop)[0]

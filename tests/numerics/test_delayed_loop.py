@@ -1,4 +1,4 @@
-"""Margins of random loops with delays, by collocation on both sides of them."""
+"""Margins of random loops with delays, checked by collocation on both sides."""
 
 import math
 from dataclasses import replace
@@ -14,7 +14,7 @@ DELAYS = (0.3, 0.7)
 
 
 def random_system(seed, gain):
-    """Returns a system with one signal at the cut and two that are delayed."""
+    """Returns a system with one signal at the cut and two delayed signals."""
     random = np.random.default_rng(seed)
     A = random.normal(size=(4, 4))
     A -= (np.linalg.eigvals(A).real.max() + 0.5) * np.eye(4)
@@ -26,7 +26,7 @@ def random_system(seed, gain):
 
 
 def rightmost_root(system, more_delay=0.0, gain=1.0):
-    """Returns the largest real part of a root with a delay and a gain at the cut."""
+    """Returns the largest real part of all roots with a delay and a gain at the cut."""
     gains = [gain, 1.0, 1.0]
     matrix = system.matrix * ([1.0] * system.num_states + gains)
     loop = replace(system, matrix=matrix)

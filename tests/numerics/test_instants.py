@@ -1,4 +1,4 @@
-"""Two instants are one but for rounding."""
+"""Instants that differ only by rounding count as the same."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Rotations give the singular values of LAPACK."""
+"""Jacobi's method against LAPACK's singular values."""
 
 import numpy as np
 import pytest

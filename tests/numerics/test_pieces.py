@@ -1,4 +1,4 @@
-"""Tests of the primitives of metrics on signals in pieces."""
+"""Tests of the operations on signals in pieces, from which metrics are computed."""
 
 import math
 
@@ -29,7 +29,7 @@ POLYNOMIALS = [np.polynomial.Polynomial.fit(NODES, y, DEGREE, (0, 1)) for y in Y
 
 
 def dense():
-    """Returns the values of the polynomials at many shares of their steps."""
+    """Returns the values of the polynomials at many points of their steps."""
     return np.array([p(np.linspace(0, 1, 10_001)) for p in POLYNOMIALS])
 
 
@@ -38,7 +38,7 @@ def smooth(times):
 
 
 def rows(num_steps, end=2.0):
-    """Returns times and steps of as many steps of unequal lengths."""
+    """Returns the times and the rows of steps of unequal lengths."""
     ends = end * np.linspace(0, 1, num_steps + 1) ** 1.5
     times = ends[:-1, None] + NODES * np.diff(ends)[:, None]
     return times.ravel(), np.arange(times.size).reshape(times.shape)
@@ -54,7 +54,7 @@ def test_extremes_are_those_of_the_polynomials():
     values = dense()
     np.testing.assert_allclose(extremes(Y).max(), values.max(), rtol=1e-6)
     np.testing.assert_allclose(extremes(Y).min(), values.min(), rtol=1e-6)
-    # All components of a vector at once, and in order where it rises and falls.
+    # All components of a vector together; then the order of the values of a parabola.
     both = np.stack([Y, -Y], axis=-1)
     expected = values.max(), -values.min()
     found = extremes(both).max(axis=(0, 1))
@@ -89,7 +89,7 @@ def test_cuts_change_no_signal_and_instants_that_are_one_cut_once():
     times, steps = rows(40)
     ends = times[steps[:, -1]]
     inner = [0.3, 0.30001, 1.7]
-    # These are at ends of steps, or twice the same instant.
+    # These cut nothing: they are at ends of steps, or repeat an instant.
     known = [0.0, ends[3], ends[4] + 1e-12, ends[5] - 1e-12, 0.3 + 1e-13, 99.0]
     pieces = Pieces(times, steps, [*inner, *known])
     assert len(pieces.begin) == 40 + len(inner)
@@ -107,7 +107,7 @@ def test_cuts_change_no_signal_and_instants_that_are_one_cut_once():
 
 
 def test_a_step_of_no_length_is_left_out():
-    """What Drake records where several events are at one instant but for rounding."""
+    """Drake records such a step if several events are at one instant up to rounding."""
     times = np.concatenate([NODES, [1.0] * 4 + [1.0 + 2e-16], 1.0 + NODES])
     values = np.concatenate([np.zeros(5), np.linspace(0, 9, 5), np.ones(5)])
     pieces = Pieces(times, np.arange(15).reshape(3, 5))
@@ -146,7 +146,7 @@ def test_a_vector_settles_in_its_band(radius, expected):
     band = Band(pieces.signal(centre + spiral) - centre, radius)
     found = settling_time(pieces, pieces.between(), [band])
     assert found == pytest.approx(expected, rel=1e-7, abs=1e-12)
-    # It is nowhere before it comes back for longer than it was there.
+    # A vector that never enters its band, and an empty span, have no settling time.
     never = Band(band.offset, 1e-9)
     assert settling_time(pieces, pieces.between(), [band, never]) is None
     assert settling_time(pieces, slice(400, 400), [band]) is None

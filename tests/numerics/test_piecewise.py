@@ -1,4 +1,4 @@
-"""Functions as pieces of polynomials, against the functions."""
+"""Piecewise polynomial approximations against the functions."""
 
 import math
 
@@ -14,7 +14,7 @@ def wave(t):
 
 
 def bent(t):
-    """Straight, with nonsmooth points at 0.5 and 2."""
+    """Returns a piecewise linear function of t, with bends at 0.5 and 2."""
     return float(np.interp(t, [0.0, 0.5, 2.0, 3.0], [0.1, 0.4, 0.2, 0.3]))
 
 

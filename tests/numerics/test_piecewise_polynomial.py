@@ -34,7 +34,7 @@ def test_one_piece_is_the_polynomial_of_flash_and_hogan():
     for s in np.linspace(0, 0.999, 7):
         expected = 0.3 * (10 * s**3 - 15 * s**4 + 6 * s**5)
         assert evaluate_pieces(0.4 * s, breaks, path)[0] == pytest.approx(expected)
-    # Its peak speed is 15/8 of the mean.
+    # The peak speed of the path is 15/8 of its mean speed.
     speed = largest_norm(breaks, differentiate_pieces(path))
     assert speed == pytest.approx(15 / 8 * 0.3 / 0.4)
 
@@ -56,8 +56,8 @@ def test_no_path_through_the_points_has_less_jerk():
     for k, point in enumerate(points[:-1]):
         np.testing.assert_allclose(evaluate_pieces(times[k], breaks, path), point)
     least = _SquaredJerk(breaks, path)
-    # What vanishes at all points, twice differentiable, at rest at both ends:
-    # t^3 (t - 0.5) (t - 1.7) (t - 2)^3, in each piece a polynomial of degree 8.
+    # A variation that vanishes at all points and is at rest at both ends:
+    # t^3 (t - 0.5) (t - 1.7) (t - 2)^3, a polynomial of degree 8.
     bump = Polynomial.fromroots([0, 0, 0, 0.5, 1.7, 2, 2, 2])
     for share in (-1e-2, 1e-3):
         other = np.zeros((3, 9, 2))
@@ -66,6 +66,7 @@ def test_no_path_through_the_points_has_less_jerk():
             other[k, :, 0] += share * bump(Polynomial([times[k], 1.0])).coef
         change = _SquaredJerk(breaks, other) - least
         own = _SquaredJerk(breaks, other - np.pad(path, ((0, 0), (0, 3), (0, 0))))
-        # Stationary: the change is the bump's own, of second order.
+        # The path is stationary: the change is that of the bump without the path, which
+        # is of second order.
         assert change == pytest.approx(own, rel=1e-6)
         assert change > 0

@@ -1,4 +1,4 @@
-"""The rigid-body pass against closed forms; test_plant_tree.py has random trees."""
+"""Rigid-body dynamics against closed forms; test_plant_tree.py has random trees."""
 
 import appendix_a
 import numpy as np
@@ -14,14 +14,14 @@ from teleop_drake.numerics.rigid_body import (
 
 
 def Inertia(m, com, rotational):
-    """About the origin of the link's frame: mass, first moment, inertia."""
+    """Returns mass, first moment and inertia about the origin of the link's frame."""
     c, square = np.array(com, dtype=float), np.dot(com, com)
     about = np.diag(rotational) + m * (square * np.eye(3) - np.outer(c, c))
     return m, m * c, about
 
 
 def Tree(*links, gravity=(0.0, 0.0, 0.0)):
-    """A chain of (is_prismatic, offset on the parent, axis, inertia)."""
+    """Returns a chain of links (is_prismatic, offset on the parent, axis, inertia)."""
     num = len(links)
     return RigidBodyTree(
         parents=np.arange(-1, num - 1),
@@ -38,7 +38,7 @@ def Tree(*links, gravity=(0.0, 0.0, 0.0)):
 
 
 def Arm(gravity=0.0):
-    """The arm of Appendix A, whose gravity is along -y."""
+    """Returns the arm of Appendix A, with gravity along -y."""
     a = appendix_a
     z = (0, 0, 1)
     return Tree(

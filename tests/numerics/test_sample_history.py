@@ -1,4 +1,4 @@
-"""Tests of the samples on their way through a delay."""
+"""Tests of the stored samples of a delayed signal."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def test_evaluating_it_changes_nothing():
 
 
 def between(times, values, num=11):
-    """Returns times within the intervals of a signal, and its polynomials there."""
+    """Returns times within the intervals of a signal and the interpolated values."""
     query, result = [], []
     for i in np.flatnonzero(np.diff(times) > 0).tolist():
         polynomial = EnoPolynomial(times.tolist(), values[:, np.newaxis], i)
@@ -88,7 +88,7 @@ def test_a_stencil_stops_at_jumps(i, indices):
 
 
 def test_a_nonsmooth_point_soon_after_a_jump_does_not_reach_back():
-    """A control force that is held behind a jump and then begins to fall."""
+    """A control force that jumps, is constant, and then begins to fall."""
     held = [0, 0.003, 0.0178, 0.0199, 0.0206, 0.0211, 0.0213, 0.0225, 0.0236, 0.0253]
     times = np.array([-0.0022, 0.0, *held])
     values = np.array([0.00436, 0.00348, *[0.2] * 7, 0.17756, 0.15753, 0.13281])

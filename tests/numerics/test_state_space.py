@@ -28,7 +28,7 @@ def test_what_is_no_number_is_refused():
 
 
 def test_cancelled_integrator_is_found():
-    """(25 s + 50)/(s (s + 25)) times s/(m s^2 + c s + k), in this order and that."""
+    """(25 s + 50)/(s (s + 25)) times s/(m s^2 + c s + k), in both orders."""
     H = System([[0, 1], [0, -25]], [[0], [1]], [[50, 25]])
     S = System([[0, 1], [-300, -0.2]], [[0], [2]], [[0, 1]])
     for first, second in ((H, S), (S, H)):
@@ -49,11 +49,12 @@ def test_cancelled_integrator_is_found():
 
 
 def test_hidden_modes_in_badly_scaled_and_mixed_coordinates():
-    """Units and a change of coordinates must not bring a hidden mode back."""
+    """Hidden modes are found in any units and coordinates of the state."""
     random = np.random.default_rng(3)
     A = np.diag([-1.0, -2.0, 0.5, -7.0, 0.0])
-    B = np.array([[1.0], [1.0], [0.0], [1.0], [0.0]])  # 0.5 and 0 are not reached.
-    C = np.array([[1.0, 1.0, 1.0, 0.0, 1.0]])  # -7 is not seen.
+    # The modes 0.5 and 0 are uncontrollable, and -7 is unobservable.
+    B = np.array([[1.0], [1.0], [0.0], [1.0], [0.0]])
+    C = np.array([[1.0, 1.0, 1.0, 0.0, 1.0]])
     scale = np.diag([1e-4, 1e3, 1.0, 1e2, 1e-2])
     T = scale @ np.linalg.qr(random.normal(size=(5, 5)))[0]
     system = System(T @ A @ np.linalg.inv(T), T @ B, C @ np.linalg.inv(T))

@@ -1,4 +1,4 @@
-"""Tests of signals that are polynomials in steps."""
+"""Tests of recorded signals as piecewise polynomials."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from teleop_drake.numerics.step_polynomials import (
     straight_steps,
 )
 
-# Three steps of unequal lengths; everything jumps at 2.
+# Three steps of unequal lengths; all signals jump at 2.
 ENDS = [(0.0, 0.5), (0.5, 2.0), (2.0, 2.1)]
 POWERS = np.polynomial.Polynomial([0.3, -2.0, 1.5, 0.7, -0.4])
 
@@ -32,7 +32,7 @@ def test_a_quartic_is_exact_and_a_jump_stays_a_jump():
     inside = np.clip(query, 0, 2.1)
     result = interpolate(times, signals["x"], steps, query)[:, 0]
     np.testing.assert_allclose(result, POWERS(inside) + 10 * (query > 2), rtol=1e-13)
-    # At rows to the last digit.
+    # At the rows the interpolation is exact to the last digit.
     rows = interpolate(times, signals["x"], steps, times[:9])
     np.testing.assert_array_equal(rows, signals["x"][:9])
     assert interpolate(times, signals["x"], steps, np.empty(0)).shape == (0, 1)

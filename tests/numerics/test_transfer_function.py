@@ -1,4 +1,4 @@
-"""State-space realisations against the rational function itself."""
+"""State-space realisations against the rational function."""
 
 import numpy as np
 import pytest
@@ -71,7 +71,7 @@ def test_low_frequency_resistance():
 
 def test_all_pass_of_a_delay():
     A, B, C, D = all_pass_of_delay(0.3, order=6, num_axes=2)
-    # The error of the Pade approximant grows with |s| delay: 0.11 % where that is 6.
+    # The error of the Pade approximant grows with |s| delay; at 6 it is 0.11 %.
     for w, bound in ((0.5, 1e-14), (5.0, 1e-10), (15.0, 4e-5), (20.0, 1.2e-3)):
         H = C @ np.linalg.solve(1j * w * np.eye(len(A)) - A, B) + D
         error = np.abs(H - np.exp(-0.3j * w) * np.eye(2)).max()

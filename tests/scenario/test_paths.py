@@ -1,4 +1,4 @@
-"""Messages for what is not where it was looked for, in one line with the mend."""
+"""Messages for unknown paths and wrong types: one line, with the correct form."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Scenarios and recordings go to other processes, and refuse misspelt fields."""
+"""Scenarios and recordings can be pickled, and configs refuse misspelt fields."""
 
 import copy
 import dataclasses
@@ -27,7 +27,7 @@ def test_scenarios_are_pickled_and_copied(name):
 def test_runs_of_other_processes_are_the_same():
     scenario = LoadScenario("one_dof", {"duration": 0.05})
     here = simulate(scenario)
-    # As joblib has them: nothing is inherited from this process.
+    # As with joblib, the new process inherits nothing from this one.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=context) as executor:
         there = executor.submit(simulate, scenario).result()

@@ -1,4 +1,4 @@
-"""The Puma 560 pushes its needle through tissue on to bone."""
+"""Tests of the Puma 560, which pushes its needle through tissue onto bone."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ NAME = "puma560_insertion"
     ],
 )
 def test_stiff_walls_leave_psi_above_its_limit(name, settling, peak):
-    """The run converges."""
+    """The runs converge, and Psi stays far from its limit."""
     wall = {"kind": "hunt_crossley", "start": 0.76, "stiffness": 2e4, "damping": 1.5}
     changes = {"environment": wall} if name == NAME else {}
     for accuracy in (1e-6, 1e-8):
@@ -37,7 +37,7 @@ def test_stiff_walls_leave_psi_above_its_limit(name, settling, peak):
 
 
 def test_the_needle_keeps_its_direction():
-    """To within a degree, though the law moves its tip only, also on the bone."""
+    """The direction is constant to 1 degree, although the law moves only the tip."""
     fast = {"surgeon.velocity": [0.15, 0.0, 0.0], "duration": 1.6}
     scenario = LoadScenario(NAME, fast)
     run, plant = simulate(scenario, engine="compiled"), scenario.robot.LoadPlant()
@@ -48,7 +48,7 @@ def test_the_needle_keeps_its_direction():
 
 
 def test_a_straight_wrist_on_the_way_leaves_the_run_finite():
-    """It comes nearer to a straight wrist than a start may be, and turns away."""
+    """The arm comes closer to a straight wrist than is allowed for a start."""
     q = [0.0, 0.5, -2.2, 0.0, 0.1, 0.0]
     changes = {
         "robot.posture": q,

@@ -100,7 +100,7 @@ def test_gains(name):
 @pytest.mark.parametrize("name", BUILT_IN + TRACKING + SPACE + LEARNING + JOINTS)
 def test_every_value_in_a_file_has_its_source(name):
     for line in (SCENARIOS / f"{name}.yaml").read_text().splitlines():
-        # A value that is neither a section nor one of the texts.
+        # The line has a value, and is neither a section nor one of the texts.
         if re.match(r"\s*(- )?\w+: *[^# ]", line) and not re.match(
             "title|story|description|source", line
         ):
@@ -156,7 +156,7 @@ def test_defaults(minimal):
     assert Border(scenario, "puncture") is None
     assert scenario.divergence_speed_ratio == 5
     assert scenario.simulator.integration_scheme == "runge_kutta5"
-    # One loaded scenario must not change the defaults of the next.
+    # A change of a loaded scenario must not change the defaults.
     scenario.haptic_device.numerator[0] = 7
     scenario.simulator.accuracy = 1
     again = LoadScenario(minimal)
@@ -266,14 +266,14 @@ def test_overrides():
     ],
 )
 def test_numbers_as_people_write_them(text, value):
-    """YAML 1.1 takes 1e-2, 1.5e3 and -.5 for text."""
+    """Numbers such as 1e-2, 1.5e3 and -.5, which YAML 1.1 reads as text."""
     tree = ParseYaml(f"[{text}]", "it")
     assert tree == [value] and type(tree[0]) is type(value)
     assert ParseYaml(DumpYaml(tree), "it") == tree
 
 
 def test_the_step_is_the_one_that_was_given():
-    """The delay limits the steps of the Simulator, not what the scenario says."""
+    """The delay limits the steps of the Simulator, not the field of the scenario."""
     # One string is one override.
     scenario = LoadScenario("one_dof", "simulator.max_step_size=0.3")
     scenario.forward_channel.delay = 0.001
@@ -310,7 +310,7 @@ def test_initial_psi():
     # ... and 1/m in free space.
     auto.append("robot.start=[0.01]")
     assert LoadScenario("one_dof", auto).initial_psi == pytest.approx(2)
-    # In front of every layer as well.
+    # It is also 1/m in front of all layers.
     auto[-1] = "environment.layers.tissue.start=0.005"
     assert LoadScenario("one_dof", auto).initial_psi == pytest.approx(2)
 
@@ -342,7 +342,7 @@ def Layers(*layers: tuple[float, float]) -> dict:
     [
         ([], None, None),
         ([(-math.inf, 5)], None, None),
-        # Empty space in front of the first layer is softer than anything.
+        # The empty space in front of the first layer has no stiffness.
         ([(1, 5)], 1, None),
         ([(1, 5), (2, 0)], 1, 2),
         # A tool that starts inside the first layer has no surface in front of it.
@@ -356,7 +356,7 @@ def test_surface_and_puncture(layers, surface, puncture):
     assert Border(scenario, "puncture") == puncture
 
 
-# Bad values: each with the beginning of the one line that must name it.
+# Invalid values, each with the beginning of the one-line message.
 
 BAD_ONE_DOF = [
     ("return_channel.delay=", "return_channel.delay = null: must be a number"),
@@ -416,7 +416,7 @@ def test_bad_values(override, message):
         (["controller.G1=[[1, 2], [0, 1]]"], "controller.G1 = [[1.0, 2.0], [0.0, 1.0]"),
         (["controller.P=[[1, 0], [0]]"], "controller.P = [[1, 0], [0]]: must be a num"),
         (["controller.minimum_psi=3"], "controller.initial_psi = 'auto', here [[6.46"),
-        # In this order: what comes later does not matter if it is bad earlier on.
+        # Types are checked before values.
         (["duration=-1", "environment.layers=x"], "environment.layers = 'x': must be"),
     ],
 )
@@ -433,7 +433,7 @@ def test_bad_values_of_the_arm(overrides, message):
         ("gravity=9.81", "gravity = [9.81]: must be a list of 2 finite numbers"),
         ("trajectory=null", "trajectory = null: must be a mapping with the keys"),
         ("trajectory.centre=[1]", "trajectory.centre = [1.0]: must be a list of 2"),
-        # Both ends are in reach, the shoulder in between is not.
+        # Both ends are in reach, but the shoulder in between is not.
         (
             "trajectory={centre: [0.1, 0], amplitude: [0.9, 0]}",
             "trajectory.amplitude = [0.9, 0.0]: must keep the trajectory in reach ([0",
@@ -462,7 +462,7 @@ def test_tracking_scenario():
     # No delay limits the step.
     step = LoadScenario("network_tracking_linear", ["simulator.max_step_size=2"])
     assert step.simulator.max_step_size == 2
-    # A line through a point is as good as one along it.
+    # A trajectory of a single point is allowed.
     LoadScenario("network_tracking_linear", ["trajectory.amplitude=[0, 0]"])
     scenario.trajectory.amplitude = [2, 0]
     with pytest.raises(ScenarioError, match=r"^trajectory.amplitude = \[2.0, 0.0\]"):

@@ -18,20 +18,20 @@ from teleop_drake.tasks.metrics import RunMetrics, RunSummary
 
 Function = Callable[[np.ndarray], np.ndarray]
 
-# The task of one_dof in scales that show errors: v_d = 1 mm/s.
+# The commanded velocity and the surfaces of one_dof.
 V_D = 1e-3
 PUNCTURE = 0.0075
 SURFACE = 0.015
 
 
 def layer_force(layer, x, v):
-    """(2.14), with the spring unloaded at the layer's reference."""
+    """Returns the force of (2.14), with the spring relaxed at the layer's reference."""
     return layer.stiffness * (x - layer.reference) + layer.damping * v
 
 
 @dataclasses.dataclass
 class Phase:
-    """A stretch of a motion; t = 0 where it begins. Everything may jump at its end."""
+    """A phase of a motion, from t = 0 on. All functions may jump at its end."""
 
     duration: float
     x: Function
@@ -47,7 +47,7 @@ def Still(x: float, duration: float) -> Phase:
 
 
 def Wave(amplitude: float, omega: float, phase: float, duration: float) -> Phase:
-    """A velocity of V_D + amplitude sin(omega t + phase)."""
+    """Returns a phase with the velocity V_D + amplitude sin(omega t + phase)."""
     return Phase(
         duration,
         lambda t: (
@@ -63,7 +63,7 @@ def RegularSteps(step: float) -> Callable[[float], np.ndarray]:
 
 
 def IrregularSteps(seed: int, longest: float) -> Callable[[float], np.ndarray]:
-    """Steps of many sizes, some of them tiny, as at located events."""
+    """Returns steps of many lengths, some of them tiny, as at located events."""
     generator = np.random.default_rng(seed)
 
     def make(duration: float) -> np.ndarray:
@@ -81,7 +81,7 @@ def Record(
     scenario: Scenario | None = None,
     **changes: str,
 ) -> Recording:
-    """Samples a motion; both sides of the border between two phases are recorded."""
+    """Returns the recording of a motion, with both sides of each jump."""
     scenario = scenario or LoadScenario("one_dof")
     layers = scenario.environment.layers
     starts = [layer.start for layer in layers]
@@ -93,7 +93,7 @@ def Record(
         t = np.concatenate([ends[:1], inner.ravel()])
         first = len(rows) + DEGREE * np.arange(len(ends) - 1)
         places.append(first[:, None] + np.arange(DEGREE + 1))
-        # A phase ends on its own side of a border.
+        # The layer is that of the middle of the phase, which ends at a surface.
         middle = float(phase.x(np.array(phase.duration / 2)))
         index = int(np.searchsorted(starts, middle, side="right")) - 1
         times.append(begin + t)
@@ -136,8 +136,8 @@ def Record(
     )
 
 
-# A whole task: through the tissue, faster through free space, a bounce off the bone,
-# flight, and a second contact that creeps to rest.
+# A whole insertion: through the tissue, faster through free space, a bounce off the
+# bone, flight, and a second contact that creeps to rest.
 B, OMEGA, TAU, A = 0.4e-3, 17.0, 0.3, 4e-3
 T_PUNCTURE = PUNCTURE / V_D
 T_FREE = (SURFACE - PUNCTURE) / (V_D + 2 * B / math.pi)
@@ -195,7 +195,7 @@ STEPS = [
 def test_task_against_closed_forms(steps):
     metrics = RunMetrics(Record(TaskPhases(), steps))
     puncture, collision = metrics["puncture"], metrics["collision"]
-    # Nothing but rounding errors at constant velocity.
+    # At constant velocity there are only rounding errors.
     assert 0 <= metrics["start_velocity_overshoot"] < 1e-9
     assert puncture == pytest.approx(
         {
@@ -214,13 +214,14 @@ def test_task_against_closed_forms(steps):
             "peak_force": 150 * V_D * TAU * (1 - math.exp(-20)),
             "rebound_velocity": -V_D,
             "settling_time": T_BOUNCE + T_FLIGHT + TAU * math.log(20),
-            # The force approaches its end as the velocity does.
+            # Force and velocity approach their final values with the same time
+            # constant.
             "rest_time": T_BOUNCE + T_FLIGHT + TAU * math.log(20),
         },
         rel=2e-6,
     )
     assert metrics["control_force_peak"] == pytest.approx([F_JUMP], rel=1e-9)
-    # The sine, the jump up, the jump down.
+    # The variation of the sine, of the jump up and of the jump down.
     variation = 4 * 1e-3 + 2 * F_JUMP
     assert metrics["control_force_variation"] == pytest.approx([variation], rel=1e-6)
     assert (metrics["diverged"], metrics["diverged_at"]) == (False, None)
@@ -260,7 +261,7 @@ def test_variation_between_packets(step, tolerance):
 
 def test_overshoot_ends_at_the_puncture_or_the_contact():
     slow, fast = Wave(1e-4, 2.0, 0.0, 5.0), TaskPhases()
-    # Overshoots by 0.1 mm/s in the tissue, by 0.4 mm/s behind it.
+    # The velocity overshoots by 0.1 mm/s in the tissue and by 0.4 mm/s behind it.
     x_end = float(slow.x(np.array(5.0)))
     rest = Phase(
         (PUNCTURE - x_end) / V_D, lambda t: x_end + V_D * t, fast[0].v, fast[0].a
@@ -270,7 +271,7 @@ def test_overshoot_ends_at_the_puncture_or_the_contact():
     assert metrics["start_velocity_overshoot"] == pytest.approx(1e-4, rel=1e-5)
     assert metrics["puncture"]["velocity_overshoot"] == pytest.approx(B, rel=1e-6)
 
-    # Without the tissue the contact ends the start.
+    # Without the tissue, the start overshoot is taken until the contact.
     scenario = LoadScenario("one_dof")
     scenario.environment.layers = scenario.environment.layers[1:]
     scenario.environment.layers[0].start = -math.inf
@@ -306,7 +307,7 @@ def test_slower_than_commanded_is_no_overshoot():
     assert metrics["velocity_rms_error"] == pytest.approx([V_D])
     assert metrics["control_force_variation"] == [0.0]
 
-    # After the puncture, however, it counts as what it is.
+    # After the puncture the overshoot may be negative.
     v = 0.9 * V_D
     crawl = Phase(10.0, lambda t: v * t, lambda t: v + 0 * t, np.zeros_like)
     metrics = RunMetrics(Record([crawl], RegularSteps(0.1)))
@@ -314,7 +315,7 @@ def test_slower_than_commanded_is_no_overshoot():
 
 
 def Backwards(phase: Phase) -> Phase:
-    """The mirror image of a motion."""
+    """Returns the mirror image of a phase."""
     return Phase(
         phase.duration,
         lambda t: -phase.x(t),
@@ -327,7 +328,7 @@ def Backwards(phase: Phase) -> Phase:
 @pytest.mark.parametrize("amplitude", [0.0, 2e-4])
 def test_overshoot_is_in_the_direction_of_the_command(amplitude):
     scenario = LoadScenario("one_dof", {"surgeon.velocity": [-V_D]})
-    # From rest to the command, and perhaps beyond it.
+    # The velocity rises from 0 to the command and, with an amplitude, beyond it.
     start = Phase(
         2.0,
         lambda t: V_D * (t - 1 + np.exp(-t)),
@@ -346,7 +347,7 @@ def test_overshoot_is_in_the_direction_of_the_command(amplitude):
 
 @pytest.mark.parametrize("has_waited", [False, True])
 def test_overshoot_over_a_command_that_reverses_or_waits(has_waited):
-    """The tool follows a sine by `lag`, and is farthest beyond it where it reverses."""
+    """The tool follows a sine with a lag; the overshoot is largest at its reversals."""
     lag = 0.3
     swing = Phase(
         7.0,
@@ -355,7 +356,7 @@ def test_overshoot_over_a_command_that_reverses_or_waits(has_waited):
         lambda t: V_D * np.cos(t - lag),
         v_dd=lambda t: V_D * np.sin(t),
     )
-    # A command of 0, but for rounding, points nowhere.
+    # A command that is 0 up to rounding has no direction.
     wait = Phase(
         1.0,
         lambda t: -V_D * t,
@@ -389,7 +390,7 @@ def test_contact_between_samples_and_at_a_sample():
 
 
 def Ringing(decay: float, duration: float) -> list[Phase]:
-    """Meets the bone, then v = V_D exp(-decay t) cos(w t)."""
+    """Returns a contact with the bone, after which v = V_D exp(-decay t) cos(w t)."""
     w = 10.0
     s = complex(-decay, w)
     return [
@@ -418,7 +419,7 @@ def test_settling_time_of_an_oscillation():
 
 @pytest.mark.parametrize("duration", [2.98, math.pi / 20 * 19, 3.0, 3.1])
 def test_steady_oscillation_never_settles_wherever_it_ends(duration):
-    # At 19/20 pi the recording ends just as the velocity is 0.
+    # With 19/20 pi the velocity is 0 at the end of the recording.
     metrics = RunMetrics(Record(Ringing(0.0, duration), RegularSteps(0.03)))
     assert metrics["collision"]["settling_time"] is None
 
@@ -444,7 +445,7 @@ def test_diverged():
     assert metrics["diverged_at"] == recording.time[-1]
     assert metrics["collision"]["settling_time"] is None
 
-    # It says nothing about rest if the run was cut off while the tool was slow.
+    # A run that diverged has no settling time, even if the tool was slow at its end.
     recording = Record(Ringing(5.0, 3.0), RegularSteps(0.03), termination="diverged")
     assert RunMetrics(recording)["collision"]["settling_time"] is None
     recording.termination = "interrupted"
@@ -490,7 +491,7 @@ def test_environment_and_robot_of_ones_own():
     assert metrics["puncture"] == pytest.approx(expected["puncture"], rel=1e-4)
     assert metrics["collision"] == pytest.approx(expected["collision"], rel=1e-4)
 
-    # Its force is what was recorded where no material tells it.
+    # Without a material the metrics use the recorded force.
     recording.surfaces = [
         dataclasses.replace(surface, material=None) for surface in recording.surfaces
     ]
@@ -503,7 +504,7 @@ def test_environment_and_robot_of_ones_own():
 
 
 def test_two_axes():
-    """Each axis has its own numbers; the events concern x alone."""
+    """Each axis has its own metrics; events are determined by x only."""
     scenario = LoadScenario("two_dof_puncture")
     t = np.arange(0, 3 * math.pi, 0.005)
     n = len(t)
@@ -592,14 +593,17 @@ def test_summary_has_the_promised_fields():
         "time", "velocity", "initial_impact_force", "peak_force", "rebound_velocity",
         "settling_time", "rest_time",
     ]  # fmt: skip
-    # Insertion.units has the others, too.
+    # Insertion.units contains all metrics.
     scalars = {name.partition(".")[0] for name in Insertion.units}
     assert set(metrics) == scalars
 
 
 @pytest.mark.parametrize("kind", ["direct_force", "damped_force"])
 def test_a_run_by_dense_samples(kind):
-    """All axes and the force; and what is felt is the tool, a return delay ago."""
+    """The metrics of all axes equal those of dense samples.
+
+    The felt position is the tool's position delayed by the return channel.
+    """
     recording = runs.Run("two_dof_combined", kind, engine="auto")
     metrics = RunMetrics(recording)
     contact, end = metrics["collision"]["time"], recording.time[-1]
@@ -638,7 +642,7 @@ def test_a_run_by_dense_samples(kind):
 
 @pytest.mark.parametrize(("tau_v", "tau_F"), [(0.5, 0.1), (0.2, 0.4)])
 def test_rest_on_a_spiral(tau_v, tau_F):
-    """Where speed and force turn while they die out, no axis is any different."""
+    """Velocity and force decay on spirals, so that no axis determines the rest time."""
     recording = runs.Run("two_dof_collision", "damped_force", engine="auto")
     t = recording.time - RunMetrics(recording)["collision"]["time"]
     circle = np.stack([np.cos(9 * t), np.sin(9 * t)], axis=1)
@@ -652,7 +656,7 @@ def test_rest_on_a_spiral(tau_v, tau_F):
 
 
 def OvershootBetween(recording, begin, end):
-    """Returns the max of v_x over the command that has arrived, by dense samples."""
+    """Returns the max of v_x minus the received command, from dense samples."""
     t = np.linspace(begin, end, 100_001)[1:-1]
     sent = t - recording.scenario.forward_channel.delay
     command = recording.Interpolate("velocity_command", np.fmax(sent, 0))[:, 0]
@@ -663,7 +667,10 @@ def OvershootBetween(recording, begin, end):
 @pytest.mark.parametrize("engine", ["compiled", "drake"])
 @pytest.mark.parametrize("stop", [0.7, 0.8999999999999999])
 def test_an_echo_at_a_tick_but_for_rounding(stop, engine):
-    """The command stops; its echo and a sample of the encoder are at one instant."""
+    """The command stops, and is received at the instant of a sample of the encoder.
+
+    Both instants are equal up to rounding.
+    """
     more = {
         "controller.kind": "proportional_damping",
         "surgeon.kind": "human",

@@ -1,4 +1,4 @@
-"""The demonstration of chapter 3: against a second solver and the thesis's numbers."""
+"""The tracking of chapter 3, against a second solver and the thesis's numbers."""
 
 import functools
 import itertools
@@ -20,7 +20,7 @@ from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunMetrics, RunSummary
 from teleop_drake.tasks.tracking import MakeReference
 
-# They look at the same runs.
+# The tests share runs, and therefore run in one process.
 pytestmark = pytest.mark.xdist_group("tracking")
 
 CASES = ("network_tracking_linear", "network_tracking_coupled")
@@ -31,7 +31,7 @@ def Run(name, *overrides):
     return simulate(LoadScenario(name, overrides))
 
 
-# A second solver, which shares no code with the package, not even Drake.
+# A second solver, which shares no code with the package and does not use Drake.
 
 CENTRES = np.array(
     list(itertools.product(np.linspace(0.8, 1.4, 5), np.linspace(-0.2, 0.2, 5)))
@@ -82,7 +82,7 @@ def Loop(t, state, name):
 
 @functools.cache
 def Reference(name):
-    """Returns times and the signals at them by the second solver."""
+    """Returns times, and the second solver's signals at these times."""
     start = np.concatenate([arm.joints([1.15, 0.095]), np.zeros(52)])
     solution = solve_ivp(
         lambda t, state: Loop(t, state, name)[0],
@@ -163,7 +163,7 @@ def test_reference_is_its_own_derivative():
 
 
 def test_without_force_and_error_the_arm_holds_itself():
-    # Gravity is the only load; the controller knows it.
+    # Gravity is the only load, and the controller compensates for it.
     recording = Run(
         CASES[0],
         "disturbance.gain=0",
@@ -186,7 +186,7 @@ def test_recording_survives_a_file(tmp_path):
 
 
 def test_a_run_that_diverges_ends_at_its_limit():
-    # A force that pushes the tool away, ten times as hard.
+    # The disturbance pushes the tool away and is ten times as large.
     recording = Run(CASES[1], "disturbance.gain=-100")
     assert recording.termination == "diverged"
     assert "exceeds 10 m/s" in recording.reason

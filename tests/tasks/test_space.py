@@ -1,4 +1,4 @@
-"""Tests of the tasks in space: what counts is measured along the surface's normal."""
+"""Tests of tasks in space, whose metrics are taken along a surface's normal."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ NORMAL = np.array([0.6, 0.48, -0.64])
 
 
 class Puck(KernelBlock):
-    """dv/dt = F_c - F_e, of a kilogram."""
+    """A puck with a mass of 1 kg: dv/dt = F_c - F_e."""
 
     def __init__(self, start):
         KernelBlock.__init__(self)
@@ -43,7 +43,7 @@ class FastPuckConfig(PuckConfig):
 
 
 def Insertion(turn):
-    """A puck goes in along an axis, which turns with everything else."""
+    """Returns the run of a puck's insertion, rotated by `turn` as a whole."""
     damped = ["controller.kind=damped_force", "controller.damped_force.damping=4"]
     scenario = LoadScenario("needle_insertion", [*damped, "duration=8"])
     scenario.robot = FastPuckConfig(start=turn @ [0.11, 0.02, 0.0])
@@ -54,7 +54,7 @@ def Insertion(turn):
 
 
 def test_a_turned_task_has_the_same_metrics():
-    """Of a robot that is the same in all directions, in the thesis's and in another."""
+    """A rotated insertion of an isotropic robot has the same metrics."""
     across = np.cross(NORMAL, [0.0, 0.0, 1.0]) / np.hypot(0.6, 0.48)
     turn = np.column_stack([NORMAL, across, np.cross(NORMAL, across)])
     straight, turned = (Insertion(x) for x in (np.eye(3), turn))

@@ -1,4 +1,4 @@
-"""Tasks: the package's, and those of a user's own."""
+"""Tests of the package's tasks and of a user's own tasks."""
 
 import csv
 import json
@@ -20,7 +20,7 @@ SHORT = "duration=0.2"
 
 
 class Slow(Insertion):
-    """An insertion that nothing is fast enough for."""
+    """An insertion with a very low speed limit."""
 
     def MakeSpeedLimit(self, scenario):
         return SpeedLimit(speed=1e-6, name="a snail")
@@ -46,7 +46,7 @@ def test_a_task_makes_the_systems_that_it_needs(name):
 
 
 def test_no_switch_is_found_in_a_step_that_was_cut():
-    """The modes in it are interpolated, with rounding errors."""
+    """The modes in such a step are interpolated, with rounding errors."""
     wave = {"kind": "variable", "drift": 0.01}
     wave["sinusoid"] = {"amplitude": 0.02, "frequency": 3.0, "phase": 0.4}
     changes = {"controller.kind": "direct_force"}
@@ -61,7 +61,7 @@ def test_a_task_of_ones_own():
     scenario = LoadScenario("one_dof", [SHORT])
     task = Reach()
     recording = simulate(scenario, task=task)
-    assert "psi" not in recording.signals  # The scenario's law would have it.
+    assert "psi" not in recording.signals  # It is a signal of the scenario's law.
     assert recording.EventTimes("halfway") == [0.1]
     assert recording.FindSurface(CONTACT) is not None
     x = recording["tool_position"][:, 0]
@@ -87,7 +87,7 @@ def test_a_task_limits_the_speed(engine):
 
 
 def test_a_scenario_names_a_task_of_ones_own(capsys, tmp_path):
-    """Its metrics reach runs and sweeps."""
+    """The task's metrics are those of runs and sweeps."""
     options = ["one_dof", "--set", SHORT, "--set", "task=own_kinds:Reach", "--quiet"]
     assert main(["run", *options, "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["metrics"]["path_length"] > 0
