@@ -1,7 +1,7 @@
-"""What was sent through delays before a run begins, from its Context and back.
+"""Transfers signals and packets under way from a Context to a run, and back.
 
-Drake's delays have samples in their Contexts. advance() has rows: a signal is the
-polynomial through the five rows of each step.
+In Drake, the delays store samples in their Contexts. advance() reads a delayed signal
+from the recorded rows, as the polynomial through the five rows of each step.
 """
 
 from collections.abc import Iterator
@@ -47,7 +47,11 @@ def _LinesIn(evaluator: Evaluator, context: Context) -> Iterator[_Line]:
 
 
 def CanWritePast(evaluator: Evaluator) -> bool:
-    """Returns whether a Context can have all that a run has sent through delays."""
+    """Returns whether a Context can store all signals under way in the delays.
+
+    A user's own block may have delays in its kernel and be no KernelBlock. Its Context
+    has no place for them.
+    """
     return not any(
         kernel.delays and not isinstance(block.system, KernelBlock)
         for block, kernel in zip(
@@ -57,16 +61,17 @@ def CanWritePast(evaluator: Evaluator) -> bool:
 
 
 def ReadPast(evaluator: Evaluator, context: Context, y: Array) -> Past | None:
-    """Returns what was sent before the time of a Context; None if nothing was.
+    """Returns the delays' signals before the time of a Context; None: no signals.
 
     Args:
-        context: Of the diagram; its inputs have values.
-        y: The signals, with the initial values of what comes out of the delays.
+        context: The Context of the diagram, whose inputs have values.
+        y: The signals at the start, with the initial outputs of the delays.
     """
     lines = list(_LinesIn(evaluator, context))
     if not any(line.IsUnderWay(own) for line, own, _ in lines):
         return None
     sent = [line.Sent(own) for line, own, _ in lines]
+    # A step of the past ends at each sample of any delay, and has five rows.
     ends = _Distinct(np.concatenate([each.times for each in sent]))
     if len(ends) < 2:
         return None
@@ -77,6 +82,7 @@ def ReadPast(evaluator: Evaluator, context: Context, y: Array) -> Past | None:
         for step, instants in enumerate(times):
             for node, time in enumerate(instants):
                 rows[step, node, signal] = each.At(time, is_after=node == 0)
+    # The arrivals of packets are known from the packets themselves.
     arrivals = _Distinct(
         [
             time
@@ -89,23 +95,23 @@ def ReadPast(evaluator: Evaluator, context: Context, y: Array) -> Past | None:
 
 
 def _Distinct(times: ArrayLike) -> Array:
-    """Returns times in s in their order; Drake's delays round each in its own way."""
+    """Returns times in s, sorted, without those that differ by rounding only."""
     unique = np.unique(times)
     distinct: Array = unique[np.diff(unique, prepend=-np.inf) > CLOSE]
     return distinct
 
 
 def WritePast(evaluator: Evaluator, context: Context, memory: Memory) -> None:
-    """Writes what a run has sent into the delays of a Context at its end.
+    """Writes the signals and packets under way at the end of a run to a Context.
 
     Args:
-        context: Of the diagram; it has the time of the end.
-        memory: Of the run.
+        context: The Context of the diagram, with the time of the end.
+        memory: The memory of the run.
     """
     num_rows = memory.counts[ROWS]
     times = memory.row_times[:num_rows]
     steps = steps_of(memory.row_ends[:num_rows])
-    # A step ends where any line has a jump or a bend: one of them has to have all.
+    # A step ends at the jumps and bends of all delays, so one delay stores all of them.
     bends = memory.breaks[: memory.counts[BREAKS], 0].tolist()
     lines = sorted(_LinesIn(evaluator, context), key=lambda x: x.line.is_constant)
     for line, own, signal in lines[::-1]:

@@ -1,4 +1,4 @@
-"""Runs a compiled diagram."""
+"""Runs of a program: the start, the calls of advance() and the recorded rows."""
 
 import math
 from collections import deque
@@ -38,31 +38,31 @@ from teleop_drake.numerics.step_polynomials import steps_of
 
 _NO_PIECES = Pieces(np.empty((0, 2)), np.empty((0, NUM_COEFFICIENTS)))
 
-# Rows for which there is memory at first. What is not written takes none.
+# The number of rows with memory at first. Rows that are not written take no memory.
 _ROOM = 32768
 
-# The room of a run whose states are compared with Drake: where it has no more, a state
-# is seen that a short run comes through.
+# The same for a run whose states are compared with Drake. When the room is used up,
+# the present state is stored in `visited`, so that a short run has some of them.
 _FIRST_ROOM = 64
 
-# Rows that a run keeps of which only samples are wanted.
+# The most rows stored by a run of which only samples are used.
 _MOST_KEPT = 2048
 
-# What the integrator tries at least, s.
+# The shortest step that is tried, s.
 _SHORTEST = 1e-14
 
-# How many of the states where a run has been are kept, the last one among them.
+# The number of visited states that a run stores; the last one is among them.
 _MAX_VISITED = 4
 
 
 class Visited(NamedTuple):
-    """Where a run has been.
+    """A state in which a run has been.
 
     Attributes:
         t: The time in s.
-        x: Continuous state.
-        m: Discrete state.
-        y: Signals, among them what came out of delays.
+        x: The continuous states of the program.
+        m: The discrete states of the program.
+        y: The signals, including the outputs of delays.
     """
 
     t: float
@@ -72,29 +72,31 @@ class Visited(NamedTuple):
 
 
 class CompiledRun:
-    """A run of a diagram.
+    """A run of a program, which Advance() continues.
 
     Args:
-        evaluator: Of the diagram, in Python or in machine code.
-        context: Where it starts.
-        start: The same, instead of the context.
-        past: What was sent through the delays before.
-        system: What is integrated, of MakeProblem(); None: it is made.
-        end: Until when it can run, s.
-        accuracy: What a step may be wrong by in the largest of all states, as Drake's
-            integrators have it.
-        max_step: Longest step in s.
-        is_checked: Whether nobody needs a state that a short run comes through, because
-            the code has been compared with Drake before.
+        evaluator: Evaluates the program, interpreted or compiled.
+        context: The Context of the diagram at the start. None: `start`, `past` and
+            `draws` describe the start.
+        start: The time, states and signals at the start.
+        past: The signals in the delays before the start; None: no signals.
+        system: The Problem, from MakeProblem(). None: it is made.
+        end: The last time that the run may reach, s.
+        accuracy: The largest error of a step in any state, as for Drake's integrators.
+        max_step: The longest step in s.
+        is_checked: Whether the code has been compared with Drake before. Otherwise, the
+            run stores a state early, so that a short run has one to compare.
+        draws: The new outputs of random sources, in their order.
 
     Attributes:
-        evaluator: Of the diagram.
-        problem: What is integrated.
-        memory: Where it is.
-        start: Where it started.
-        failure: Why it cannot go on; empty if it can.
-        error: What was raised in the midst of a step, after which it cannot go on.
-        visited: Where it has been, a few times.
+        evaluator: Evaluates the program.
+        problem: The delays, transitions and parameters of the program.
+        memory: The present state and the recorded rows.
+        start: The time, states and signals at the start.
+        failure: The reason why the run cannot continue; empty if it can.
+        error: The exception that a law raised within a step; the run cannot continue.
+        visited: Some states of the run.
+        draws: The draws that have not been taken yet.
     """
 
     def __init__(
@@ -126,7 +128,7 @@ class CompiledRun:
         self._max_step = max_step
         system = system or MakeProblem(evaluator.program, start.t, end)
         self.problem: Problem = system.value
-        # The first row of this run, behind those of the past.
+        # The first row of this run, after those of the past.
         self._first_row = 0 if past is None else len(past.times)
         self.memory = make_memory(
             self.problem,
@@ -139,7 +141,7 @@ class CompiledRun:
             room=self._first_row + (_ROOM if is_checked else _FIRST_ROOM),
         )
         self._integrate: Callable[..., Any] = advance
-        # What the integrator takes: tuples or, in machine code, their headers.
+        # The integrator's arguments: tuples or, for machine code, their headers.
         self._system: Any = self.problem
         self._memory: Any = self.memory
         if isinstance(evaluator.function, Evaluate):
@@ -149,15 +151,15 @@ class CompiledRun:
 
     @property
     def time(self) -> float:
-        """How far the run is, in s."""
+        """The present time of the run, s."""
         return float(self.memory.clock[0])
 
     @property
     def next_time(self) -> float:
-        """The time in s from which another run goes on.
+        """The time in s at which another run continues this one.
 
-        An event that is due at the end, but for rounding, has not happened. If Drake
-        rounds its time to one before the end, it is that time.
+        It is the present time, unless Drake rounds the time of an event that is due now
+        to an earlier time. The event has not happened yet, so it is then that time.
         """
         transitions = self.problem.transitions
         ticks = range(len(self.memory.ticks))
@@ -167,18 +169,18 @@ class CompiledRun:
 
     @property
     def is_finite(self) -> bool:
-        """Whether all numbers are that it computed last."""
+        """Whether all states and rates of the last step are finite."""
         memory = self.memory
         states = memory.x, memory.x_stage, memory.x_next, *memory.stages
         return bool(np.isfinite(states).all())
 
     def Advance(self, end: float) -> Array:
-        """Integrates for a while; returns the signals y (k, num_y) of the new rows.
+        """Integrates some steps; returns the signals y (k, num_y) of the new rows.
 
-        The run has ended if its time is `end` or there is a failure or an error.
+        The run has ended if its time is `end`, or if there is a failure or an error.
 
         Args:
-            end: Where to stop at the latest, s.
+            end: The latest time at which to stop, s.
         """
         memory = self.memory
         if is_full(self.problem.delays, memory):
@@ -202,7 +204,7 @@ class CompiledRun:
         if is_drawn and self.time > drawn - SAME:
             self._TakeDraws(drawn)
         if status == STUCK:
-            # In the words of Drake.
+            # The message of Drake.
             self.failure = (
                 "Error control wants to select step smaller than minimum allowed "
                 f"({1e-14 * max(1.0, abs(self.time)):g})"
@@ -210,10 +212,11 @@ class CompiledRun:
         return rows
 
     def Feed(self, place: slice, values: Array) -> None:
-        """Sets what an open input is fed with from now on: signals jump, a step ends.
+        """Sets the value of an unconnected input from now on; signals jump.
 
         Args:
-            place: Of the input in y, as Program.fed has it.
+            place: The slice of y of the input, see Program.fed.
+            values: The new value of the input.
         """
         self.memory.y[place] = values
         self._AddBreak()
@@ -226,20 +229,19 @@ class CompiledRun:
         self._AddBreak()
 
     def _AddBreak(self) -> None:
-        """Adds a break now, because signals jump."""
+        """Adds a break at the present time, at which signals jump."""
         counts = self.memory.counts
         self.memory.breaks[counts[BREAKS]] = self.time, 0.0
         counts[BREAKS] += 1
 
     def Sample(self, time: float) -> Array:
-        """Integrates until a time in s; returns the signals y then.
+        """Integrates until a time in s; returns the signals y at that time.
 
-        Keeps no rows but those that delays still need.
-
-        At the very start they are those before what happens there.
+        At the start, they are the signals before the events of that instant. Rows are
+        deleted if no delay needs them.
 
         Raises:
-            ArithmeticError: If it cannot go on.
+            ArithmeticError: If the run cannot continue.
         """
         sample = None
         while sample is None or self.time < time - SAME:
@@ -255,21 +257,21 @@ class CompiledRun:
     def Rows(self) -> tuple[Array, Array]:
         """Returns the times (k) and the signals y (k, num_y) of all rows so far.
 
-        A time that stands twice marks a jump.
+        Two rows with the same time mark a jump.
         """
         part = slice(self._first_row, self.memory.counts[ROWS])
         return self.memory.row_times[part], self.memory.rows[part]
 
     def Steps(self) -> Indices:
-        """Returns the rows of each step so far (s, 5)."""
+        """Returns the indices of the rows of each step so far (s, 5)."""
         part = slice(self._first_row, self.memory.counts[ROWS])
         return steps_of(self.memory.row_ends[part])
 
     def _MakesStepShorter(self, error: Exception) -> bool:
-        """Rejects the step that has raised an error; returns whether it was too long.
+        """Shortens the step in which an error was raised; returns whether to repeat it.
 
-        Args:
-            error: If it is of numbers, then the state that was tried may be to blame.
+        An arithmetic error, or a state that is not finite, may be the result of a step
+        that was too long. Any other error is one of the law itself.
         """
         is_of_numbers = isinstance(error, ArithmeticError | np.linalg.LinAlgError)
         clock = self.memory.clock
@@ -279,11 +281,11 @@ class CompiledRun:
         return bool(clock[1] > _SHORTEST * max(1.0, self.time))
 
     def _MakeRoom(self) -> Memory:
-        """Makes twice the room for rows and breaks, or more; returns the memory."""
+        """Doubles the room for rows and breaks, or more; returns the memory."""
         larger = {}
         for name in ("row_times", "row_ends", "rows", "breaks"):
             array = getattr(self.memory, name)
-            # What is not written yet takes no memory.
+            # Elements that are not written yet take no memory.
             length = max(2 * len(array), _ROOM)
             larger[name] = np.empty((length, *array.shape[1:]), array.dtype)
             larger[name][: len(array)] = array
@@ -295,7 +297,7 @@ class CompiledRun:
         return self.memory
 
     def _ForgetRows(self) -> None:
-        """Removes the rows that no delay reaches."""
+        """Deletes the rows that no delay needs any more."""
         memory = self.memory
         delays = self.problem.delays
         reached = self.time
@@ -304,14 +306,14 @@ class CompiledRun:
                 delay = delay_at(self.time, d, delays)
                 reached = min(reached, self.time - delay)
             elif delays.packet_ranges[d, 0] < memory.next_packets[d]:
-                # Those that are shown later were sent later.
+                # Packets that are shown later were sent later.
                 _, sent, previous = delays.packets[memory.next_packets[d] - 1]
                 reached = min(reached, previous if np.isfinite(previous) else sent)
             else:
                 reached = -np.inf
         counts = memory.counts
         num = counts[ROWS]
-        # Two steps have ten rows at most.
+        # Keep two more steps, which have ten rows at most.
         first = max(int(np.searchsorted(memory.row_times[:num], reached)) - 10, 0)
         for array in (memory.row_times, memory.row_ends, memory.rows):
             array[: num - first] = array[first:num].copy()
@@ -320,15 +322,16 @@ class CompiledRun:
         self._first_row = max(0, self._first_row - first)
 
 
-# The integrator in machine code, once it is made.
+# The compiled integrator, after its first use.
 _advance: list[Callable[..., int]] = []
 
 
 def _CompiledAdvance(system: Problem, memory: Memory) -> Callable[..., int]:
-    """Returns the integrator in machine code, which is that of all diagrams.
+    """Returns the compiled integrator; the same code integrates all programs.
 
     Args:
-        system: Any system, and its memory: they have the types of all others.
+        system: The problem of any program; the types of its arrays are compiled.
+        memory: The memory of that problem, for the same reason.
     """
     if not _advance:
         types = map(TypeOf, (system, memory, 0.0, 0.0, 0.0))
@@ -337,7 +340,7 @@ def _CompiledAdvance(system: Problem, memory: Memory) -> Callable[..., int]:
 
 
 def MakeProblem(program: Program, start: float, end: float) -> Packed:
-    """Returns what is integrated between two times in s, a Problem."""
+    """Returns the Problem of a program for a run between two times in s."""
     delays = _Delays(program, start, end)
     return Packed(Problem(program.p, delays, _Transitions(program)))
 
@@ -369,29 +372,32 @@ def _Delays(program: Program, start: float, end: float) -> Delays:
 
 
 def _PiecesOf(delay: Delay, start: float, end: float) -> Pieces:
-    """Returns a delay that varies as polynomials; none of any other."""
+    """Returns a varying delay as piecewise polynomials; no pieces if it is constant."""
     if not callable(delay.time):
         return _NO_PIECES
-    # What is sent at the end arrives later, in the run that continues this one.
+    # A signal sent at the end arrives later, in the run that continues this one.
     last = min(end + 2 * delay.time(end), delay.end)
     return fit_pieces(delay.time, start, last, nonsmooth_times=delay.nonsmooth_times)
 
 
 def _Ranges(groups: Sequence[Sized]) -> Indices:
-    """Returns where each group begins and ends if they stand one after another."""
+    """Returns begin and end of each group in the concatenation of all (d, 2)."""
     ends = np.cumsum([0, *map(len, groups)], dtype=np.int64)
     return np.stack([ends[:-1], ends[1:]], axis=1)
 
 
 def _Packets(delay: Delay, end: float) -> Sequence[Packet]:
-    """Returns the packets of a delay; for nobody where T(t) is not smooth."""
+    """Returns the packets of a delay.
+
+    A varying delay has one at each nonsmooth point, which only makes a step end there.
+    """
     if delay.shown is not None:
         return PacketsUntil(delay, end)
     return [Packet(shown=t, sent=t) for t in sorted(delay.nonsmooth_times) if t <= end]
 
 
 def _Shortest(pieces: Pieces) -> float:
-    """Returns the shortest of a delay that varies, or a little less."""
+    """Returns a lower bound of a varying delay, close to its minimum, s."""
     at = np.vander(np.linspace(-1.0, 1.0, 17), NUM_COEFFICIENTS, increasing=True)
     return 0.99 * float((pieces.coefficients @ at.T).min())
 
