@@ -1,6 +1,5 @@
 """Runs a diagram as machine code."""
 
-import threading
 import time as clock
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -51,7 +50,7 @@ class CompiledDiagram:
 
     Attributes:
         diagram: The System that was compiled.
-        context: Its Context, which the comparison with Drake's callbacks changes.
+        context: The Context where its runs begin.
         evaluator: Evaluates the rates, outputs and transitions of the blocks.
         places: The columns of each recorded signal in a row, by its name.
         start: The time, states and signals at the start of a run.
@@ -71,7 +70,6 @@ class CompiledDiagram:
     longest_step: float
     is_checked: bool
     parts: Mapping[str, System] = field(default_factory=dict)
-    _lock: threading.Lock = field(default_factory=threading.Lock)
     _problems: dict[float, Packed] = field(default_factory=dict, init=False)
 
     @cached_property
@@ -146,12 +144,12 @@ class CompiledDiagram:
         Args:
             visited: Times and states of a run where it is compared, besides the start.
         """
-        with self._lock:  # All threads share one Context.
-            if self.is_checked:
-                return
-            states = [self.start, *visited]
-            CheckVisited(self.evaluator, self.diagram, self.context, states)
-            self.is_checked = True
+        if self.is_checked:
+            return
+        # Threads may do so at once: each has a Context of its own.
+        states = [self.start, *visited]
+        CheckVisited(self.evaluator, self.diagram, self.context.Clone(), states)
+        self.is_checked = True
 
 
 def CompileDiagram(

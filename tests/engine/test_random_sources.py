@@ -7,6 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import FirstOrderLowPassFilter, RandomSource
 
 from teleop_drake import Compile, TransportDelay, simulate
+from teleop_drake.kernel import Kernel, KernelBlock
 
 TIMES = np.linspace(0.0005, 0.9995, 300)
 
@@ -74,3 +75,33 @@ def test_the_draws_go_on_where_a_run_has_ended(split, latter):
     rest = {"duration": 1.0 - split, "engine": latter}
     second = simulate(diagram, context=half.final_context, **rest)
     check_equal(second, whole, TIMES[split + 1e-3 < TIMES])
+
+
+def squared(noise):
+    return noise * noise
+
+
+class Squared(KernelBlock):
+    """A user's own block, whose kernel is compared with Drake in the first run."""
+
+    def __init__(self):
+        KernelBlock.__init__(self)
+        self.DeclareVectorInputPort("noise", 1)
+        self.DeclareOutputs(squared=1)
+
+    def Kernel(self):
+        return Kernel(outputs={"squared": (squared, "noise")})
+
+
+def test_each_run_of_a_users_own_block_has_the_draws_from_the_start():
+    builder = DiagramBuilder()
+    noise = RandomSource(RandomDistribution.kGaussian, 1, 0.1)
+    builder.AddNamedSystem("noise", noise)
+    own = builder.AddNamedSystem("own", Squared())
+    builder.Connect(noise.get_output_port(), own.get_input_port())
+    diagram = builder.Build()
+    context = begin(diagram, 5)
+    program = Compile(diagram, context=context, duration=1.0)
+    drake = simulate(diagram, context=context, duration=1.0, engine="drake")
+    check_equal(program.Run(), drake, TIMES)
+    check_equal(program.Run(), drake, TIMES)
