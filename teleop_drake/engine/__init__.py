@@ -8,7 +8,8 @@
 3. `program` sorts the terms of all kernels by dependence. The result is one function
    `evaluate(t, x, m, p, y, dx, wanted)`, which is interpreted or compiled.
 4. `run` translates the delays and transitions into arrays (`problem`). `advance`
-   integrates by Dormand-Prince 5(4) (`dormand_prince`), with `delays` and
-   `transitions`. `past` transfers the signals in the delays from a Context and back.
+   integrates by Dormand-Prince 5(4) (`dormand_prince`), with `delays`, `transitions`
+   and `breaks`. `past` transfers the signals in the delays from a Context and back.
+   Drake draws the numbers of its `random_sources`.
 5. `check` compares a user's own blocks and functions with Drake's callbacks.
 """

@@ -24,7 +24,8 @@ from collections.abc import Callable
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.engine.delays import NODES, arrival, fetch
+from teleop_drake.engine.breaks import MAX_ECHO, add_echoes, take_break
+from teleop_drake.engine.delays import NODES, fetch
 from teleop_drake.engine.dormand_prince import NUM_STAGES, A, C, E, P
 from teleop_drake.engine.problem import (
     BREAKS,
@@ -49,10 +50,6 @@ from teleop_drake.numerics.instants import SAME, same_within
 
 Evaluate = Callable[..., None]
 
-# Each passage through an integrator makes a jump smoother by one derivative. An echo of
-# a higher order than this is smooth enough for the method, so that no step ends there.
-_MAX_ECHO = 4
-
 # The most tries of one call of advance(). Between the calls, its caller can check the
 # progress of the run, and Python handles Ctrl-C.
 _MOST_TRIES = 500
@@ -75,8 +72,26 @@ def _evaluate(
     memory: Memory,
     dx: Array,
 ) -> None:
-    """Writes the outputs of the delays into y, and evaluates RATE, ALL or SIGNALS."""
-    fetch(t, problem.delays, memory)
+    """Writes the outputs of the delays into y, and evaluates RATE, ALL or SIGNALS.
+
+    At the start of the step, jumps that arrive at that instant are included.
+    """
+    is_after = t <= memory.clock[0]
+    _evaluate_beside(is_after, wanted, evaluate, t, x, problem, memory, dx)
+
+
+def _evaluate_beside(
+    is_after: bool,
+    wanted: int,
+    evaluate: Evaluate,
+    t: float,
+    x: Array,
+    problem: Problem,
+    memory: Memory,
+    dx: Array,
+) -> None:
+    """Evaluates after the jumps that arrive at the time t, or before them."""
+    fetch(t, is_after, problem.delays, memory)
     evaluate(t, x, memory.m, problem.p, memory.y, dx, wanted)
     memory.counts[EVALUATIONS] += 1
 
@@ -185,53 +200,11 @@ def _record(t: float, memory: Memory) -> None:
     memory.counts[ROWS] += 1
 
 
-def _add_break(t: float, order: int, memory: Memory) -> None:
-    """Adds a break of an order, a time in s that no step may cross."""
-    num = memory.counts[BREAKS]
-    memory.breaks[num, 0] = t
-    memory.breaks[num, 1] = order
-    memory.counts[BREAKS] = num + 1
-
-
-def _add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
-    """Adds a break where the effect of the present event leaves each delay.
-
-    The last two rows have the signals before and after the event. The echo of a jump
-    has order 1, because a jump remains a jump after any number of delays.
-    """
-    row = memory.counts[ROWS] - 1
-    for d in range(len(delays.times)):
-        echo = order + 1
-        for i in range(delays.sizes[d]):
-            before = memory.rows[row - 1, delays.signals[d] + i]
-            after = memory.rows[row, delays.signals[d] + i]
-            if abs(after - before) > 1e-9 * (abs(after) + abs(before)):
-                echo = 1
-        is_finite = delays.times[d] > 0.0 and delays.times[d] < math.inf
-        if echo <= _MAX_ECHO and is_finite:
-            _add_break(arrival(t, d, delays), echo, memory)
-
-
-def _take_break(t: float, memory: Memory) -> int:
-    """Removes the breaks at a time; returns their least order, -1 if there is none."""
-    breaks = memory.breaks
-    order = -1
-    num = 0
-    for i in range(memory.counts[BREAKS]):
-        if abs(breaks[i, 0] - t) > SAME:
-            _copy(breaks[i], breaks[num])
-            num += 1
-        elif order < 0 or breaks[i, 1] < order:
-            order = int(breaks[i, 1])
-    memory.counts[BREAKS] = num
-    return order
-
-
 def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) -> None:
     """Executes the packets and transitions due at a break of an order (-1: none)."""
     t = memory.clock[0]
     if _show_packets(t, problem.delays, memory) and order < 0:
-        order = _MAX_ECHO  # Only a jump of a delay's signal has an echo.
+        order = MAX_ECHO  # Only a jump of a delay's signal has an echo.
     has_jumped = order >= 0
     for _ in range(10):  # A transition may make another one due.
         has_changed = change_modes(has_jumped, problem.transitions, memory)
@@ -243,7 +216,7 @@ def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) ->
         has_jumped = False
     if order >= 0:
         _record(t, memory)
-        _add_echoes(t, order, problem.delays, memory)
+        add_echoes(t, order, problem.delays, memory)
     note_guards(True, problem.transitions, memory)
 
 
@@ -262,12 +235,11 @@ def _show_packets(t: float, delays: Delays, memory: Memory) -> bool:
 def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     """Executes the breaks, packets and transitions of this instant."""
     t = memory.clock[0]
-    order = _take_break(t, memory)
-    if order >= 0:
-        # With this, fetch() excludes jumps that arrive now, as transitions require.
-        memory.clock[0] = -math.inf
-    _evaluate(ALL, evaluate, t, memory.x, problem, memory, memory.stages[0])
-    memory.clock[0] = t
+    order = take_break(t, memory)
+    # Transitions use the signals before the jumps that arrive now.
+    is_after = order < 0
+    rate = memory.stages[0]
+    _evaluate_beside(is_after, ALL, evaluate, t, memory.x, problem, memory, rate)
     _settle(evaluate, order, problem, memory)
 
 

@@ -134,16 +134,16 @@ def arrival(s: float, d: int, delays: Delays) -> float:
     return high
 
 
-def fetch(t: float, delays: Delays, memory: Memory) -> None:
+def fetch(t: float, is_after: bool, delays: Delays, memory: Memory) -> None:
     """Writes the outputs of the delays at the time t into y.
 
-    A jump that arrives at the start of the step, memory.clock[0], is included; a jump
-    that arrives later is not. For the first row, y keeps the outputs that the caller
-    has set.
+    For the first row, y keeps the outputs that the caller has set.
+
+    Args:
+        is_after: Whether a jump that arrives at the time t is included.
     """
     if memory.counts[ROWS] == 0:
         return
-    is_after = t <= memory.clock[0]
     for d in range(len(delays.times)):
         for i in range(delays.sizes[d]):
             memory.y[delays.outputs[d] + i] = 0.0
