@@ -26,7 +26,7 @@ from teleop_drake.analysis.transparency import FeltStiffness, Transparency
 from teleop_drake.arrays import Array, ComplexArray, Interval
 from teleop_drake.blocks.environments import ShownNormal
 from teleop_drake.figures import style
-from teleop_drake.figures.layout import MakePanels, NameAxes, NameColumns, Panels
+from teleop_drake.figures.layout import MakeMultiples, MakePanels, Panels
 from teleop_drake.figures.style import GREY, WIDTH, AddLegend, Figure, Key
 from teleop_drake.numerics.crossings import eigenloci, sweep_frequencies
 from teleop_drake.scenario import Scenario
@@ -87,7 +87,9 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
     Raises:
         ValueError: If no operating point has a loop.
     """
-    points, figure, axes = _LoopPanels(analysis, 2)
+    points, figure, axes = _LoopPanels(
+        analysis, "frequency [rad/s]", "|eigenlocus of L|", "phase [°]"
+    )
     limits = [-200.0, 0.0]  # Also where every locus is nothing.
     for (top, bottom), point in zip(axes.T, points, strict=True):
         w = _BodeFrequencies(point)
@@ -101,7 +103,6 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
         math.floor(min(limits) / 90) * 90, math.ceil(max(limits) / 90 + 0.5) * 90
     )
     bottom.yaxis.set_major_locator(MultipleLocator(90))
-    NameAxes(axes, "frequency [rad/s]", "|eigenlocus of L|", "phase [°]")
     handles: list[Artist] = [
         _THIN("L without delay"),
         _THICK(f"with {points[0].delay:.4g} s round trip"),
@@ -148,7 +149,7 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
     Raises:
         ValueError: If no operating point has a loop.
     """
-    points, figure, axes = _LoopPanels(analysis, 1)
+    points, figure, axes = _LoopPanels(analysis, "real part", "imaginary part")
     figure.set_size_inches(WIDTH, WIDTH / max(len(points), 2) + 0.6)
     for ax, point in zip(axes[0], points, strict=True):
         w = _BodeFrequencies(point, _NUM_NYQUIST_POINTS)
@@ -167,7 +168,6 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
         ax.plot([-1], [0], "+", color="black", ms=7, zorder=5)
         limits = (-_NYQUIST_RANGE, _NYQUIST_RANGE)
         ax.set(xlim=limits, ylim=limits, aspect="equal")
-    NameAxes(axes, "real part", "imaginary part")
     handles = [
         _THIN("without delay"),
         _THICK(f"with {points[0].delay:.4g} s round trip"),
@@ -218,8 +218,7 @@ def PlotStableDelays(
     ]
     if not rows:
         Refuse("operating points", [], "one or more")
-    height = 0.6 + 0.26 * len(rows) + 0.35
-    figure, axes = MakePanels(1, 1, height=height)
+    figure, axes = MakePanels(1, 1, height=0.95 + 0.26 * len(rows))
     ax = axes[0, 0]
     for i, (_, point) in enumerate(rows):
         _DrawDelays(ax.barh, i, 0.7, point.max_delay, point.stable_delays)
@@ -274,7 +273,9 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         is_x = ShownNormal(scenario.Surfaces(), scenario.num_axes)[0] == 1
         direction = "x" if is_x else "along the surface's normal"
         label = f"tool position {direction} [m]"
-    figure, axes = _Panels(1, list(panels), 1.4 * _ROW_HEIGHT + 0.4)
+    figure, axes = MakeMultiples(
+        list(panels), label, "round-trip delay [s]", height=1.4 * _ROW_HEIGHT + 0.4
+    )
     # A column of bars for each value.
     edges = style.CellEdges(chart.values)
     centres = (edges[1:] + edges[:-1]) / 2
@@ -289,7 +290,6 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         ax.stairs(delays, edges, baseline=None, color="black", lw=0.8, zorder=3)
         ax.set_xlim(style.MapLimits(chart.values))
         ax.set_ylim(0, chart.max_delay)
-    NameAxes(axes, label, "round-trip delay [s]")
     AddLegend(figure, _STABILITY_KEYS)
     return figure
 
@@ -328,11 +328,16 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
     """
     if not points:
         Refuse("points", [], "one or more")
-    # Above the impedances, below the parameter.
-    figure, axes = _Panels(2, [point.point.name for point in points])
+    figure, axes = MakeMultiples(
+        [point.point.name for point in points],
+        "frequency [rad/s]",
+        *("|impedance| [N s/m]", "Llewellyn's parameter"),
+        height=2 * _ROW_HEIGHT,
+    )
     num_axes = points[0].llewellyn.shape[1]
     for (top, bottom), point in zip(axes.T, points, strict=True):
         w = point.frequencies
+        shown = np.clip(point.llewellyn, *_LLEWELLYN_RANGE)
         load = np.abs(point.environment[:, 0, 0])
         if load.any():
             top.loglog(w, load, ":", color=GREY, linewidth=1.5)
@@ -341,13 +346,9 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
             thin = look | {"linewidth": 0.6}
             top.loglog(w, np.abs(point.undelayed[:, i, i]), **thin)
             top.loglog(w, np.abs(point.transmitted[:, i, i]), **look)
-            bottom.semilogx(
-                w, np.clip(point.llewellyn[:, i], *_LLEWELLYN_RANGE), **look
-            )
+            bottom.semilogx(w, shown[:, i], **look)
         _ExplainLlewellyn(bottom, w, point.llewellyn.min(axis=1))
         top.set(xlim=(w[0], w[-1]), ylim=(1e-2, 1e3))
-    labels = ("|impedance| [N s/m]", "Llewellyn's parameter")
-    NameAxes(axes, "frequency [rad/s]", *labels)
     below = "below 1: unstable with some passive operator and environment"
     handles: list[Artist] = [
         _THICK("felt with the delay"),
@@ -380,7 +381,11 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
     if not panels:
         Refuse("panels", {}, "one or more")
     w = _HAND_FREQUENCIES
-    figure, axes = _Panels(1, list(panels), 1.5 * _ROW_HEIGHT)
+    figure, axes = MakeMultiples(
+        list(panels),
+        *("frequency of the hand [rad/s]", "felt stiffness [N/m]"),
+        height=1.5 * _ROW_HEIGHT,
+    )
     labels = list(dict.fromkeys(label for row in panels.values() for label in row))
     limit = 0.0
     for ax, scenarios in zip(axes[0], panels.values(), strict=True):
@@ -396,25 +401,13 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
         ax.axvline(1.0, linestyle=":", **_GUIDE)
         ax.set_xlim(w[0], w[-1])
     axes[0, 0].set_ylim(-1.1 * limit, 1.1 * limit)
-    NameAxes(axes, "frequency of the hand [rad/s]", "felt stiffness [N/m]")
     handles = [Key(label, **style.RunStyle(i)) for i, label in enumerate(labels)]
     AddLegend(figure, handles)
     return figure
 
 
-def _Panels(
-    rows: int, titles: Sequence[str], height: float = 2 * _ROW_HEIGHT
-) -> tuple[Figure, Panels]:
-    """Returns a figure with a column of panels for each title."""
-    figure, axes = MakePanels(
-        rows, len(titles), height=height, share_x="col", share_y="row"
-    )
-    NameColumns(axes, titles)
-    return figure, axes
-
-
 def _LoopPanels(
-    analysis: StabilityAnalysis, rows: int
+    analysis: StabilityAnalysis, x_label: str, *y_labels: str
 ) -> tuple[list[PointStability], Figure, Panels]:
     """Returns the operating points with a loop, and a column of panels for each."""
     points = [point for point in analysis.Loops() if len(point.loop.D)]
@@ -424,7 +417,7 @@ def _LoopPanels(
         point.label + " (weights frozen)" * point.model.frozen_weights
         for point in points
     ]
-    return points, *_Panels(rows, titles)
+    return points, *MakeMultiples(titles, x_label, *y_labels, height=2 * _ROW_HEIGHT)
 
 
 def _LocusHandles(points: Sequence[PointStability]) -> list[Line2D]:

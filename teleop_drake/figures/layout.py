@@ -22,8 +22,8 @@ def MakePanels(
     *,
     height: float,
     width: float = WIDTH,
-    share_x: Sharing = "none",
-    share_y: Sharing = "none",
+    share_x: Sharing = "col",
+    share_y: Sharing = "row",
     padding: float | None = None,
 ) -> tuple[Figure, Panels]:
     """Returns a figure and its panels (rows, columns), with few spines.
@@ -45,15 +45,28 @@ def MakePanels(
     return figure, axes
 
 
-def NameColumns(axes: Panels, titles: Sequence[str]) -> None:
-    """Writes a title above each column of panels."""
+def MakeMultiples(
+    titles: Sequence[str],
+    x_label: str,
+    *y_labels: str,
+    height: float,
+    width: float = WIDTH,
+    padding: float | None = None,
+) -> tuple[Figure, Panels]:
+    """Returns a figure with a column of panels for each title, and its panels.
+
+    Args:
+        x_label: Label of the horizontal axis, below each column.
+        y_labels: Labels of the vertical axes at the left, one for each row.
+        height, width, padding: Those of MakePanels().
+    """
+    figure, axes = MakePanels(
+        len(y_labels), len(titles), height=height, width=width, padding=padding
+    )
     for ax, title in zip(axes[0], titles, strict=True):
         ax.set_title(title, fontsize=FONT_SIZE)
-
-
-def NameAxes(axes: Panels, x: str, *y: str) -> None:
-    """Names the axes of panels (rows, columns): below the columns, and at the left."""
     for ax in axes[-1]:
-        ax.set_xlabel(x)
-    for ax, label in zip(axes[:, 0], y, strict=False):
+        ax.set_xlabel(x_label)
+    for ax, label in zip(axes[:, 0], y_labels, strict=True):
         ax.set_ylabel(label)
+    return figure, axes

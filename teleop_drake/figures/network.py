@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from teleop_drake.blocks.channels import NetworkChannelConfig
 from teleop_drake.blocks.channels.packet_network import PacketNetwork, Receiver
 from teleop_drake.figures import style
-from teleop_drake.figures.layout import MakePanels, NameAxes, NameColumns
+from teleop_drake.figures.layout import MakeMultiples
 from teleop_drake.figures.style import COLORS, Figure, Look
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import TaskOf
@@ -49,13 +49,12 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
     networks = Networks(recording)
     if not networks:
         Refuse("recording", recording.scenario.name, "a run with a channel of packets")
-    figure, axes = MakePanels(
-        3,
-        len(networks),
+    figure, axes = MakeMultiples(
+        [name.replace("_", " ") for name in networks],
+        "time [s]",
+        *("delay of packets [ms]", "age of information [ms]", "packets lost [%]"),
         height=3 * _ROW_HEIGHT + 0.4,
         width=style.WidthOf(columns),
-        share_x="all",
-        share_y="row",
         padding=0.1,
     )
     # A run that was stopped at its start has no time of its own.
@@ -67,11 +66,7 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
     for ax in axes.flat:
         style.FormatAxes(ax)
         # Where nothing is lost a range of its own would be rounding.
-        ax.set_ylim(0.0, max(ax.get_ylim()[1], 1.0))
-    axes[0, 0].set_xlim(0.0, end)
-    labels = ("delay of packets [ms]", "age of information [ms]", "packets lost [%]")
-    NameColumns(axes, [name.replace("_", " ") for name in networks])
-    NameAxes(axes, "time [s]", *labels)
+        ax.set(xlim=(0.0, end), ylim=(0.0, max(ax.get_ylim()[1], 1.0)))
     figure.align_ylabels(axes[:, 0])
     handles = [
         style.Key("lost packet", **_LOST_STYLE, **style.MARK_STYLE),

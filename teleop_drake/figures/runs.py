@@ -162,8 +162,6 @@ def PlotRows(
         math.ceil(len(places) / num_banks),
         height=height * num_banks * len(rows) + 0.7,
         width=width or style.WidthOf(columns),
-        share_x="col",
-        share_y="row",
         # Aligned labels may end up a little further out than the layout reckons.
         padding=0.1,
     )

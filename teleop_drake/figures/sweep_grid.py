@@ -107,6 +107,7 @@ class SweepGrid:
             across,
             height=0.8 + (2.6 if down == 1 else 1.7) * down,
             share_x="all",
+            share_y="none",
             padding=0.1,
         )
         for ax in axes.flat[total:]:
