@@ -359,7 +359,7 @@ def _AddFigure(
         rgba = part.rgba
         if rgba is not None:
             own = to_hex((rgba.r(), rgba.g(), rgba.b())), rgba.a() * looks[1]
-        name = f"{path}/{part.body or 'world'}/{part.name}"
+        name = f"{path}/{part.body}/{part.name}"
         _Add(meshcat, name, part.shape, own, part.X_BG)
     width = stage.width
     _Add(meshcat, f"{path}/tip/ball", Sphere(_TOOL * width), looks)

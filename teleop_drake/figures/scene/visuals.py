@@ -25,7 +25,7 @@ class Part:
 
     Attributes:
         name: Unique, of letters, digits and _.
-        body: Of the body that it is fixed to; empty: of the world.
+        body: Of the body that it is fixed to.
         shape: What it is.
         X_BG: Its pose in the body's frame.
         rgba: Its own colour; None: the model gives none.
@@ -81,15 +81,17 @@ class RobotVisuals:
         return np.array(pose.translation())
 
     def BodyPoses(self, q: ArrayLike) -> dict[str, RigidTransform]:
-        """Returns the poses in the world of the bodies that have shapes, by name."""
+        """Returns the poses in the world of the moving bodies with shapes, by name."""
         if self._plant is None:
             return {}
         self._plant.SetPositions(self._context, q)
+        names = dict.fromkeys(part.body for part in self.parts)
         return {
             name: self._plant.EvalBodyPoseInWorld(
                 self._context, self._plant.GetBodyByName(name)
             )
-            for name in dict.fromkeys(part.body for part in self.parts if part.body)
+            for name in names
+            if name != self._plant.world_body().name()
         }
 
     def Pose(self, p_WT: ArrayLike, q: ArrayLike) -> Array:
@@ -125,17 +127,14 @@ def _Shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Part]:
     parts = []
     for i, geometry in enumerate(inspector.GetAllGeometryIds(Role.kIllustration)):
         frame = inspector.GetFrameId(geometry)
-        is_fixed = frame == inspector.world_frame_id()
         properties = inspector.GetIllustrationProperties(geometry)
         parts.append(
             Part(
                 name=f"shape_{i}",
-                body="" if is_fixed else plant.GetBodyFromFrameId(frame).name(),
+                body=plant.GetBodyFromFrameId(frame).name(),
                 shape=inspector.GetShape(geometry),
                 X_BG=inspector.GetPoseInFrame(geometry),
-                rgba=properties.GetProperty("phong", "diffuse")
-                if properties.HasProperty("phong", "diffuse")
-                else None,
+                rgba=properties.GetPropertyOrDefault("phong", "diffuse", None),
             )
         )
     return parts
@@ -154,7 +153,7 @@ def _Sticks(plant: MultibodyPlant, context: object) -> list[Part]:
     return [
         Part(
             name=f"stick_{i}",
-            body="" if body == plant.world_body().name() else body,
+            body=body,
             shape=Capsule(radius=radius, length=size),
             X_BG=AlongZ(p / 2, p),
         )
