@@ -72,12 +72,9 @@ def RangeOf(curves: Sequence[Curve], commands: Sequence[Curve] = ()) -> Interval
     if not shown:
         # What is left is the time before it becomes hopeless.
         shown = [curve.y[curve.time <= 0.8 * curve.time[-1]] for curve in curves]
-    shown += [curve.y for curve in commands]
-    every = shown + [curve.y for curve in curves]
-    low = float(min(map(np.min, shown)))
-    high = float(max(map(np.max, shown)))
-    width = high - low
-    return (
-        max(float(min(map(np.min, every))), low - width),
-        min(float(max(map(np.max, every))), high + width),
-    )
+    known = np.concatenate(shown + [curve.y for curve in commands])
+    every = np.concatenate([known, *(curve.y for curve in curves)])
+    width = np.ptp(known)
+    low = max(every.min(), known.min() - width)
+    high = min(every.max(), known.max() + width)
+    return float(low), float(high)
