@@ -117,9 +117,6 @@ def _DrawRuns(ax: Axes, x: Array, values: Array, color: Any) -> None:
 
 def _DrawInterval(ax: Axes, x: Array, values: Array, median: Array, color: Any) -> None:
     """Draws how well the median of values (x, seeds) is known."""
-    known = np.isfinite(values).sum(axis=1) > 1
-    ends = np.array([MedianInterval(y[np.isfinite(y)]) for y in values[known]]).T
+    ends = np.array([MedianInterval(y[np.isfinite(y)]) for y in values]).T
     bars: Look = {"fmt": "none", "linewidth": 0.8, "capsize": 2}
-    if known.any():
-        error = np.abs(ends - median[known])
-        ax.errorbar(x[known], median[known], error, color=color, **bars)
+    ax.errorbar(x, median, np.abs(ends - median), color=color, **bars)
