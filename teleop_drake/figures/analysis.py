@@ -26,7 +26,7 @@ from teleop_drake.analysis.transparency import FeltStiffness, Transparency
 from teleop_drake.arrays import Array, ComplexArray, Interval
 from teleop_drake.blocks.environments import ShownNormal
 from teleop_drake.figures import style
-from teleop_drake.figures.layout import MakeMultiples, MakePanels, Panels
+from teleop_drake.figures.layout import MakeMultiples, Panels
 from teleop_drake.figures.style import GREY, WIDTH, AddLegend, Figure, Key
 from teleop_drake.numerics.crossings import eigenloci, sweep_frequencies
 from teleop_drake.scenario import Scenario
@@ -218,7 +218,8 @@ def PlotStableDelays(
     ]
     if not rows:
         Refuse("operating points", [], "one or more")
-    figure, axes = MakePanels(1, 1, height=0.95 + 0.26 * len(rows))
+    height = 0.95 + 0.26 * len(rows)
+    figure, axes = MakeMultiples([""], "round-trip delay [s]", "", height=height)
     ax = axes[0, 0]
     for i, (_, point) in enumerate(rows):
         _DrawDelays(ax.barh, i, 0.7, point.max_delay, point.stable_delays)
@@ -233,7 +234,6 @@ def PlotStableDelays(
         range(len(rows)),
         [f"{kind}, {point.label}" if several else point.label for kind, point in rows],
     )
-    ax.set_xlabel("round-trip delay [s]")
     AddLegend(figure, _STABILITY_KEYS)
     return figure
 
@@ -278,15 +278,14 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
     )
     # A column of bars for each value.
     edges = style.CellEdges(chart.values)
-    centres = (edges[1:] + edges[:-1]) / 2
+    widths = np.diff(edges)
     delays = [analysis.points[0].delay for analysis in chart.analyses]
     for ax, panel in zip(axes[0], panels.values(), strict=True):
+        draw = partial(ax.bar, align="edge")
         for name in panel:
-            intervals = chart.StableDelays(name)
-            columns = zip(centres, np.diff(edges), intervals, strict=True)
-            for centre, width, stable in columns:
+            for i, stable in enumerate(chart.StableDelays(name)):
                 if stable is not None:
-                    _DrawDelays(ax.bar, centre, width, chart.max_delay, stable)
+                    _DrawDelays(draw, edges[i], widths[i], chart.max_delay, stable)
         ax.stairs(delays, edges, baseline=None, color="black", lw=0.8, zorder=3)
         ax.set_xlim(style.MapLimits(chart.values))
         ax.set_ylim(0, chart.max_delay)
@@ -356,8 +355,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
         Key("the environment itself, along x", ls=":", color=GREY, linewidth=1.5),
     ]
     if num_axes > 1:
-        names = AxesOf(6)[:num_axes]
-        handles += [Key(f"axis {x}", **style.RunStyle(i)) for i, x in enumerate(names)]
+        handles += style.RunKeys(f"axis {x}" for x in AxesOf(num_axes))
     handles.append(Patch(color=_ACTIVE, label=below))
     AddLegend(figure, handles)
     return figure
@@ -386,7 +384,8 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
         *("frequency of the hand [rad/s]", "felt stiffness [N/m]"),
         height=1.5 * _ROW_HEIGHT,
     )
-    labels = list(dict.fromkeys(label for row in panels.values() for label in row))
+    labels = dict.fromkeys(label for row in panels.values() for label in row)
+    looks = {label: style.RunStyle(i) for i, label in enumerate(labels)}
     limit = 0.0
     for ax, scenarios in zip(axes[0], panels.values(), strict=True):
         for label, scenario in scenarios.items():
@@ -394,15 +393,14 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
             stiffnesses, _ = scenario.environment.StiffnessAndDamping(point.position)
             stiffness = float(stiffnesses[0, 0])
             felt = FeltStiffness(scenario, point, w)
-            ax.semilogx(w, felt, **style.RunStyle(labels.index(label)))
+            ax.semilogx(w, felt, **looks[label])
             limit = max(limit, stiffness, float(np.abs(felt[w <= 1.0]).max()))
             ax.axhline(stiffness, linestyle="--", **_GUIDE)
         ax.axhline(0.0, **_GUIDE)
         ax.axvline(1.0, linestyle=":", **_GUIDE)
         ax.set_xlim(w[0], w[-1])
     axes[0, 0].set_ylim(-1.1 * limit, 1.1 * limit)
-    handles = [Key(label, **style.RunStyle(i)) for i, label in enumerate(labels)]
-    AddLegend(figure, handles)
+    AddLegend(figure, style.RunKeys(labels))
     return figure
 
 
@@ -423,9 +421,7 @@ def _LoopPanels(
 def _LocusHandles(points: Sequence[PointStability]) -> list[Line2D]:
     """Returns what tells the eigenloci apart, where there are several."""
     count = max(len(point.loop.D) for point in points)
-    if count <= 1:
-        return []
-    return [Key(f"locus {i + 1}", **style.RunStyle(i)) for i in range(count)]
+    return style.RunKeys(f"locus {i}" for i in range(1, count + 1)) if count > 1 else []
 
 
 def _BodeFrequencies(point: PointStability, count: int = 1500) -> Array:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import matplotlib
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 
 from teleop_drake.files import Replacing
 from teleop_drake.validation import Refuse
@@ -63,10 +64,8 @@ def DescribeFigure(figure: Figure) -> str:
         text += f"; of {', '.join(titles)}"
     if against:
         text += f"; against {' and '.join(against)}"
-    boxes = [*figure.legends, *(ax.get_legend() for ax in figure.axes)]
-    names = _Different(
-        name.get_text() for box in boxes if box is not None for name in box.get_texts()
-    )
+    legends = figure.findobj(Legend)
+    names = _Different(name.get_text() for box in legends for name in box.get_texts())
     if names:
         text += f". Legend: {', '.join(names)}"
     return re.sub(r"[${}\\]", "", f"{text}.")  # Of a formula: $F_{e,x}$ is F_e,x.

@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
 import matplotlib.figure
@@ -10,9 +10,10 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.rcsetup import cycler
-from matplotlib.ticker import ScalarFormatter
+from matplotlib.ticker import EngFormatter, ScalarFormatter
 
 from teleop_drake.arrays import Array, Interval
 from teleop_drake.signals import AxesOf
@@ -84,9 +85,8 @@ class Figure(matplotlib.figure.Figure):
 
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
         """Returns a picture for screens with many dots, and the width to show it in."""
-        for legend in (*self.legends, *(ax.get_legend() for ax in self.axes)):
-            if legend is not None:
-                legend.set_frame_on(False)
+        for legend in self.findobj(Legend):
+            legend.set_frame_on(False)
         buffer = io.BytesIO()
         self.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
         width, height = self.get_size_inches() * _DOTS_PER_INCH / 2
@@ -118,9 +118,8 @@ def ScaleAndUnit(limits: Interval, unit: str) -> tuple[float, str]:
     if unit not in ("m", "m/s", "N") or largest == 0:
         return 1.0, unit
     # From 0.1 to 100 of the unit shown.
-    exponent = min(max(math.floor(math.log10(10 * largest) / 3), -3), 2)
-    prefix = {-3: "n", -2: "µ", -1: "m", 0: "", 1: "k", 2: "M"}[exponent]
-    return 10.0 ** (-3 * exponent), prefix + unit
+    exponent = 3 * min(max(math.floor(math.log10(10 * largest) / 3), -3), 2)
+    return 10.0**-exponent, EngFormatter.ENG_PREFIXES[exponent] + unit
 
 
 def RunColor(i: int) -> str:
@@ -189,19 +188,20 @@ def Key(label: str, **line: Any) -> Line2D:
     return Line2D([], [], label=label, **line)
 
 
+def RunKeys(labels: Iterable[str]) -> list[Line2D]:
+    """Returns the entries of runs in a legend, in the order of their numbers."""
+    return [Key(label, **RunStyle(i)) for i, label in enumerate(labels)]
+
+
 def AddLegend(
     figure: matplotlib.figure.Figure,
     handles: Sequence[Artist],
     *,
     fontsize: float = FONT_SIZE,
-    title: str = "",
 ) -> None:
     """Adds a legend above all panels, if there is anything to tell.
 
     It has as many columns as fit, by the width of an average letter.
-
-    Args:
-        title: What the entries have in common.
     """
     if not handles:
         return
@@ -217,8 +217,6 @@ def AddLegend(
         loc="outside upper center",
         ncols=ncols,
         fontsize=fontsize,
-        title=title or None,
-        title_fontsize=fontsize,
         frameon=False,
     )
 
