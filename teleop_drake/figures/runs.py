@@ -47,7 +47,7 @@ _MAX_OVERLAID = 3
 _MAX_BESIDE = 5
 _MAX_MULTIPLES = 10
 
-_EVENTS = {"puncture": ("^", "puncture"), "contact": ("s", "first contact")}
+_EVENTS = {PUNCTURE: ("^", "puncture"), CONTACT: ("s", "first contact")}
 _COMMAND_STYLE: Look = {"color": GREY, "linewidth": 0.8}
 
 __all__ = ["PlotComparison", "PlotRows", "PlotRun", "SaveFigure"]
@@ -124,15 +124,6 @@ def PlotRun(
     name = recording.scenario.controller.kind.replace("_", " ")
     columns = columns if task.is_compared else 1
     return PlotRows({name: recording}, rows, columns=columns, width=width)
-
-
-def _SetRange(axes: Sequence[Axes], y_range: Interval, unit: str) -> tuple[float, str]:
-    """Shows a range in panels; returns its scale, and the unit on a line of its own."""
-    scale, shown_unit = style.ScaleAndUnit(y_range, unit)
-    for ax in axes:
-        style.FormatAxes(ax)
-        ax.set_ylim(style.Widen(y_range, scale))
-    return scale, f"\n[{shown_unit}]" if shown_unit else ""
 
 
 def PlotRows(
@@ -220,7 +211,7 @@ class _Runs:
         has_tool = "tool_position" in self._runs[0]
         self._normal_W = NormalOfRuns(self._runs) if has_tool else np.zeros(0)
         self._boundaries: dict[float, list[str]] = {}
-        for run, name in itertools.product(self._runs, (PUNCTURE, CONTACT)):
+        for run, name in itertools.product(self._runs, _EVENTS):
             surface = run.FindSurface(name)
             if surface is not None and (surface.normal_W == self._normal_W).all():
                 x = float(surface.Along(surface.point_W))
@@ -273,7 +264,8 @@ class _Runs:
         """Draws a signal into its row of panels, and returns its name and unit."""
         curves = self._Curves(row)
         commands = self._Commands(row)
-        scale, unit = _SetRange(row_axes, RangeOf(curves, commands), row.unit)
+        y_range = RangeOf(curves, commands)
+        scale, unit = style.ScaleAndUnit(y_range, row.unit)
         # The position that the right column is against has no panel there.
         is_x = (
             row.signal == "tool_position"
@@ -281,7 +273,8 @@ class _Runs:
             and self._normal_W[row.components[0]] == 1
         )
         for place, ax in zip(places, row_axes, strict=True):
-            ax.set_xlim(place.limits)
+            style.FormatAxes(ax)
+            ax.set(xlim=place.limits, ylim=style.Widen(y_range, scale))
             for command in [commands[i] for i in place.runs if commands]:
                 x = place.X(command)
                 ax.plot(x, command.y * scale, **_COMMAND_STYLE, zorder=1)
@@ -292,9 +285,9 @@ class _Runs:
             for y in self._boundaries if is_x else ():
                 ax.axhline(y * scale, **style.BOUNDARY_STYLE)
             ax.set_visible(not (place.scale and is_x))
-        if row_axes[0].get_legend_handles_labels()[1]:
+        if len(row.components) > 1:
             row_axes[0].legend(ncols=2, fontsize=SMALL_FONT_SIZE, frameon=False)
-        return row.label + unit
+        return f"{row.label}\n[{unit}]" if unit else row.label
 
     def _Commands(self, row: SignalRow) -> list[Curve]:
         """Returns what is drawn beside the signal of each run, if anything."""
@@ -323,13 +316,14 @@ class _Runs:
         """Draws run i, its first puncture and contact, and where it diverges."""
         run = self._runs[i]
         x = place.X(curve)
-        is_single = len(row.components) == 1
-        for line, y in zip(_Looks(row, i), curve.y.T, strict=True):
-            if len(place.runs) < len(self._runs):
-                line["linestyle"] = "-"  # There is nothing to tell it from.
-            ax.plot(x, y * scale, **line)
-        if not is_single:
+        y = curve.y * scale
+        if len(row.components) > 1:
+            _DrawGroups(ax, x, y, row.groups)
             return
+        look = style.RunStyle(i)
+        if len(place.runs) < len(self._runs):
+            look["linestyle"] = "-"  # There is nothing to tell it from.
+        ax.plot(x, y, **look)
         for event, (marker, _) in _EVENTS.items():
             first = np.array(run.EventTimes(event)[:1])
             if first.size:
@@ -340,7 +334,7 @@ class _Runs:
                 ax.plot(place.X(mark), mark.y * scale, **look)
         if curve.diverges:
             end_x = np.clip(x[-1:], *ax.get_xlim())
-            end_y = np.clip(curve.y[-1] * scale, *ax.get_ylim())
+            end_y = np.clip(y[-1], *ax.get_ylim())
             ax.plot(end_x, end_y, **style.EndStyle(i), clip_on=False)
 
 
@@ -379,24 +373,17 @@ def _TelemetryRows(recording: Recording) -> list[SignalRow]:
     ]
 
 
-def _Looks(row: SignalRow, run: int) -> list[Look]:
-    """Returns how each component of a signal is drawn.
-
-    A single one is told apart by its run. Of others the groups are named.
-    """
-    count = len(row.components)
-    if count == 1:
-        return [style.RunStyle(run)]
-    each = count // len(row.groups)
-    looks: list[Look] = []
-    for i, name in enumerate(row.groups):
-        if each == 1:
-            looks.append(style.RunStyle(i) | {"label": name})
-            continue
-        look = {"color": style.RunColor(i), "linewidth": 0.6}
-        label = f"{each} of {name}" if len(row.groups) > 1 else f"all {each}"
-        looks += [look | {"label": label}, *([look] * (each - 1))]
-    return looks
+def _DrawGroups(ax: Axes, x: Array, y: Array, groups: Sequence[str]) -> None:
+    """Draws the components of a signal (T, k), each group of them in one colour."""
+    for i, components in enumerate(np.split(y, len(groups), axis=1)):
+        each = components.shape[1]
+        look = style.RunStyle(i)
+        label = groups[i]
+        if each > 1:
+            look = {"color": style.RunColor(i), "linewidth": 0.6}
+            label = f"{each} of {label}" if len(groups) > 1 else f"all {each}"
+        line, *_ = ax.plot(x, components, **look)
+        line.set_label(label)
 
 
 def _Divergence(run: Recording) -> str:
