@@ -8,6 +8,7 @@ graphviz-pure.
 """
 
 import io
+import itertools
 import os
 import re
 import shutil
@@ -224,14 +225,14 @@ def WriteDiagram(
         Refuse("path", str(path), f"a file that ends in one of {', '.join(_SUFFIXES)}")
     if suffix == ".html":
         content = UpperFunction("DiagramPage")(system).html.encode()
+    elif suffix == ".dot":
+        content = DiagramDot(system, max_depth=max_depth).encode()
+    elif suffix == ".png":
+        content = LayOut(DiagramDot(system, max_depth=max_depth), "png")
     else:
-        dot = DiagramDot(system, max_depth=max_depth)
-        if suffix == ".dot":
-            content = dot.encode()
-        else:
-            content = LayOut(dot, "png" if suffix == ".png" else "svg")
-        if suffix == ".pdf":
-            content = _SvgToPdf(content)
+        content = RenderSvg(system, max_depth=max_depth).encode()
+    if suffix == ".pdf":
+        content = _SvgToPdf(content)
     with Replacing(path) as temporary:
         temporary.write_bytes(content)
 
@@ -246,22 +247,19 @@ def _WithoutIdlePorts(drawn: _Drawn, used: Container[str]) -> str:
     columns = []
     for side in sides:
         shown = [x.name.split(":")[1] for x in side if x.name in used]
-        cells = [f'PORT="{port}" BORDER="1">{labels[port]}' for port in shown]
+        cells = [f'PORT="{port}" BORDER="1">{labels[port]}</TD>' for port in shown]
         rest = len(side) - len(shown)
         if rest > 0:
             count = f"{rest} more" if shown else f"{rest} ports"
-            cells.append(f'BORDER="1"><FONT COLOR="grey">{count}</FONT>')
+            cells.append(f'BORDER="1"><FONT COLOR="grey">{count}</FONT></TD>')
         columns.append(cells)
+    # Where a side has fewer cells, the last is higher.
     height = max(map(len, columns))
+    for cells in filter(None, columns):
+        cells[-1] = f'ROWSPAN="{height - len(cells) + 1}" {cells[-1]}'
     rows = []
-    for i in range(height):
-        rows.append("<TR>")
-        for cells in columns:
-            # Where a side has fewer cells, the last is higher.
-            if i < len(cells):
-                span = height - i if i == len(cells) - 1 else 1
-                rows.append(f'<TD ROWSPAN="{span}" {cells[i]}</TD>')
-        rows.append("</TR>")
+    for row in itertools.zip_longest(*columns):
+        rows += ["<TR>", *(f"<TD {cell}" for cell in row if cell), "</TR>"]
     head, _, rest_of_text = drawn.text.partition("<TR>\n")
     _, end, tail = rest_of_text.rpartition("</TABLE>")
     return head + "\n".join([*rows, end + tail])
@@ -376,8 +374,8 @@ def _EmbeddedDot() -> str | None:
         files = metadata.files("graphviz-pure") or []
     except metadata.PackageNotFoundError:
         return None
-    programs = [str(f.locate()) for f in files if f.stem == "graphviz-pure"]
-    return programs[0] if programs else None
+    programs = (str(f.locate()) for f in files if f.stem == "graphviz-pure")
+    return next(programs, None)
 
 
 def _SvgToPdf(svg: bytes) -> bytes:

@@ -36,10 +36,7 @@ class Curve(NamedTuple):
 
 
 def SampleCurve(
-    run: Recording,
-    normal_W: Array,
-    signal: str,
-    components: Sequence[int],
+    run: Recording, normal_W: Array, signal: str, components: Sequence[int]
 ) -> Curve:
     """Returns a signal at the samples and, of a single component, between them.
 

@@ -59,10 +59,11 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
     )
     # A run that was stopped at its start has no time of its own.
     end = float(recording.time[-1]) or recording.scenario.duration
-    for column, (name, config) in zip(axes.T, networks.items(), strict=True):
+    for name, (delay, age, loss) in zip(networks, axes.T, strict=True):
+        config = networks[name]
         network = config.Network(recording.scenario.duration, stream=name)
-        _DrawPackets(column[0], column[2], network, end)
-        _DrawAge(column[1], network, config.receiver, end)
+        _DrawPackets(delay, loss, network, end)
+        _DrawAge(age, network, config.receiver, end)
     for ax in axes.flat:
         style.FormatAxes(ax)
         # Where nothing is lost a range of its own would be rounding.

@@ -45,9 +45,8 @@ def RecordingHtml(recording: Recording) -> str:
     Args:
         recording: A run. One without a finite sample has no table and no figure.
     """
-    title = f"<p>{html.escape(repr(recording))}</p>"
-    reasons = [recording.reason, *recording.notes]
-    title += "".join(f"<p>{html.escape(text)}</p>" for text in reasons if text)
+    texts = [repr(recording), recording.reason, *recording.notes]
+    title = "".join(f"<p>{html.escape(text)}</p>" for text in texts if text)
     try:
         table = _Table(recording)
     except ValueError:

@@ -23,19 +23,11 @@ from teleop_drake.figures import style
 from teleop_drake.figures.curves import Curve, RangeOf, SampleCurve, TimeLimits
 from teleop_drake.figures.layout import MakePanels
 from teleop_drake.figures.saving import SaveFigure
-from teleop_drake.figures.selection import (
-    CheckRecordings,
-    SelectRows,
-    SelectTime,
-)
+from teleop_drake.figures.selection import CheckRecordings, SelectRows, SelectTime
 from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Look
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import Task, TaskOf
-from teleop_drake.tasks.panels import (
-    AxisName,
-    NormalOfRuns,
-    SignalRow,
-)
+from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
 from teleop_drake.validation import IsGiven, Refuse
 
 _ROW_HEIGHT = 1.2  # inches

@@ -13,11 +13,7 @@ from teleop_drake.arrays import Array, Interval
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import Panels
 from teleop_drake.figures.style import FONT_SIZE, GREY, SMALL_FONT_SIZE, Figure, Key
-from teleop_drake.figures.sweep_grid import (
-    SEQUENCE,
-    MetricScale,
-    SweepGrid,
-)
+from teleop_drake.figures.sweep_grid import SEQUENCE, MetricScale, SweepGrid
 from teleop_drake.sweep import MetricUnits, SweepResult
 from teleop_drake.sweep.boundary import Boundary
 from teleop_drake.validation import Refuse
@@ -55,12 +51,12 @@ def PlotStability(result: SweepResult, boundaries: Boundaries = ()) -> Figure:
     """
     grid = _TwoKeys(result)
     status = grid.Arrange(result.Status())
-    rank = np.select([status == "failed", status == "diverged"], [4, 3], 0)
+    completed = np.zeros(status.shape)
     if "collision.time" in MetricUnits(result.scenario):
         has_contact = np.isfinite(grid.Arrange(result.Values("collision.time")))
         settles = np.isfinite(grid.Arrange(result.Values("collision.settling_time")))
-        is_seen = (status == "completed") & has_contact
-        rank[is_seen] = np.where(settles, 1, 2)[is_seen]
+        completed = np.select([has_contact & settles, has_contact], [1, 2])
+    rank = np.select([status == "failed", status == "diverged"], [4, 3], completed)
     worst = rank.max(axis=-1)
     figure, panels = grid.MakePanels()
     colors = ListedColormap(list(_OUTCOMES.values()))
@@ -176,17 +172,16 @@ def _Finish(
 
 def _Fates(boundaries: Boundaries, limits: Interval) -> dict[str, str]:
     """Returns what is said of each boundary outside the map; "" of one that crosses."""
-    ends: dict[str, list[Array]] = {}
+    ends: dict[str, list[float]] = {}
     for boundary in itertools.chain(*boundaries):
-        ends.setdefault(boundary.point, []).append(boundary.ends)
+        known = boundary.ends[~np.isnan(boundary.ends)]
+        ends.setdefault(boundary.point, []).extend(known)
     fates = dict.fromkeys(ends, "")
-    for name, parts in ends.items():
-        known = np.concatenate(parts)
-        known = known[~np.isnan(known)]
-        if not known.size:
+    for name, delays in ends.items():
+        if not delays:
             fates[name] = "stability not known"
-        elif (known > limits[1]).all():
+        elif min(delays) > limits[1]:
             fates[name] = "stable throughout"
-        elif (known <= 0).all():
+        elif max(delays) <= 0:
             fates[name] = "not stable without delay"
     return fates

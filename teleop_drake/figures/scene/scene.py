@@ -1,10 +1,11 @@
 """Runs in Meshcat, one below the other, as an animation."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_rgba
+from matplotlib.typing import ColorType
 from pydrake.geometry import (
     Box,
     Cylinder,
@@ -67,6 +68,9 @@ _LEAST_SHARE = 0.2
 _LEAST_SHARE_IN_SPACE = 0.8
 
 _FIELD_OF_VIEW = 30.0  # degrees
+
+Looks = tuple[ColorType, float]
+"""Colour and opacity."""
 
 # From behind the camera, without a lamp that stands in the scene.
 _LIGHTS = {
@@ -168,42 +172,37 @@ def AnimateRuns(recordings: Mapping[str, Recording], meshcat: Meshcat) -> Stage:
             _AddFigure(meshcat, figure, visuals, stage, looks)
             height = stage.Up(stage.ghost_height if is_ghost else 0.0)
             meshcat.SetTransform(figure, RigidTransform(height))
-            for k, (p, force, q) in enumerate(
-                zip(positions, forces / largest, guesses, strict=True)
-            ):
-                _Draw(animation, k, figure, visuals, stage, p, force, q)
+            poses = zip(positions, forces / largest, guesses, strict=True)
+            _Animate(animation, figure, visuals, stage, poses)
     meshcat.SetAnimation(animation)
     return stage
 
 
-def _Draw(
+def _Animate(
     animation: MeshcatAnimation,
-    frame: int,
     path: str,
     visuals: RobotVisuals,
     stage: Stage,
-    p_WT: Array,
-    force: Array,
-    q: Array,
+    frames: Iterable[tuple[Array, Array, Array]],
 ) -> None:
-    """Draws a figure in one frame.
+    """Draws a figure in each frame.
 
     Args:
-        p_WT: Position of the tool, m (n).
-        force: As a share of the largest one (n).
-        q: Joint positions near those that it has (nq).
+        frames: The position of the tool in m (n), the force as a share of the largest
+            one (n), and joint positions near those that the robot has (nq).
     """
-    for body, X_WB in visuals.BodyPoses(visuals.Pose(p_WT, q)).items():
-        animation.SetTransform(frame, f"{path}/{body}", X_WB)
-    p_W = visuals.InSpace(p_WT)
-    size = float(np.linalg.norm(force))
-    animation.SetTransform(frame, f"{path}/tip", RigidTransform(p_W))
-    # An arrow without length has no direction.
-    z_W = InSpace(force) if size > 1e-6 else stage.X_WS.rotation().col(0)
-    X_WA = AlongZ(p_W + stage.Up(_ABOVE), z_W)
-    animation.SetTransform(frame, f"{path}/force", X_WA)
-    scale = np.maximum([size**0.5, size**0.5, size], 1e-6)
-    animation.SetProperty(frame, f"{path}/force", "scale", scale.tolist())
+    for frame, (p_WT, force, q) in enumerate(frames):
+        for body, X_WB in visuals.BodyPoses(visuals.Pose(p_WT, q)).items():
+            animation.SetTransform(frame, f"{path}/{body}", X_WB)
+        p_W = visuals.InSpace(p_WT)
+        size = float(np.linalg.norm(force))
+        animation.SetTransform(frame, f"{path}/tip", RigidTransform(p_W))
+        # An arrow without length has no direction.
+        z_W = InSpace(force) if size > 1e-6 else stage.X_WS.rotation().col(0)
+        X_WA = AlongZ(p_W + stage.Up(_ABOVE), z_W)
+        animation.SetTransform(frame, f"{path}/force", X_WA)
+        scale = np.maximum([size**0.5, size**0.5, size], 1e-6)
+        animation.SetProperty(frame, f"{path}/force", "scale", scale.tolist())
 
 
 def _Figures(run: Recording, times: Array) -> dict[str, tuple[Array, Array]]:
@@ -240,6 +239,11 @@ def _Ahead(surface: Surface, p_W: Array) -> float:
     return float(normal_W @ InSpace(surface.point_W) - normal_W @ p_W)
 
 
+def _AllAhead(surfaces: Sequence[Surface], normal_W: Array, p_W: Array) -> list[float]:
+    """Returns how far the surfaces with a normal (n) are ahead of a point (3), m."""
+    return [_Ahead(x, p_W) for x in surfaces if x.normal_W @ normal_W > 0.99]
+
+
 def _MakeStage(runs: Sequence[Recording], visuals: RobotVisuals) -> Stage:
     """Returns a stage on which the task of some runs is seen."""
     surfaces = runs[0].surfaces
@@ -253,8 +257,8 @@ def _MakeStage(runs: Sequence[Recording], visuals: RobotVisuals) -> Stage:
     # The task reaches straight from the start to the last surface, and some further
     # where the tool does: far, if nothing hard is in its way. Without surfaces it is
     # wherever the tool goes.
-    parallel = [x for x in surfaces if x.normal_W @ normal > 0.99]
-    depths = [x for x in (_Ahead(y, points_W[0]) for y in parallel) if np.isfinite(x)]
+    ahead = _AllAhead(surfaces, normal, points_W[0])
+    depths = [depth for depth in ahead if np.isfinite(depth)]
     low = min([0.0, *depths])
     high = max([0.0, *depths])
     x_S = np.array([1.0, 0.0, 0.0])
@@ -302,14 +306,10 @@ def _SetUpView(meshcat: Meshcat, stage: Stage, num_runs: int) -> None:
 
 
 def _Add(
-    meshcat: Meshcat,
-    path: str,
-    shape: Shape,
-    looks: tuple[str, float],
-    X: RigidTransform | None = None,
+    meshcat: Meshcat, path: str, shape: Shape, looks: Looks, X: RigidTransform
 ) -> None:
-    meshcat.SetObject(path, shape, Rgba(*to_rgb(looks[0]), looks[1]))
-    meshcat.SetTransform(path, X or RigidTransform())
+    meshcat.SetObject(path, shape, Rgba(*to_rgba(*looks)))
+    meshcat.SetTransform(path, X)
 
 
 def _AddSlabs(
@@ -325,17 +325,13 @@ def _AddSlabs(
 
     for surface in surfaces:
         begin = _Ahead(surface, centre_W)
-        normal = surface.normal_W
         low = max(begin, -width / 2)
-        high = width / 2
-        if surface.material is None:
-            high = begin + _PLATE * width
-        parallel = [x for x in surfaces if x.normal_W @ normal > 0.99]
-        begins = [_Ahead(x, centre_W) for x in parallel]
+        high = begin + _PLATE * width if surface.material is None else width / 2
+        begins = _AllAhead(surfaces, surface.normal_W, centre_W)
         high = min([high, *(x for x in begins if x > begin)])
         if not low < high:
             continue
-        R_WB = _Facing(InSpace(normal))
+        R_WB = _Facing(InSpace(surface.normal_W))
         middle_B = np.array([(low + high) / 2, 0.0, stage.ghost_height / 2 * width])
         box = Box(high - low, _DEPTH * width, height)
         name = f"{path}/{surface.name}"
@@ -347,22 +343,19 @@ def _AddSlabs(
 
 
 def _AddFigure(
-    meshcat: Meshcat,
-    path: str,
-    visuals: RobotVisuals,
-    stage: Stage,
-    looks: tuple[str, float],
+    meshcat: Meshcat, path: str, visuals: RobotVisuals, stage: Stage, looks: Looks
 ) -> None:
     """Adds a robot, of the given looks where its model gives none, and its arrow."""
     for part in visuals.parts:
         own = looks
         rgba = part.rgba
         if rgba is not None:
-            own = to_hex((rgba.r(), rgba.g(), rgba.b())), rgba.a() * looks[1]
+            own = (rgba.r(), rgba.g(), rgba.b()), rgba.a() * looks[1]
         name = f"{path}/{part.body}/{part.name}"
         _Add(meshcat, name, part.shape, own, part.X_BG)
     width = stage.width
-    _Add(meshcat, f"{path}/tip/ball", Sphere(_TOOL * width), looks)
+    ball = Sphere(_TOOL * width)
+    _Add(meshcat, f"{path}/tip/ball", ball, looks, RigidTransform())
     # The cone's point is at its origin, and z leads to its base.
     length = _ARROW * width
     head = 0.04 * width
