@@ -24,25 +24,17 @@ class Curve(NamedTuple):
 
     Attributes:
         time: (T,) in s; a time that stands twice is a jump.
-        x: (T,) position in m along the direction that is shown.
         y: (T, k).
         diverges: Whether the run does.
     """
 
     time: Array
-    x: Array
     y: Array
     diverges: bool = False
 
 
-def SampleCurve(
-    run: Recording, normal_W: Array, signal: str, components: Sequence[int]
-) -> Curve:
-    """Returns a signal at the samples and, of a single component, between them.
-
-    Args:
-        normal_W: The direction that is shown (n); empty: the time stands for x.
-    """
+def SampleCurve(run: Recording, signal: str, components: Sequence[int]) -> Curve:
+    """Returns a signal at the samples and, of a single component, between them."""
     # Of several components, which are telemetry, the samples are enough.
     num_points = _NUM_POINTS if len(components) == 1 else 0
     instants = np.linspace(run.time[0], run.time[-1], num_points)
@@ -50,14 +42,9 @@ def SampleCurve(
     every = np.concatenate([run.time, between])
     # Stable: the two sides of a jump stay in their order.
     order = np.argsort(every, kind="stable")
-    time = every[order]
-
-    def Dense(name: str) -> Array:
-        values = np.concatenate([run[name], run.Interpolate(name, between)])
-        return np.asarray(values[order])
-
-    x = Dense("tool_position") @ normal_W if normal_W.size else time
-    return Curve(time, x, Dense(signal)[:, components], run.termination == "diverged")
+    values = np.concatenate([run[signal], run.Interpolate(signal, between)])[order]
+    diverges = run.termination == "diverged"
+    return Curve(every[order], values[:, components], diverges)
 
 
 def RangeOf(curves: Sequence[Curve], commands: Sequence[Curve] = ()) -> Interval:

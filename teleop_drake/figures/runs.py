@@ -190,10 +190,6 @@ class _Place(NamedTuple):
     scale: float = 0.0
     boundaries: Mapping[float, str] = {}
 
-    def X(self, curve: Curve) -> Array:
-        """Returns what a curve is drawn against."""
-        return curve.x * self.scale if self.scale else curve.time
-
 
 class _Runs:
     """The runs of a figure, and the direction along which positions are shown."""
@@ -222,10 +218,10 @@ class _Runs:
             return [against_time._replace(runs=[i]) for i in everyone]
         if columns == 1:
             return [against_time]
-        positions = [
-            SampleCurve(run, self._normal_W, "tool_position", [0]) for run in self._runs
-        ]
-        low, high = RangeOf([x._replace(y=x.x[:, None]) for x in positions])
+        curves = [SampleCurve(run, "tool_position", [0]) for run in self._runs]
+        low, high = RangeOf(
+            [x._replace(y=self._Along(i, x.time)) for i, x in enumerate(curves)]
+        )
         scale, unit = style.ScaleAndUnit((low, high), "m")
         against_position = _Place(
             everyone,
@@ -239,11 +235,20 @@ class _Runs:
         )
         return [against_time, against_position]
 
+    def _Along(self, i: int, times: Array) -> Array:
+        """Returns the position of run i along the normal at some times, m."""
+        position = self._runs[i].Interpolate("tool_position", times)
+        return np.asarray(position @ self._normal_W)
+
+    def _X(self, place: _Place, i: int, times: Array) -> Array:
+        """Returns where some times of run i are along the horizontal axis."""
+        return self._Along(i, times) * place.scale if place.scale else times
+
     def _Curves(self, row: SignalRow) -> list[Curve]:
         """Returns the signal of a row, of each run."""
         curves = []
         for run in self._runs:
-            curve = SampleCurve(run, self._normal_W, row.signal, row.components)
+            curve = SampleCurve(run, row.signal, row.components)
             if row.reference:
                 reference = run.Interpolate(row.reference, curve.time)
                 curve = curve._replace(y=curve.y - reference[:, row.components])
@@ -267,9 +272,9 @@ class _Runs:
         for place, ax in zip(places, row_axes, strict=True):
             style.FormatAxes(ax)
             ax.set(xlim=place.limits, ylim=style.Widen(y_range, scale))
-            for command in [commands[i] for i in place.runs if commands]:
-                x = place.X(command)
-                ax.plot(x, command.y * scale, **_COMMAND_STYLE, zorder=1)
+            for i in place.runs if commands else ():
+                x = self._X(place, i, commands[i].time)
+                ax.plot(x, commands[i].y * scale, **_COMMAND_STYLE, zorder=1)
             for i in place.runs:
                 self._DrawRun(ax, place, row, i, curves[i], scale)
             for boundary in place.boundaries:
@@ -287,14 +292,7 @@ class _Runs:
             return self._Curves(replace(row, signal=row.beside))
         if row.command is None:
             return []
-        return [
-            Curve(
-                run.time,
-                run["tool_position"] @ self._normal_W,
-                run.commands[:, [row.command]],
-            )
-            for run in self._runs
-        ]
+        return [Curve(x.time, x.commands[:, [row.command]]) for x in self._runs]
 
     def _DrawRun(
         self,
@@ -307,7 +305,7 @@ class _Runs:
     ) -> None:
         """Draws run i, its first puncture and contact, and where it diverges."""
         run = self._runs[i]
-        x = place.X(curve)
+        x = self._X(place, i, curve.time)
         y = curve.y * scale
         if len(row.components) > 1:
             _DrawGroups(ax, x, y, row.groups)
@@ -319,11 +317,9 @@ class _Runs:
         for event, (marker, _) in _EVENTS.items():
             first = np.array(run.EventTimes(event)[:1])
             if first.size:
-                x_first = run.Interpolate("tool_position", first) @ self._normal_W
-                y_first = run.Interpolate(row.signal, first)[:, row.components]
-                mark = Curve(first, x_first, y_first)
+                y_first = run.Interpolate(row.signal, first)[:, row.components] * scale
                 look = style.EventStyle(marker, style.RunColor(i))
-                ax.plot(place.X(mark), mark.y * scale, **look)
+                ax.plot(self._X(place, i, first), y_first, **look)
         if curve.diverges:
             end_x = np.clip(x[-1:], *ax.get_xlim())
             end_y = np.clip(y[-1], *ax.get_ylim())
