@@ -27,7 +27,7 @@ from teleop_drake.arrays import Array, ComplexArray, Interval
 from teleop_drake.blocks.environments import ShownNormal
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakeMultiples, Panels
-from teleop_drake.figures.style import GREY, WIDTH, AddLegend, Figure, Key
+from teleop_drake.figures.style import GREY, AddLegend, Figure, Key, RunKeys, RunStyle
 from teleop_drake.numerics.crossings import eigenloci, sweep_frequencies
 from teleop_drake.scenario import Scenario
 from teleop_drake.signals import AxesOf
@@ -119,7 +119,7 @@ def _DrawLoci(top: Axes, bottom: Axes, point: PointStability, w: Array) -> list[
     loci = _TrackedLoci(point, w)
     shown: list[float] = []
     for i in range(loci.shape[1]):
-        look = style.RunStyle(i)
+        look = RunStyle(i)
         if np.abs(loci[:, i]).max() < _NOTHING:
             continue
         top.loglog(w, np.abs(loci[:, i]), **look)
@@ -150,12 +150,12 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
         ValueError: If no operating point has a loop.
     """
     points, figure, axes = _LoopPanels(analysis, "real part", "imaginary part")
-    figure.set_size_inches(WIDTH, WIDTH / max(len(points), 2) + 0.6)
+    figure.set_figheight(figure.get_figwidth() / max(len(points), 2) + 0.6)
     for ax, point in zip(axes[0], points, strict=True):
         w = _BodeFrequencies(point, _NUM_NYQUIST_POINTS)
         loci = _TrackedLoci(point, w)
         for i in range(loci.shape[1]):
-            look = style.RunStyle(i)
+            look = RunStyle(i)
             delayed = loci[:, i] * np.exp(-1j * w * point.delay)
             ax.plot(loci[:, i].real, loci[:, i].imag, **look | {"linewidth": 0.6})
             ax.plot(delayed.real, delayed.imag, **look)
@@ -211,11 +211,12 @@ def PlotStableDelays(
     """
     if isinstance(analyses, StabilityAnalysis):
         analyses = [analyses]
-    rows = [
-        (analysis.scenario.controller.kind.replace("_", " "), point)
-        for analysis in analyses
-        for point in analysis.Loops()
-    ]
+    rows = []
+    for analysis in analyses:
+        # The kind of the controller is told where there are several.
+        kind = analysis.scenario.controller.kind.replace("_", " ")
+        prefix = f"{kind}, " if len(analyses) > 1 else ""
+        rows += [(prefix + point.label, point) for point in analysis.Loops()]
     if not rows:
         Refuse("operating points", [], "one or more")
     height = 0.95 + 0.26 * len(rows)
@@ -223,17 +224,11 @@ def PlotStableDelays(
     ax = axes[0, 0]
     for i, (_, point) in enumerate(rows):
         _DrawDelays(ax.barh, i, 0.7, point.max_delay, point.stable_delays)
-    for analysis in analyses:
-        for delay in {point.delay for point in analysis.points}:
-            ax.axvline(delay, color="black", linewidth=0.8, zorder=3)
+    for delay in {point.delay for _, point in rows}:
+        ax.axvline(delay, color="black", linewidth=0.8, zorder=3)
     ax.set_xlim(0, max(point.max_delay for _, point in rows))
     ax.set_ylim(len(rows) - 0.5, -0.5)
-    # The kind of the controller is told where there are several.
-    several = len({kind for kind, _ in rows}) > 1
-    ax.set_yticks(
-        range(len(rows)),
-        [f"{kind}, {point.label}" if several else point.label for kind, point in rows],
-    )
+    ax.set_yticks(range(len(rows)), [label for label, _ in rows])
     AddLegend(figure, _STABILITY_KEYS)
     return figure
 
@@ -341,7 +336,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
         if load.any():
             top.loglog(w, load, ":", color=GREY, linewidth=1.5)
         for i in range(num_axes):
-            look = style.RunStyle(i)
+            look = RunStyle(i)
             thin = look | {"linewidth": 0.6}
             top.loglog(w, np.abs(point.undelayed[:, i, i]), **thin)
             top.loglog(w, np.abs(point.transmitted[:, i, i]), **look)
@@ -355,7 +350,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
         Key("the environment itself, along x", ls=":", color=GREY, linewidth=1.5),
     ]
     if num_axes > 1:
-        handles += style.RunKeys(f"axis {x}" for x in AxesOf(num_axes))
+        handles += RunKeys(f"axis {x}" for x in AxesOf(num_axes))
     handles.append(Patch(color=_ACTIVE, label=below))
     AddLegend(figure, handles)
     return figure
@@ -385,7 +380,7 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
         height=1.5 * _ROW_HEIGHT,
     )
     labels = dict.fromkeys(label for row in panels.values() for label in row)
-    looks = {label: style.RunStyle(i) for i, label in enumerate(labels)}
+    looks = {label: RunStyle(i) for i, label in enumerate(labels)}
     limit = 0.0
     for ax, scenarios in zip(axes[0], panels.values(), strict=True):
         for label, scenario in scenarios.items():
@@ -400,7 +395,7 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
         ax.axvline(1.0, linestyle=":", **_GUIDE)
         ax.set_xlim(w[0], w[-1])
     axes[0, 0].set_ylim(-1.1 * limit, 1.1 * limit)
-    AddLegend(figure, style.RunKeys(labels))
+    AddLegend(figure, RunKeys(labels))
     return figure
 
 
@@ -421,7 +416,7 @@ def _LoopPanels(
 def _LocusHandles(points: Sequence[PointStability]) -> list[Line2D]:
     """Returns what tells the eigenloci apart, where there are several."""
     count = max(len(point.loop.D) for point in points)
-    return style.RunKeys(f"locus {i}" for i in range(1, count + 1)) if count > 1 else []
+    return RunKeys(f"locus {i}" for i in range(1, count + 1)) if count > 1 else []
 
 
 def _BodeFrequencies(point: PointStability, count: int = 1500) -> Array:

@@ -143,7 +143,6 @@ class _Edge(NamedTuple):
 class _Drawn:
     """A system as DOT text: a box, or a frame with boxes in it."""
 
-    number: str
     text: str
     inputs: Sequence[_Port]
     outputs: Sequence[_Port]
@@ -177,7 +176,7 @@ def _Draw(system: System, numbers: dict[str, int], *, is_open: bool) -> _Drawn:
 
     inputs = Ports(drake.input_ports, system.get_input_port)
     outputs = Ports(drake.output_ports, system.get_output_port)
-    drawn = _Drawn(number, text, inputs, outputs)
+    drawn = _Drawn(text, inputs, outputs)
     if isinstance(system, Diagram) and is_open:
         parts = system.GetSystems()
         boxes = {x.get_name(): _Draw(x, numbers, is_open=False) for x in parts}

@@ -304,11 +304,11 @@ def ShortLabels(labels: Sequence[str]) -> list[str]:
 
     "delay = 0.1 s", "delay = 0.2 s" become "delay = 0.1 s", "0.2 s". Others stay.
     """
-    names = {label.partition(" = ")[0] for label in labels if " = " in label}
-    is_one_key = len(names) == 1 and all(label.count(" = ") == 1 for label in labels)
-    if not is_one_key:
+    parts = [label.split(" = ") for label in labels]
+    names = {name for name, *_ in parts}
+    if len(names) != 1 or any(len(part) != 2 for part in parts):
         return list(labels)
-    return [*labels[:1], *(label.partition(" = ")[2] for label in labels[1:])]
+    return [labels[0], *(value for _, value in parts[1:])]
 
 
 def CellEdges(centres: Array) -> Array:

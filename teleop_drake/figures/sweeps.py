@@ -80,8 +80,8 @@ def _DrawMetric(
         values = np.where(is_diverged, np.nan, values)
     scale, label, limits = MetricScale(result, metric, values)
     # Where there are more lines, the stability map tells of them.
-    found = (is_diverged, status == "failed", is_missing)
-    marked = dict(zip(_MARKS, found, strict=True))
+    is_failed = status == "failed"
+    marked = {"diverges": is_diverged, "fails": is_failed, "has none": is_missing}
     if values.shape[1] > MAX_NAMED_LINES:
         marked = {}
     for panel, i in np.ndindex(values.shape[:2]):

@@ -266,15 +266,15 @@ def _MakeStage(runs: Sequence[Recording], visuals: RobotVisuals) -> Stage:
     if depths:
         is_free = FindSurface(surfaces, CONTACT) is None
         limit = x_S * (_FREE if is_free else _STOPPED) * (high - low)
-    begin = start + low * x_S
-    end = start + high * x_S
-    points = np.clip(points, begin - limit, end + limit)
-    begin = np.minimum(begin, points.min(axis=0))
-    end = np.maximum(end, points.max(axis=0))
+    task = start + np.outer([low, high], x_S)
+    points = np.clip(points, task[0] - limit, task[1] + limit)
+    shown = np.concatenate([task, points])
     # Nothing is seen of a robot that is so much larger than what it does.
     share = _LEAST_SHARE_IN_SPACE if n > 2 else _LEAST_SHARE
-    reach = max(float((end - begin).max()), share * float(np.linalg.norm(start))) or 1.0
-    centre = (begin + end) / 2 + x_S * (reach * (_BEHIND - _BEFORE) / 2)
+    extent = np.ptp(shown, axis=0)
+    reach = float(max(extent.max(), share * np.linalg.norm(start))) or 1.0
+    middle = shown.min(axis=0) + extent / 2
+    centre = middle + x_S * (reach * (_BEHIND - _BEFORE) / 2)
     return Stage(
         X_WS=RigidTransform(R_WS, R_WS @ centre),
         width=reach * (1 + _BEFORE + _BEHIND),

@@ -48,11 +48,11 @@ class RobotVisuals:
 
     def __init__(self, robot: RobotConfig):
         start = np.array(robot.start, dtype=float)
-        self._start = start[:3]
+        num_axes = min(start.size, 3)
         self._plant: MultibodyPlant | None = None
         self.parts: tuple[Part, ...] = ()
         self.start_q = np.zeros(0)
-        self._rest = np.zeros(3 - self._start.size)
+        self._rest = np.zeros(3 - num_axes)
         if not isinstance(robot, PlantRobotConfig):
             return
         scene_graph = SceneGraph()
@@ -61,9 +61,9 @@ class RobotVisuals:
         self._context = self._plant.CreateDefaultContext()
         self.start_q = np.asarray(robot.JointPositions(start))
         # Where no axis of the task goes: an arm that moves in a plane has a height.
-        self._rest = self.Tool(self.start_q)[self._start.size :]
-        parts = _Shapes(self._plant, scene_graph)
-        self.parts = tuple(parts or _Sticks(self._plant, self._context))
+        self._rest = self.Tool(self.start_q)[num_axes:]
+        parts = _Shapes(self._plant, scene_graph) or _Sticks(self._plant)
+        self.parts = tuple(parts)
 
     def InSpace(self, p_WT: ArrayLike) -> Array:
         """Returns a point of the task as a point in space (3), m.
@@ -140,7 +140,7 @@ def _Shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Part]:
     return parts
 
 
-def _Sticks(plant: MultibodyPlant, context: object) -> list[Part]:
+def _Sticks(plant: MultibodyPlant) -> list[Part]:
     """Returns a stick along each link, to the next joint or to the tool."""
     ends: list[tuple[str, Array]] = []
     for i in plant.GetJointIndices():
