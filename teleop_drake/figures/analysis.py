@@ -116,15 +116,15 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
 
 def _DrawLoci(top: Axes, bottom: Axes, point: PointStability, w: Array) -> list[float]:
     """Draws the eigenloci of a point; returns phases in degrees that are to be seen."""
-    loci = _TrackedLoci(point, w)
     shown: list[float] = []
-    for i in range(loci.shape[1]):
+    for i, locus in enumerate(_TrackedLoci(point, w).T):
         look = RunStyle(i)
-        if np.abs(loci[:, i]).max() < _NOTHING:
+        magnitude = np.abs(locus)
+        if magnitude.max() < _NOTHING:
             continue
-        top.loglog(w, np.abs(loci[:, i]), **look)
-        phase = _Unwrap(np.degrees(np.angle(loci[:, i])))
-        k = np.flatnonzero((np.abs(loci[:-1, i]) > 1) != (np.abs(loci[1:, i]) > 1))
+        top.loglog(w, magnitude, **look)
+        phase = _Unwrap(np.degrees(np.angle(locus)))
+        k = np.flatnonzero(np.diff(magnitude > 1))
         # The branch on which the last crossover has -180 to 180 degrees: the way
         # from there down to -180 is its phase margin.
         phase -= 360 * np.round(phase[k[-1] if len(k) else 0] / 360)
@@ -153,11 +153,10 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
     figure.set_figheight(figure.get_figwidth() / max(len(points), 2) + 0.6)
     for ax, point in zip(axes[0], points, strict=True):
         w = _BodeFrequencies(point, _NUM_NYQUIST_POINTS)
-        loci = _TrackedLoci(point, w)
-        for i in range(loci.shape[1]):
+        for i, locus in enumerate(_TrackedLoci(point, w).T):
             look = RunStyle(i)
-            delayed = loci[:, i] * np.exp(-1j * w * point.delay)
-            ax.plot(loci[:, i].real, loci[:, i].imag, **look | {"linewidth": 0.6})
+            delayed = locus * np.exp(-1j * w * point.delay)
+            ax.plot(locus.real, locus.imag, **look | {"linewidth": 0.6})
             ax.plot(delayed.real, delayed.imag, **look)
             _MarkFrequencies(ax, w, delayed, look["color"])
         # The unit circle, the axes and the critical point.
@@ -447,4 +446,4 @@ def _Unwrap(phase: Array) -> Array:
     Half a turn at a resonance without damping is one down: what any damping makes it.
     """
     steps = (np.diff(phase) + 210) % 360 - 210
-    return np.concatenate([phase[:1], phase[0] + np.cumsum(steps)])
+    return np.cumsum(np.append(phase[0], steps))

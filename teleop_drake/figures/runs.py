@@ -357,7 +357,7 @@ def _TelemetryRows(recording: Recording) -> list[SignalRow]:
             ("weights_1", "weights $W_1$", "m/s²", axes),
             ("weights_3", "weights $W_3$", "N/s", axes),
         )
-        if signal in recording.signals
+        if signal in recording
     ]
 
 

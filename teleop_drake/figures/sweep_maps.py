@@ -141,7 +141,7 @@ def _Finish(
     y, y_labels = grid.LineCoordinates()
     limits = style.MapLimits(grid.x)
     fates = _Fates(boundaries, limits)
-    lines = {name: style.LINES[i % len(style.LINES)] for i, name in enumerate(fates)}
+    lines = dict(zip(fates, itertools.cycle(style.LINES)))
     for (_, panel), ax in np.ndenumerate(panels):
         for drawn in boundaries[panel] if boundaries else ():
             # Black on white is seen on every colour.
