@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -103,14 +102,17 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
         math.floor(min(limits) / 90) * 90, math.ceil(max(limits) / 90 + 0.5) * 90
     )
     bottom.yaxis.set_major_locator(MultipleLocator(90))
-    handles: list[Artist] = [
+    grounds = []
+    if any(ax.patches for ax in axes.flat):
+        grounds = [Patch(color=_UNRESOLVED, label="not told from neutral")]
+    handles = [
         _THIN("L without delay"),
         _THICK(f"with {points[0].delay:.4g} s round trip"),
         Key("gain crossover", color="black", marker="o", ms=3, ls=""),
+        *grounds,
+        *_LocusHandles(points),
     ]
-    if any(ax.patches for ax in axes.flat):
-        handles.append(Patch(color=_UNRESOLVED, label="not told from neutral"))
-    AddLegend(figure, [*handles, *_LocusHandles(points)])
+    AddLegend(figure, handles)
     return figure
 
 
@@ -336,21 +338,21 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
             top.loglog(w, load, ":", color=GREY, linewidth=1.5)
         for i in range(num_axes):
             look = RunStyle(i)
-            thin = look | {"linewidth": 0.6}
-            top.loglog(w, np.abs(point.undelayed[:, i, i]), **thin)
+            undelayed = np.abs(point.undelayed[:, i, i])
+            top.loglog(w, undelayed, **look | {"linewidth": 0.6})
             top.loglog(w, np.abs(point.transmitted[:, i, i]), **look)
             bottom.semilogx(w, shown[:, i], **look)
         _ExplainLlewellyn(bottom, w, point.llewellyn.min(axis=1))
         top.set(xlim=(w[0], w[-1]), ylim=(1e-2, 1e3))
     below = "below 1: unstable with some passive operator and environment"
-    handles: list[Artist] = [
+    names = [f"axis {x}" for x in AxesOf(num_axes)] if num_axes > 1 else []
+    handles = [
         _THICK("felt with the delay"),
         _THIN("felt without delay"),
         Key("the environment itself, along x", ls=":", color=GREY, linewidth=1.5),
+        *RunKeys(names),
+        Patch(color=_ACTIVE, label=below),
     ]
-    if num_axes > 1:
-        handles += RunKeys(f"axis {x}" for x in AxesOf(num_axes))
-    handles.append(Patch(color=_ACTIVE, label=below))
     AddLegend(figure, handles)
     return figure
 
@@ -385,10 +387,10 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
         for label, scenario in scenarios.items():
             point = OperatingPoints(scenario)[-1]
             stiffnesses, _ = scenario.environment.StiffnessAndDamping(point.position)
-            stiffness = float(stiffnesses[0, 0])
+            stiffness = stiffnesses[0, 0]
             felt = FeltStiffness(scenario, point, w)
             ax.semilogx(w, felt, **looks[label])
-            limit = max(limit, stiffness, float(np.abs(felt[w <= 1.0]).max()))
+            limit = max(limit, stiffness, np.abs(felt[w <= 1.0]).max())
             ax.axhline(stiffness, linestyle="--", **_GUIDE)
         ax.axhline(0.0, **_GUIDE)
         ax.axvline(1.0, linestyle=":", **_GUIDE)
@@ -424,11 +426,11 @@ def _BodeFrequencies(point: PointStability, count: int = 1500) -> Array:
     crossovers = [x.frequency for x in point.crossings if x.frequency > 0]
     if not crossovers:
         loci = np.abs(eigenloci(point.loop, sweep)[:, 0])
-        crossovers = [float(sweep[np.argmax(loci)])]
+        crossovers = [sweep[np.argmax(loci)]]
     low = min(crossovers) / 10**_DECADES
     high = max(crossovers) * 10 ** (_DECADES / 2)
     inner = sweep[(sweep > low) & (sweep < high)]
-    return np.unique(np.concatenate([np.geomspace(low, high, count), inner]))
+    return np.union1d(np.geomspace(low, high, count), inner)
 
 
 def _TrackedLoci(point: PointStability, w: Array) -> ComplexArray:

@@ -266,17 +266,21 @@ def _WithoutIdlePorts(drawn: _Drawn, used: Container[str]) -> str:
 
 def _Edges(system: Diagram, own: _Drawn, parts: Mapping[str, _Drawn]) -> list[_Edge]:
     """Returns the connections in a diagram, those to its own ports last."""
-    edges = []
-    for (target, i), (source, k) in system.connection_map().items():
-        tail = parts[source.get_name()].outputs[k]
-        edges.append(_Edge("", tail, parts[target.get_name()].inputs[i]))
+
+    def Input(part: System, i: int) -> _Port:
+        return parts[part.get_name()].inputs[i]
+
+    def Output(part: System, i: int) -> _Port:
+        return parts[part.get_name()].outputs[i]
+
+    inside = system.connection_map().items()
+    edges = [_Edge("", Output(*tail), Input(*head)) for head, tail in inside]
     for port in own.inputs:
-        for target, i in system.GetInputPortLocators(InputPortIndex(port.place)):
-            edges.append(_Edge("color=blue", port, parts[target.get_name()].inputs[i]))
+        heads = system.GetInputPortLocators(InputPortIndex(port.place))
+        edges += [_Edge("color=blue", port, Input(*head)) for head in heads]
     for port in own.outputs:
-        source, k = system.get_output_port_locator(OutputPortIndex(port.place))
-        tail = parts[source.get_name()].outputs[k]
-        edges.append(_Edge(_EXPORTED_OUTPUT, tail, port))
+        tail = system.get_output_port_locator(OutputPortIndex(port.place))
+        edges.append(_Edge(_EXPORTED_OUTPUT, Output(*tail), port))
     # Drake's own order follows the addresses of the systems in memory.
     return sorted(edges)
 

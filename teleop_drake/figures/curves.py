@@ -14,8 +14,8 @@ _NUM_POINTS = 1500
 
 def TimeLimits(runs: Sequence[Recording]) -> Interval:
     """Returns the span of time of some runs in s; of a single sample it is 1 s."""
-    begin = min(float(run.time[0]) for run in runs)
-    end = max(float(run.time[-1]) for run in runs)
+    begin = min(run.time[0] for run in runs)
+    end = max(run.time[-1] for run in runs)
     return begin, end if end > begin else begin + 1.0
 
 
@@ -61,4 +61,4 @@ def RangeOf(curves: Sequence[Curve], commands: Sequence[Curve] = ()) -> Interval
     width = np.ptp(known)
     low = max(every.min(), known.min() - width)
     high = min(every.max(), known.max() + width)
-    return float(low), float(high)
+    return low, high

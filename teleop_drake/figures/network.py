@@ -58,7 +58,7 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
         padding=0.1,
     )
     # A run that was stopped at its start has no time of its own.
-    end = float(recording.time[-1]) or recording.scenario.duration
+    end = recording.time[-1] or recording.scenario.duration
     for name, (delay, age, loss) in zip(networks, axes.T, strict=True):
         config = networks[name]
         network = config.Network(recording.scenario.duration, stream=name)

@@ -139,25 +139,27 @@ def PlotRows(
     shown = _Runs(recordings)
     places = shown.Places(columns)
     num_banks = math.ceil(len(places) / _MAX_BESIDE)
+    num_rows = num_banks * len(rows)
+    num_columns = math.ceil(len(places) / num_banks)
     height = row_height if num_banks == 1 else _LOW_ROW_HEIGHT
     figure, grid = MakePanels(
-        num_banks * len(rows),
-        math.ceil(len(places) / num_banks),
-        height=height * num_banks * len(rows) + 0.7,
+        num_rows,
+        num_columns,
+        height=height * num_rows + 0.7,
         width=width or style.WidthOf(columns),
         # Aligned labels may end up a little further out than the layout reckons.
         padding=0.1,
     )
     # A row for each signal and a column for each place, wherever it is on the page.
     axes = np.hstack(np.vsplit(grid, num_banks))
-    for ax in axes[:, len(places) :].flat:
+    axes, unused = np.split(axes, [len(places)], axis=1)
+    for ax in unused.flat:
         ax.set_visible(False)
-    axes = axes[:, : len(places)]
-    for k, row in enumerate(rows):
-        label = shown.DrawRow(axes[k], places, row)
+    for row, row_axes in zip(rows, axes, strict=True):
+        label = shown.DrawRow(row_axes, places, row)
         if num_banks > 1:  # A low panel has no room for a name and its symbol.
             label = label.replace("\n", " ").replace(" $", "\n$")
-        for ax in grid[k :: len(rows), 0]:
+        for ax in row_axes[::num_columns]:
             ax.set_ylabel(label)
     for place, column in zip(places, axes.T, strict=True):
         for ax in [ax for ax in column if ax.get_visible()][-1:]:
@@ -202,7 +204,7 @@ class _Runs:
         for run, name in itertools.product(self._runs, _EVENTS):
             surface = run.FindSurface(name)
             if surface is not None and (surface.normal_W == self._normal_W).all():
-                x = float(surface.Along(surface.point_W))
+                x = surface.Along(surface.point_W)
                 names = self._boundaries.setdefault(x, [])
                 names += [name] if name not in names else []
 
@@ -264,11 +266,8 @@ class _Runs:
         y_range = RangeOf(curves, commands)
         scale, unit = style.ScaleAndUnit(y_range, row.unit)
         # The position that the right column is against has no panel there.
-        is_x = (
-            row.signal == "tool_position"
-            and len(row.components) == 1
-            and self._normal_W[row.components[0]] == 1
-        )
+        normal = self._normal_W
+        is_x = row.signal == "tool_position" and list(normal[row.components]) == [1]
         for place, ax in zip(places, row_axes, strict=True):
             style.FormatAxes(ax)
             ax.set(xlim=place.limits, ylim=style.Widen(y_range, scale))

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 
+from teleop_drake.arrays import Interval
 from teleop_drake.recording import Recording
 from teleop_drake.signals import AxesOf, AxisUnit, PartUnit, UnitOf
 from teleop_drake.tasks.panels import SignalRow
@@ -88,7 +89,7 @@ def _RowsOf(signal: str, recordings: Sequence[Recording]) -> list[SignalRow]:
     ]
 
 
-def SelectTime(recording: Recording, window: tuple[float, float] | None) -> Recording:
+def SelectTime(recording: Recording, window: Interval | None) -> Recording:
     """Returns the part of a run within a window of time.
 
     Returns:

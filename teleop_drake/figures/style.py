@@ -329,4 +329,4 @@ def MapLimits(centres: Array) -> Interval:
         centres: The values, ascending; a single one has the whole of its cell.
     """
     ends = CellEdges(centres) if len(centres) == 1 else centres
-    return float(ends[0]), float(ends[-1])
+    return ends[0], ends[-1]

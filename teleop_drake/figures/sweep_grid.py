@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.lines import Line2D
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, Interval
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakePanels, Panels
 from teleop_drake.figures.style import FONT_SIZE, Figure, Key
@@ -48,11 +48,10 @@ class SweepGrid:
         axes = result.axes
         varied = [key for key, values in axes.items() if len(values) > 1]
         controller = [key for key in axes if key in CONTROLLERS][:1]
-        seed = [key for key in axes if key == SEED]
         numeric = [
             key
             for key in (*style.DELAYS, *axes)
-            if key in axes and key not in seed and all(map(style.IsNumber, axes[key]))
+            if key in axes and key != SEED and all(map(style.IsNumber, axes[key]))
         ]
         self.x_names: list[str] = []
         if VariesSeedsOnly(result):
@@ -65,7 +64,7 @@ class SweepGrid:
             x = np.array(axes[self.x_key], dtype=float)
         else:
             Refuse("result", "with no key with numbers", "of one such key or more")
-        others = [k for k in varied if k not in (self.x_key, *controller, *seed)]
+        others = [k for k in varied if k not in (self.x_key, *controller, SEED)]
         self.has_two_keys = bool(others)
         *row_keys, self.line_key = others or controller or [""]
         column_keys = controller if others else []
@@ -79,7 +78,7 @@ class SweepGrid:
         if num_panels > MAX_PANELS:
             needs = f"needs {num_panels // len(columns)} x {len(columns)} panels"
             Refuse("result", needs, f"of {MAX_PANELS} panels at most")
-        keys = [*row_keys, *column_keys, self.line_key, self.x_key, *seed]
+        keys = [*row_keys, *column_keys, self.line_key, self.x_key, SEED]
         names = list(axes)
         rest = [key for key in names if key not in keys]  # One value each.
         self._order = [names.index(key) for key in [*rest, *keys] if key in names]
@@ -102,13 +101,9 @@ class SweepGrid:
         total = num_metrics * num_panels
         across = self.num_columns if num_panels > 1 else min(num_metrics, 3)
         down = math.ceil(total / across)
+        height = 0.8 + (2.6 if down == 1 else 1.7) * down
         figure, axes = MakePanels(
-            down,
-            across,
-            height=0.8 + (2.6 if down == 1 else 1.7) * down,
-            share_x="all",
-            share_y="none",
-            padding=0.1,
+            down, across, height=height, share_x="all", share_y="none", padding=0.1
         )
         for ax in axes.flat[total:]:
             ax.remove()
@@ -174,10 +169,10 @@ def _Points(result: SweepResult, keys: Sequence[str]) -> list[dict[str, Any]]:
 
 def MetricScale(
     result: SweepResult, metric: str, values: Array
-) -> tuple[float, str, tuple[float, float]]:
+) -> tuple[float, str, Interval]:
     """Returns the scale of values of a metric, its label, and the limits unscaled."""
     finite = values[np.isfinite(values)]
-    limits = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+    limits = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
     scale, unit = style.ScaleAndUnit(limits, MetricUnits(result.scenario)[metric])
     label = metric.replace("_", " ").replace(".", " ")
     # No longer than a panel of a sheet is high.

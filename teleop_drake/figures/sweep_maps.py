@@ -97,7 +97,7 @@ def PlotMap(result: SweepResult, *metrics: str, boundaries: Boundaries = ()) -> 
     for metric, axes in zip(metrics, panels, strict=True):
         values = np.where(is_completed, grid.Arrange(result.Values(metric)), np.nan)
         medians = np.median(values, axis=-1)  # NaN where a seed has no number.
-        lacks_number |= bool((np.isnan(medians) & ~is_ended).any())
+        lacks_number |= (np.isnan(medians) & ~is_ended).any()
         scale, label, (low, high) = MetricScale(result, metric, medians)
         limits = {"vmin": low * scale, "vmax": high * scale}
         for ax, shown, gone in zip(axes, medians * scale, ended, strict=True):

@@ -48,7 +48,6 @@ def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
     for metric, axes in zip(metrics, panels, strict=True):
         marked |= _DrawMetric(grid, result, metric, axes)
     grid.AddTitles(panels, num_marks=grid.shape[1] if marked else 0)
-    lines = grid.LineHandles()
     handles: list[Any] = [
         Key(name, marker=marker, color=GREY, **style.MARK_STYLE)
         for name, marker in _MARKS.items()
@@ -62,7 +61,7 @@ def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
     if grid.shape[-1] > 1:
         label = "95 % interval of the median (bootstrap)"
         handles.append(Key(label, color=GREY, marker="|", linewidth=0.8))
-    style.AddLegend(figure, [*lines, *handles], fontsize=SMALL_FONT_SIZE)
+    style.AddLegend(figure, [*grid.LineHandles(), *handles], fontsize=SMALL_FONT_SIZE)
     return figure
 
 
@@ -84,25 +83,24 @@ def _DrawMetric(
     marked = {"diverges": is_diverged, "fails": is_failed, "has none": is_missing}
     if values.shape[1] > MAX_NAMED_LINES:
         marked = {}
-    for panel, i in np.ndindex(values.shape[:2]):
-        ax = axes[panel]
-        line = grid.LineStyle(i)
-        if i == 0:
-            style.FormatAxes(ax)
-        y = values[panel, i] * scale
-        middle = Bands(y, np.median)
-        ax.plot(grid.x, middle, marker=".", markersize=3, **line)
-        if grid.x_names:
-            _DrawRuns(ax, grid.x, y, line["color"])
-            ax.set_ylim(style.Widen(limits, scale))
-        elif y.shape[1] > 1:
-            low, high = (Bands(y, partial(np.quantile, q=q)) for q in (0.05, 0.95))
-            ax.fill_between(grid.x, low, high, color=line["color"], alpha=0.2, lw=0)
-        if y.shape[1] > 1:
-            _DrawInterval(ax, grid.x, y, middle, line["color"])
-        for name, where in marked.items():
-            x = grid.x[where[panel, i].any(axis=1)]
-            style.MarkAbove(ax, x, i, marker=_MARKS[name], color=line["color"])
+    for panel, ax in enumerate(axes):
+        style.FormatAxes(ax)
+        for i, y in enumerate(values[panel] * scale):
+            line = grid.LineStyle(i)
+            color = line["color"]
+            middle = Bands(y, np.median)
+            ax.plot(grid.x, middle, marker=".", markersize=3, **line)
+            if grid.x_names:
+                _DrawRuns(ax, grid.x, y, color)
+                ax.set_ylim(style.Widen(limits, scale))
+            elif y.shape[1] > 1:
+                low, high = (Bands(y, partial(np.quantile, q=q)) for q in (0.05, 0.95))
+                ax.fill_between(grid.x, low, high, color=color, alpha=0.2, lw=0)
+            if y.shape[1] > 1:
+                _DrawInterval(ax, grid.x, y, middle, color)
+            for name, where in marked.items():
+                x = grid.x[where[panel, i].any(axis=1)]
+                style.MarkAbove(ax, x, i, marker=_MARKS[name], color=color)
     for ax in axes[:: grid.num_columns]:
         ax.set_ylabel(label)
     return {name for name, where in marked.items() if where.any()}

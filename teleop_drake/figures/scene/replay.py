@@ -24,7 +24,7 @@ from teleop_drake.figures.scene.scene import (
 from teleop_drake.figures.style import GREY, RunColor
 from teleop_drake.files import WriteText
 from teleop_drake.recording import Recording
-from teleop_drake.validation import IsGiven, Refuse
+from teleop_drake.validation import Refuse
 
 # Slow motion begins so long before a puncture or a contact, and ends so long after it
 # has been felt, s. Of a run that bounces the first contacts are shown so.
@@ -81,11 +81,11 @@ def MakeReplay(
         ValueError: If there is none, or their numbers of axes differ.
         ScenarioError: If a run is of a Diagram, which has no scenario.
     """
-    if isinstance(recordings, Recording):
-        recordings = {_NameOf(recordings): recordings}
-    runs = list(recordings.values())
+    runs = [recordings] if isinstance(recordings, Recording) else [*recordings.values()]
     if any(run.scenario is None for run in runs):
         Refuse("recording.scenario", None, "that of a scenario for MakeReplay()")
+    if isinstance(recordings, Recording):
+        recordings = {runs[0].scenario.controller.kind.replace("_", " "): runs[0]}
     if meshcat is None:  # Nobody is going to see where it listens.
         logger = logging.getLogger("drake")
         level = logger.level
@@ -101,13 +101,6 @@ def MakeReplay(
 <script>const replay = {json.dumps(data, allow_nan=False)};</script>
 {player}</body>{rest}"""
     return Replay(title, page)
-
-
-def _NameOf(run: Recording) -> str:
-    """Returns the name of a single run on the page: that of its controller."""
-    if not IsGiven(run.scenario):
-        return "diagram"
-    return str(run.scenario.controller.kind.replace("_", " "))
 
 
 def _SlowSpans(run: Recording) -> list[tuple[float, float]]:

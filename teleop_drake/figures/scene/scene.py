@@ -151,11 +151,11 @@ def AnimateRuns(recordings: Mapping[str, Recording], meshcat: Meshcat) -> Stage:
     stage = _MakeStage(runs, robots[0])
     _SetUpView(meshcat, stage, len(runs))
     # Every run in one time, and one scale of the arrows.
-    end = max(float(run.time[-1]) for run in runs)
+    end = max(run.time[-1] for run in runs)
     times = np.arange(np.ceil(end * FRAMES_PER_SECOND) + 1) / FRAMES_PER_SECOND
     figures = [_Figures(run, times) for run in runs]
     drawn = [force for shown in figures for _, force in shown.values()]
-    largest = max(float(np.linalg.norm(x, axis=1).max()) for x in drawn) or 1.0
+    largest = max(np.linalg.norm(x, axis=1).max() for x in drawn) or 1.0
     # Each run below the one before, its ghost above it.
     animation = MeshcatAnimation(FRAMES_PER_SECOND)
     for i, (run, visuals, shown) in enumerate(zip(runs, robots, figures, strict=True)):
@@ -195,7 +195,7 @@ def _Animate(
         for body, X_WB in visuals.BodyPoses(visuals.Pose(p_WT, q)).items():
             animation.SetTransform(frame, f"{path}/{body}", X_WB)
         p_W = visuals.InSpace(p_WT)
-        size = float(np.linalg.norm(force))
+        size = np.linalg.norm(force)
         animation.SetTransform(frame, f"{path}/tip", RigidTransform(p_W))
         # An arrow without length has no direction.
         z_W = InSpace(force) if size > 1e-6 else stage.X_WS.rotation().col(0)

@@ -148,7 +148,7 @@ def _Sticks(plant: MultibodyPlant) -> list[Part]:
         parent = joint.parent_body()
         X_BF = joint.frame_on_parent().GetFixedPoseInBodyFrame()
         ends.append((parent.name(), np.array(X_BF.translation())))
-    sizes = [float(np.linalg.norm(p)) for _, p in ends]
+    sizes = [np.linalg.norm(p) for _, p in ends]
     radius = _STICK * max(sizes, default=0.0)
     return [
         Part(
