@@ -39,12 +39,10 @@ def SampleCurve(run: Recording, signal: str, components: Sequence[int]) -> Curve
     num_points = _NUM_POINTS if len(components) == 1 else 0
     instants = np.linspace(run.time[0], run.time[-1], num_points)
     between = np.setdiff1d(instants, run.time)
-    every = np.concatenate([run.time, between])
-    # Stable: the two sides of a jump stay in their order.
-    order = np.argsort(every, kind="stable")
-    values = np.concatenate([run[signal], run.Interpolate(signal, between)])[order]
-    diverges = run.termination == "diverged"
-    return Curve(every[order], values[:, components], diverges)
+    places = np.searchsorted(run.time, between)
+    time = np.insert(run.time, places, between)
+    values = np.insert(run[signal], places, run.Interpolate(signal, between), axis=0)
+    return Curve(time, values[:, components], run.termination == "diverged")
 
 
 def RangeOf(curves: Sequence[Curve], commands: Sequence[Curve] = ()) -> Interval:

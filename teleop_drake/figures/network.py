@@ -12,7 +12,7 @@ from teleop_drake.recording import Recording
 from teleop_drake.tasks import TaskOf
 from teleop_drake.validation import Refuse
 
-_ROW_HEIGHT = 1.5  # inches
+_HEIGHT = 4.9  # inches; of three rows
 
 # Spans of time over which a share of lost packets is taken.
 _NUM_SPANS = 40
@@ -53,7 +53,7 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
         [name.replace("_", " ") for name in networks],
         "time [s]",
         *("delay of packets [ms]", "age of information [ms]", "packets lost [%]"),
-        height=3 * _ROW_HEIGHT + 0.4,
+        height=_HEIGHT,
         width=style.WidthOf(columns),
         padding=0.1,
     )

@@ -114,7 +114,7 @@ def Widen(limits: Interval, scale: float) -> Interval:
 
 def ScaleAndUnit(limits: Interval, unit: str) -> tuple[float, str]:
     """Returns the scale and the unit with an SI prefix that suit a range."""
-    largest = max(abs(limit) for limit in limits)
+    largest = max(map(abs, limits))
     if unit not in ("m", "m/s", "N") or largest == 0:
         return 1.0, unit
     # From 0.1 to 100 of the unit shown.

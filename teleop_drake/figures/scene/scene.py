@@ -155,7 +155,7 @@ def AnimateRuns(recordings: Mapping[str, Recording], meshcat: Meshcat) -> Stage:
     times = np.arange(np.ceil(end * FRAMES_PER_SECOND) + 1) / FRAMES_PER_SECOND
     figures = [_Figures(run, times) for run in runs]
     drawn = [force for shown in figures for _, force in shown.values()]
-    largest = max(np.linalg.norm(x, axis=1).max() for x in drawn) or 1.0
+    largest = np.linalg.norm(np.concatenate(drawn), axis=1).max() or 1.0
     # Each run below the one before, its ghost above it.
     animation = MeshcatAnimation(FRAMES_PER_SECOND)
     for i, (run, visuals, shown) in enumerate(zip(runs, robots, figures, strict=True)):
