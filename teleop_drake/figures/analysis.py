@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Circle, Patch
 from matplotlib.ticker import MultipleLocator
 from scipy.optimize import linear_sum_assignment
 
@@ -162,8 +162,7 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
             ax.plot(delayed.real, delayed.imag, **look)
             _MarkFrequencies(ax, w, delayed, look["color"])
         # The unit circle, the axes and the critical point.
-        angle = np.linspace(0, 2 * np.pi, 200)
-        ax.plot(np.cos(angle), np.sin(angle), **_GUIDE)
+        ax.add_patch(Circle((0, 0), 1, fill=False, **_GUIDE))
         ax.axhline(0, **_GUIDE)
         ax.axvline(0, **_GUIDE)
         ax.plot([-1], [0], "+", color="black", ms=7, zorder=5)
