@@ -220,8 +220,7 @@ def PlotStableDelays(
     if not rows:
         Refuse("operating points", [], "one or more")
     height = 0.95 + 0.26 * len(rows)
-    figure, axes = MakeMultiples([""], "round-trip delay [s]", "", height=height)
-    ax = axes[0, 0]
+    figure, [[ax]] = MakeMultiples([""], "round-trip delay [s]", "", height=height)
     for i, (_, point) in enumerate(rows):
         _DrawDelays(ax.barh, i, 0.7, point.max_delay, point.stable_delays)
     for delay in {point.delay for _, point in rows}:

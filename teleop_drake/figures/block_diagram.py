@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import metadata
 from operator import itemgetter
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from pydrake.systems.framework import Diagram, InputPortIndex, OutputPortIndex, System
@@ -99,8 +99,8 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
     if max_depth is not None and max_depth < 0:
         Refuse("max_depth", max_depth, "null, 0 or positive")
     levels = [
-        (len(PurePath(path).parts), level)
-        for level, path in PathsIn(system)
+        (path.count("/"), level)
+        for level, path in PathsIn(system, "root")
         if isinstance(level, Diagram)
     ]
     levels.sort(key=itemgetter(0))
@@ -237,10 +237,9 @@ def WriteDiagram(
 
 
 def _WithoutIdlePorts(drawn: _Drawn, used: Container[str]) -> str:
-    """Returns the text without ports that are not used, if it is a box with many."""
+    """Returns the text of a box; if it has many ports, without those not in use."""
     sides = (drawn.inputs, drawn.outputs)
-    is_box = not drawn.text.startswith("subgraph")
-    if not is_box or max(map(len, sides)) <= _MOST_PORTS:
+    if max(map(len, sides)) <= _MOST_PORTS:
         return drawn.text
     labels = dict(_CELL.findall(drawn.text))
     columns = []

@@ -7,7 +7,7 @@ from teleop_drake.blocks.channels import NetworkChannelConfig
 from teleop_drake.blocks.channels.packet_network import PacketNetwork, Receiver
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakeMultiples
-from teleop_drake.figures.style import COLORS, Figure, Look
+from teleop_drake.figures.style import COLORS, GREY, MARK_STYLE, Figure, Key, Look
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import TaskOf
 from teleop_drake.validation import Refuse
@@ -18,7 +18,7 @@ _HEIGHT = 4.9  # inches; of three rows
 _NUM_SPANS = 40
 
 _LOST_STYLE: Look = {"marker": "x", "color": COLORS[1]}
-_LOSS_STYLE: Look = {"color": style.GREY, "linewidth": 0.9, "linestyle": "--"}
+_LOSS_STYLE: Look = {"color": GREY, "linewidth": 0.9, "linestyle": "--"}
 
 
 def Networks(recording: Recording) -> dict[str, NetworkChannelConfig]:
@@ -68,10 +68,10 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
         style.FormatAxes(ax)
         # Where nothing is lost a range of its own would be rounding.
         ax.set(xlim=(0.0, end), ylim=(0.0, max(ax.get_ylim()[1], 1.0)))
-    figure.align_ylabels(axes[:, 0])
+    figure.align_ylabels()
     handles = [
-        style.Key("lost packet", **_LOST_STYLE, **style.MARK_STYLE),
-        style.Key("lost in all", **_LOSS_STYLE),
+        Key("lost packet", **_LOST_STYLE, **MARK_STYLE),
+        Key("lost in all", **_LOSS_STYLE),
     ]
     style.AddLegend(figure, handles, fontsize=style.SMALL_FONT_SIZE)
     return figure

@@ -24,7 +24,7 @@ from teleop_drake.figures.curves import Curve, RangeOf, SampleCurve, TimeLimits
 from teleop_drake.figures.layout import MakePanels
 from teleop_drake.figures.saving import SaveFigure
 from teleop_drake.figures.selection import CheckRecordings, SelectRows, SelectTime
-from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Look
+from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Key, RunStyle
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
@@ -40,7 +40,7 @@ _MAX_BESIDE = 5
 _MAX_MULTIPLES = 10
 
 _EVENTS = {PUNCTURE: ("^", "puncture"), CONTACT: ("s", "first contact")}
-_COMMAND_STYLE: Look = {"color": GREY, "linewidth": 0.8}
+_COMMAND_STYLE: style.Look = {"color": GREY, "linewidth": 0.8}
 
 __all__ = ["PlotComparison", "PlotRows", "PlotRun", "SaveFigure"]
 
@@ -169,7 +169,7 @@ def PlotRows(
             style.NameAbove(column[0], x, name)
     if len(places) > 2:
         _TitleMultiples(axes[0], recordings)
-    figure.align_ylabels(grid[:, 0])
+    figure.align_ylabels()
     if any(len(row.components) == 1 for row in rows):
         names_runs = len(places) <= 2 and "" not in recordings
         _AddLegend(figure, recordings, rows, names_runs=names_runs)
@@ -309,7 +309,7 @@ class _Runs:
         if len(row.components) > 1:
             _DrawGroups(ax, x, y, row.groups)
             return
-        look = style.RunStyle(i)
+        look = RunStyle(i)
         if len(place.runs) < len(self._runs):
             look["linestyle"] = "-"  # There is nothing to tell it from.
         ax.plot(x, y, **look)
@@ -364,7 +364,7 @@ def _DrawGroups(ax: Axes, x: Array, y: Array, groups: Sequence[str]) -> None:
     """Draws the components of a signal (T, k), each group of them in one colour."""
     for i, components in enumerate(np.split(y, len(groups), axis=1)):
         each = components.shape[1]
-        look = style.RunStyle(i)
+        look = RunStyle(i)
         label = groups[i]
         if each > 1:
             look = {"color": style.RunColor(i), "linewidth": 0.6}
@@ -398,8 +398,8 @@ def _RunKeys(recordings: Mapping[str, Recording]) -> list[Line2D]:
     for i, (name, run) in enumerate(zip(names, recordings.values(), strict=True)):
         end = _Divergence(run)
         cross = style.EndStyle(i) if end else {}
-        look = {**cross, **style.RunStyle(i)}
-        keys.append(style.Key(f"{name} ({end})" if end else name, **look))
+        look = {**cross, **RunStyle(i)}
+        keys.append(Key(f"{name} ({end})" if end else name, **look))
     return keys
 
 
@@ -413,11 +413,11 @@ def _AddLegend(
     """Adds the legend of runs, of the command and of the events that are marked."""
     handles = _RunKeys(recordings) if names_runs else []
     if any(row.command is not None for row in rows):
-        handles.append(style.Key("commanded velocity", **_COMMAND_STYLE))
+        handles.append(Key("commanded velocity", **_COMMAND_STYLE))
     beside = dict.fromkeys(row.beside.replace("_", " ") for row in rows if row.beside)
     if beside:
-        handles.append(style.Key(", ".join(beside), **_COMMAND_STYLE))
+        handles.append(Key(", ".join(beside), **_COMMAND_STYLE))
     for event, (marker, label) in _EVENTS.items():
         if any(run.EventTimes(event) for run in recordings.values()):
-            handles.append(style.Key(label, **style.EventStyle(marker, GREY)))
+            handles.append(Key(label, **style.EventStyle(marker, GREY)))
     style.AddLegend(figure, handles)

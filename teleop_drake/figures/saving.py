@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-import matplotlib
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 
@@ -43,7 +43,7 @@ def SaveFigure(figure: Figure, *paths: str | Path) -> None:
         metadata = {**dict.fromkeys(changing), place: DescribeFigure(figure)}
         with (
             Replacing(path) as temporary,
-            matplotlib.rc_context({"svg.hashsalt": "teleop-drake", "pdf.fonttype": 42}),
+            rc_context({"svg.hashsalt": "teleop-drake", "pdf.fonttype": 42}),
         ):
             figure.savefig(temporary, format=suffix[1:], dpi=200, metadata=metadata)
 

@@ -1,7 +1,7 @@
 """Selection of signals and of a window of time for a figure."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from teleop_drake.arrays import Interval
 from teleop_drake.recording import Recording
@@ -107,7 +107,7 @@ def SelectTime(recording: Recording, window: Interval | None) -> Recording:
     last = float(recording.time[-1])
     if begin >= last:
         Refuse("time", list(window), f"before {Show(last)} s, when the run has ended")
-    return dataclasses.replace(
+    return replace(
         recording.Part(begin, end),
         events=[event for event in recording.events if begin <= event.time <= end],
         termination=recording.termination if end >= last else "completed",

@@ -314,7 +314,7 @@ def ShortLabels(labels: Sequence[str]) -> list[str]:
 def CellEdges(centres: Array) -> Array:
     """Returns the boundaries (N + 1) of cells around ascending centres (N)."""
     if len(centres) == 1:
-        return np.asarray(centres[0] + np.array([-0.5, 0.5]))
+        return centres + np.array([-0.5, 0.5])
     # The outermost cells reach as far to either side.
     padded = np.pad(centres, 1, mode="reflect", reflect_type="odd")
     return np.asarray((padded[1:] + padded[:-1]) / 2)

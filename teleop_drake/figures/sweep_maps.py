@@ -62,8 +62,9 @@ def PlotStability(result: SweepResult, boundaries: Boundaries = ()) -> Figure:
     colors = ListedColormap(list(_OUTCOMES.values()))
     limits = {"vmin": -0.5, "vmax": len(_OUTCOMES) - 0.5}
     for ax, cells in zip(panels[0], worst, strict=True):
-        edges = {"edgecolor": "white", "linewidth": 0.3}
-        _DrawCells(ax, grid, cells, cmap=colors, **limits, **edges)
+        _DrawCells(
+            ax, grid, cells, cmap=colors, **limits, edgecolor="white", linewidth=0.3
+        )
     handles = [
         Patch(color=color, label=label)
         for i, (label, color) in enumerate(_OUTCOMES.items())

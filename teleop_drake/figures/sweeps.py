@@ -116,5 +116,5 @@ def _DrawRuns(ax: Axes, x: Array, values: Array, color: Any) -> None:
 def _DrawInterval(ax: Axes, x: Array, values: Array, median: Array, color: Any) -> None:
     """Draws how well the median of values (x, seeds) is known."""
     ends = np.array([MedianInterval(y[np.isfinite(y)]) for y in values]).T
-    bars: Look = {"fmt": "none", "linewidth": 0.8, "capsize": 2}
-    ax.errorbar(x, median, np.abs(ends - median), color=color, **bars)
+    lengths = np.abs(ends - median)
+    ax.errorbar(x, median, lengths, fmt="none", color=color, linewidth=0.8, capsize=2)

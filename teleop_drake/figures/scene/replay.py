@@ -32,8 +32,10 @@ _SLOW_BEFORE = 0.05
 _SLOW_AFTER = 0.15
 _NUM_SLOW = 3
 
-_PANEL = "position: fixed; top: 0; padding: 8px 14px; font: 13px/1.4 Arial; "
-_PANEL += "background: #ffffffb0"
+_PANEL = (
+    "position: fixed; top: 0; padding: 8px 14px; font: 13px/1.4 Arial; "
+    "background: #ffffffb0"
+)
 
 _FRAME_HEIGHT = 620  # pixels, in a notebook
 

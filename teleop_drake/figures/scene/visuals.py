@@ -50,7 +50,7 @@ class RobotVisuals:
         start = np.array(robot.start, dtype=float)
         num_axes = min(start.size, 3)
         self._plant: MultibodyPlant | None = None
-        self.parts: tuple[Part, ...] = ()
+        self.parts: list[Part] = []
         self.start_q = np.zeros(0)
         self._rest = np.zeros(3 - num_axes)
         if not isinstance(robot, PlantRobotConfig):
@@ -62,8 +62,7 @@ class RobotVisuals:
         self.start_q = np.asarray(robot.JointPositions(start))
         # Where no axis of the task goes: an arm that moves in a plane has a height.
         self._rest = self.Tool(self.start_q)[num_axes:]
-        parts = _Shapes(self._plant, scene_graph) or _Sticks(self._plant)
-        self.parts = tuple(parts)
+        self.parts = _Shapes(self._plant, scene_graph) or _Sticks(self._plant)
 
     def InSpace(self, p_WT: ArrayLike) -> Array:
         """Returns a point of the task as a point in space (3), m.
@@ -165,7 +164,7 @@ def _Sticks(plant: MultibodyPlant) -> list[Part]:
 def InSpace(vector: ArrayLike) -> Array:
     """Returns a vector along the task axes (n) as one in space (3)."""
     vector = np.asarray(vector, dtype=float)[:3]
-    return np.concatenate([vector, np.zeros(3 - vector.size)])
+    return np.pad(vector, (0, 3 - vector.size))
 
 
 def AlongZ(p: ArrayLike, direction: Sequence[float] | Array) -> RigidTransform:
