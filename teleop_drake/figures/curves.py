@@ -1,4 +1,4 @@
-"""Curves of runs: a signal's samples, and the range that shows them."""
+"""Curves of runs: a signal against time, and the range of an axis that shows it."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,12 +8,12 @@ import numpy as np
 from teleop_drake.arrays import Array, Interval
 from teleop_drake.recording import Recording
 
-# Points across a panel: enough that no corner shows.
+# Points across a panel, enough for a curve to look smooth.
 _NUM_POINTS = 1500
 
 
 def TimeLimits(runs: Sequence[Recording]) -> Interval:
-    """Returns the span of time of some runs in s; of a single sample it is 1 s."""
+    """Returns the time span of some runs in s; with a single instant it is 1 s long."""
     begin = min(run.time[0] for run in runs)
     end = max(run.time[-1] for run in runs)
     return begin, end if end > begin else begin + 1.0
@@ -23,9 +23,9 @@ class Curve(NamedTuple):
     """The components of a signal of one run.
 
     Attributes:
-        time: (T,) in s; a time that stands twice is a jump.
-        y: (T, k).
-        diverges: Whether the run does.
+        time: Times in s (T); the time of a jump occurs twice.
+        y: Values (T, k).
+        diverges: Whether the run diverges.
     """
 
     time: Array
@@ -34,8 +34,8 @@ class Curve(NamedTuple):
 
 
 def SampleCurve(run: Recording, signal: str, components: Sequence[int]) -> Curve:
-    """Returns a signal at the samples and, of a single component, between them."""
-    # Of several components, which are telemetry, the samples are enough.
+    """Returns components of a signal at the samples; a single one also between them."""
+    # Several components are telemetry, for which the samples suffice.
     num_points = _NUM_POINTS if len(components) == 1 else 0
     instants = np.linspace(run.time[0], run.time[-1], num_points)
     between = np.setdiff1d(instants, run.time)
@@ -46,13 +46,17 @@ def SampleCurve(run: Recording, signal: str, components: Sequence[int]) -> Curve
 
 
 def RangeOf(curves: Sequence[Curve], commands: Sequence[Curve] = ()) -> Interval:
-    """Returns the range that shows the runs, those that diverge only in part.
+    """Returns the range that shows the runs, of diverging ones only a part.
 
-    A run that diverges widens the range by as much as it is, on either side, at most.
+    Runs that diverge extend the range by no more than its width on either side.
+
+    Args:
+        curves: The curves of the runs.
+        commands: Curves that are drawn beside them and shown in full.
     """
     shown = [curve.y for curve in curves if not curve.diverges]
     if not shown:
-        # What is left is the time before it becomes hopeless.
+        # All runs diverge: the last fifth of their time is left out.
         shown = [curve.y[curve.time <= 0.8 * curve.time[-1]] for curve in curves]
     known = np.concatenate(shown + [curve.y for curve in commands])
     every = np.concatenate([known, *(curve.y for curve in curves)])

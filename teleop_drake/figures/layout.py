@@ -1,4 +1,4 @@
-"""Layout that the figures share: panels in rows and columns, and their names."""
+"""Layout of the figures: panels in rows and columns, with titles and labels."""
 
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -13,7 +13,7 @@ Panels = NDArray[Any]
 """Axes of Matplotlib (rows, columns)."""
 
 Sharing = Literal["none", "all", "row", "col"]
-"""Which panels have one axis in common."""
+"""The panels that share an axis, as in Matplotlib's subplots()."""
 
 
 def MakePanels(
@@ -29,9 +29,9 @@ def MakePanels(
     """Returns a figure and its panels (rows, columns), with few spines.
 
     Args:
-        height, width: Of the figure, inches.
-        share_x, share_y: Which panels have a horizontal or a vertical axis in common.
-        padding: Space beside the panels, inches; None: Matplotlib's own.
+        height, width: Size of the figure in inches.
+        share_x, share_y: Which panels share their horizontal or vertical axis.
+        padding: Horizontal space around a panel in inches; by default Matplotlib's.
     """
     layout = ConstrainedLayoutEngine(w_pad=padding)
     figure = Figure(figsize=(width, height), layout=layout)
@@ -58,7 +58,7 @@ def MakeMultiples(
     Args:
         x_label: Label of the horizontal axis, below each column.
         y_labels: Labels of the vertical axes at the left, one for each row.
-        height, width, padding: Those of MakePanels().
+        height, width, padding: As in MakePanels().
     """
     figure, axes = MakePanels(
         len(y_labels), len(titles), height=height, width=width, padding=padding

@@ -14,7 +14,7 @@ from teleop_drake.validation import Refuse
 
 _HEIGHT = 4.9  # inches; of three rows
 
-# Spans of time over which a share of lost packets is taken.
+# The number of time spans, each of which has a share of lost packets.
 _NUM_SPANS = 40
 
 _LOST_STYLE: Look = {"marker": "x", "color": COLORS[1]}
@@ -22,7 +22,7 @@ _LOSS_STYLE: Look = {"color": GREY, "linewidth": 0.9, "linestyle": "--"}
 
 
 def Networks(recording: Recording) -> dict[str, NetworkChannelConfig]:
-    """Returns the channels of a run that are networks, by the names of their fields."""
+    """Returns the channels of a run that are networks, keyed by their fields."""
     channels = TaskOf(recording.scenario).Channels(recording.scenario)
     return {
         name: config
@@ -34,17 +34,18 @@ def Networks(recording: Recording) -> dict[str, NetworkChannelConfig]:
 def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
     """Plots delay, age of information and loss of each network against time.
 
-    The delay is that of each packet, over the time when it was sent; a cross at the top
-    is one that was lost. The age is how old what the receiver shows is, and the loss
-    the share of what was sent around a time. The packets are drawn again: they are
-    functions of the scenario alone. Those of a trace need its file.
+    The delay of a packet is drawn at the time when the packet was sent; crosses above
+    the panel mark lost packets. The age of information is the age of the packet that
+    the receiver shows. The loss is the share of lost packets among those sent in a span
+    of time. The packets are computed again, because they depend on the scenario only;
+    a trace needs its file.
 
     Args:
-        recording: A run with a channel of kind `network`, or of one of its names.
+        recording: A run with a channel of kind `network` or with a named network.
         columns: Columns of a printed page that the figure spans, 1 or 2.
 
     Raises:
-        ValueError: If it has no such channel.
+        ValueError: If the run has no such channel.
     """
     networks = Networks(recording)
     if not networks:
@@ -57,7 +58,7 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
         width=style.WidthOf(columns),
         padding=0.1,
     )
-    # A run that was stopped at its start has no time of its own.
+    # A run that was stopped at its start covers no time.
     end = recording.time[-1] or recording.scenario.duration
     for name, (delay, age, loss) in zip(networks, axes.T, strict=True):
         config = networks[name]
@@ -66,7 +67,7 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
         _DrawAge(age, network, config.receiver, end)
     for ax in axes.flat:
         style.FormatAxes(ax)
-        # Where nothing is lost a range of its own would be rounding.
+        # Without lost packets, an automatic range would show rounding errors.
         ax.set(xlim=(0.0, end), ylim=(0.0, max(ax.get_ylim()[1], 1.0)))
     figure.align_ylabels()
     handles = [
@@ -78,7 +79,7 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
 
 
 def _DrawPackets(delay: Axes, loss: Axes, network: PacketNetwork, end: float) -> None:
-    """Draws the delay of each packet, and the share that is lost, in spans and in all.
+    """Draws the delays of packets, and the share of lost ones by span and overall.
 
     Lost packets are marked above the panel of the delay.
     """
@@ -97,7 +98,7 @@ def _DrawPackets(delay: Axes, loss: Axes, network: PacketNetwork, end: float) ->
 
 
 def _DrawAge(ax: Axes, network: PacketNetwork, receiver: Receiver, end: float) -> None:
-    """Draws the age of what a receiver shows: a saw tooth."""
+    """Draws the age of the packet that a receiver shows, a sawtooth."""
     shown, sent = network.ShownUntil(receiver, end)
     # Both sides of each jump.
     times = np.append(np.repeat(shown, 2), end)[1:]

@@ -40,10 +40,10 @@ def ShowDiagram(system: System, max_depth: int = 1) -> None:
 
 
 def RecordingHtml(recording: Recording) -> str:
-    """Returns a run as HTML: its line, the table of its metrics and its figure.
+    """Returns a run as HTML: a summary line, notes, a table of metrics and a figure.
 
     Args:
-        recording: A run. One without a finite sample has no table and no figure.
+        recording: A run; without a finite sample, it has no table and no figure.
     """
     texts = [repr(recording), recording.reason, *recording.notes]
     title = "".join(f"<p>{html.escape(text)}</p>" for text in texts if text)
