@@ -31,10 +31,11 @@ from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
 from teleop_drake.validation import IsGiven, Refuse
 
 _ROW_HEIGHT = 1.2  # inches
-_LOW_ROW_HEIGHT = 0.9  # Where there are runs below others.
+_LOW_ROW_HEIGHT = 0.9  # inches; where there are several banks
 
-# More runs than these have a panel each, at most so many beside each other, the others
-# below; more than those do not fit on a page.
+# Up to _MAX_OVERLAID runs share a panel, and so do more than _MAX_MULTIPLES, which do
+# not fit on a page otherwise. Runs in between have a column of panels each, at most
+# _MAX_BESIDE of them in one bank; further banks stand below.
 _MAX_OVERLAID = 3
 _MAX_BESIDE = 5
 _MAX_MULTIPLES = 10
@@ -55,26 +56,25 @@ def PlotComparison(
 ) -> Figure:
     """Plots runs of a task together, as the thesis does (Fig. 4.1 to 5.20).
 
-    One row each for tool velocity (with what the operator commands), sensed force,
-    tool position and control force, per task axis: against time on the left, against
-    the position on the right, that along the normal of the contact surface or, if there
-    is none, along x. Filled triangles and squares mark the puncture and the first
-    contact. A run that diverges ends in a cross and does not spoil the
-    range for the others.
+    Each task axis has rows for tool velocity (with the operator's command), sensed
+    force, tool position and control force. The left panels are against time, the right
+    ones against the position along the normal of the contact surface or, without such a
+    surface, along x. Filled triangles and squares mark the puncture and the first
+    contact. A run that diverges ends in a cross and is shown only in part, so that the
+    range suits the others.
 
     Args:
         recordings: Runs by the name that the legend gives them, for instance
             {"direct force": ..., "adaptive": ...}; of robots with as many axes.
-        task: What says which panels there are; None: the task of the first scenario.
-        signals: Names of the signals to show, any of the recording; None: those that
-            the task shows.
-        time: From when to when, s; None: all of it.
+        task: The task that defines the panels; by default that of the first scenario.
+        signals: Names of recorded signals to show; by default those of the task.
+        time: The window of time to show, s; by default the whole run.
         columns: Columns of a printed page that the figure spans: 2, or 1, in which only
             the panels against time have room.
 
     Raises:
-        ValueError: If there is no recording, or their numbers of axes differ, or it
-            is a task whose runs are not compared; or what is to be shown is not there.
+        ValueError: If there is no recording, the numbers of axes differ, the runs of
+            the task are not comparable, or `signals`, `time` or `columns` is invalid.
         UnknownSignal: If a run does not have one of the signals.
     """
     CheckRecordings(recordings)
@@ -95,12 +95,12 @@ def PlotRun(
     time: Interval | None = None,
     columns: int = 2,
 ) -> Figure:
-    """Plots one run: what PlotComparison shows and, if it adapts, Psi and weights.
+    """Plots one run: the panels of PlotComparison, and Psi and weights if it adapts.
 
-    Of a tracking it plots, per task axis against time, the position
-    with the desired one, the tracking error, and the disturbance with its estimate. Of
-    a user's own Diagram it plots every signal against time. Arguments and errors are
-    those of PlotComparison.
+    For a tracking task, it plots per task axis against time the position with the
+    desired one, the tracking error, and the disturbance with its estimate. For a user's
+    own Diagram, it plots every signal against time. Arguments and errors are those of
+    PlotComparison.
     """
     recording = SelectTime(recording, time)
     width = style.WidthOf(columns)
@@ -133,8 +133,8 @@ def PlotRows(
         rows: The signals, from top to bottom.
         columns: Columns of a printed page that the figure spans, 1 or 2; in one there
             are no panels against the position.
-        width: Of the figure, inches; None: that of the columns.
-        row_height: Of a row of panels, inches; rows of runs below others are lower.
+        width: Width of the figure in inches; by default that of the columns.
+        row_height: Height of a row of panels in inches. Several banks have lower rows.
     """
     shown = _Runs(recordings)
     places = shown.Places(columns)
@@ -147,17 +147,17 @@ def PlotRows(
         num_columns,
         height=height * num_rows + 0.7,
         width=width or style.WidthOf(columns),
-        # Aligned labels may end up a little further out than the layout reckons.
+        # The layout underestimates how far out aligned labels stand.
         padding=0.1,
     )
-    # A row for each signal and a column for each place, wherever it is on the page.
+    # A row for each signal and a column for each place, whatever its bank.
     axes = np.hstack(np.vsplit(grid, num_banks))
     axes, unused = np.split(axes, [len(places)], axis=1)
     for ax in unused.flat:
         ax.set_visible(False)
     for row, row_axes in zip(rows, axes, strict=True):
         label = shown.DrawRow(row_axes, places, row)
-        if num_banks > 1:  # A low panel has no room for a name and its symbol.
+        if num_banks > 1:  # Beside a low panel, the unit follows the symbol.
             label = label.replace("\n", " ").replace(" $", "\n$")
         for ax in row_axes[::num_columns]:
             ax.set_ylabel(label)
@@ -177,13 +177,13 @@ def PlotRows(
 
 
 class _Place(NamedTuple):
-    """A column of panels.
+    """A column of panels with one horizontal axis: time, or the position.
 
     Attributes:
-        runs: The numbers of the runs in it.
-        label, limits: Of what they are against, in the unit shown.
-        scale: Of the position that they are against; 0: they are against time.
-        boundaries: The names of the surfaces by where they are, in the unit shown.
+        runs: The indices of the runs in it.
+        label, limits: Label and limits of the axis, in the unit shown.
+        scale: The factor from a position in m to the unit shown; 0 for time.
+        boundaries: The names of the surfaces by their positions, in the unit shown.
     """
 
     runs: Sequence[int]
@@ -211,8 +211,8 @@ class _Runs:
     def Places(self, columns: int) -> list[_Place]:
         """Returns the columns of panels of a figure.
 
-        Three runs can be told apart in one panel. More have a column each, on a page as
-        long as they fit there.
+        Three runs can be told apart in one panel. More have a column each, as long as
+        these fit on a page.
         """
         everyone = range(len(self._runs))
         against_time = _Place(everyone, "time [s]", TimeLimits(self._runs))
@@ -243,11 +243,11 @@ class _Runs:
         return np.asarray(position @ self._normal_W)
 
     def _X(self, place: _Place, i: int, times: Array) -> Array:
-        """Returns where some times of run i are along the horizontal axis."""
+        """Returns the places of some times of run i on the horizontal axis."""
         return self._Along(i, times) * place.scale if place.scale else times
 
     def _Curves(self, row: SignalRow) -> list[Curve]:
-        """Returns the signal of a row, of each run."""
+        """Returns the curve of the signal of a row for each run."""
         curves = []
         for run in self._runs:
             curve = SampleCurve(run, row.signal, row.components)
@@ -265,7 +265,7 @@ class _Runs:
         commands = self._Commands(row)
         y_range = RangeOf(curves, commands)
         scale, unit = style.ScaleAndUnit(y_range, row.unit)
-        # The position that the right column is against has no panel there.
+        # The position is not drawn against itself.
         normal = self._normal_W
         is_x = row.signal == "tool_position" and list(normal[row.components]) == [1]
         for place, ax in zip(places, row_axes, strict=True):
@@ -286,7 +286,7 @@ class _Runs:
         return f"{row.label}\n[{unit}]" if unit else row.label
 
     def _Commands(self, row: SignalRow) -> list[Curve]:
-        """Returns what is drawn beside the signal of each run, if anything."""
+        """Returns for each run the curve beside the signal, if the row has one."""
         if row.beside:
             return self._Curves(replace(row, signal=row.beside))
         if row.command is None:
@@ -302,7 +302,7 @@ class _Runs:
         curve: Curve,
         scale: float,
     ) -> None:
-        """Draws run i, its first puncture and contact, and where it diverges."""
+        """Draws run i and marks its first puncture, first contact and divergence."""
         run = self._runs[i]
         x = self._X(place, i, curve.time)
         y = curve.y * scale
@@ -311,7 +311,7 @@ class _Runs:
             return
         look = RunStyle(i)
         if len(place.runs) < len(self._runs):
-            look["linestyle"] = "-"  # There is nothing to tell it from.
+            look["linestyle"] = "-"  # It is alone in its panel.
         ax.plot(x, y, **look)
         for event, (marker, _) in _EVENTS.items():
             first = np.array(run.EventTimes(event)[:1])
@@ -326,7 +326,7 @@ class _Runs:
 
 
 def _PositionName(normal_W: Array) -> str:
-    """Returns what a position along a normal is called."""
+    """Returns the name of a position along a normal."""
     axis = int(np.argmax(np.abs(normal_W)))
     if abs(normal_W[axis]) != 1:
         return "position along the normal"
@@ -335,9 +335,9 @@ def _PositionName(normal_W: Array) -> str:
 
 
 def _TelemetryRows(recording: Recording) -> list[SignalRow]:
-    """Returns the rows for what an adaptive controller learns, if it does.
+    """Returns the rows for the estimates of an adaptive controller, if it has any.
 
-    The weights of a network are a matrix, a row of which belongs to each task axis.
+    The weights of a network are a matrix with a row for each task axis.
     """
     n = recording["tool_position"].shape[1]
     axes = [f"axis ${AxisName(k)}$" for k in range(n)]
@@ -374,7 +374,7 @@ def _DrawGroups(ax: Axes, x: Array, y: Array, groups: Sequence[str]) -> None:
 
 
 def _Divergence(run: Recording) -> str:
-    """Returns when a run diverges, in words; "" if it does not."""
+    """Returns the time at which a run diverges, in words; "" if it does not."""
     is_diverged = run.termination == "diverged"
     return f"diverges at {run.time[-1]:.3g} s" if is_diverged else ""
 
@@ -382,7 +382,7 @@ def _Divergence(run: Recording) -> str:
 def _TitleMultiples(
     row_axes: Sequence[Axes], recordings: Mapping[str, Recording]
 ) -> None:
-    """Writes above each column of panels which run it has, and how that ends."""
+    """Writes above each column of panels the name of its run and its divergence."""
     for i, (name, run) in enumerate(recordings.items()):
         ax = row_axes[i]
         title = textwrap.fill(name, 14, break_long_words=False)
@@ -392,7 +392,7 @@ def _TitleMultiples(
 
 
 def _RunKeys(recordings: Mapping[str, Recording]) -> list[Line2D]:
-    """Returns the entries of the runs in a legend; they tell which runs diverge."""
+    """Returns the legend entries of runs, with the times at which they diverge."""
     keys = []
     names = style.ShortLabels(list(recordings))
     for i, (name, run) in enumerate(zip(names, recordings.values(), strict=True)):
@@ -410,7 +410,11 @@ def _AddLegend(
     *,
     names_runs: bool,
 ) -> None:
-    """Adds the legend of runs, of the command and of the events that are marked."""
+    """Adds the legend of runs, of commands and of marked events.
+
+    Args:
+        names_runs: Whether the runs are listed.
+    """
     handles = _RunKeys(recordings) if names_runs else []
     if any(row.command is not None for row in rows):
         handles.append(Key("commanded velocity", **_COMMAND_STYLE))

@@ -19,12 +19,12 @@ from teleop_drake.sweep.boundary import Boundary
 from teleop_drake.validation import Refuse
 
 Boundaries = Sequence[Sequence[Boundary]]
-"""What is drawn over each panel."""
+"""The boundaries of stability that are drawn over each panel."""
 
-# So many values of a map have a tick each.
+# The largest number of values of a map that have a tick each.
 _MOST_TICKS = 8
 
-# How a run ends, from good to bad, and the colour of it.
+# How a run ends, from best to worst, with its colour.
 _OUTCOMES = {
     "completes": "#56B4E9",
     "settles": "#009E73",
@@ -33,21 +33,22 @@ _OUTCOMES = {
     "fails": GREY,
 }
 
-# Colour of cells with a run that was stopped.
+# Colour of cells with a run that diverges or fails.
 _ENDED = "#BBBBBB"
 
 
 def PlotStability(result: SweepResult, boundaries: Boundaries = ()) -> Figure:
     """Maps how the runs of a sweep end, over the delay and another varied key.
 
-    A cell has the worst of its seeds. What else is varied gets panels of its own.
+    A cell shows the worst outcome of its seeds. Further varied keys have panels of
+    their own.
 
     Args:
-        boundaries: Where the loop ceases to be stable; see FindBoundaries().
+        boundaries: The largest stable delays for each panel; see FindBoundaries().
 
     Raises:
         ValueError: If fewer than two keys beside the controller and the seed are
-            varied, or it would take too many panels.
+            varied, or there would be too many panels.
     """
     grid = _TwoKeys(result)
     status = grid.Arrange(result.Status())
@@ -77,17 +78,17 @@ def PlotStability(result: SweepResult, boundaries: Boundaries = ()) -> Figure:
 def PlotMap(result: SweepResult, *metrics: str, boundaries: Boundaries = ()) -> Figure:
     """Maps metrics of a sweep, over the delay and another varied key.
 
-    A cell has the median of its seeds. It is grey where a run diverges or fails, and
-    white where a run has no such number. What else is varied gets panels of its own.
+    A cell shows the median of its seeds. It is grey if a run diverges or fails, and
+    white if a run has no value. Further varied keys have panels of their own.
 
     Args:
-        *metrics: Of MetricUnits(result.scenario), one or more, for example
+        *metrics: One name or more in MetricUnits(result.scenario), for example
             "collision.peak_force".
-        boundaries: Where the loop ceases to be stable; see FindBoundaries().
+        boundaries: The largest stable delays for each panel; see FindBoundaries().
 
     Raises:
         ValueError: If there is no such metric, fewer than two keys beside the
-            controller and the seed are varied, or it would take too many panels.
+            controller and the seed are varied, or there would be too many panels.
     """
     grid = _TwoKeys(result)
     is_completed = grid.Arrange(result.Status()) == "completed"
@@ -97,7 +98,7 @@ def PlotMap(result: SweepResult, *metrics: str, boundaries: Boundaries = ()) -> 
     figure, panels = grid.MakePanels(len(metrics))
     for metric, axes in zip(metrics, panels, strict=True):
         values = np.where(is_completed, grid.Arrange(result.Values(metric)), np.nan)
-        medians = np.median(values, axis=-1)  # NaN where a seed has no number.
+        medians = np.median(values, axis=-1)  # NaN if a seed has no value.
         lacks_number |= (np.isnan(medians) & ~is_ended).any()
         scale, label, (low, high) = MetricScale(result, metric, medians)
         limits = {"vmin": low * scale, "vmax": high * scale}
@@ -118,7 +119,7 @@ def PlotMap(result: SweepResult, *metrics: str, boundaries: Boundaries = ()) -> 
 
 
 def _TwoKeys(result: SweepResult) -> SweepGrid:
-    """Returns the grid of a sweep, of two keys or more."""
+    """Returns the grid of a sweep that varies two keys or more."""
     grid = SweepGrid(result)
     if not grid.has_two_keys:
         Refuse("result", "with no second key that is varied", "of two keys or more")
@@ -138,14 +139,14 @@ def _Finish(
     handles: list[Any],
     boundaries: Boundaries,
 ) -> None:
-    """Draws the boundaries, and says what everything is."""
+    """Draws the boundaries, and adds ticks, titles, labels and the legend."""
     y, y_labels = grid.LineCoordinates()
     limits = style.MapLimits(grid.x)
     fates = _Fates(boundaries, limits)
     lines = dict(zip(fates, itertools.cycle(style.LINES)))
     for (_, panel), ax in np.ndenumerate(panels):
         for drawn in boundaries[panel] if boundaries else ():
-            # Black on white is seen on every colour.
+            # A black line with a white edge is visible on every colour.
             ax.plot(drawn.ends, y, color="white", linewidth=2.8)
             dashes = lines[drawn.point]
             ax.plot(drawn.ends, y, color="black", linestyle=dashes, linewidth=1.6)
@@ -172,7 +173,7 @@ def _Finish(
 
 
 def _Fates(boundaries: Boundaries, limits: Interval) -> dict[str, str]:
-    """Returns what is said of each boundary outside the map; "" of one that crosses."""
+    """Returns a note on each boundary outside the map; "" for one that crosses it."""
     ends: dict[str, list[float]] = {}
     for boundary in itertools.chain(*boundaries):
         known = boundary.ends[~np.isnan(boundary.ends)]
