@@ -1,7 +1,6 @@
 """Figures of the analysis: Bode and Nyquist plots, stability charts, transparency.
 
-As those of figures.runs, they belong to the caller, and runs.SaveFigure
-writes them.
+Like those of figures.runs, the figures belong to the caller; SaveFigure() writes them.
 """
 
 import itertools
@@ -34,36 +33,37 @@ from teleop_drake.validation import Refuse
 
 _ROW_HEIGHT = 1.9  # inches
 
-# What a Bode plot shows beyond the slowest and the fastest crossover.
+# Decades that a Bode plot shows below the slowest crossover; above the fastest one it
+# shows half as many.
 _DECADES = 1.5
 
 _MAGNITUDES = (1e-3, 1e3)
 
-# A locus below this is zero, as behind a predictor with an exact model.
+# A locus below this is taken as zero, as with a predictor that has an exact model.
 _NOTHING = 1e-9
 
-# The Nyquist plot: its half width, and how many points its curves have.
+# Half the width of the Nyquist plot, and the number of points of its curves.
 _NYQUIST_RANGE = 2.5
 _NUM_NYQUIST_POINTS = 6000
 
-# Between two frequencies that are written beside a locus.
+# Least distance between two frequencies that are written beside a locus.
 _LABEL_DISTANCE = 0.6
 
-# What is shown of Llewellyn's parameter; less is drawn at the lower edge.
+# The range shown of Llewellyn's parameter; lower values are drawn at its lower edge.
 _LLEWELLYN_RANGE = (-1.5, 3.0)
-# Less than this below 1 is rounding.
+# Values less than this below 1 are rounding errors.
 _LLEWELLYN_MARGIN = 1e-6
 
-# Where a hand moves: rad/s at which the stiffness that it feels is shown.
+# Frequencies in rad/s of a hand, at which the felt stiffness is shown.
 _HAND_FREQUENCIES = np.geomspace(0.1, 30.0, 300)
 
 _STABLE = "#56B4E9"
-# Where Llewellyn's parameter promises nothing.
+# Below 1, Llewellyn's parameter does not guarantee stability.
 _ACTIVE = "#F7DFCF"
 _UNSTABLE = "#F0F0F0"
 _UNRESOLVED = "#DCDCDC"
 
-# Lines beside which curves are read.
+# Reference lines.
 _GUIDE: style.Look = {"color": GREY, "linewidth": 0.6, "zorder": 0}
 
 _THIN = partial(Key, color="black", linewidth=0.6)
@@ -78,10 +78,11 @@ _STABILITY_KEYS = (
 def PlotBode(analysis: StabilityAnalysis) -> Figure:
     """Plots magnitude and phase of L(j w) at each operating point.
 
-    A line for each eigenlocus. The phase is that of L alone (thin) and with the
-    scenario's delay (thick), -w T more. Dots mark the gain crossovers: in the thick
-    phase, a dot of a crossover with falling magnitude has to lie above -180 degrees.
-    Where the model cannot tell a motion from a neutral one, the ground is grey.
+    Each eigenlocus has a line. The phase is drawn without delay (thin) and with the
+    scenario's delay (thick), which adds -w T. Dots mark the gain crossovers: on the
+    thick line, the dot of a crossover with falling magnitude has to lie above -180
+    degrees. The background is grey at frequencies at which the model does not resolve
+    whether a motion is neutral.
 
     Raises:
         ValueError: If no operating point has a loop.
@@ -89,7 +90,7 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
     points, figure, axes = _LoopPanels(
         analysis, "frequency [rad/s]", "|eigenlocus of L|", "phase [°]"
     )
-    limits = [-200.0, 0.0]  # Also where every locus is nothing.
+    limits = [-200.0, 0.0]  # Shown even if every locus is zero.
     for (top, bottom), point in zip(axes.T, points, strict=True):
         w = _BodeFrequencies(point)
         limits += _DrawLoci(top, bottom, point, w)
@@ -117,7 +118,7 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
 
 
 def _DrawLoci(top: Axes, bottom: Axes, point: PointStability, w: Array) -> list[float]:
-    """Draws the eigenloci of a point; returns phases in degrees that are to be seen."""
+    """Draws the eigenloci of a point; returns phases in degrees to be shown."""
     shown: list[float] = []
     for i, locus in enumerate(_TrackedLoci(point, w).T):
         look = RunStyle(i)
@@ -127,8 +128,8 @@ def _DrawLoci(top: Axes, bottom: Axes, point: PointStability, w: Array) -> list[
         top.loglog(w, magnitude, **look)
         phase = _Unwrap(np.degrees(np.angle(locus)))
         k = np.flatnonzero(np.diff(magnitude > 1))
-        # The branch on which the last crossover has -180 to 180 degrees: the way
-        # from there down to -180 is its phase margin.
+        # On this branch the last crossover is between -180 and 180 degrees, and its
+        # distance from -180 degrees is the phase margin.
         phase -= 360 * np.round(phase[k[-1] if len(k) else 0] / 360)
         bottom.semilogx(w, phase, **look | {"linewidth": 0.6})
         delayed = phase - np.degrees(w * point.delay)
@@ -143,10 +144,10 @@ def _DrawLoci(top: Axes, bottom: Axes, point: PointStability, w: Array) -> list[
 def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
     """Plots the eigenloci of L(j w) e^(-j w T) near the critical point -1, w > 0.
 
-    Without delay (thin), and with the scenario's (thick), which has frequencies in
-    rad/s beside it and an arrow towards higher ones. The delay turns each point
-    about the origin by -w T and leaves its distance alone, so it is the part outside of
-    the unit circle that can be turned about -1.
+    The loci are drawn without delay (thin) and with the scenario's delay (thick). The
+    latter have frequencies in rad/s beside them and an arrow towards higher ones. The
+    delay turns each point about the origin by -w T and does not change its distance, so
+    that only the part outside of the unit circle can be turned about -1.
 
     Raises:
         ValueError: If no operating point has a loop.
@@ -181,7 +182,7 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
 
 
 def _MarkFrequencies(ax: Axes, w: Array, locus: ComplexArray, color: str) -> None:
-    """Writes frequencies beside a locus in the plot, and an arrow along it."""
+    """Writes frequencies in rad/s beside a locus, and draws an arrow along it."""
     points = np.column_stack([locus.real, locus.imag])
     is_seen = (np.abs(points) < _NYQUIST_RANGE - 0.3).all(axis=1)
     marked: dict[str, int] = {}
@@ -207,13 +208,13 @@ def PlotStableDelays(
     """Plots the stable intervals of round-trip delay as bars, one per operating point.
 
     Raises:
-        ValueError: If there is none.
+        ValueError: If there is no operating point with a loop.
     """
     if isinstance(analyses, StabilityAnalysis):
         analyses = [analyses]
     rows = []
     for analysis in analyses:
-        # The kind of the controller is told where there are several.
+        # Several analyses are told apart by their controllers.
         kind = analysis.scenario.controller.kind.replace("_", " ")
         prefix = f"{kind}, " if len(analyses) > 1 else ""
         rows += [(prefix + point.label, point) for point in analysis.Loops()]
@@ -239,7 +240,7 @@ def _DrawDelays(
     max_delay: float,
     stable: Iterable[Interval],
 ) -> None:
-    """Draws a bar with the stable delays in colour, by Axes.bar or Axes.barh."""
+    """Draws a bar by Axes.bar or Axes.barh, with the stable delays in colour."""
     draw(place, max_delay, width, color=_UNSTABLE, zorder=1)
     for begin, end in stable:
         draw(place, end - begin, width, begin, color=_STABLE, zorder=2)
@@ -248,11 +249,11 @@ def _DrawDelays(
 def PlotStabilityChart(chart: StabilityChart) -> Figure:
     """Maps stable round-trip delays over the values of a key of the scenario.
 
-    A panel for each loop; for POSITION one panel with those in which the operator
-    commands a velocity. The line is the scenario's delay.
+    Each loop has a panel. If the key is POSITION, one panel shows the loops in which
+    the operator commands a velocity. The line is the scenario's delay.
 
     Raises:
-        ValueError: If it has fewer.
+        ValueError: If the chart has fewer than two values.
     """
     if len(chart.values) < 2:
         Refuse(chart.key, chart.values, "a list of two values or more")
@@ -288,7 +289,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
 
 
 def _ExplainLlewellyn(ax: Axes, w: Array, parameter: Array) -> None:
-    """Marks where Llewellyn's parameter is below 1, and from which frequency on."""
+    """Marks where Llewellyn's parameter is below 1, and the first such frequency."""
     low, high = _LLEWELLYN_RANGE
     ax.set_ylim(low, high)
     ax.axhspan(low, 1.0, color=_ACTIVE, linewidth=0, zorder=-1)
@@ -300,7 +301,7 @@ def _ExplainLlewellyn(ax: Axes, w: Array, parameter: Array) -> None:
     if below[0] > w[0]:
         text = f"below 1 from {below[0]:.2g} rad/s"
         ax.axvline(below[0], linestyle=":", **_GUIDE)
-    # Re p11 or Re p22 is negative there: the parameter is minus infinity.
+    # Where Re p11 or Re p22 is negative, the parameter is minus infinity.
     active = w[np.isneginf(parameter)]
     if active.size:
         text += f"\ngives out energy at {active[0]:.2g} rad/s"
@@ -309,15 +310,16 @@ def _ExplainLlewellyn(ax: Axes, w: Array, parameter: Array) -> None:
 
 
 def PlotTransparency(points: Sequence[Transparency]) -> Figure:
-    """Plots what the operator feels and the environment, and Llewellyn's parameter.
+    """Plots the transmitted impedance, and Llewellyn's parameter, of operating points.
 
-    A column for each operating point. Above, the magnitude of Z_to of each axis with
-    the scenario's delays (thick) and without delay (thin), and that of Z_e along x
-    (dotted). Below, Llewellyn's parameter: the teleoperator is stable with every
-    passive operator and environment if it is 1 or more at all frequencies.
+    Each operating point has a column. The upper panel shows the magnitude of the
+    impedance Z_to felt along each axis, with the scenario's delays (thick) and without
+    delay (thin), and that of the environment's Z_e along x (dotted). The lower panel
+    shows Llewellyn's parameter: the teleoperator is stable with every passive operator
+    and environment if it is 1 or more at all frequencies.
 
     Raises:
-        ValueError: If there is none.
+        ValueError: If there is no operating point.
     """
     if not points:
         Refuse("points", [], "one or more")
@@ -360,15 +362,15 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
 
     It is FeltStiffness() at the last operating point, in N/m along x. The dashed line
     is the stiffness of the environment there. The dotted line marks 1 rad/s, the
-    frequency of FeltStiffnessLoss(). The range shown holds the environment's stiffness
-    and what is felt up to that frequency.
+    frequency of FeltStiffnessLoss(). The range of the panels suits the environment's
+    stiffness and the felt one up to that frequency.
 
     Args:
-        panels: By the title of a panel, its scenarios by their labels. One label has
-            one colour and line style in all panels.
+        panels: The scenarios of each panel by their labels, keyed by the panel's title.
+            A label has the same colour and line style in all panels.
 
     Raises:
-        ValueError: If there is none, or as FeltStiffness.
+        ValueError: If there is no panel, or FeltStiffness() raises it.
     """
     if not panels:
         Refuse("panels", {}, "one or more")
@@ -401,7 +403,7 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
 def _LoopPanels(
     analysis: StabilityAnalysis, x_label: str, *y_labels: str
 ) -> tuple[list[PointStability], Figure, Panels]:
-    """Returns the operating points with a loop, and a column of panels for each."""
+    """Returns the operating points with a loop, and a figure with a column for each."""
     points = [point for point in analysis.Loops() if len(point.loop.D)]
     if not points:
         Refuse("analysis", "without a loop", "of a master that hears the slave")
@@ -413,13 +415,13 @@ def _LoopPanels(
 
 
 def _LocusHandles(points: Sequence[PointStability]) -> list[Line2D]:
-    """Returns what tells the eigenloci apart, where there are several."""
+    """Returns the legend entries of the eigenloci if there are several."""
     count = max(len(point.loop.D) for point in points)
     return RunKeys(f"locus {i}" for i in range(1, count + 1)) if count > 1 else []
 
 
 def _BodeFrequencies(point: PointStability, count: int = 1500) -> Array:
-    """Returns frequencies around the crossovers, close together at resonances."""
+    """Returns frequencies in rad/s about the crossovers, densely at resonances."""
     sweep = sweep_frequencies(point.loop)
     crossovers = [x.frequency for x in point.crossings if x.frequency > 0]
     if not crossovers:
@@ -432,7 +434,7 @@ def _BodeFrequencies(point: PointStability, count: int = 1500) -> Array:
 
 
 def _TrackedLoci(point: PointStability, w: Array) -> ComplexArray:
-    """Returns the eigenloci (K, m), each one continuous."""
+    """Returns the eigenloci (K, m) in an order that makes each column continuous."""
     loci = eigenloci(point.loop, w)
     for before, now in itertools.pairwise(loci):
         _, order = linear_sum_assignment(np.abs(before[:, np.newaxis] - now))
@@ -443,7 +445,8 @@ def _TrackedLoci(point: PointStability, w: Array) -> ComplexArray:
 def _Unwrap(phase: Array) -> Array:
     """Returns a phase in degrees without its jumps by 360.
 
-    Half a turn at a resonance without damping is one down: what any damping makes it.
+    A jump by 180 at an undamped resonance is taken as downward, which is its direction
+    with any damping.
     """
     steps = (np.diff(phase) + 210) % 360 - 210
     return np.cumsum(np.append(phase[0], steps))
