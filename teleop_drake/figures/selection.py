@@ -77,16 +77,18 @@ def _RowsOf(signal: str, recordings: Sequence[Recording]) -> list[SignalRow]:
     parts = recordings[0].Components(signal, size)
     axes = AxesOf(size) if unit is not None else tuple(map(str, range(1, size + 1)))
     if isinstance(parts[0], str):  # A packet.
-        labels = [f"{part}\n{signal.rpartition('_')[2]}" for part in parts]
-        units = [PartUnit(part) for part in parts]
+        end = signal.rpartition("_")[2]
+        shown = [(f"{part}\n{end}", PartUnit(part)) for part in parts]
     elif size > _MAX_ROWS:
         Refuse("signals", signal, f"of {_MAX_ROWS} components at most to compare runs")
     else:
-        labels = [f"{name} ${axis}$" if size > 1 else name for axis in axes]
-        units = [AxisUnit(unit or "", axis) for axis in axes]
+        shown = [
+            (f"{name} ${axis}$" if size > 1 else name, AxisUnit(unit or "", axis))
+            for axis in axes
+        ]
     return [
         SignalRow(label=label, unit=own_unit, signal=signal, components=[k])
-        for k, (label, own_unit) in enumerate(zip(labels, units, strict=True))
+        for k, (label, own_unit) in enumerate(shown)
     ]
 
 

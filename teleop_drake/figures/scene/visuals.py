@@ -90,9 +90,7 @@ class RobotVisuals:
         self._plant.SetPositions(self._context, q)
         names = dict.fromkeys(part.body for part in self.parts)
         return {
-            name: self._plant.EvalBodyPoseInWorld(
-                self._context, self._plant.GetBodyByName(name)
-            )
+            name: self._plant.GetBodyByName(name).EvalPoseInWorld(self._context)
             for name in names
             if name != self._plant.world_body().name()
         }
