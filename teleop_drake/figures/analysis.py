@@ -88,7 +88,7 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
         ValueError: If no operating point has a loop.
     """
     points, figure, axes = _LoopPanels(
-        analysis, "frequency [rad/s]", "|eigenlocus of L|", "phase [°]"
+        analysis, "frequency [rad/s]", ["|eigenlocus of L|", "phase [°]"]
     )
     limits = [-200.0, 0.0]  # Shown even if every locus is zero.
     for (top, bottom), point in zip(axes.T, points, strict=True):
@@ -152,7 +152,7 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
     Raises:
         ValueError: If no operating point has a loop.
     """
-    points, figure, axes = _LoopPanels(analysis, "real part", "imaginary part")
+    points, figure, axes = _LoopPanels(analysis, "real part", ["imaginary part"])
     figure.set_figheight(figure.get_figwidth() / max(len(points), 2) + 0.6)
     for ax, point in zip(axes[0], points, strict=True):
         w = _BodeFrequencies(point, _NUM_NYQUIST_POINTS)
@@ -221,7 +221,7 @@ def PlotStableDelays(
     if not rows:
         Refuse("operating points", [], "one or more")
     height = 0.95 + 0.26 * len(rows)
-    figure, [[ax]] = MakeMultiples([""], "round-trip delay [s]", "", height=height)
+    figure, [[ax]] = MakeMultiples([""], "round-trip delay [s]", [""], height=height)
     for i, (_, point) in enumerate(rows):
         _DrawDelays(ax.barh, i, 0.7, point.max_delay, point.stable_delays)
     for delay in {point.delay for _, point in rows}:
@@ -269,7 +269,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         direction = "x" if is_x else "along the surface's normal"
         label = f"tool position {direction} [m]"
     figure, axes = MakeMultiples(
-        list(panels), label, "round-trip delay [s]", height=1.4 * _ROW_HEIGHT + 0.4
+        list(panels), label, ["round-trip delay [s]"], height=1.4 * _ROW_HEIGHT + 0.4
     )
     # A column of bars for each value.
     edges = style.CellEdges(chart.values)
@@ -326,7 +326,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
     figure, axes = MakeMultiples(
         [point.point.name for point in points],
         "frequency [rad/s]",
-        *("|impedance| [N s/m]", "Llewellyn's parameter"),
+        ["|impedance| [N s/m]", "Llewellyn's parameter"],
         height=2 * _ROW_HEIGHT,
     )
     num_axes = points[0].llewellyn.shape[1]
@@ -377,7 +377,8 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
     w = _HAND_FREQUENCIES
     figure, axes = MakeMultiples(
         list(panels),
-        *("frequency of the hand [rad/s]", "felt stiffness [N/m]"),
+        "frequency of the hand [rad/s]",
+        ["felt stiffness [N/m]"],
         height=1.5 * _ROW_HEIGHT,
     )
     labels = dict.fromkeys(label for row in panels.values() for label in row)
@@ -401,7 +402,7 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
 
 
 def _LoopPanels(
-    analysis: StabilityAnalysis, x_label: str, *y_labels: str
+    analysis: StabilityAnalysis, x_label: str, y_labels: Sequence[str]
 ) -> tuple[list[PointStability], Figure, Panels]:
     """Returns the operating points with a loop, and a figure with a column for each."""
     points = [point for point in analysis.Loops() if len(point.loop.D)]
@@ -411,7 +412,7 @@ def _LoopPanels(
         point.label + " (weights frozen)" * point.model.frozen_weights
         for point in points
     ]
-    return points, *MakeMultiples(titles, x_label, *y_labels, height=2 * _ROW_HEIGHT)
+    return points, *MakeMultiples(titles, x_label, y_labels, height=2 * _ROW_HEIGHT)
 
 
 def _LocusHandles(points: Sequence[PointStability]) -> list[Line2D]:

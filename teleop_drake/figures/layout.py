@@ -48,7 +48,8 @@ def MakePanels(
 def MakeMultiples(
     titles: Sequence[str],
     x_label: str,
-    *y_labels: str,
+    y_labels: Sequence[str],
+    *,
     height: float,
     width: float = WIDTH,
     padding: float | None = None,

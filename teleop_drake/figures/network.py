@@ -53,7 +53,7 @@ def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
     figure, axes = MakeMultiples(
         [name.replace("_", " ") for name in networks],
         "time [s]",
-        *("delay of packets [ms]", "age of information [ms]", "packets lost [%]"),
+        ["delay of packets [ms]", "age of information [ms]", "packets lost [%]"],
         height=_HEIGHT,
         width=style.WidthOf(columns),
         padding=0.1,

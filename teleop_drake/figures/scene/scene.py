@@ -240,7 +240,7 @@ def _Facing(x_W: Array) -> RotationMatrix:
 def _Ahead(surface: Surface, p_W: Array) -> float:
     """Returns how far a surface is ahead of a point (3) along its normal, m."""
     normal_W = InSpace(surface.normal_W)
-    return float(normal_W @ InSpace(surface.point_W) - normal_W @ p_W)
+    return float(normal_W @ (InSpace(surface.point_W) - p_W))
 
 
 def _AllAhead(surfaces: Sequence[Surface], normal_W: Array, p_W: Array) -> list[float]:
