@@ -171,8 +171,10 @@ def PlotRows(
         _TitleMultiples(axes[0], recordings)
     figure.align_ylabels()
     if any(len(row.components) == 1 for row in rows):
-        names_runs = len(places) <= 2 and "" not in recordings
-        _AddLegend(figure, recordings, rows, names_runs=names_runs)
+        keys = _MarkKeys(recordings, rows)
+        if len(places) <= 2 and "" not in recordings:
+            keys = _RunKeys(recordings) + keys
+        style.AddLegend(figure, keys)
     return figure
 
 
@@ -403,25 +405,17 @@ def _RunKeys(recordings: Mapping[str, Recording]) -> list[Line2D]:
     return keys
 
 
-def _AddLegend(
-    figure: Figure,
-    recordings: Mapping[str, Recording],
-    rows: Sequence[SignalRow],
-    *,
-    names_runs: bool,
-) -> None:
-    """Adds the legend of runs, of commands and of marked events.
-
-    Args:
-        names_runs: Whether the runs are listed.
-    """
-    handles = _RunKeys(recordings) if names_runs else []
+def _MarkKeys(
+    recordings: Mapping[str, Recording], rows: Sequence[SignalRow]
+) -> list[Line2D]:
+    """Returns the legend entries of commands and of marked events."""
+    keys = []
     if any(row.command is not None for row in rows):
-        handles.append(Key("commanded velocity", **_COMMAND_STYLE))
+        keys.append(Key("commanded velocity", **_COMMAND_STYLE))
     beside = dict.fromkeys(row.beside.replace("_", " ") for row in rows if row.beside)
     if beside:
-        handles.append(Key(", ".join(beside), **_COMMAND_STYLE))
+        keys.append(Key(", ".join(beside), **_COMMAND_STYLE))
     for event, (marker, label) in _EVENTS.items():
         if any(run.EventTimes(event) for run in recordings.values()):
-            handles.append(Key(label, **style.EventStyle(marker, GREY)))
-    style.AddLegend(figure, handles)
+            keys.append(Key(label, **style.EventStyle(marker, GREY)))
+    return keys

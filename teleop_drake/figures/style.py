@@ -199,10 +199,7 @@ def RunKeys(labels: Iterable[str]) -> list[Line2D]:
 
 
 def AddLegend(
-    figure: matplotlib.figure.Figure,
-    handles: Sequence[Artist],
-    *,
-    fontsize: float = FONT_SIZE,
+    figure: Figure, handles: Sequence[Artist], *, fontsize: float = FONT_SIZE
 ) -> None:
     """Adds a legend above all panels, unless it would have no entry.
 
