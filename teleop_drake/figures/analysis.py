@@ -290,9 +290,8 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
 
 def _ExplainLlewellyn(ax: Axes, w: Array, parameter: Array) -> None:
     """Marks where Llewellyn's parameter is below 1, and the first such frequency."""
-    low, high = _LLEWELLYN_RANGE
-    ax.set_ylim(low, high)
-    ax.axhspan(low, 1.0, color=_ACTIVE, linewidth=0, zorder=-1)
+    ax.set_ylim(_LLEWELLYN_RANGE)
+    ax.axhspan(_LLEWELLYN_RANGE[0], 1.0, color=_ACTIVE, linewidth=0, zorder=-1)
     ax.axhline(1, **_GUIDE)
     below = w[parameter < 1 - _LLEWELLYN_MARGIN]
     if not below.size:

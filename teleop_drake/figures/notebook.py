@@ -52,8 +52,8 @@ def RecordingHtml(recording: Recording) -> str:
     except ValueError:
         return title
     buffer = io.BytesIO()
-    is_compared = bool(TaskOf(recording.scenario).controllers)
-    figure = PlotRun(recording, signals=_SIGNALS if is_compared else None, columns=1)
+    signals = _SIGNALS if TaskOf(recording.scenario).controllers else None
+    figure = PlotRun(recording, signals=signals, columns=1)
     figure.savefig(buffer, format="png", dpi=_DPI)
     image = base64.b64encode(buffer.getvalue()).decode()
     alternative = html.escape(DescribeFigure(figure), quote=True)

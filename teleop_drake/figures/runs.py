@@ -112,9 +112,10 @@ def PlotRun(
     rows = task.Panels([recording])
     if task.is_compared:
         rows = [*rows, *_TelemetryRows(recording)]
+    else:
+        columns = 1
     rows = SelectRows(rows, [recording], signals)
     name = recording.scenario.controller.kind.replace("_", " ")
-    columns = columns if task.is_compared else 1
     return PlotRows({name: recording}, rows, columns=columns, width=width)
 
 
@@ -377,8 +378,9 @@ def _DrawGroups(ax: Axes, x: Array, y: Array, groups: Sequence[str]) -> None:
 
 def _Divergence(run: Recording) -> str:
     """Returns the time at which a run diverges, in words; "" if it does not."""
-    is_diverged = run.termination == "diverged"
-    return f"diverges at {run.time[-1]:.3g} s" if is_diverged else ""
+    if run.termination != "diverged":
+        return ""
+    return f"diverges at {run.time[-1]:.3g} s"
 
 
 def _TitleMultiples(

@@ -57,13 +57,13 @@ def SelectRows(
 
 def _RowsOf(signal: str, recordings: Sequence[Recording]) -> list[SignalRow]:
     """Returns rows for a signal that the task does not show."""
-    sizes = [recording[signal].shape[1] for recording in recordings]
-    if len(set(sizes)) > 1:
+    sizes = {recording[signal].shape[1] for recording in recordings}
+    if len(sizes) > 1:
         Refuse("signals", signal, f"of one size in all runs, not of {sorted(sizes)}")
-    size = sizes[0]
+    (size,) = sizes
     unit = UnitOf(signal)
     name = signal.replace("_", " ")
-    if len(sizes) == 1 and size > 1 and unit is None:
+    if len(recordings) == 1 and size > 1 and unit is None:
         named = [f"$c_{{{k + 1}}}$" for k in range(size)]
         return [
             SignalRow(

@@ -69,7 +69,7 @@ def PlotStability(result: SweepResult, boundaries: Boundaries = ()) -> Figure:
     handles = [
         Patch(color=color, label=label)
         for i, (label, color) in enumerate(_OUTCOMES.items())
-        if (worst == i).any()
+        if i in worst
     ]
     _Finish(figure, panels, grid, handles, boundaries)
     return figure

@@ -276,7 +276,7 @@ def _MakeStage(runs: Sequence[Recording], visuals: RobotVisuals) -> Stage:
     # A least extent keeps the motion of a large robot recognisable.
     share = _LEAST_SHARE_IN_SPACE if n > 2 else _LEAST_SHARE
     extent = np.ptp(shown, axis=0)
-    reach = float(max(extent.max(), share * np.linalg.norm(start))) or 1.0
+    reach = max(extent.max(), share * np.linalg.norm(start)) or 1.0
     middle = shown.min(axis=0) + extent / 2
     centre = middle + x_S * (reach * (_BEHIND - _BEFORE) / 2)
     return Stage(
