@@ -261,6 +261,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
     panels = {name: [name] for name in names}
     label = style.AxisLabel(chart.key)
     if chart.key == POSITION:
+        # The operating points lie along one path, which has one panel.
         commanding = chart.PointNames(with_force_mode=False)
         along = "along the path" + ", velocity commanded" * (names != commanding)
         panels = {along: commanding}
@@ -333,6 +334,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
         w = point.frequencies
         shown = np.clip(point.llewellyn, *_LLEWELLYN_RANGE)
         load = np.abs(point.environment[:, 0, 0])
+        # Without an environment, its impedance is zero.
         if load.any():
             top.loglog(w, load, ":", color=GREY, linewidth=1.5)
         for i in range(num_axes):
@@ -344,6 +346,7 @@ def PlotTransparency(points: Sequence[Transparency]) -> Figure:
         _ExplainLlewellyn(bottom, w, point.llewellyn.min(axis=1))
         top.set(xlim=(w[0], w[-1]), ylim=(1e-2, 1e3))
     below = "below 1: unstable with some passive operator and environment"
+    # A single axis needs no name.
     names = [f"axis {x}" for x in AxesOf(num_axes)] if num_axes > 1 else []
     handles = [
         _THICK("felt with the delay"),
@@ -380,6 +383,7 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
         ["felt stiffness [N/m]"],
         height=1.5 * _ROW_HEIGHT,
     )
+    # The labels of all panels, each once and in order.
     labels = dict.fromkeys(label for row in panels.values() for label in row)
     looks = {label: RunStyle(i) for i, label in enumerate(labels)}
     limit = 0.0

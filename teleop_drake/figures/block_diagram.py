@@ -98,7 +98,7 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
     Raises:
         ValueError: If max_depth is negative.
     """
-    # Drake ends the process on a negative depth.
+    # Drake terminates the process if the depth is negative.
     if max_depth is not None and max_depth < 0:
         Refuse("max_depth", max_depth, "null, 0 or positive")
     levels = [
@@ -107,6 +107,7 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
         if isinstance(level, Diagram)
     ]
     levels.sort(key=itemgetter(0))
+    # The diagrams to open, the outermost first.
     shown = [level for k, level in levels if max_depth is None or k < max_depth]
     numbers: dict[str, int] = {}
     if not shown:
@@ -173,6 +174,7 @@ def _Draw(system: System, numbers: dict[str, int], *, is_open: bool) -> _Drawn:
 
     Numbered = partial(_NUMBERED.sub, Number)
     drake = system.GetGraphvizFragment(max_depth=int(is_open))
+    # Drake's text up to its parts, with reproducible numbers.
     head, parts, _ = "".join(drake.fragments).partition(_PARTS)
     text = _PYTHON_CLASS.sub(r"<B>\1</B>", Numbered(head + parts)).rstrip()
     (number,) = re.findall(r"\d+", text)[:1]
@@ -185,6 +187,7 @@ def _Draw(system: System, numbers: dict[str, int], *, is_open: bool) -> _Drawn:
     outputs = Ports(drake.output_ports, system.get_output_port)
     drawn = _Drawn(text, inputs, outputs)
     if isinstance(system, Diagram) and is_open:
+        # The parts as closed boxes, and their connections.
         parts = system.GetSystems()
         boxes = {x.get_name(): _Draw(x, numbers, is_open=False) for x in parts}
         edges = _Edges(system, drawn, boxes)

@@ -162,6 +162,7 @@ def PlotRows(
             label = label.replace("\n", " ").replace(" $", "\n$")
         for ax in row_axes[::num_columns]:
             ax.set_ylabel(label)
+    # The lowest visible panel of a column names the horizontal axis.
     for place, column in zip(places, axes.T, strict=True):
         for ax in [ax for ax in column if ax.get_visible()][-1:]:
             ax.tick_params(labelbottom=True)
@@ -268,7 +269,7 @@ class _Runs:
         commands = self._Commands(row)
         y_range = RangeOf(curves, commands)
         scale, unit = style.ScaleAndUnit(y_range, row.unit)
-        # The position is not drawn against itself.
+        # The position along the normal is not drawn against itself.
         normal = self._normal_W
         is_x = row.signal == "tool_position" and list(normal[row.components]) == [1]
         for place, ax in zip(places, row_axes, strict=True):

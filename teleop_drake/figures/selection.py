@@ -64,6 +64,7 @@ def _RowsOf(signal: str, recordings: Sequence[Recording]) -> list[SignalRow]:
     unit = UnitOf(signal)
     name = signal.replace("_", " ")
     if len(recordings) == 1 and size > 1 and unit is None:
+        # Components without axes share a row.
         named = [f"$c_{{{k + 1}}}$" for k in range(size)]
         return [
             SignalRow(

@@ -61,6 +61,7 @@ class SweepGrid:
             for key in (*style.DELAYS, *axes)
             if key in axes and key != SEED and all(map(style.IsNumber, axes[key]))
         ]
+        # The horizontal axis: controllers, or the first varied key with numbers.
         self.x_names: list[str] = []
         if VariesSeedsOnly(result):
             self.x_key = controller.pop() if controller else ""
@@ -72,6 +73,7 @@ class SweepGrid:
             x = np.array(axes[self.x_key], dtype=float)
         else:
             Refuse("result", "with no key with numbers", "of one such key or more")
+        # The last of the other keys has lines, the rest of them have rows of panels.
         others = [k for k in varied if k not in (self.x_key, *controller, SEED)]
         self.has_two_keys = bool(others)
         *row_keys, self.line_key = others or controller or [""]
@@ -86,6 +88,7 @@ class SweepGrid:
         if num_panels > MAX_PANELS:
             needs = f"needs {num_panels // len(columns)} x {len(columns)} panels"
             Refuse("result", needs, f"of {MAX_PANELS} panels at most")
+        # The order of the grid's axes in Arrange().
         keys = [*row_keys, *column_keys, self.line_key, self.x_key, SEED]
         names = list(axes)
         rest = [key for key in names if key not in keys]  # They have one value each.

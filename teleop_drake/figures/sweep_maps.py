@@ -57,6 +57,7 @@ def PlotStability(result: SweepResult, boundaries: Boundaries = ()) -> Figure:
         has_contact = np.isfinite(grid.Arrange(result.Values("collision.time")))
         settles = np.isfinite(grid.Arrange(result.Values("collision.settling_time")))
         completed = np.select([has_contact & settles, has_contact], [1, 2])
+    # The rank of an outcome is its index in _OUTCOMES.
     rank = np.select([status == "failed", status == "diverged"], [4, 3], completed)
     worst = rank.max(axis=-1)
     figure, panels = grid.MakePanels()
@@ -93,6 +94,7 @@ def PlotMap(result: SweepResult, *metrics: str, boundaries: Boundaries = ()) -> 
     grid = _TwoKeys(result)
     is_completed = grid.Arrange(result.Status()) == "completed"
     is_ended = ~is_completed.all(axis=-1)
+    # Grey cells are drawn over those that have a colour.
     ended = np.where(is_ended, 1.0, np.nan)
     lacks_number = False
     figure, panels = grid.MakePanels(len(metrics))
@@ -157,6 +159,7 @@ def _Finish(
             ax.set_xticks(grid.x)
         if y_labels is not None or len(y) <= _MOST_TICKS:
             ax.set_yticks(y, y_labels)
+    # Titles and labels, a note below the map on boundaries outside of it, the legend.
     grid.AddTitles(panels)
     for ax in panels[:, :: grid.num_columns].flat:
         ax.set_ylabel(style.AxisLabel(grid.line_key))

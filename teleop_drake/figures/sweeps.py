@@ -49,6 +49,7 @@ def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
     for metric, axes in zip(metrics, panels, strict=True):
         marked |= _DrawMetric(grid, result, metric, axes)
     grid.AddTitles(panels, num_marks=grid.shape[1] if marked else 0)
+    # The legend: lines, marks in use, then how the seeds are shown.
     handles: list[Any] = [
         Key(name, marker=marker, color=GREY, **style.MARK_STYLE)
         for name, marker in _MARKS.items()

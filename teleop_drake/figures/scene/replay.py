@@ -100,6 +100,7 @@ def MakeReplay(
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
         logger.setLevel(level)
     AnimateRuns(recordings, meshcat)
+    # Meshcat's own page, with a panel and a player added.
     title = runs[0].scenario.name
     data = {"slow": [span for run in runs for span in _SlowSpans(run)]}
     player = (resources.files(__package__) / "player.html").read_text(encoding="utf-8")
