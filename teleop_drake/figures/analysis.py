@@ -1,7 +1,6 @@
 """Figures of the analysis: Bode and Nyquist plots, stability charts, transparency.
 
-As those of figures.runs, they belong to the caller, and runs.SaveFigure
-writes them.
+Like those of figures.runs, the figures belong to the caller; SaveFigure() writes them.
 """
 
 import itertools
@@ -11,10 +10,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Circle, Patch
 from matplotlib.ticker import MultipleLocator
 from scipy.optimize import linear_sum_assignment
 
@@ -26,8 +24,8 @@ from teleop_drake.analysis.transparency import FeltStiffness, Transparency
 from teleop_drake.arrays import Array, ComplexArray, Interval
 from teleop_drake.blocks.environments import ShownNormal
 from teleop_drake.figures import style
-from teleop_drake.figures.layout import MakePanels, NameAxes, NameColumns, Panels
-from teleop_drake.figures.style import GREY, WIDTH, AddLegend, Figure, Key
+from teleop_drake.figures.layout import MakeMultiples, Panels
+from teleop_drake.figures.style import GREY, AddLegend, Figure, Key, RunKeys, RunStyle
 from teleop_drake.numerics.crossings import eigenloci, sweep_frequencies
 from teleop_drake.scenario import Scenario
 from teleop_drake.signals import AxesOf
@@ -35,36 +33,37 @@ from teleop_drake.validation import Refuse
 
 _ROW_HEIGHT = 1.9  # inches
 
-# What a Bode plot shows beyond the slowest and the fastest crossover.
+# Decades that a Bode plot shows below the slowest crossover; above the fastest one it
+# shows half as many.
 _DECADES = 1.5
 
 _MAGNITUDES = (1e-3, 1e3)
 
-# A locus below this is zero, as behind a predictor with an exact model.
+# A locus below this is taken as zero, as with a predictor that has an exact model.
 _NOTHING = 1e-9
 
-# The Nyquist plot: its half width, and how many points its curves have.
+# Half the width of the Nyquist plot, and the number of points of its curves.
 _NYQUIST_RANGE = 2.5
 _NUM_NYQUIST_POINTS = 6000
 
-# Between two frequencies that are written beside a locus.
+# Least distance between two frequencies that are written beside a locus.
 _LABEL_DISTANCE = 0.6
 
-# What is shown of Llewellyn's parameter; less is drawn at the lower edge.
+# The range shown of Llewellyn's parameter; lower values are drawn at its lower edge.
 _LLEWELLYN_RANGE = (-1.5, 3.0)
-# Less than this below 1 is rounding.
+# Values less than this below 1 are rounding errors.
 _LLEWELLYN_MARGIN = 1e-6
 
-# Where a hand moves: rad/s at which the stiffness that it feels is shown.
+# Frequencies in rad/s of a hand, at which the felt stiffness is shown.
 _HAND_FREQUENCIES = np.geomspace(0.1, 30.0, 300)
 
 _STABLE = "#56B4E9"
-# Where Llewellyn's parameter promises nothing.
+# Below 1, Llewellyn's parameter does not guarantee stability.
 _ACTIVE = "#F7DFCF"
 _UNSTABLE = "#F0F0F0"
 _UNRESOLVED = "#DCDCDC"
 
-# Lines beside which curves are read.
+# Reference lines.
 _GUIDE: style.Look = {"color": GREY, "linewidth": 0.6, "zorder": 0}
 
 _THIN = partial(Key, color="black", linewidth=0.6)
@@ -79,16 +78,19 @@ _STABILITY_KEYS = (
 def PlotBode(analysis: StabilityAnalysis) -> Figure:
     """Plots magnitude and phase of L(j w) at each operating point.
 
-    A line for each eigenlocus. The phase is that of L alone (thin) and with the
-    scenario's delay (thick), -w T more. Dots mark the gain crossovers: in the thick
-    phase, a dot of a crossover with falling magnitude has to lie above -180 degrees.
-    Where the model cannot tell a motion from a neutral one, the ground is grey.
+    Each eigenlocus has a line. The phase is drawn without delay (thin) and with the
+    scenario's delay (thick), which adds -w T. Dots mark the gain crossovers: on the
+    thick line, the dot of a crossover with falling magnitude has to lie above -180
+    degrees. The background is grey at frequencies at which the model does not resolve
+    whether a motion is neutral.
 
     Raises:
         ValueError: If no operating point has a loop.
     """
-    points, figure, axes = _LoopPanels(analysis, 2)
-    limits = [-200.0, 0.0]  # Also where every locus is nothing.
+    points, figure, axes = _LoopPanels(
+        analysis, "frequency [rad/s]", ["|eigenlocus of L|", "phase [°]"]
+    )
+    limits = [-200.0, 0.0]  # Shown even if every locus is zero.
     for (top, bottom), point in zip(axes.T, points, strict=True):
         w = _BodeFrequencies(point)
         limits += _DrawLoci(top, bottom, point, w)
@@ -101,31 +103,33 @@ def PlotBode(analysis: StabilityAnalysis) -> Figure:
         math.floor(min(limits) / 90) * 90, math.ceil(max(limits) / 90 + 0.5) * 90
     )
     bottom.yaxis.set_major_locator(MultipleLocator(90))
-    NameAxes(axes, "frequency [rad/s]", "|eigenlocus of L|", "phase [°]")
-    handles: list[Artist] = [
+    grounds = []
+    if any(ax.patches for ax in axes.flat):
+        grounds = [Patch(color=_UNRESOLVED, label="not told from neutral")]
+    handles = [
         _THIN("L without delay"),
         _THICK(f"with {points[0].delay:.4g} s round trip"),
         Key("gain crossover", color="black", marker="o", ms=3, ls=""),
+        *grounds,
+        *_LocusHandles(points),
     ]
-    if any(ax.patches for ax in axes.flat):
-        handles.append(Patch(color=_UNRESOLVED, label="not told from neutral"))
-    AddLegend(figure, [*handles, *_LocusHandles(points)])
+    AddLegend(figure, handles)
     return figure
 
 
 def _DrawLoci(top: Axes, bottom: Axes, point: PointStability, w: Array) -> list[float]:
-    """Draws the eigenloci of a point; returns phases in degrees that are to be seen."""
-    loci = _TrackedLoci(point, w)
+    """Draws the eigenloci of a point; returns phases in degrees to be shown."""
     shown: list[float] = []
-    for i in range(loci.shape[1]):
-        look = style.RunStyle(i)
-        if np.abs(loci[:, i]).max() < _NOTHING:
+    for i, locus in enumerate(_TrackedLoci(point, w).T):
+        look = RunStyle(i)
+        magnitude = np.abs(locus)
+        if magnitude.max() < _NOTHING:
             continue
-        top.loglog(w, np.abs(loci[:, i]), **look)
-        phase = _Unwrap(np.degrees(np.angle(loci[:, i])))
-        k = np.flatnonzero((np.abs(loci[:-1, i]) > 1) != (np.abs(loci[1:, i]) > 1))
-        # The branch on which the last crossover has -180 to 180 degrees: the way
-        # from there down to -180 is its phase margin.
+        top.loglog(w, magnitude, **look)
+        phase = _Unwrap(np.degrees(np.angle(locus)))
+        k = np.flatnonzero(np.diff(magnitude > 1))
+        # On this branch the last crossover is between -180 and 180 degrees, and its
+        # distance from -180 degrees is the phase margin.
         phase -= 360 * np.round(phase[k[-1] if len(k) else 0] / 360)
         bottom.semilogx(w, phase, **look | {"linewidth": 0.6})
         delayed = phase - np.degrees(w * point.delay)
@@ -140,34 +144,31 @@ def _DrawLoci(top: Axes, bottom: Axes, point: PointStability, w: Array) -> list[
 def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
     """Plots the eigenloci of L(j w) e^(-j w T) near the critical point -1, w > 0.
 
-    Without delay (thin), and with the scenario's (thick), which has frequencies in
-    rad/s beside it and an arrow towards higher ones. The delay turns each point
-    about the origin by -w T and leaves its distance alone, so it is the part outside of
-    the unit circle that can be turned about -1.
+    The loci are drawn without delay (thin) and with the scenario's delay (thick). The
+    latter have frequencies in rad/s beside them and an arrow towards higher ones. The
+    delay turns each point about the origin by -w T and does not change its distance, so
+    that only the part outside of the unit circle can be turned about -1.
 
     Raises:
         ValueError: If no operating point has a loop.
     """
-    points, figure, axes = _LoopPanels(analysis, 1)
-    figure.set_size_inches(WIDTH, WIDTH / max(len(points), 2) + 0.6)
+    points, figure, axes = _LoopPanels(analysis, "real part", ["imaginary part"])
+    figure.set_figheight(figure.get_figwidth() / max(len(points), 2) + 0.6)
     for ax, point in zip(axes[0], points, strict=True):
         w = _BodeFrequencies(point, _NUM_NYQUIST_POINTS)
-        loci = _TrackedLoci(point, w)
-        for i in range(loci.shape[1]):
-            look = style.RunStyle(i)
-            delayed = loci[:, i] * np.exp(-1j * w * point.delay)
-            ax.plot(loci[:, i].real, loci[:, i].imag, **look | {"linewidth": 0.6})
+        for i, locus in enumerate(_TrackedLoci(point, w).T):
+            look = RunStyle(i)
+            delayed = locus * np.exp(-1j * w * point.delay)
+            ax.plot(locus.real, locus.imag, **look | {"linewidth": 0.6})
             ax.plot(delayed.real, delayed.imag, **look)
             _MarkFrequencies(ax, w, delayed, look["color"])
         # The unit circle, the axes and the critical point.
-        angle = np.linspace(0, 2 * np.pi, 200)
-        ax.plot(np.cos(angle), np.sin(angle), **_GUIDE)
+        ax.add_patch(Circle((0, 0), 1, fill=False, **_GUIDE))
         ax.axhline(0, **_GUIDE)
         ax.axvline(0, **_GUIDE)
         ax.plot([-1], [0], "+", color="black", ms=7, zorder=5)
         limits = (-_NYQUIST_RANGE, _NYQUIST_RANGE)
         ax.set(xlim=limits, ylim=limits, aspect="equal")
-    NameAxes(axes, "real part", "imaginary part")
     handles = [
         _THIN("without delay"),
         _THICK(f"with {points[0].delay:.4g} s round trip"),
@@ -181,7 +182,7 @@ def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
 
 
 def _MarkFrequencies(ax: Axes, w: Array, locus: ComplexArray, color: str) -> None:
-    """Writes frequencies beside a locus in the plot, and an arrow along it."""
+    """Writes frequencies in rad/s beside a locus, and draws an arrow along it."""
     points = np.column_stack([locus.real, locus.imag])
     is_seen = (np.abs(points) < _NYQUIST_RANGE - 0.3).all(axis=1)
     marked: dict[str, int] = {}
@@ -207,34 +208,27 @@ def PlotStableDelays(
     """Plots the stable intervals of round-trip delay as bars, one per operating point.
 
     Raises:
-        ValueError: If there is none.
+        ValueError: If there is no operating point with a loop.
     """
     if isinstance(analyses, StabilityAnalysis):
         analyses = [analyses]
-    rows = [
-        (analysis.scenario.controller.kind.replace("_", " "), point)
-        for analysis in analyses
-        for point in analysis.Loops()
-    ]
+    rows = []
+    for analysis in analyses:
+        # Several analyses are told apart by their controllers.
+        kind = analysis.scenario.controller.kind.replace("_", " ")
+        prefix = f"{kind}, " if len(analyses) > 1 else ""
+        rows += [(prefix + point.label, point) for point in analysis.Loops()]
     if not rows:
         Refuse("operating points", [], "one or more")
-    height = 0.6 + 0.26 * len(rows) + 0.35
-    figure, axes = MakePanels(1, 1, height=height)
-    ax = axes[0, 0]
+    height = 0.95 + 0.26 * len(rows)
+    figure, [[ax]] = MakeMultiples([""], "round-trip delay [s]", [""], height=height)
     for i, (_, point) in enumerate(rows):
         _DrawDelays(ax.barh, i, 0.7, point.max_delay, point.stable_delays)
-    for analysis in analyses:
-        for delay in {point.delay for point in analysis.points}:
-            ax.axvline(delay, color="black", linewidth=0.8, zorder=3)
+    for delay in {point.delay for _, point in rows}:
+        ax.axvline(delay, color="black", linewidth=0.8, zorder=3)
     ax.set_xlim(0, max(point.max_delay for _, point in rows))
     ax.set_ylim(len(rows) - 0.5, -0.5)
-    # The kind of the controller is told where there are several.
-    several = len({kind for kind, _ in rows}) > 1
-    ax.set_yticks(
-        range(len(rows)),
-        [f"{kind}, {point.label}" if several else point.label for kind, point in rows],
-    )
-    ax.set_xlabel("round-trip delay [s]")
+    ax.set_yticks(range(len(rows)), [label for label, _ in rows])
     AddLegend(figure, _STABILITY_KEYS)
     return figure
 
@@ -246,7 +240,7 @@ def _DrawDelays(
     max_delay: float,
     stable: Iterable[Interval],
 ) -> None:
-    """Draws a bar with the stable delays in colour, by Axes.bar or Axes.barh."""
+    """Draws a bar by Axes.bar or Axes.barh, with the stable delays in colour."""
     draw(place, max_delay, width, color=_UNSTABLE, zorder=1)
     for begin, end in stable:
         draw(place, end - begin, width, begin, color=_STABLE, zorder=2)
@@ -255,11 +249,11 @@ def _DrawDelays(
 def PlotStabilityChart(chart: StabilityChart) -> Figure:
     """Maps stable round-trip delays over the values of a key of the scenario.
 
-    A panel for each loop; for POSITION one panel with those in which the operator
-    commands a velocity. The line is the scenario's delay.
+    Each loop has a panel. If the key is POSITION, one panel shows the loops in which
+    the operator commands a velocity. The line is the scenario's delay.
 
     Raises:
-        ValueError: If it has fewer.
+        ValueError: If the chart has fewer than two values.
     """
     if len(chart.values) < 2:
         Refuse(chart.key, chart.values, "a list of two values or more")
@@ -267,6 +261,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
     panels = {name: [name] for name in names}
     label = style.AxisLabel(chart.key)
     if chart.key == POSITION:
+        # The operating points lie along one path, which has one panel.
         commanding = chart.PointNames(with_force_mode=False)
         along = "along the path" + ", velocity commanded" * (names != commanding)
         panels = {along: commanding}
@@ -274,31 +269,30 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         is_x = ShownNormal(scenario.Surfaces(), scenario.num_axes)[0] == 1
         direction = "x" if is_x else "along the surface's normal"
         label = f"tool position {direction} [m]"
-    figure, axes = _Panels(1, list(panels), 1.4 * _ROW_HEIGHT + 0.4)
+    figure, axes = MakeMultiples(
+        list(panels), label, ["round-trip delay [s]"], height=1.4 * _ROW_HEIGHT + 0.4
+    )
     # A column of bars for each value.
     edges = style.CellEdges(chart.values)
-    centres = (edges[1:] + edges[:-1]) / 2
+    widths = np.diff(edges)
     delays = [analysis.points[0].delay for analysis in chart.analyses]
     for ax, panel in zip(axes[0], panels.values(), strict=True):
+        draw = partial(ax.bar, align="edge")
         for name in panel:
-            intervals = chart.StableDelays(name)
-            columns = zip(centres, np.diff(edges), intervals, strict=True)
-            for centre, width, stable in columns:
+            for i, stable in enumerate(chart.StableDelays(name)):
                 if stable is not None:
-                    _DrawDelays(ax.bar, centre, width, chart.max_delay, stable)
+                    _DrawDelays(draw, edges[i], widths[i], chart.max_delay, stable)
         ax.stairs(delays, edges, baseline=None, color="black", lw=0.8, zorder=3)
         ax.set_xlim(style.MapLimits(chart.values))
         ax.set_ylim(0, chart.max_delay)
-    NameAxes(axes, label, "round-trip delay [s]")
     AddLegend(figure, _STABILITY_KEYS)
     return figure
 
 
 def _ExplainLlewellyn(ax: Axes, w: Array, parameter: Array) -> None:
-    """Marks where Llewellyn's parameter is below 1, and from which frequency on."""
-    low, high = _LLEWELLYN_RANGE
-    ax.set_ylim(low, high)
-    ax.axhspan(low, 1.0, color=_ACTIVE, linewidth=0, zorder=-1)
+    """Marks where Llewellyn's parameter is below 1, and the first such frequency."""
+    ax.set_ylim(_LLEWELLYN_RANGE)
+    ax.axhspan(_LLEWELLYN_RANGE[0], 1.0, color=_ACTIVE, linewidth=0, zorder=-1)
     ax.axhline(1, **_GUIDE)
     below = w[parameter < 1 - _LLEWELLYN_MARGIN]
     if not below.size:
@@ -307,7 +301,7 @@ def _ExplainLlewellyn(ax: Axes, w: Array, parameter: Array) -> None:
     if below[0] > w[0]:
         text = f"below 1 from {below[0]:.2g} rad/s"
         ax.axvline(below[0], linestyle=":", **_GUIDE)
-    # Re p11 or Re p22 is negative there: the parameter is minus infinity.
+    # Where Re p11 or Re p22 is negative, the parameter is minus infinity.
     active = w[np.isneginf(parameter)]
     if active.size:
         text += f"\ngives out energy at {active[0]:.2g} rad/s"
@@ -316,48 +310,51 @@ def _ExplainLlewellyn(ax: Axes, w: Array, parameter: Array) -> None:
 
 
 def PlotTransparency(points: Sequence[Transparency]) -> Figure:
-    """Plots what the operator feels and the environment, and Llewellyn's parameter.
+    """Plots the transmitted impedance, and Llewellyn's parameter, of operating points.
 
-    A column for each operating point. Above, the magnitude of Z_to of each axis with
-    the scenario's delays (thick) and without delay (thin), and that of Z_e along x
-    (dotted). Below, Llewellyn's parameter: the teleoperator is stable with every
-    passive operator and environment if it is 1 or more at all frequencies.
+    Each operating point has a column. The upper panel shows the magnitude of the
+    impedance Z_to felt along each axis, with the scenario's delays (thick) and without
+    delay (thin), and that of the environment's Z_e along x (dotted). The lower panel
+    shows Llewellyn's parameter: the teleoperator is stable with every passive operator
+    and environment if it is 1 or more at all frequencies.
 
     Raises:
-        ValueError: If there is none.
+        ValueError: If there is no operating point.
     """
     if not points:
         Refuse("points", [], "one or more")
-    # Above the impedances, below the parameter.
-    figure, axes = _Panels(2, [point.point.name for point in points])
+    figure, axes = MakeMultiples(
+        [point.point.name for point in points],
+        "frequency [rad/s]",
+        ["|impedance| [N s/m]", "Llewellyn's parameter"],
+        height=2 * _ROW_HEIGHT,
+    )
     num_axes = points[0].llewellyn.shape[1]
     for (top, bottom), point in zip(axes.T, points, strict=True):
         w = point.frequencies
+        shown = np.clip(point.llewellyn, *_LLEWELLYN_RANGE)
         load = np.abs(point.environment[:, 0, 0])
+        # Without an environment, its impedance is zero.
         if load.any():
             top.loglog(w, load, ":", color=GREY, linewidth=1.5)
         for i in range(num_axes):
-            look = style.RunStyle(i)
-            thin = look | {"linewidth": 0.6}
-            top.loglog(w, np.abs(point.undelayed[:, i, i]), **thin)
+            look = RunStyle(i)
+            undelayed = np.abs(point.undelayed[:, i, i])
+            top.loglog(w, undelayed, **look | {"linewidth": 0.6})
             top.loglog(w, np.abs(point.transmitted[:, i, i]), **look)
-            bottom.semilogx(
-                w, np.clip(point.llewellyn[:, i], *_LLEWELLYN_RANGE), **look
-            )
+            bottom.semilogx(w, shown[:, i], **look)
         _ExplainLlewellyn(bottom, w, point.llewellyn.min(axis=1))
         top.set(xlim=(w[0], w[-1]), ylim=(1e-2, 1e3))
-    labels = ("|impedance| [N s/m]", "Llewellyn's parameter")
-    NameAxes(axes, "frequency [rad/s]", *labels)
     below = "below 1: unstable with some passive operator and environment"
-    handles: list[Artist] = [
+    # A single axis needs no name.
+    names = [f"axis {x}" for x in AxesOf(num_axes)] if num_axes > 1 else []
+    handles = [
         _THICK("felt with the delay"),
         _THIN("felt without delay"),
         Key("the environment itself, along x", ls=":", color=GREY, linewidth=1.5),
+        *RunKeys(names),
+        Patch(color=_ACTIVE, label=below),
     ]
-    if num_axes > 1:
-        names = AxesOf(6)[:num_axes]
-        handles += [Key(f"axis {x}", **style.RunStyle(i)) for i, x in enumerate(names)]
-    handles.append(Patch(color=_ACTIVE, label=below))
     AddLegend(figure, handles)
     return figure
 
@@ -367,56 +364,50 @@ def PlotFeltStiffness(panels: Mapping[str, Mapping[str, Scenario]]) -> Figure:
 
     It is FeltStiffness() at the last operating point, in N/m along x. The dashed line
     is the stiffness of the environment there. The dotted line marks 1 rad/s, the
-    frequency of FeltStiffnessLoss(). The range shown holds the environment's stiffness
-    and what is felt up to that frequency.
+    frequency of FeltStiffnessLoss(). The range of the panels suits the environment's
+    stiffness and the felt one up to that frequency.
 
     Args:
-        panels: By the title of a panel, its scenarios by their labels. One label has
-            one colour and line style in all panels.
+        panels: The scenarios of each panel by their labels, keyed by the panel's title.
+            A label has the same colour and line style in all panels.
 
     Raises:
-        ValueError: If there is none, or as FeltStiffness.
+        ValueError: If there is no panel, or FeltStiffness() raises it.
     """
     if not panels:
         Refuse("panels", {}, "one or more")
     w = _HAND_FREQUENCIES
-    figure, axes = _Panels(1, list(panels), 1.5 * _ROW_HEIGHT)
-    labels = list(dict.fromkeys(label for row in panels.values() for label in row))
+    figure, axes = MakeMultiples(
+        list(panels),
+        "frequency of the hand [rad/s]",
+        ["felt stiffness [N/m]"],
+        height=1.5 * _ROW_HEIGHT,
+    )
+    # The labels of all panels, each once and in order.
+    labels = dict.fromkeys(label for row in panels.values() for label in row)
+    looks = {label: RunStyle(i) for i, label in enumerate(labels)}
     limit = 0.0
     for ax, scenarios in zip(axes[0], panels.values(), strict=True):
         for label, scenario in scenarios.items():
             point = OperatingPoints(scenario)[-1]
             stiffnesses, _ = scenario.environment.StiffnessAndDamping(point.position)
-            stiffness = float(stiffnesses[0, 0])
+            stiffness = stiffnesses[0, 0]
             felt = FeltStiffness(scenario, point, w)
-            ax.semilogx(w, felt, **style.RunStyle(labels.index(label)))
-            limit = max(limit, stiffness, float(np.abs(felt[w <= 1.0]).max()))
+            ax.semilogx(w, felt, **looks[label])
+            limit = max(limit, stiffness, np.abs(felt[w <= 1.0]).max())
             ax.axhline(stiffness, linestyle="--", **_GUIDE)
         ax.axhline(0.0, **_GUIDE)
         ax.axvline(1.0, linestyle=":", **_GUIDE)
         ax.set_xlim(w[0], w[-1])
     axes[0, 0].set_ylim(-1.1 * limit, 1.1 * limit)
-    NameAxes(axes, "frequency of the hand [rad/s]", "felt stiffness [N/m]")
-    handles = [Key(label, **style.RunStyle(i)) for i, label in enumerate(labels)]
-    AddLegend(figure, handles)
+    AddLegend(figure, RunKeys(labels))
     return figure
 
 
-def _Panels(
-    rows: int, titles: Sequence[str], height: float = 2 * _ROW_HEIGHT
-) -> tuple[Figure, Panels]:
-    """Returns a figure with a column of panels for each title."""
-    figure, axes = MakePanels(
-        rows, len(titles), height=height, share_x="col", share_y="row"
-    )
-    NameColumns(axes, titles)
-    return figure, axes
-
-
 def _LoopPanels(
-    analysis: StabilityAnalysis, rows: int
+    analysis: StabilityAnalysis, x_label: str, y_labels: Sequence[str]
 ) -> tuple[list[PointStability], Figure, Panels]:
-    """Returns the operating points with a loop, and a column of panels for each."""
+    """Returns the operating points with a loop, and a figure with a column for each."""
     points = [point for point in analysis.Loops() if len(point.loop.D)]
     if not points:
         Refuse("analysis", "without a loop", "of a master that hears the slave")
@@ -424,32 +415,30 @@ def _LoopPanels(
         point.label + " (weights frozen)" * point.model.frozen_weights
         for point in points
     ]
-    return points, *_Panels(rows, titles)
+    return points, *MakeMultiples(titles, x_label, y_labels, height=2 * _ROW_HEIGHT)
 
 
 def _LocusHandles(points: Sequence[PointStability]) -> list[Line2D]:
-    """Returns what tells the eigenloci apart, where there are several."""
+    """Returns the legend entries of the eigenloci if there are several."""
     count = max(len(point.loop.D) for point in points)
-    if count <= 1:
-        return []
-    return [Key(f"locus {i + 1}", **style.RunStyle(i)) for i in range(count)]
+    return RunKeys(f"locus {i}" for i in range(1, count + 1)) if count > 1 else []
 
 
 def _BodeFrequencies(point: PointStability, count: int = 1500) -> Array:
-    """Returns frequencies around the crossovers, close together at resonances."""
+    """Returns frequencies in rad/s about the crossovers, densely at resonances."""
     sweep = sweep_frequencies(point.loop)
     crossovers = [x.frequency for x in point.crossings if x.frequency > 0]
     if not crossovers:
         loci = np.abs(eigenloci(point.loop, sweep)[:, 0])
-        crossovers = [float(sweep[np.argmax(loci)])]
+        crossovers = [sweep[np.argmax(loci)]]
     low = min(crossovers) / 10**_DECADES
     high = max(crossovers) * 10 ** (_DECADES / 2)
     inner = sweep[(sweep > low) & (sweep < high)]
-    return np.unique(np.concatenate([np.geomspace(low, high, count), inner]))
+    return np.union1d(np.geomspace(low, high, count), inner)
 
 
 def _TrackedLoci(point: PointStability, w: Array) -> ComplexArray:
-    """Returns the eigenloci (K, m), each one continuous."""
+    """Returns the eigenloci (K, m) in an order that makes each column continuous."""
     loci = eigenloci(point.loop, w)
     for before, now in itertools.pairwise(loci):
         _, order = linear_sum_assignment(np.abs(before[:, np.newaxis] - now))
@@ -460,7 +449,8 @@ def _TrackedLoci(point: PointStability, w: Array) -> ComplexArray:
 def _Unwrap(phase: Array) -> Array:
     """Returns a phase in degrees without its jumps by 360.
 
-    Half a turn at a resonance without damping is one down: what any damping makes it.
+    A jump by 180 at an undamped resonance is taken as downward, which is its direction
+    with any damping.
     """
     steps = (np.diff(phase) + 210) % 360 - 210
-    return np.concatenate([phase[:1], phase[0] + np.cumsum(steps)])
+    return np.cumsum(np.append(phase[0], steps))

@@ -2,12 +2,13 @@
 
 The DOT text is Drake's own (`System.GetGraphvizString`) in a reproducible form and with
 a block-diagram layout: signals run from left to right, and a feedback connection runs
-back in a lane of its own instead of across the boxes. It needs no Graphviz. Everything
-else is laid out by the `dot` on the PATH, or else by the one in the wheel
-graphviz-pure.
+back in a lane of its own instead of across the boxes. It needs no Graphviz. The other
+formats are laid out by the `dot` on the PATH or, without one, by the program in the
+wheel graphviz-pure.
 """
 
 import io
+import itertools
 import os
 import re
 import shutil
@@ -18,7 +19,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import metadata
 from operator import itemgetter
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from pydrake.systems.framework import Diagram, InputPortIndex, OutputPortIndex, System
@@ -30,19 +31,19 @@ from teleop_drake.validation import Refuse
 
 _SUFFIXES = (".svg", ".png", ".pdf", ".dot", ".html")
 
-# How the levels stand that a picture opens: below each other in the order of their
-# insertion, which dot counts from the bottom, and even on the left.
+# Layout of the levels of a picture: below each other in the order of their insertion,
+# which dot counts from the bottom, and aligned on the left.
 _BELOW_EACH_OTHER = 'graph [pack=18, packmode="array_itc1"]'
 
 # Dots per inch of a PNG, enough for print.
 _PNG_DPI = 200
 
-# What a picture asks for, and what it is to ask for: where there is no Helvetica, fonts
-# of the same widths come before any other, from which names would stick out of boxes.
+# The fonts of an SVG and their replacement. Without Helvetica, fonts of the same widths
+# are preferred, because names in a wider font would stick out of their boxes.
 _FONTS = b'font-family="Helvetica,sans-Serif"'
 _MORE_FONTS = b'font-family="Helvetica,Arial,Liberation Sans,Arimo,sans-serif"'
 
-# Arimo, the metric twin of Helvetica, is what graphviz-pure measures text with.
+# graphviz-pure measures text in Arimo, which has the widths of Helvetica.
 _STYLE = """\
 graph [fontname="Helvetica", nodesep=0.3, ranksep=0.45]
 node [fontname="Helvetica"]
@@ -51,58 +52,62 @@ edge [arrowsize=0.8, fontname="Helvetica"]"""
 # A box with more ports on a side shows only those that are connected.
 _MOST_PORTS = 10
 
-# A diagram's own output ports stand at the far right, and the lines that lead there
-# cross the picture. Drawn faintly they leave the loop itself visible.
+# The lines to a diagram's own output ports, at the far right, cross the picture. They
+# are faint, so that the loop itself remains visible.
 _EXPORTED_OUTPUT = "color=palegreen3, penwidth=0.7"
 
 # Graphviz 2.43 draws an arrowhead on some lines in spite of dir=none.
 _NO_ARROW = "dir=none, arrowsize=0"
 
-# How the width of a vector stands on its wire.
+# Style of the size of a vector, which is written on its connection.
 _WIDTH = "fontsize=10, fontcolor=grey40, labeldistance=1.2, labelangle=30"
 
-# Dot's frame of a diagram is made for its boxes; lines that run around them fit too.
+# Dot's frame of a diagram fits the boxes only; the margin is for lines around them.
 _FRAME = "margin=40"
 
-# What carries the process-wide number of a system or, for LCM, an address.
+# Names with the process-wide number of a system or, for LCM, an address.
 _NUMBERED = re.compile(r"(^subgraph clusters?|^s|drakelcminterface)(\d+)", re.M)
-# How Drake begins the parts of a diagram.
+# The text with which Drake begins the parts of a diagram.
 _PARTS = 'color=white\nlabel=""\n'
 _CELL = re.compile(r'^<TD PORT="([uy]\d+)"[^>]*>(.+)</TD>$', re.M)
 _PYTHON_CLASS = re.compile(r"^<B>[^<]*\.(\w+)</B>", re.M)
 
 
 def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
-    """The block diagram of a system as DOT text, the same in every process.
+    """Returns the block diagram of a system as DOT text, the same in every process.
 
-    More than one level has each diagram by itself, first the whole with its parts as
-    closed boxes, then below it these boxes opened.
+    If several levels are opened, each diagram is drawn separately: the whole with its
+    parts as closed boxes at the top, and these boxes opened below it.
 
-    Four things differ from Drake's `GetGraphvizString`. The numbers that stand for
-    systems count from 0 in order of appearance and the connections are sorted, so that
-    two builds of one diagram give the same bytes. A system written in Python is
-    labelled with its class name alone, like those of Drake. Of a box with more than ten
-    ports on a side, those that are not connected are only counted. A connection that
-    closes a loop is drawn around the boxes; which one of a loop's connections that is
-    follows from the order in which the systems were added to the builder.
+    Four things differ from Drake's `GetGraphvizString`:
+
+    * The numbers of systems count from 0 in order of appearance, and the connections
+      are sorted, so that two builds of one diagram give the same bytes.
+    * A system written in Python is labelled with its class name without the module,
+      like the systems of Drake.
+    * If a box has more than ten ports on a side, its unconnected ports are replaced by
+      their number.
+    * A connection that closes a loop is drawn around the boxes. The order in which the
+      systems were added to the builder determines which connection of the loop it is.
 
     Args:
-        system: any Drake system; a system without a name is labelled by its class only.
-        max_depth: how many levels of nested diagrams to open: 0 is a single box, 1
-            shows the system's own parts as boxes, None opens everything.
+        system: Any Drake system; a system without a name is labelled by its class only.
+        max_depth: The number of levels of nested diagrams to open: 0 gives a single
+            box, 1 shows the system's own parts as boxes, None opens everything.
 
     Raises:
-        ValueError: if max_depth is negative.
+        ValueError: If max_depth is negative.
     """
-    # Drake ends the process on a negative depth.
+    # Drake terminates the process if the depth is negative.
     if max_depth is not None and max_depth < 0:
         Refuse("max_depth", max_depth, "null, 0 or positive")
     levels = [
-        (len(PurePath(path).parts), level)
-        for level, path in PathsIn(system)
+        (path.count("/"), level)
+        for level, path in PathsIn(system, "root")
         if isinstance(level, Diagram)
     ]
     levels.sort(key=itemgetter(0))
+    # The diagrams to open, the outermost first.
     shown = [level for k, level in levels if max_depth is None or k < max_depth]
     numbers: dict[str, int] = {}
     if not shown:
@@ -115,13 +120,13 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
 
 
 class _Port(NamedTuple):
-    """A port as it is drawn.
+    """A port in a drawing.
 
     Attributes:
         system: The number of its system.
-        place: Among the inputs or the outputs of the system.
-        name: In DOT: `s1:u0`, or `s1in:0` of a diagram that is opened.
-        size: Of its vector.
+        place: Its index among the inputs or the outputs of the system.
+        name: Its name in DOT: `s1:u0`, or `s1in:0` for a diagram that is opened.
+        size: The size of its vector.
     """
 
     system: int
@@ -131,7 +136,7 @@ class _Port(NamedTuple):
 
 
 class _Edge(NamedTuple):
-    """A connection in a diagram; one to a port of the diagram itself has a colour."""
+    """A connection in a diagram; it has a `color` if it leads to the diagram's port."""
 
     color: str
     tail: _Port
@@ -140,18 +145,17 @@ class _Edge(NamedTuple):
 
 @dataclass
 class _Drawn:
-    """A system as DOT text: a box, or a frame with boxes in it."""
+    """A system as DOT text, a box or a frame with boxes in it, and its ports."""
 
-    number: str
     text: str
     inputs: Sequence[_Port]
     outputs: Sequence[_Port]
 
 
 def _Graph(name: str, drawings: Iterable[str]) -> str:
-    """Returns a graph of its own with some systems in it."""
+    """Returns the DOT text of a graph with the given systems in it."""
     text = "\n".join([f"digraph {name} {{", "rankdir=LR", _STYLE, *drawings])
-    # An LCM may have no box of its own.
+    # Drake may draw no box for an LCM interface.
     for node in dict.fromkeys(re.findall(r"-> (drakelcminterface\w+)", text)):
         if f"\n{node} [" not in text:
             text += f"\n{node} [label=LCM]"
@@ -159,13 +163,18 @@ def _Graph(name: str, drawings: Iterable[str]) -> str:
 
 
 def _Draw(system: System, numbers: dict[str, int], *, is_open: bool) -> _Drawn:
-    """Returns a system as a box, or opened: a frame with its parts as boxes."""
+    """Returns a system as a box or, if it is opened, a frame with its parts as boxes.
+
+    Args:
+        numbers: The reproducible numbers of systems by Drake's; new ones are added.
+    """
 
     def Number(found: re.Match[str]) -> str:
         return f"{found[1]}{numbers.setdefault(found[2], len(numbers))}"
 
     Numbered = partial(_NUMBERED.sub, Number)
     drake = system.GetGraphvizFragment(max_depth=int(is_open))
+    # Drake's text up to its parts, with reproducible numbers.
     head, parts, _ = "".join(drake.fragments).partition(_PARTS)
     text = _PYTHON_CLASS.sub(r"<B>\1</B>", Numbered(head + parts)).rstrip()
     (number,) = re.findall(r"\d+", text)[:1]
@@ -176,8 +185,9 @@ def _Draw(system: System, numbers: dict[str, int], *, is_open: bool) -> _Drawn:
 
     inputs = Ports(drake.input_ports, system.get_input_port)
     outputs = Ports(drake.output_ports, system.get_output_port)
-    drawn = _Drawn(number, text, inputs, outputs)
+    drawn = _Drawn(text, inputs, outputs)
     if isinstance(system, Diagram) and is_open:
+        # The parts as closed boxes, and their connections.
         parts = system.GetSystems()
         boxes = {x.get_name(): _Draw(x, numbers, is_open=False) for x in parts}
         edges = _Edges(system, drawn, boxes)
@@ -189,10 +199,10 @@ def _Draw(system: System, numbers: dict[str, int], *, is_open: bool) -> _Drawn:
 
 
 def RenderSvg(system: System, *, max_depth: int | None = None) -> str:
-    """The block diagram of a system as SVG text, for `IPython.display.SVG` and the web.
+    """Returns the block diagram of a system as SVG text.
 
-    Args and errors are those of `DiagramDot`; raises RuntimeError where nothing can lay
-    the diagram out (see `WriteDiagram`).
+    Arguments and errors are those of `DiagramDot`. Raises RuntimeError if no program
+    can lay the diagram out (see `WriteDiagram`).
     """
     return LayOut(DiagramDot(system, max_depth=max_depth), "svg").decode()
 
@@ -202,21 +212,21 @@ def WriteDiagram(
 ) -> None:
     """Writes the block diagram of a system to a file, in the format of its suffix.
 
-    The file appears complete or not at all, and replaces one of the same name.
-
-    It shows what `DiagramDot` returns.
+    The diagram is that of `DiagramDot`. The file appears complete or not at all, and
+    replaces one of the same name.
 
     Args:
-        path: ends in .svg, .png (200 dots per inch), .pdf, .dot or .html, a page in
-            which boxes open at a click, so that max_depth has no effect.
-        max_depth: how many levels of nested diagrams to open, see `DiagramDot`.
+        path: The file, which ends in .svg, .png (200 dots per inch), .pdf, .dot or
+            .html. The latter is a page in which boxes open at a click; max_depth has no
+            effect on it.
+        max_depth: The number of levels of nested diagrams to open; see `DiagramDot`.
 
     Raises:
-        ValueError: if the suffix is another one, or max_depth is negative.
-        RuntimeError: if there is neither a `dot` on the PATH nor graphviz-pure, or if
-            the one found fails, or if a PDF is asked for without the extra `pdf`. A
-            .dot file needs none of them.
-        OSError: if the file cannot be written.
+        ValueError: If the suffix is another one, or max_depth is negative.
+        RuntimeError: If there is neither a `dot` on the PATH nor graphviz-pure, the
+            program fails, or a PDF is requested without the extra `pdf`. A .dot file
+            needs none of them.
+        OSError: If the file cannot be written.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -224,63 +234,63 @@ def WriteDiagram(
         Refuse("path", str(path), f"a file that ends in one of {', '.join(_SUFFIXES)}")
     if suffix == ".html":
         content = UpperFunction("DiagramPage")(system).html.encode()
+    elif suffix == ".dot":
+        content = DiagramDot(system, max_depth=max_depth).encode()
+    elif suffix == ".png":
+        content = LayOut(DiagramDot(system, max_depth=max_depth), "png")
     else:
-        dot = DiagramDot(system, max_depth=max_depth)
-        if suffix == ".dot":
-            content = dot.encode()
-        else:
-            content = LayOut(dot, "png" if suffix == ".png" else "svg")
-        if suffix == ".pdf":
-            content = _SvgToPdf(content)
+        content = RenderSvg(system, max_depth=max_depth).encode()
+    if suffix == ".pdf":
+        content = _SvgToPdf(content)
     with Replacing(path) as temporary:
         temporary.write_bytes(content)
 
 
 def _WithoutIdlePorts(drawn: _Drawn, used: Container[str]) -> str:
-    """Returns the text without ports that are not used, if it is a box with many."""
+    """Returns the text of a box, without unused ports if a side has many ports."""
     sides = (drawn.inputs, drawn.outputs)
-    is_box = not drawn.text.startswith("subgraph")
-    if not is_box or max(map(len, sides)) <= _MOST_PORTS:
+    if max(map(len, sides)) <= _MOST_PORTS:
         return drawn.text
     labels = dict(_CELL.findall(drawn.text))
     columns = []
     for side in sides:
         shown = [x.name.split(":")[1] for x in side if x.name in used]
-        cells = [f'PORT="{port}" BORDER="1">{labels[port]}' for port in shown]
+        cells = [f'PORT="{port}" BORDER="1">{labels[port]}</TD>' for port in shown]
         rest = len(side) - len(shown)
         if rest > 0:
             count = f"{rest} more" if shown else f"{rest} ports"
-            cells.append(f'BORDER="1"><FONT COLOR="grey">{count}</FONT>')
+            cells.append(f'BORDER="1"><FONT COLOR="grey">{count}</FONT></TD>')
         columns.append(cells)
+    # On the side with fewer cells, the last one spans the remaining rows.
     height = max(map(len, columns))
+    for cells in filter(None, columns):
+        cells[-1] = f'ROWSPAN="{height - len(cells) + 1}" {cells[-1]}'
     rows = []
-    for i in range(height):
-        rows.append("<TR>")
-        for cells in columns:
-            # Where a side has fewer cells, the last is higher.
-            if i < len(cells):
-                span = height - i if i == len(cells) - 1 else 1
-                rows.append(f'<TD ROWSPAN="{span}" {cells[i]}</TD>')
-        rows.append("</TR>")
+    for row in itertools.zip_longest(*columns):
+        rows += ["<TR>", *(f"<TD {cell}" for cell in row if cell), "</TR>"]
     head, _, rest_of_text = drawn.text.partition("<TR>\n")
     _, end, tail = rest_of_text.rpartition("</TABLE>")
     return head + "\n".join([*rows, end + tail])
 
 
 def _Edges(system: Diagram, own: _Drawn, parts: Mapping[str, _Drawn]) -> list[_Edge]:
-    """Returns the connections in a diagram, those to its own ports last."""
-    edges = []
-    for (target, i), (source, k) in system.connection_map().items():
-        tail = parts[source.get_name()].outputs[k]
-        edges.append(_Edge("", tail, parts[target.get_name()].inputs[i]))
+    """Returns the connections in a diagram, those with its own ports last."""
+
+    def Input(part: System, i: int) -> _Port:
+        return parts[part.get_name()].inputs[i]
+
+    def Output(part: System, i: int) -> _Port:
+        return parts[part.get_name()].outputs[i]
+
+    inside = system.connection_map().items()
+    edges = [_Edge("", Output(*tail), Input(*head)) for head, tail in inside]
     for port in own.inputs:
-        for target, i in system.GetInputPortLocators(InputPortIndex(port.place)):
-            edges.append(_Edge("color=blue", port, parts[target.get_name()].inputs[i]))
+        heads = system.GetInputPortLocators(InputPortIndex(port.place))
+        edges += [_Edge("color=blue", port, Input(*head)) for head in heads]
     for port in own.outputs:
-        source, k = system.get_output_port_locator(OutputPortIndex(port.place))
-        tail = parts[source.get_name()].outputs[k]
-        edges.append(_Edge(_EXPORTED_OUTPUT, tail, port))
-    # Drake's own order follows the addresses of the systems in memory.
+        tail = system.get_output_port_locator(OutputPortIndex(port.place))
+        edges.append(_Edge(_EXPORTED_OUTPUT, Output(*tail), port))
+    # Drake's order depends on the addresses of the systems in memory.
     return sorted(edges)
 
 
@@ -302,8 +312,8 @@ def _Connections(edges: Sequence[_Edge]) -> list[str]:
             look = edge.color or "weight=10"
             text.append(f"{tail}:e -> {head}:w [{look}{label}]")
             continue
-        # A line with two turns, in pieces of which none runs against the layout:
-        # dot leads only such lines cleanly between the boxes.
+        # A line with two turns. None of its pieces runs against the direction of the
+        # layout, so that dot leads them between the boxes.
         tail_turn, tail_text = _Turn(tail)
         head_turn, head_text = _Turn(head)
         if tail not in turned:
@@ -317,9 +327,9 @@ def _Connections(edges: Sequence[_Edge]) -> list[str]:
 
 
 def _Turn(port: str) -> tuple[str, list[str]]:
-    """Returns where a connection that runs back turns, beside a port, and its DOT text.
+    """Returns the node beside a port at which a feedback connection turns, and its DOT.
 
-    That is above or below the box of the port.
+    The node is above or below the box of the port.
     """
     node = port.partition(":")[0]
     turn = f"{port.replace(':', '_')}_turn"
@@ -336,7 +346,7 @@ def _Feedback(edges: Sequence[_Edge]) -> set[tuple[int, int]]:
     feedback = set()
     done = set()
 
-    # A search in depth.
+    # A depth-first search: an edge back to a system on the way closes a loop.
     def Visit(system: int, *upstream: int) -> None:
         for successor in successors[system]:
             if successor in (system, *upstream):
@@ -351,7 +361,7 @@ def _Feedback(edges: Sequence[_Edge]) -> set[tuple[int, int]]:
 
 
 def LayOut(dot: str, file_format: str) -> bytes:
-    """Lays DOT text out as svg or png."""
+    """Returns DOT text laid out as `svg` or `png`."""
     program = shutil.which("dot") or _EmbeddedDot()
     if program is None:
         raise RuntimeError(
@@ -366,22 +376,22 @@ def LayOut(dot: str, file_format: str) -> bytes:
     if run.returncode != 0 or not run.stdout:
         reason = run.stderr.decode(errors="replace").strip()
         raise RuntimeError(f"{program} wrote no {file_format}: {reason}")
-    # A PNG has no such text.
+    # A PNG does not contain this text.
     return run.stdout.replace(_FONTS, _MORE_FONTS)
 
 
 def _EmbeddedDot() -> str | None:
-    """The program in the wheel graphviz-pure, which need not be on the PATH."""
+    """Returns the path of the program in the wheel graphviz-pure, if installed."""
     try:
         files = metadata.files("graphviz-pure") or []
     except metadata.PackageNotFoundError:
         return None
-    programs = [str(f.locate()) for f in files if f.stem == "graphviz-pure"]
-    return programs[0] if programs else None
+    programs = (str(f.locate()) for f in files if f.stem == "graphviz-pure")
+    return next(programs, None)
 
 
 def _SvgToPdf(svg: bytes) -> bytes:
-    """Turns SVG into PDF: vectors, and text that can be searched."""
+    """Returns an SVG as a PDF with vectors and searchable text."""
     from matplotlib import font_manager
 
     try:
@@ -392,12 +402,12 @@ def _SvgToPdf(svg: bytes) -> bytes:
         raise RuntimeError(
             f"a PDF of a diagram needs {e.name}: `pip install 'teleop-drake[pdf]'`"
         ) from None
-    if not svg.isascii():  # Helvetica, which every reader has, has Latin letters only.
+    if not svg.isascii():  # Helvetica, which all PDF readers have, is Latin only.
         fonts.register_font("DejaVu Sans", font_manager.findfont("DejaVu Sans"))
         svg = svg.replace(b'family="Helvetica,', b'family="DejaVu Sans,')
     drawing: Any = svglib.svg2rlg(io.BytesIO(svg))
     file = io.BytesIO()
-    # Invariant: without a date the same diagram gives the same bytes.
+    # Invariant means without a date: the same diagram gives the same bytes.
     canvas = Canvas(file, pagesize=(drawing.width, drawing.height), invariant=True)
     renderPDF.draw(drawing, canvas, 0, 0)
     canvas.save()

@@ -1,4 +1,4 @@
-"""Curves of runs: a signal's samples, and the range that shows them."""
+"""Curves of runs: a signal against time, and the range of an axis that shows it."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,14 +8,14 @@ import numpy as np
 from teleop_drake.arrays import Array, Interval
 from teleop_drake.recording import Recording
 
-# Points across a panel: enough that no corner shows.
+# Points across a panel, enough for a curve to look smooth.
 _NUM_POINTS = 1500
 
 
 def TimeLimits(runs: Sequence[Recording]) -> Interval:
-    """Returns the span of time of some runs in s; of a single sample it is 1 s."""
-    begin = min(float(run.time[0]) for run in runs)
-    end = max(float(run.time[-1]) for run in runs)
+    """Returns the time span of some runs in s; with a single instant it is 1 s long."""
+    begin = min(run.time[0] for run in runs)
+    end = max(run.time[-1] for run in runs)
     return begin, end if end > begin else begin + 1.0
 
 
@@ -23,61 +23,44 @@ class Curve(NamedTuple):
     """The components of a signal of one run.
 
     Attributes:
-        time: (T,) in s; a time that stands twice is a jump.
-        x: (T,) position in m along the direction that is shown.
-        y: (T, k).
-        diverges: Whether the run does.
+        time: Times in s (T); the time of a jump occurs twice.
+        y: Values (T, k).
+        diverges: Whether the run diverges.
     """
 
     time: Array
-    x: Array
     y: Array
     diverges: bool = False
 
 
-def SampleCurve(
-    run: Recording,
-    normal_W: Array,
-    signal: str,
-    components: Sequence[int],
-) -> Curve:
-    """Returns a signal at the samples and, of a single component, between them.
-
-    Args:
-        normal_W: The direction that is shown (n); empty: the time stands for x.
-    """
-    # Of several components, which are telemetry, the samples are enough.
+def SampleCurve(run: Recording, signal: str, components: Sequence[int]) -> Curve:
+    """Returns components of a signal at the samples; a single one also between them."""
+    # Several components are telemetry, for which the samples suffice.
     num_points = _NUM_POINTS if len(components) == 1 else 0
     instants = np.linspace(run.time[0], run.time[-1], num_points)
     between = np.setdiff1d(instants, run.time)
-    every = np.concatenate([run.time, between])
-    # Stable: the two sides of a jump stay in their order.
-    order = np.argsort(every, kind="stable")
-    time = every[order]
-
-    def Dense(name: str) -> Array:
-        values = np.concatenate([run[name], run.Interpolate(name, between)])
-        return np.asarray(values[order])
-
-    x = Dense("tool_position") @ normal_W if normal_W.size else time
-    return Curve(time, x, Dense(signal)[:, components], run.termination == "diverged")
+    places = np.searchsorted(run.time, between)
+    time = np.insert(run.time, places, between)
+    values = np.insert(run[signal], places, run.Interpolate(signal, between), axis=0)
+    return Curve(time, values[:, components], run.termination == "diverged")
 
 
 def RangeOf(curves: Sequence[Curve], commands: Sequence[Curve] = ()) -> Interval:
-    """Returns the range that shows the runs, those that diverge only in part.
+    """Returns the range that shows the runs, of diverging ones only a part.
 
-    A run that diverges widens the range by as much as it is, on either side, at most.
+    Runs that diverge extend the range by no more than its width on either side.
+
+    Args:
+        curves: The curves of the runs.
+        commands: Curves that are drawn beside them and shown in full.
     """
     shown = [curve.y for curve in curves if not curve.diverges]
     if not shown:
-        # What is left is the time before it becomes hopeless.
+        # All runs diverge: the last fifth of their time is left out.
         shown = [curve.y[curve.time <= 0.8 * curve.time[-1]] for curve in curves]
-    shown += [curve.y for curve in commands]
-    every = shown + [curve.y for curve in curves]
-    low = float(min(map(np.min, shown)))
-    high = float(max(map(np.max, shown)))
-    width = high - low
-    return (
-        max(float(min(map(np.min, every))), low - width),
-        min(float(max(map(np.max, every))), high + width),
-    )
+    known = np.concatenate(shown + [curve.y for curve in commands])
+    every = np.concatenate([known, *(curve.y for curve in curves)])
+    width = np.ptp(known)
+    low = max(every.min(), known.min() - width)
+    high = min(every.max(), known.max() + width)
+    return low, high

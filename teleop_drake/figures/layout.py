@@ -1,4 +1,4 @@
-"""Layout that the figures share: panels in rows and columns, and their names."""
+"""Layout of the figures: panels in rows and columns, with titles and labels."""
 
 from collections.abc import Sequence
 from typing import Any, Literal
@@ -13,7 +13,7 @@ Panels = NDArray[Any]
 """Axes of Matplotlib (rows, columns)."""
 
 Sharing = Literal["none", "all", "row", "col"]
-"""Which panels have one axis in common."""
+"""The panels that share an axis, as in Matplotlib's subplots()."""
 
 
 def MakePanels(
@@ -22,16 +22,16 @@ def MakePanels(
     *,
     height: float,
     width: float = WIDTH,
-    share_x: Sharing = "none",
-    share_y: Sharing = "none",
+    share_x: Sharing = "col",
+    share_y: Sharing = "row",
     padding: float | None = None,
 ) -> tuple[Figure, Panels]:
     """Returns a figure and its panels (rows, columns), with few spines.
 
     Args:
-        height, width: Of the figure, inches.
-        share_x, share_y: Which panels have a horizontal or a vertical axis in common.
-        padding: Space beside the panels, inches; None: Matplotlib's own.
+        height, width: Size of the figure in inches.
+        share_x, share_y: Which panels share their horizontal or vertical axis.
+        padding: Horizontal space around a panel in inches; by default Matplotlib's.
     """
     layout = ConstrainedLayoutEngine(w_pad=padding)
     figure = Figure(figsize=(width, height), layout=layout)
@@ -45,15 +45,29 @@ def MakePanels(
     return figure, axes
 
 
-def NameColumns(axes: Panels, titles: Sequence[str]) -> None:
-    """Writes a title above each column of panels."""
+def MakeMultiples(
+    titles: Sequence[str],
+    x_label: str,
+    y_labels: Sequence[str],
+    *,
+    height: float,
+    width: float = WIDTH,
+    padding: float | None = None,
+) -> tuple[Figure, Panels]:
+    """Returns a figure with a column of panels for each title, and its panels.
+
+    Args:
+        x_label: Label of the horizontal axis, below each column.
+        y_labels: Labels of the vertical axes at the left, one for each row.
+        height, width, padding: As in MakePanels().
+    """
+    figure, axes = MakePanels(
+        len(y_labels), len(titles), height=height, width=width, padding=padding
+    )
     for ax, title in zip(axes[0], titles, strict=True):
         ax.set_title(title, fontsize=FONT_SIZE)
-
-
-def NameAxes(axes: Panels, x: str, *y: str) -> None:
-    """Names the axes of panels (rows, columns): below the columns, and at the left."""
     for ax in axes[-1]:
-        ax.set_xlabel(x)
-    for ax, label in zip(axes[:, 0], y, strict=False):
+        ax.set_xlabel(x_label)
+    for ax, label in zip(axes[:, 0], y_labels, strict=True):
         ax.set_ylabel(label)
+    return figure, axes

@@ -6,23 +6,23 @@ from matplotlib.axes import Axes
 from teleop_drake.blocks.channels import NetworkChannelConfig
 from teleop_drake.blocks.channels.packet_network import PacketNetwork, Receiver
 from teleop_drake.figures import style
-from teleop_drake.figures.layout import MakePanels, NameAxes, NameColumns
-from teleop_drake.figures.style import COLORS, Figure, Look
+from teleop_drake.figures.layout import MakeMultiples
+from teleop_drake.figures.style import COLORS, GREY, MARK_STYLE, Figure, Key, Look
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import TaskOf
 from teleop_drake.validation import Refuse
 
-_ROW_HEIGHT = 1.5  # inches
+_HEIGHT = 4.9  # inches; of three rows
 
-# Spans of time over which a share of lost packets is taken.
+# The number of time spans, each of which has a share of lost packets.
 _NUM_SPANS = 40
 
 _LOST_STYLE: Look = {"marker": "x", "color": COLORS[1]}
-_LOSS_STYLE: Look = {"color": style.GREY, "linewidth": 0.9, "linestyle": "--"}
+_LOSS_STYLE: Look = {"color": GREY, "linewidth": 0.9, "linestyle": "--"}
 
 
 def Networks(recording: Recording) -> dict[str, NetworkChannelConfig]:
-    """Returns the channels of a run that are networks, by the names of their fields."""
+    """Returns the channels of a run that are networks, keyed by their fields."""
     channels = TaskOf(recording.scenario).Channels(recording.scenario)
     return {
         name: config
@@ -34,55 +34,52 @@ def Networks(recording: Recording) -> dict[str, NetworkChannelConfig]:
 def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
     """Plots delay, age of information and loss of each network against time.
 
-    The delay is that of each packet, over the time when it was sent; a cross at the top
-    is one that was lost. The age is how old what the receiver shows is, and the loss
-    the share of what was sent around a time. The packets are drawn again: they are
-    functions of the scenario alone. Those of a trace need its file.
+    The delay of a packet is drawn at the time when the packet was sent; crosses above
+    the panel mark lost packets. The age of information is the age of the packet that
+    the receiver shows. The loss is the share of lost packets among those sent in a span
+    of time. The packets are computed again, because they depend on the scenario only;
+    a trace needs its file.
 
     Args:
-        recording: A run with a channel of kind `network`, or of one of its names.
+        recording: A run with a channel of kind `network` or with a named network.
         columns: Columns of a printed page that the figure spans, 1 or 2.
 
     Raises:
-        ValueError: If it has no such channel.
+        ValueError: If the run has no such channel.
     """
     networks = Networks(recording)
     if not networks:
         Refuse("recording", recording.scenario.name, "a run with a channel of packets")
-    figure, axes = MakePanels(
-        3,
-        len(networks),
-        height=3 * _ROW_HEIGHT + 0.4,
+    figure, axes = MakeMultiples(
+        [name.replace("_", " ") for name in networks],
+        "time [s]",
+        ["delay of packets [ms]", "age of information [ms]", "packets lost [%]"],
+        height=_HEIGHT,
         width=style.WidthOf(columns),
-        share_x="all",
-        share_y="row",
         padding=0.1,
     )
-    # A run that was stopped at its start has no time of its own.
-    end = float(recording.time[-1]) or recording.scenario.duration
-    for column, (name, config) in zip(axes.T, networks.items(), strict=True):
+    # A run that was stopped at its start covers no time.
+    end = recording.time[-1] or recording.scenario.duration
+    for name, (delay, age, loss) in zip(networks, axes.T, strict=True):
+        config = networks[name]
         network = config.Network(recording.scenario.duration, stream=name)
-        _DrawPackets(column[0], column[2], network, end)
-        _DrawAge(column[1], network, config.receiver, end)
+        _DrawPackets(delay, loss, network, end)
+        _DrawAge(age, network, config.receiver, end)
     for ax in axes.flat:
         style.FormatAxes(ax)
-        # Where nothing is lost a range of its own would be rounding.
-        ax.set_ylim(0.0, max(ax.get_ylim()[1], 1.0))
-    axes[0, 0].set_xlim(0.0, end)
-    labels = ("delay of packets [ms]", "age of information [ms]", "packets lost [%]")
-    NameColumns(axes, [name.replace("_", " ") for name in networks])
-    NameAxes(axes, "time [s]", *labels)
-    figure.align_ylabels(axes[:, 0])
+        # Without lost packets, an automatic range would show rounding errors.
+        ax.set(xlim=(0.0, end), ylim=(0.0, max(ax.get_ylim()[1], 1.0)))
+    figure.align_ylabels()
     handles = [
-        style.Key("lost packet", **_LOST_STYLE, **style.MARK_STYLE),
-        style.Key("lost in all", **_LOSS_STYLE),
+        Key("lost packet", **_LOST_STYLE, **MARK_STYLE),
+        Key("lost in all", **_LOSS_STYLE),
     ]
     style.AddLegend(figure, handles, fontsize=style.SMALL_FONT_SIZE)
     return figure
 
 
 def _DrawPackets(delay: Axes, loss: Axes, network: PacketNetwork, end: float) -> None:
-    """Draws the delay of each packet, and the share that is lost, in spans and in all.
+    """Draws the delays of packets, and the share of lost ones by span and overall.
 
     Lost packets are marked above the panel of the delay.
     """
@@ -101,7 +98,7 @@ def _DrawPackets(delay: Axes, loss: Axes, network: PacketNetwork, end: float) ->
 
 
 def _DrawAge(ax: Axes, network: PacketNetwork, receiver: Receiver, end: float) -> None:
-    """Draws the age of what a receiver shows: a saw tooth."""
+    """Draws the age of the packet that a receiver shows, a sawtooth."""
     shown, sent = network.ShownUntil(receiver, end)
     # Both sides of each jump.
     times = np.append(np.repeat(shown, 2), end)[1:]

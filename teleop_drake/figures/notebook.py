@@ -40,21 +40,20 @@ def ShowDiagram(system: System, max_depth: int = 1) -> None:
 
 
 def RecordingHtml(recording: Recording) -> str:
-    """Returns a run as HTML: its line, the table of its metrics and its figure.
+    """Returns a run as HTML: a summary line, notes, a table of metrics and a figure.
 
     Args:
-        recording: A run. One without a finite sample has no table and no figure.
+        recording: A run; without a finite sample, it has no table and no figure.
     """
-    title = f"<p>{html.escape(repr(recording))}</p>"
-    reasons = [recording.reason, *recording.notes]
-    title += "".join(f"<p>{html.escape(text)}</p>" for text in reasons if text)
+    texts = [repr(recording), recording.reason, *recording.notes]
+    title = "".join(f"<p>{html.escape(text)}</p>" for text in texts if text)
     try:
         table = _Table(recording)
     except ValueError:
         return title
     buffer = io.BytesIO()
-    is_compared = bool(TaskOf(recording.scenario).controllers)
-    figure = PlotRun(recording, signals=_SIGNALS if is_compared else None, columns=1)
+    signals = _SIGNALS if TaskOf(recording.scenario).controllers else None
+    figure = PlotRun(recording, signals=signals, columns=1)
     figure.savefig(buffer, format="png", dpi=_DPI)
     image = base64.b64encode(buffer.getvalue()).decode()
     alternative = html.escape(DescribeFigure(figure), quote=True)

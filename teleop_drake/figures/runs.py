@@ -23,32 +23,25 @@ from teleop_drake.figures import style
 from teleop_drake.figures.curves import Curve, RangeOf, SampleCurve, TimeLimits
 from teleop_drake.figures.layout import MakePanels
 from teleop_drake.figures.saving import SaveFigure
-from teleop_drake.figures.selection import (
-    CheckRecordings,
-    SelectRows,
-    SelectTime,
-)
-from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Look
+from teleop_drake.figures.selection import CheckRecordings, SelectRows, SelectTime
+from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Key, RunStyle
 from teleop_drake.recording import Recording
 from teleop_drake.tasks import Task, TaskOf
-from teleop_drake.tasks.panels import (
-    AxisName,
-    NormalOfRuns,
-    SignalRow,
-)
+from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
 from teleop_drake.validation import IsGiven, Refuse
 
 _ROW_HEIGHT = 1.2  # inches
-_LOW_ROW_HEIGHT = 0.9  # Where there are runs below others.
+_LOW_ROW_HEIGHT = 0.9  # inches; where there are several banks
 
-# More runs than these have a panel each, at most so many beside each other, the others
-# below; more than those do not fit on a page.
+# Up to _MAX_OVERLAID runs share a panel, and so do more than _MAX_MULTIPLES, which do
+# not fit on a page otherwise. Runs in between have a column of panels each, at most
+# _MAX_BESIDE of them in one bank; further banks stand below.
 _MAX_OVERLAID = 3
 _MAX_BESIDE = 5
 _MAX_MULTIPLES = 10
 
-_EVENTS = {"puncture": ("^", "puncture"), "contact": ("s", "first contact")}
-_COMMAND_STYLE: Look = {"color": GREY, "linewidth": 0.8}
+_EVENTS = {PUNCTURE: ("^", "puncture"), CONTACT: ("s", "first contact")}
+_COMMAND_STYLE: style.Look = {"color": GREY, "linewidth": 0.8}
 
 __all__ = ["PlotComparison", "PlotRows", "PlotRun", "SaveFigure"]
 
@@ -63,26 +56,25 @@ def PlotComparison(
 ) -> Figure:
     """Plots runs of a task together, as the thesis does (Fig. 4.1 to 5.20).
 
-    One row each for tool velocity (with what the operator commands), sensed force,
-    tool position and control force, per task axis: against time on the left, against
-    the position on the right, that along the normal of the contact surface or, if there
-    is none, along x. Filled triangles and squares mark the puncture and the first
-    contact. A run that diverges ends in a cross and does not spoil the
-    range for the others.
+    Each task axis has rows for tool velocity (with the operator's command), sensed
+    force, tool position and control force. The left panels are against time, the right
+    ones against the position along the normal of the contact surface or, without such a
+    surface, along x. Filled triangles and squares mark the puncture and the first
+    contact. A run that diverges ends in a cross and is shown only in part, so that the
+    range suits the others.
 
     Args:
         recordings: Runs by the name that the legend gives them, for instance
             {"direct force": ..., "adaptive": ...}; of robots with as many axes.
-        task: What says which panels there are; None: the task of the first scenario.
-        signals: Names of the signals to show, any of the recording; None: those that
-            the task shows.
-        time: From when to when, s; None: all of it.
+        task: The task that defines the panels; by default that of the first scenario.
+        signals: Names of recorded signals to show; by default those of the task.
+        time: The window of time to show, s; by default the whole run.
         columns: Columns of a printed page that the figure spans: 2, or 1, in which only
             the panels against time have room.
 
     Raises:
-        ValueError: If there is no recording, or their numbers of axes differ, or it
-            is a task whose runs are not compared; or what is to be shown is not there.
+        ValueError: If there is no recording, the numbers of axes differ, the runs of
+            the task are not comparable, or `signals`, `time` or `columns` is invalid.
         UnknownSignal: If a run does not have one of the signals.
     """
     CheckRecordings(recordings)
@@ -103,12 +95,12 @@ def PlotRun(
     time: Interval | None = None,
     columns: int = 2,
 ) -> Figure:
-    """Plots one run: what PlotComparison shows and, if it adapts, Psi and weights.
+    """Plots one run: the panels of PlotComparison, and Psi and weights if it adapts.
 
-    Of a tracking it plots, per task axis against time, the position
-    with the desired one, the tracking error, and the disturbance with its estimate. Of
-    a user's own Diagram it plots every signal against time. Arguments and errors are
-    those of PlotComparison.
+    For a tracking task, it plots per task axis against time the position with the
+    desired one, the tracking error, and the disturbance with its estimate. For a user's
+    own Diagram, it plots every signal against time. Arguments and errors are those of
+    PlotComparison.
     """
     recording = SelectTime(recording, time)
     width = style.WidthOf(columns)
@@ -120,19 +112,11 @@ def PlotRun(
     rows = task.Panels([recording])
     if task.is_compared:
         rows = [*rows, *_TelemetryRows(recording)]
+    else:
+        columns = 1
     rows = SelectRows(rows, [recording], signals)
     name = recording.scenario.controller.kind.replace("_", " ")
-    columns = columns if task.is_compared else 1
     return PlotRows({name: recording}, rows, columns=columns, width=width)
-
-
-def _SetRange(axes: Sequence[Axes], y_range: Interval, unit: str) -> tuple[float, str]:
-    """Shows a range in panels; returns its scale, and the unit on a line of its own."""
-    scale, shown_unit = style.ScaleAndUnit(y_range, unit)
-    for ax in axes:
-        style.FormatAxes(ax)
-        ax.set_ylim(style.Widen(y_range, scale))
-    return scale, f"\n[{shown_unit}]" if shown_unit else ""
 
 
 def PlotRows(
@@ -150,34 +134,35 @@ def PlotRows(
         rows: The signals, from top to bottom.
         columns: Columns of a printed page that the figure spans, 1 or 2; in one there
             are no panels against the position.
-        width: Of the figure, inches; None: that of the columns.
-        row_height: Of a row of panels, inches; rows of runs below others are lower.
+        width: Width of the figure in inches; by default that of the columns.
+        row_height: Height of a row of panels in inches. Several banks have lower rows.
     """
     shown = _Runs(recordings)
     places = shown.Places(columns)
     num_banks = math.ceil(len(places) / _MAX_BESIDE)
+    num_rows = num_banks * len(rows)
+    num_columns = math.ceil(len(places) / num_banks)
     height = row_height if num_banks == 1 else _LOW_ROW_HEIGHT
     figure, grid = MakePanels(
-        num_banks * len(rows),
-        math.ceil(len(places) / num_banks),
-        height=height * num_banks * len(rows) + 0.7,
+        num_rows,
+        num_columns,
+        height=height * num_rows + 0.7,
         width=width or style.WidthOf(columns),
-        share_x="col",
-        share_y="row",
-        # Aligned labels may end up a little further out than the layout reckons.
+        # The layout underestimates how far out aligned labels stand.
         padding=0.1,
     )
-    # A row for each signal and a column for each place, wherever it is on the page.
+    # A row for each signal and a column for each place, whatever its bank.
     axes = np.hstack(np.vsplit(grid, num_banks))
-    for ax in axes[:, len(places) :].flat:
+    axes, unused = np.split(axes, [len(places)], axis=1)
+    for ax in unused.flat:
         ax.set_visible(False)
-    axes = axes[:, : len(places)]
-    for k, row in enumerate(rows):
-        label = shown.DrawRow(axes[k], places, row)
-        if num_banks > 1:  # A low panel has no room for a name and its symbol.
+    for row, row_axes in zip(rows, axes, strict=True):
+        label = shown.DrawRow(row_axes, places, row)
+        if num_banks > 1:  # Beside a low panel, the unit follows the symbol.
             label = label.replace("\n", " ").replace(" $", "\n$")
-        for ax in grid[k :: len(rows), 0]:
+        for ax in row_axes[::num_columns]:
             ax.set_ylabel(label)
+    # The lowest visible panel of a column names the horizontal axis.
     for place, column in zip(places, axes.T, strict=True):
         for ax in [ax for ax in column if ax.get_visible()][-1:]:
             ax.tick_params(labelbottom=True)
@@ -186,21 +171,23 @@ def PlotRows(
             style.NameAbove(column[0], x, name)
     if len(places) > 2:
         _TitleMultiples(axes[0], recordings)
-    figure.align_ylabels(grid[:, 0])
+    figure.align_ylabels()
     if any(len(row.components) == 1 for row in rows):
-        names_runs = len(places) <= 2 and "" not in recordings
-        _AddLegend(figure, recordings, rows, names_runs=names_runs)
+        keys = _MarkKeys(recordings, rows)
+        if len(places) <= 2 and "" not in recordings:
+            keys = _RunKeys(recordings) + keys
+        style.AddLegend(figure, keys)
     return figure
 
 
 class _Place(NamedTuple):
-    """A column of panels.
+    """A column of panels with one horizontal axis: time, or the position.
 
     Attributes:
-        runs: The numbers of the runs in it.
-        label, limits: Of what they are against, in the unit shown.
-        scale: Of the position that they are against; 0: they are against time.
-        boundaries: The names of the surfaces by where they are, in the unit shown.
+        runs: The indices of the runs in it.
+        label, limits: Label and limits of the axis, in the unit shown.
+        scale: The factor from a position in m to the unit shown; 0 for time.
+        boundaries: The names of the surfaces by their positions, in the unit shown.
     """
 
     runs: Sequence[int]
@@ -208,10 +195,6 @@ class _Place(NamedTuple):
     limits: Interval
     scale: float = 0.0
     boundaries: Mapping[float, str] = {}
-
-    def X(self, curve: Curve) -> Array:
-        """Returns what a curve is drawn against."""
-        return curve.x * self.scale if self.scale else curve.time
 
 
 class _Runs:
@@ -222,18 +205,18 @@ class _Runs:
         has_tool = "tool_position" in self._runs[0]
         self._normal_W = NormalOfRuns(self._runs) if has_tool else np.zeros(0)
         self._boundaries: dict[float, list[str]] = {}
-        for run, name in itertools.product(self._runs, (PUNCTURE, CONTACT)):
+        for run, name in itertools.product(self._runs, _EVENTS):
             surface = run.FindSurface(name)
             if surface is not None and (surface.normal_W == self._normal_W).all():
-                x = float(surface.Along(surface.point_W))
+                x = surface.Along(surface.point_W)
                 names = self._boundaries.setdefault(x, [])
                 names += [name] if name not in names else []
 
     def Places(self, columns: int) -> list[_Place]:
         """Returns the columns of panels of a figure.
 
-        Three runs can be told apart in one panel. More have a column each, on a page as
-        long as they fit there.
+        Three runs can be told apart in one panel. More have a column each, as long as
+        these fit on a page.
         """
         everyone = range(len(self._runs))
         against_time = _Place(everyone, "time [s]", TimeLimits(self._runs))
@@ -241,10 +224,10 @@ class _Runs:
             return [against_time._replace(runs=[i]) for i in everyone]
         if columns == 1:
             return [against_time]
-        positions = [
-            SampleCurve(run, self._normal_W, "tool_position", [0]) for run in self._runs
-        ]
-        low, high = RangeOf([x._replace(y=x.x[:, None]) for x in positions])
+        curves = [SampleCurve(run, "tool_position", [0]) for run in self._runs]
+        low, high = RangeOf(
+            [x._replace(y=self._Along(i, x.time)) for i, x in enumerate(curves)]
+        )
         scale, unit = style.ScaleAndUnit((low, high), "m")
         against_position = _Place(
             everyone,
@@ -258,11 +241,20 @@ class _Runs:
         )
         return [against_time, against_position]
 
+    def _Along(self, i: int, times: Array) -> Array:
+        """Returns the position of run i along the normal at some times, m."""
+        position = self._runs[i].Interpolate("tool_position", times)
+        return np.asarray(position @ self._normal_W)
+
+    def _X(self, place: _Place, i: int, times: Array) -> Array:
+        """Returns the places of some times of run i on the horizontal axis."""
+        return self._Along(i, times) * place.scale if place.scale else times
+
     def _Curves(self, row: SignalRow) -> list[Curve]:
-        """Returns the signal of a row, of each run."""
+        """Returns the curve of the signal of a row for each run."""
         curves = []
         for run in self._runs:
-            curve = SampleCurve(run, self._normal_W, row.signal, row.components)
+            curve = SampleCurve(run, row.signal, row.components)
             if row.reference:
                 reference = run.Interpolate(row.reference, curve.time)
                 curve = curve._replace(y=curve.y - reference[:, row.components])
@@ -275,18 +267,17 @@ class _Runs:
         """Draws a signal into its row of panels, and returns its name and unit."""
         curves = self._Curves(row)
         commands = self._Commands(row)
-        scale, unit = _SetRange(row_axes, RangeOf(curves, commands), row.unit)
-        # The position that the right column is against has no panel there.
-        is_x = (
-            row.signal == "tool_position"
-            and len(row.components) == 1
-            and self._normal_W[row.components[0]] == 1
-        )
+        y_range = RangeOf(curves, commands)
+        scale, unit = style.ScaleAndUnit(y_range, row.unit)
+        # The position along the normal is not drawn against itself.
+        normal = self._normal_W
+        is_x = row.signal == "tool_position" and list(normal[row.components]) == [1]
         for place, ax in zip(places, row_axes, strict=True):
-            ax.set_xlim(place.limits)
-            for command in [commands[i] for i in place.runs if commands]:
-                x = place.X(command)
-                ax.plot(x, command.y * scale, **_COMMAND_STYLE, zorder=1)
+            style.FormatAxes(ax)
+            ax.set(xlim=place.limits, ylim=style.Widen(y_range, scale))
+            for i in place.runs if commands else ():
+                x = self._X(place, i, commands[i].time)
+                ax.plot(x, commands[i].y * scale, **_COMMAND_STYLE, zorder=1)
             for i in place.runs:
                 self._DrawRun(ax, place, row, i, curves[i], scale)
             for boundary in place.boundaries:
@@ -294,24 +285,17 @@ class _Runs:
             for y in self._boundaries if is_x else ():
                 ax.axhline(y * scale, **style.BOUNDARY_STYLE)
             ax.set_visible(not (place.scale and is_x))
-        if row_axes[0].get_legend_handles_labels()[1]:
+        if len(row.components) > 1:
             row_axes[0].legend(ncols=2, fontsize=SMALL_FONT_SIZE, frameon=False)
-        return row.label + unit
+        return f"{row.label}\n[{unit}]" if unit else row.label
 
     def _Commands(self, row: SignalRow) -> list[Curve]:
-        """Returns what is drawn beside the signal of each run, if anything."""
+        """Returns for each run the curve beside the signal, if the row has one."""
         if row.beside:
             return self._Curves(replace(row, signal=row.beside))
         if row.command is None:
             return []
-        return [
-            Curve(
-                run.time,
-                run["tool_position"] @ self._normal_W,
-                run.commands[:, [row.command]],
-            )
-            for run in self._runs
-        ]
+        return [Curve(x.time, x.commands[:, [row.command]]) for x in self._runs]
 
     def _DrawRun(
         self,
@@ -322,32 +306,31 @@ class _Runs:
         curve: Curve,
         scale: float,
     ) -> None:
-        """Draws run i, its first puncture and contact, and where it diverges."""
+        """Draws run i and marks its first puncture, first contact and divergence."""
         run = self._runs[i]
-        x = place.X(curve)
-        is_single = len(row.components) == 1
-        for line, y in zip(_Looks(row, i), curve.y.T, strict=True):
-            if len(place.runs) < len(self._runs):
-                line["linestyle"] = "-"  # There is nothing to tell it from.
-            ax.plot(x, y * scale, **line)
-        if not is_single:
+        x = self._X(place, i, curve.time)
+        y = curve.y * scale
+        if len(row.components) > 1:
+            _DrawGroups(ax, x, y, row.groups)
             return
+        look = RunStyle(i)
+        if len(place.runs) < len(self._runs):
+            look["linestyle"] = "-"  # It is alone in its panel.
+        ax.plot(x, y, **look)
         for event, (marker, _) in _EVENTS.items():
             first = np.array(run.EventTimes(event)[:1])
             if first.size:
-                x_first = run.Interpolate("tool_position", first) @ self._normal_W
-                y_first = run.Interpolate(row.signal, first)[:, row.components]
-                mark = Curve(first, x_first, y_first)
+                y_first = run.Interpolate(row.signal, first)[:, row.components] * scale
                 look = style.EventStyle(marker, style.RunColor(i))
-                ax.plot(place.X(mark), mark.y * scale, **look)
+                ax.plot(self._X(place, i, first), y_first, **look)
         if curve.diverges:
             end_x = np.clip(x[-1:], *ax.get_xlim())
-            end_y = np.clip(curve.y[-1] * scale, *ax.get_ylim())
+            end_y = np.clip(y[-1], *ax.get_ylim())
             ax.plot(end_x, end_y, **style.EndStyle(i), clip_on=False)
 
 
 def _PositionName(normal_W: Array) -> str:
-    """Returns what a position along a normal is called."""
+    """Returns the name of a position along a normal."""
     axis = int(np.argmax(np.abs(normal_W)))
     if abs(normal_W[axis]) != 1:
         return "position along the normal"
@@ -356,9 +339,9 @@ def _PositionName(normal_W: Array) -> str:
 
 
 def _TelemetryRows(recording: Recording) -> list[SignalRow]:
-    """Returns the rows for what an adaptive controller learns, if it does.
+    """Returns the rows for the estimates of an adaptive controller, if it has any.
 
-    The weights of a network are a matrix, a row of which belongs to each task axis.
+    The weights of a network are a matrix with a row for each task axis.
     """
     n = recording["tool_position"].shape[1]
     axes = [f"axis ${AxisName(k)}$" for k in range(n)]
@@ -377,40 +360,34 @@ def _TelemetryRows(recording: Recording) -> list[SignalRow]:
             ("weights_1", "weights $W_1$", "m/s²", axes),
             ("weights_3", "weights $W_3$", "N/s", axes),
         )
-        if signal in recording.signals
+        if signal in recording
     ]
 
 
-def _Looks(row: SignalRow, run: int) -> list[Look]:
-    """Returns how each component of a signal is drawn.
-
-    A single one is told apart by its run. Of others the groups are named.
-    """
-    count = len(row.components)
-    if count == 1:
-        return [style.RunStyle(run)]
-    each = count // len(row.groups)
-    looks: list[Look] = []
-    for i, name in enumerate(row.groups):
-        if each == 1:
-            looks.append(style.RunStyle(i) | {"label": name})
-            continue
-        look = {"color": style.RunColor(i), "linewidth": 0.6}
-        label = f"{each} of {name}" if len(row.groups) > 1 else f"all {each}"
-        looks += [look | {"label": label}, *([look] * (each - 1))]
-    return looks
+def _DrawGroups(ax: Axes, x: Array, y: Array, groups: Sequence[str]) -> None:
+    """Draws the components of a signal (T, k), each group of them in one colour."""
+    for i, components in enumerate(np.split(y, len(groups), axis=1)):
+        each = components.shape[1]
+        look = RunStyle(i)
+        label = groups[i]
+        if each > 1:
+            look = {"color": style.RunColor(i), "linewidth": 0.6}
+            label = f"{each} of {label}" if len(groups) > 1 else f"all {each}"
+        line, *_ = ax.plot(x, components, **look)
+        line.set_label(label)
 
 
 def _Divergence(run: Recording) -> str:
-    """Returns when a run diverges, in words; "" if it does not."""
-    is_diverged = run.termination == "diverged"
-    return f"diverges at {run.time[-1]:.3g} s" if is_diverged else ""
+    """Returns the time at which a run diverges, in words; "" if it does not."""
+    if run.termination != "diverged":
+        return ""
+    return f"diverges at {run.time[-1]:.3g} s"
 
 
 def _TitleMultiples(
     row_axes: Sequence[Axes], recordings: Mapping[str, Recording]
 ) -> None:
-    """Writes above each column of panels which run it has, and how that ends."""
+    """Writes above each column of panels the name of its run and its divergence."""
     for i, (name, run) in enumerate(recordings.items()):
         ax = row_axes[i]
         title = textwrap.fill(name, 14, break_long_words=False)
@@ -420,32 +397,28 @@ def _TitleMultiples(
 
 
 def _RunKeys(recordings: Mapping[str, Recording]) -> list[Line2D]:
-    """Returns the entries of the runs in a legend; they tell which runs diverge."""
+    """Returns the legend entries of runs, with the times at which they diverge."""
     keys = []
     names = style.ShortLabels(list(recordings))
     for i, (name, run) in enumerate(zip(names, recordings.values(), strict=True)):
         end = _Divergence(run)
         cross = style.EndStyle(i) if end else {}
-        look = {**cross, **style.RunStyle(i)}
-        keys.append(style.Key(f"{name} ({end})" if end else name, **look))
+        look = {**cross, **RunStyle(i)}
+        keys.append(Key(f"{name} ({end})" if end else name, **look))
     return keys
 
 
-def _AddLegend(
-    figure: Figure,
-    recordings: Mapping[str, Recording],
-    rows: Sequence[SignalRow],
-    *,
-    names_runs: bool,
-) -> None:
-    """Adds the legend of runs, of the command and of the events that are marked."""
-    handles = _RunKeys(recordings) if names_runs else []
+def _MarkKeys(
+    recordings: Mapping[str, Recording], rows: Sequence[SignalRow]
+) -> list[Line2D]:
+    """Returns the legend entries of commands and of marked events."""
+    keys = []
     if any(row.command is not None for row in rows):
-        handles.append(style.Key("commanded velocity", **_COMMAND_STYLE))
+        keys.append(Key("commanded velocity", **_COMMAND_STYLE))
     beside = dict.fromkeys(row.beside.replace("_", " ") for row in rows if row.beside)
     if beside:
-        handles.append(style.Key(", ".join(beside), **_COMMAND_STYLE))
+        keys.append(Key(", ".join(beside), **_COMMAND_STYLE))
     for event, (marker, label) in _EVENTS.items():
         if any(run.EventTimes(event) for run in recordings.values()):
-            handles.append(style.Key(label, **style.EventStyle(marker, GREY)))
-    style.AddLegend(figure, handles)
+            keys.append(Key(label, **style.EventStyle(marker, GREY)))
+    return keys

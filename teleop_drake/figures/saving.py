@@ -1,17 +1,18 @@
-"""Figures as files: reproducible, complete or not at all, and described in words."""
+"""Writes figures to reproducible files that carry a description in words."""
 
 import re
 from collections.abc import Iterable
 from pathlib import Path
 
-import matplotlib
+from matplotlib import rc_context
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 
 from teleop_drake.files import Replacing
 from teleop_drake.validation import Refuse
 
-# For each suffix: where the description stands, and metadata that would change with
-# each file.
+# For each suffix: the metadata entry of the description, and the entries that would
+# differ from file to file.
 _METADATA: dict[str, tuple[str, tuple[str, ...]]] = {
     ".png": ("Description", ("Software",)),
     ".svg": ("Title", ("Date", "Creator")),
@@ -24,11 +25,11 @@ def SaveFigure(figure: Figure, *paths: str | Path) -> None:
 
     A file appears complete or not at all.
 
-    It carries a description in words, what DescribeFigure() returns: in a .png as the
-    text `Description`, in an .svg as its title, in a .pdf as its subject.
+    It carries the description of DescribeFigure(): in a .png as the text
+    `Description`, in an .svg as its title, in a .pdf as its subject.
 
     Args:
-        paths: Where to; the suffix, .png, .svg or .pdf, decides the format.
+        paths: The files; the suffix, .png, .svg or .pdf, sets the format.
 
     Raises:
         OSError: If a file cannot be written.
@@ -42,15 +43,15 @@ def SaveFigure(figure: Figure, *paths: str | Path) -> None:
         metadata = {**dict.fromkeys(changing), place: DescribeFigure(figure)}
         with (
             Replacing(path) as temporary,
-            matplotlib.rc_context({"svg.hashsalt": "teleop-drake", "pdf.fonttype": 42}),
+            rc_context({"svg.hashsalt": "teleop-drake", "pdf.fonttype": 42}),
         ):
             figure.savefig(temporary, format=suffix[1:], dpi=200, metadata=metadata)
 
 
 def DescribeFigure(figure: Figure) -> str:
-    """Returns what a figure shows, in words: for those who do not see it.
+    """Returns a description of a figure for people who cannot see it.
 
-    It says what the panels show against what, and the names of the lines.
+    It lists the axes and titles of the panels, and the entries of the legends.
     """
     axes = [ax for ax in figure.axes if ax.get_visible()]
     shown = _Different(ax.get_ylabel() for ax in axes)
@@ -63,15 +64,13 @@ def DescribeFigure(figure: Figure) -> str:
         text += f"; of {', '.join(titles)}"
     if against:
         text += f"; against {' and '.join(against)}"
-    boxes = [*figure.legends, *(ax.get_legend() for ax in figure.axes)]
-    names = _Different(
-        name.get_text() for box in boxes if box is not None for name in box.get_texts()
-    )
+    legends = figure.findobj(Legend)
+    names = _Different(name.get_text() for box in legends for name in box.get_texts())
     if names:
         text += f". Legend: {', '.join(names)}"
-    return re.sub(r"[${}\\]", "", f"{text}.")  # Of a formula: $F_{e,x}$ is F_e,x.
+    return re.sub(r"[${}\\]", "", f"{text}.")  # The formula $F_{e,x}$ becomes F_e,x.
 
 
 def _Different(texts: Iterable[str]) -> list[str]:
-    """Returns texts on a line each, every one once and none that is empty."""
+    """Returns the different texts that are not empty, each without line breaks."""
     return [text for text in dict.fromkeys(" ".join(x.split()) for x in texts) if text]

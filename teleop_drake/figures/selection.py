@@ -1,23 +1,24 @@
 """Selection of signals and of a window of time for a figure."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
+from teleop_drake.arrays import Interval
 from teleop_drake.recording import Recording
 from teleop_drake.signals import AxesOf, AxisUnit, PartUnit, UnitOf
 from teleop_drake.tasks.panels import SignalRow
 from teleop_drake.validation import CheckNames, Refuse, Show
 
-# Up to this many components of a signal have a name each, or a row each where runs are
-# compared.
+# The largest number of components of a signal that are named one by one or, where runs
+# are compared, have a row each.
 _MAX_ROWS = 4
 
 
 def CheckRecordings(recordings: Mapping[str, Recording]) -> None:
-    """Refuses runs that do not fit into one picture.
+    """Checks that runs can be drawn in one picture.
 
     Raises:
-        ValueError: If there is none, or their numbers of axes differ.
+        ValueError: If there is no run, or the numbers of axes differ.
     """
     if not recordings:
         Refuse("recordings", {}, "one or more")
@@ -31,15 +32,16 @@ def SelectRows(
     recordings: Sequence[Recording],
     signals: Sequence[str] | None,
 ) -> list[SignalRow]:
-    """Returns the rows of a figure that show some signals, in the order asked for.
+    """Returns the rows of a figure that show the given signals, in their order.
 
     Args:
-        signals: Names of signals; of one without a row among them, every component
-            gets one. None: all rows.
+        rows: The rows of the task.
+        signals: Names of signals; None selects all rows. A signal without a row of the
+            task gets rows of its own.
 
     Raises:
-        UnknownSignal: If a run does not have one of them.
-        ValueError: If none is asked for.
+        UnknownSignal: If a run lacks one of the signals.
+        ValueError: If `signals` is empty, or a signal does not fit into rows.
     """
     CheckNames("signals", signals)
     if signals is None:
@@ -54,14 +56,15 @@ def SelectRows(
 
 
 def _RowsOf(signal: str, recordings: Sequence[Recording]) -> list[SignalRow]:
-    """Returns rows for a signal that a task does not show of itself."""
-    sizes = [recording[signal].shape[1] for recording in recordings]
-    if len(set(sizes)) > 1:
+    """Returns rows for a signal that the task does not show."""
+    sizes = {recording[signal].shape[1] for recording in recordings}
+    if len(sizes) > 1:
         Refuse("signals", signal, f"of one size in all runs, not of {sorted(sizes)}")
-    size = sizes[0]
+    (size,) = sizes
     unit = UnitOf(signal)
     name = signal.replace("_", " ")
-    if len(sizes) == 1 and size > 1 and unit is None:
+    if len(recordings) == 1 and size > 1 and unit is None:
+        # Components without axes share a row.
         named = [f"$c_{{{k + 1}}}$" for k in range(size)]
         return [
             SignalRow(
@@ -75,28 +78,31 @@ def _RowsOf(signal: str, recordings: Sequence[Recording]) -> list[SignalRow]:
     parts = recordings[0].Components(signal, size)
     axes = AxesOf(size) if unit is not None else tuple(map(str, range(1, size + 1)))
     if isinstance(parts[0], str):  # A packet.
-        labels = [f"{part}\n{signal.rpartition('_')[2]}" for part in parts]
-        units = [PartUnit(part) for part in parts]
+        end = signal.rpartition("_")[2]
+        shown = [(f"{part}\n{end}", PartUnit(part)) for part in parts]
     elif size > _MAX_ROWS:
         Refuse("signals", signal, f"of {_MAX_ROWS} components at most to compare runs")
     else:
-        labels = [f"{name} ${axis}$" if size > 1 else name for axis in axes]
-        units = [AxisUnit(unit or "", axis) for axis in axes]
+        shown = [
+            (f"{name} ${axis}$" if size > 1 else name, AxisUnit(unit or "", axis))
+            for axis in axes
+        ]
     return [
         SignalRow(label=label, unit=own_unit, signal=signal, components=[k])
-        for k, (label, own_unit) in enumerate(zip(labels, units, strict=True))
+        for k, (label, own_unit) in enumerate(shown)
     ]
 
 
-def SelectTime(recording: Recording, window: tuple[float, float] | None) -> Recording:
+def SelectTime(recording: Recording, window: Interval | None) -> Recording:
     """Returns the part of a run within a window of time.
 
     Returns:
-        Its samples there, and at the ends of the window those between samples. It is
-        completed if the run went on.
+        The samples in the window and interpolated ones at its ends. The part counts as
+        completed if the run continues after it.
 
     Raises:
-        ValueError: If the window is none, or the run ends before it.
+        ValueError: If the window does not run from a time >= 0 to a later one, or the
+            run ends before it.
     """
     if window is None:
         return recording
@@ -106,7 +112,7 @@ def SelectTime(recording: Recording, window: tuple[float, float] | None) -> Reco
     last = float(recording.time[-1])
     if begin >= last:
         Refuse("time", list(window), f"before {Show(last)} s, when the run has ended")
-    return dataclasses.replace(
+    return replace(
         recording.Part(begin, end),
         events=[event for event in recording.events if begin <= event.time <= end],
         termination=recording.termination if end >= last else "completed",

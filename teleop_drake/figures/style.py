@@ -2,7 +2,7 @@
 
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
 import matplotlib.figure
@@ -10,9 +10,10 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.rcsetup import cycler
-from matplotlib.ticker import ScalarFormatter
+from matplotlib.ticker import EngFormatter, ScalarFormatter
 
 from teleop_drake.arrays import Array, Interval
 from teleop_drake.signals import AxesOf
@@ -20,10 +21,11 @@ from teleop_drake.sweep.statistics import CONTROLLERS
 from teleop_drake.validation import Refuse
 
 Look = dict[str, Any]
-"""How something is drawn: keywords of Matplotlib."""
+"""Keyword arguments of Matplotlib that style an artist."""
 
-# Okabe and Ito, "Color universal design" (2008), without yellow, too pale for lines;
-# then a brown and a violet, which the colour-blind can tell from these and from grey.
+# The palette of Okabe and Ito, "Color universal design" (2008), without its yellow,
+# which is too pale for lines. Colour-blind people can tell the brown and the violet
+# that follow from these colours and from grey.
 COLORS = (
     *("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000"),
     *("#5A2D00", "#9600F0"),
@@ -52,7 +54,7 @@ MARK_STYLE: Look = {
     "clip_on": False,
     "in_layout": False,
 }
-"""Marks above a panel."""
+"""Style of the marks above a panel."""
 
 # Keys of a sweep that are delays.
 DELAYS = ("delay", "forward_delay", "return_delay")
@@ -64,14 +66,14 @@ _STYLE: dict[Any, Any] = {
     "axes.spines.right": False,
 }
 
-_DOTS_PER_INCH = 200  # of a picture in a notebook, twice as many as it shows
+_DOTS_PER_INCH = 200  # of a notebook's picture, which is shown at half its size
 
 
 class Figure(matplotlib.figure.Figure):
     """A figure in the package's style, which a notebook shows without pyplot.
 
-    Its panels are laid out so that no label overlaps another, unless `layout` says
-    otherwise. All arguments are those of Matplotlib's Figure.
+    Unless `layout` sets another one, the layout is constrained, which prevents labels
+    from overlapping. All arguments are those of Matplotlib's Figure.
     """
 
     def __init__(self, *args: Any, layout: Any = "constrained", **kwargs: Any) -> None:
@@ -83,10 +85,9 @@ class Figure(matplotlib.figure.Figure):
             return super().add_subplot(*args, **kwargs)
 
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
-        """Returns a picture for screens with many dots, and the width to show it in."""
-        for legend in (*self.legends, *(ax.get_legend() for ax in self.axes)):
-            if legend is not None:
-                legend.set_frame_on(False)
+        """Returns a PNG for high-resolution screens, and the size to show it in."""
+        for legend in self.findobj(Legend):
+            legend.set_frame_on(False)
         buffer = io.BytesIO()
         self.savefig(buffer, format="png", dpi=_DOTS_PER_INCH)
         width, height = self.get_size_inches() * _DOTS_PER_INCH / 2
@@ -97,7 +98,7 @@ def WidthOf(columns: int) -> float:
     """Returns the width in inches of a figure across one or two printed columns.
 
     Raises:
-        ValueError: If it is another number.
+        ValueError: If `columns` is neither 1 nor 2.
     """
     if columns not in (1, 2):
         Refuse("columns", columns, "1 or 2")
@@ -105,26 +106,25 @@ def WidthOf(columns: int) -> float:
 
 
 def Widen(limits: Interval, scale: float) -> Interval:
-    """Returns the range in the unit shown, with a margin."""
+    """Returns a range in the unit shown, with a margin on both sides."""
     low, high = (limit * scale for limit in limits)
-    # A constant stays a line, however little it varies; so does zero.
+    # A constant with rounding errors is drawn as a flat line, and so is zero.
     margin = max(0.06 * (high - low), 0.01 * max(abs(low), abs(high))) or 0.5
     return low - margin, high + margin
 
 
 def ScaleAndUnit(limits: Interval, unit: str) -> tuple[float, str]:
-    """Returns the scale and the unit with an SI prefix that suit a range."""
-    largest = max(abs(limit) for limit in limits)
+    """Returns the scale of a range in m, m/s or N, and its unit with an SI prefix."""
+    largest = max(map(abs, limits))
     if unit not in ("m", "m/s", "N") or largest == 0:
         return 1.0, unit
-    # From 0.1 to 100 of the unit shown.
-    exponent = min(max(math.floor(math.log10(10 * largest) / 3), -3), 2)
-    prefix = {-3: "n", -2: "µ", -1: "m", 0: "", 1: "k", 2: "M"}[exponent]
-    return 10.0 ** (-3 * exponent), prefix + unit
+    # The largest value is 0.1 to 100 in the unit shown.
+    exponent = 3 * min(max(math.floor(math.log10(10 * largest) / 3), -3), 2)
+    return 10.0**-exponent, EngFormatter.ENG_PREFIXES[exponent] + unit
 
 
 def RunColor(i: int) -> str:
-    """Returns the colour of run i of a figure; after the last they begin anew."""
+    """Returns the colour of the i-th run of a figure; the colours repeat."""
     return COLORS[i % len(COLORS)]
 
 
@@ -139,7 +139,7 @@ def RunStyle(i: int) -> Look:
 
 
 def EndStyle(i: int) -> Look:
-    """Returns how the end of run i is drawn that diverges."""
+    """Returns the style of the mark at the end of run i, which diverges."""
     return {
         "color": RunColor(i),
         "marker": "x",
@@ -150,7 +150,7 @@ def EndStyle(i: int) -> Look:
 
 
 def EventStyle(marker: str, color: str) -> Look:
-    """Returns how an event is drawn on a curve of a colour."""
+    """Returns the style of the mark of an event on a curve of the given colour."""
     return {
         "marker": marker,
         "markersize": 3.5,
@@ -165,7 +165,7 @@ def EventStyle(marker: str, color: str) -> Look:
 def NameAbove(
     ax: Axes, x: float, name: str, align: Literal["center", "left"] = "center"
 ) -> None:
-    """Writes a name above a panel: its middle or its left end is at an x."""
+    """Writes a name above a panel, centred at x or beginning there."""
     ax.annotate(
         name,
         (x, 1.0),
@@ -179,29 +179,32 @@ def NameAbove(
 
 
 def MarkAbove(ax: Axes, x: Array, level: int = 0, **look: Any) -> None:
-    """Marks points (N) of the horizontal axis above a panel, on one of some levels."""
+    """Draws marks above a panel, at positions x (N) of its horizontal axis.
+
+    Args:
+        level: The row of the marks, from 0 for the lowest.
+    """
     y = np.full(len(x), 1.03 + 0.035 * level)
     ax.plot(x, y, transform=ax.get_xaxis_transform(), **MARK_STYLE, **look)
 
 
 def Key(label: str, **line: Any) -> Line2D:
-    """Returns the entry of a line in a legend."""
+    """Returns a legend entry in the style of a line."""
     return Line2D([], [], label=label, **line)
 
 
+def RunKeys(labels: Iterable[str]) -> list[Line2D]:
+    """Returns the legend entries of runs 0, 1, ... with the given labels."""
+    return [Key(label, **RunStyle(i)) for i, label in enumerate(labels)]
+
+
 def AddLegend(
-    figure: matplotlib.figure.Figure,
-    handles: Sequence[Artist],
-    *,
-    fontsize: float = FONT_SIZE,
-    title: str = "",
+    figure: Figure, handles: Sequence[Artist], *, fontsize: float = FONT_SIZE
 ) -> None:
-    """Adds a legend above all panels, if there is anything to tell.
+    """Adds a legend above all panels, unless it would have no entry.
 
-    It has as many columns as fit, by the width of an average letter.
-
-    Args:
-        title: What the entries have in common.
+    The number of columns is the largest that fits, estimated from the width of an
+    average letter.
     """
     if not handles:
         return
@@ -217,31 +220,29 @@ def AddLegend(
         loc="outside upper center",
         ncols=ncols,
         fontsize=fontsize,
-        title=title or None,
-        title_fontsize=fontsize,
         frameon=False,
     )
 
 
 class _ShortNumbers(ScalarFormatter):
-    """Numbers as plain text, which is drawn faster; the power of ten is a formula."""
+    """Formats ticks as plain text, drawn faster, and powers of ten as formulas."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
-        """Returns a number beside its tick."""
+        """Returns the label of a tick."""
         formula = super().__call__(x, pos)
         return formula.removeprefix(r"$\mathdefault{").removesuffix("}$")
 
 
 def FormatAxes(ax: Axes) -> None:
-    """Gives a panel short numbers and a line at zero."""
+    """Gives the vertical axis of a panel short numbers, and draws a line at zero."""
     ax.yaxis.set_major_formatter(_ShortNumbers(useOffset=False, useMathText=True))
     ax.ticklabel_format(axis="y", scilimits=(-3, 4))
     ax.yaxis.get_offset_text().set_fontsize(SMALL_FONT_SIZE)
     ax.axhline(0.0, color=GREY, linewidth=0.4, zorder=0)
 
 
-# The numbers of a scenario that have one unit wherever they stand, by the last part
-# of their names. Gains whose unit the architecture decides are not among them.
+# Units of the numbers of a scenario, with the last parts of the keys that have them.
+# Gains whose unit depends on the architecture are left out.
 _NAMES_BY_UNIT = {
     "s": "delay forward_delay return_delay sample_period std minimum depth duration "
     "stop_time max_step_size",
@@ -262,12 +263,12 @@ _UNITS = {x: unit for unit, names in _NAMES_BY_UNIT.items() for x in names.split
 
 
 def _NameAndUnit(key: str) -> tuple[str, str]:
-    """Returns a varied key of a scenario in words, and its unit; "" if it has none."""
+    """Returns the name of a key of a scenario in words, and its unit or ""."""
     if key in DELAYS:
         return ("delay each way" if key == "delay" else key.replace("_", " ")), "s"
     parts = key.split(".")
     last = parts[-2] if parts[-1].isdecimal() and len(parts) > 1 else parts[-1]
-    # The element of a vector is that of an axis.
+    # An element of a vector is named after its axis.
     names = [
         AxesOf(6)[int(part)] if part.isdecimal() and int(part) < 6 else part
         for part in parts[-2:]
@@ -276,25 +277,28 @@ def _NameAndUnit(key: str) -> tuple[str, str]:
 
 
 def AxisLabel(key: str) -> str:
-    """Returns what the axis of a varied key of a scenario says: its name and unit."""
+    """Returns the axis label of a key of a scenario: its name and unit."""
     name, unit = _NameAndUnit(key)
     return f"{name} [{unit}]" if unit else name
 
 
 def IsNumber(value: Any) -> bool:
-    """Returns whether a value is a number, and not a truth."""
+    """Returns whether a value is a number; a Boolean is not."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def ValueLabel(value: Any) -> str:
-    """Returns a value of a scenario as a figure says it."""
+    """Returns a value of a scenario as text for a figure."""
     text = f"{value:g}" if IsNumber(value) else str(value).replace("_", " ")
-    # Between two dollars matplotlib reads a formula.
+    # Matplotlib reads text between two dollars as a formula.
     return text.replace("$", r"\$")
 
 
 def LabelOfValue(key: str, value: Any) -> str:
-    """Returns a value of a varied key as a legend says it, with its unit."""
+    """Returns the legend entry of a value of a key: name, value and unit.
+
+    A controller has its name only.
+    """
     if key in CONTROLLERS:
         return ValueLabel(value)
     name, unit = _NameAndUnit(key)
@@ -302,33 +306,35 @@ def LabelOfValue(key: str, value: Any) -> str:
 
 
 def ShortLabels(labels: Sequence[str]) -> list[str]:
-    """Returns labels of one varied key: its name stands in the first one only.
+    """Returns labels of one key with the name of the key in the first one only.
 
-    "delay = 0.1 s", "delay = 0.2 s" become "delay = 0.1 s", "0.2 s". Others stay.
+    "delay = 0.1 s", "delay = 0.2 s" become "delay = 0.1 s", "0.2 s". Other labels are
+    returned unchanged.
     """
-    names = {label.partition(" = ")[0] for label in labels if " = " in label}
-    is_one_key = len(names) == 1 and all(label.count(" = ") == 1 for label in labels)
-    if not is_one_key:
+    parts = [label.split(" = ") for label in labels]
+    names = {name for name, *_ in parts}
+    if len(names) != 1 or any(len(part) != 2 for part in parts):
         return list(labels)
-    return [*labels[:1], *(label.partition(" = ")[2] for label in labels[1:])]
+    return [labels[0], *(value for _, value in parts[1:])]
 
 
 def CellEdges(centres: Array) -> Array:
     """Returns the boundaries (N + 1) of cells around ascending centres (N)."""
     if len(centres) == 1:
-        return np.asarray(centres[0] + np.array([-0.5, 0.5]))
-    # The outermost cells reach as far to either side.
+        return centres + np.array([-0.5, 0.5])
+    # The outermost cells are symmetric about their centres.
     padded = np.pad(centres, 1, mode="reflect", reflect_type="odd")
     return np.asarray((padded[1:] + padded[:-1]) / 2)
 
 
 def MapLimits(centres: Array) -> Interval:
-    """Returns where a map ends: at the outermost values, which halves their cells.
+    """Returns the limits of an axis of a map: its outermost values.
 
-    No cell then reaches to where nothing was looked at.
+    They cut the outermost cells in half, so that no cell extends beyond the values
+    that were computed.
 
     Args:
-        centres: The values, ascending; a single one has the whole of its cell.
+        centres: The values, ascending. A single value has its whole cell shown.
     """
     ends = CellEdges(centres) if len(centres) == 1 else centres
-    return float(ends[0]), float(ends[-1])
+    return ends[0], ends[-1]

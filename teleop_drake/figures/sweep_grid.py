@@ -1,4 +1,4 @@
-"""Panels of a sweep: which axis of its grid is drawn along which direction."""
+"""Panels of a sweep: the keys of its grid as panels, lines and horizontal axis."""
 
 import itertools
 import math
@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.lines import Line2D
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, Interval
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakePanels, Panels
 from teleop_drake.figures.style import FONT_SIZE, Figure, Key
@@ -19,41 +19,49 @@ from teleop_drake.sweep.statistics import CONTROLLERS, SEED
 from teleop_drake.validation import Refuse
 
 MAX_PANELS = 24
-"""More in a figure would be too small to read."""
+"""The largest number of panels that are large enough to read."""
 
 MAX_NAMED_LINES = 8
-"""More lines are not all named."""
+"""The largest number of lines that are all named in the legend."""
 
 SEQUENCE = colormaps["viridis"]
-"""Colours of values that have an order."""
+"""Colours of ordered values."""
 
 
 class SweepGrid:
-    """Who is who among the axes of a sweep.
+    """The roles that the keys of a sweep have in its figures.
 
-    `Arrange` brings an array of the grid's shape into (panels, lines, x, seeds). Lines
-    are the values of `line_key`, the last key that is neither the controller nor the
-    delay; where there is none, lines are controllers. The `panel_points` are the keys
-    and values that each panel has, and `num_columns` panels, of one controller each,
-    stand side by side. Where seeds and at most controllers are varied, x are the
-    controllers, named by `x_names`. `has_two_keys` tells whether two keys beside the
-    controller and the seed are varied.
+    If only seeds, or seeds and controllers, are varied, the controllers stand along the
+    horizontal axis.
+
+    Attributes:
+        x_key: The key along the horizontal axis: a delay, or another key with numbers.
+        x: The values of `x_key`, ascending, or the places of the controllers.
+        x_names: The names of the controllers along the axis, else empty.
+        line_key: The last varied key that is neither the controller nor `x_key`, else
+            the controller; empty if the grid has neither.
+        line_values: The values of `line_key`, each of which has a line.
+        has_two_keys: Whether a key is varied beside controller, seed and `x_key`.
+        panel_points: The keys and values of each panel.
+        num_columns: The number of panels side by side: one for each controller, or one
+            if the controllers are lines.
+        shape: The numbers of panels, lines, values of x and seeds.
 
     Raises:
-        ValueError: If neither numbers nor seeds are varied, or it would take too many
-            panels.
+        ValueError: If no key has numbers although more than controllers and seeds is
+            varied, or there would be too many panels.
     """
 
     def __init__(self, result: SweepResult) -> None:
         axes = result.axes
         varied = [key for key, values in axes.items() if len(values) > 1]
         controller = [key for key in axes if key in CONTROLLERS][:1]
-        seed = [key for key in axes if key == SEED]
         numeric = [
             key
             for key in (*style.DELAYS, *axes)
-            if key in axes and key not in seed and all(map(style.IsNumber, axes[key]))
+            if key in axes and key != SEED and all(map(style.IsNumber, axes[key]))
         ]
+        # The horizontal axis: controllers, or the first varied key with numbers.
         self.x_names: list[str] = []
         if VariesSeedsOnly(result):
             self.x_key = controller.pop() if controller else ""
@@ -65,7 +73,8 @@ class SweepGrid:
             x = np.array(axes[self.x_key], dtype=float)
         else:
             Refuse("result", "with no key with numbers", "of one such key or more")
-        others = [k for k in varied if k not in (self.x_key, *controller, *seed)]
+        # The last of the other keys has lines, the rest of them have rows of panels.
+        others = [k for k in varied if k not in (self.x_key, *controller, SEED)]
         self.has_two_keys = bool(others)
         *row_keys, self.line_key = others or controller or [""]
         column_keys = controller if others else []
@@ -79,9 +88,10 @@ class SweepGrid:
         if num_panels > MAX_PANELS:
             needs = f"needs {num_panels // len(columns)} x {len(columns)} panels"
             Refuse("result", needs, f"of {MAX_PANELS} panels at most")
-        keys = [*row_keys, *column_keys, self.line_key, self.x_key, *seed]
+        # The order of the grid's axes in Arrange().
+        keys = [*row_keys, *column_keys, self.line_key, self.x_key, SEED]
         names = list(axes)
-        rest = [key for key in names if key not in keys]  # One value each.
+        rest = [key for key in names if key not in keys]  # They have one value each.
         self._order = [names.index(key) for key in [*rest, *keys] if key in names]
         self._x_order = np.argsort(x)
         self.x = x[self._x_order]
@@ -96,18 +106,15 @@ class SweepGrid:
     def MakePanels(self, num_metrics: int = 1) -> tuple[Figure, Panels]:
         """Returns a figure and its panels (metrics, panels).
 
-        Metrics of one panel each stand side by side, others below each other.
+        Metrics with one panel each stand side by side, others one below the other.
         """
         num_panels = self.shape[0]
         total = num_metrics * num_panels
         across = self.num_columns if num_panels > 1 else min(num_metrics, 3)
         down = math.ceil(total / across)
+        height = 0.8 + (2.6 if down == 1 else 1.7) * down
         figure, axes = MakePanels(
-            down,
-            across,
-            height=0.8 + (2.6 if down == 1 else 1.7) * down,
-            share_x="all",
-            padding=0.1,
+            down, across, height=height, share_x="all", share_y="none", padding=0.1
         )
         for ax in axes.flat[total:]:
             ax.remove()
@@ -125,18 +132,18 @@ class SweepGrid:
         return figure, panels
 
     def AddTitles(self, panels: Panels, num_marks: int = 0) -> None:
-        """Names the values of each panel, above marks on as many levels."""
+        """Writes the values of each panel above it and above the rows of marks."""
         for (_, i), ax in np.ndenumerate(panels):
             names = itertools.starmap(style.LabelOfValue, self.panel_points[i].items())
             ax.set_title(
-                ", ".join(names) or " ",  # Also that makes room for the marks.
+                ", ".join(names) or " ",  # A blank title reserves room for the marks.
                 fontsize=FONT_SIZE,
                 y=1.03 + 0.035 * num_marks,
                 pad=2,
             )
 
     def LineStyle(self, i: int) -> dict[str, Any]:
-        """Returns how line i is drawn; nothing joins controllers."""
+        """Returns the style of line i; values of several controllers are not joined."""
         if self.x_names:
             return {"color": style.COLORS[0], "linestyle": "none"}
         if not self.has_two_keys:
@@ -145,7 +152,7 @@ class SweepGrid:
         return {"color": SEQUENCE(0.92 * share), "linewidth": 1.1}
 
     def LineCoordinates(self) -> tuple[Array, list[str] | None]:
-        """Returns where the lines are on an axis, and their names if not numbers."""
+        """Returns the places of the lines on an axis, with names if they are words."""
         values = self.line_values
         if all(map(style.IsNumber, values)) and list(values) == sorted(values):
             return np.array(values, dtype=float), None
@@ -153,10 +160,10 @@ class SweepGrid:
         return places, [style.ValueLabel(value) for value in values]
 
     def LineHandles(self) -> list[Line2D]:
-        """Returns what the legend says of the lines."""
+        """Returns the legend entries of the lines."""
         values = self.line_values
         step = math.ceil(len(values) / MAX_NAMED_LINES)
-        # Some of many are enough to tell which way they go.
+        # A few of many lines are enough to show their order.
         lines = [i for i in range(len(values)) if i % step == 0 or i == len(values) - 1]
         labels = [style.LabelOfValue(self.line_key, values[i]) for i in lines]
         return [
@@ -173,12 +180,12 @@ def _Points(result: SweepResult, keys: Sequence[str]) -> list[dict[str, Any]]:
 
 def MetricScale(
     result: SweepResult, metric: str, values: Array
-) -> tuple[float, str, tuple[float, float]]:
-    """Returns the scale of values of a metric, its label, and the limits unscaled."""
+) -> tuple[float, str, Interval]:
+    """Returns the scale of a metric, its label, and the limits before scaling."""
     finite = values[np.isfinite(values)]
-    limits = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+    limits = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
     scale, unit = style.ScaleAndUnit(limits, MetricUnits(result.scenario)[metric])
     label = metric.replace("_", " ").replace(".", " ")
-    # No longer than a panel of a sheet is high.
+    # The label is no longer than a panel is high.
     label = textwrap.fill(f"{label} [{unit}]" if unit else label, 26)
     return scale, label, limits

@@ -13,22 +13,18 @@ from teleop_drake.arrays import Array, Interval
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import Panels
 from teleop_drake.figures.style import FONT_SIZE, GREY, SMALL_FONT_SIZE, Figure, Key
-from teleop_drake.figures.sweep_grid import (
-    SEQUENCE,
-    MetricScale,
-    SweepGrid,
-)
+from teleop_drake.figures.sweep_grid import SEQUENCE, MetricScale, SweepGrid
 from teleop_drake.sweep import MetricUnits, SweepResult
 from teleop_drake.sweep.boundary import Boundary
 from teleop_drake.validation import Refuse
 
 Boundaries = Sequence[Sequence[Boundary]]
-"""What is drawn over each panel."""
+"""The boundaries of stability that are drawn over each panel."""
 
-# So many values of a map have a tick each.
+# The largest number of values of a map that have a tick each.
 _MOST_TICKS = 8
 
-# How a run ends, from good to bad, and the colour of it.
+# How a run ends, from best to worst, with its colour.
 _OUTCOMES = {
     "completes": "#56B4E9",
     "settles": "#009E73",
@@ -37,41 +33,44 @@ _OUTCOMES = {
     "fails": GREY,
 }
 
-# Colour of cells with a run that was stopped.
+# Colour of cells with a run that diverges or fails.
 _ENDED = "#BBBBBB"
 
 
 def PlotStability(result: SweepResult, boundaries: Boundaries = ()) -> Figure:
     """Maps how the runs of a sweep end, over the delay and another varied key.
 
-    A cell has the worst of its seeds. What else is varied gets panels of its own.
+    A cell shows the worst outcome of its seeds. Further varied keys have panels of
+    their own.
 
     Args:
-        boundaries: Where the loop ceases to be stable; see FindBoundaries().
+        boundaries: The largest stable delays for each panel; see FindBoundaries().
 
     Raises:
         ValueError: If fewer than two keys beside the controller and the seed are
-            varied, or it would take too many panels.
+            varied, or there would be too many panels.
     """
     grid = _TwoKeys(result)
     status = grid.Arrange(result.Status())
-    rank = np.select([status == "failed", status == "diverged"], [4, 3], 0)
+    completed = np.zeros(status.shape)
     if "collision.time" in MetricUnits(result.scenario):
         has_contact = np.isfinite(grid.Arrange(result.Values("collision.time")))
         settles = np.isfinite(grid.Arrange(result.Values("collision.settling_time")))
-        is_seen = (status == "completed") & has_contact
-        rank[is_seen] = np.where(settles, 1, 2)[is_seen]
+        completed = np.select([has_contact & settles, has_contact], [1, 2])
+    # The rank of an outcome is its index in _OUTCOMES.
+    rank = np.select([status == "failed", status == "diverged"], [4, 3], completed)
     worst = rank.max(axis=-1)
     figure, panels = grid.MakePanels()
     colors = ListedColormap(list(_OUTCOMES.values()))
     limits = {"vmin": -0.5, "vmax": len(_OUTCOMES) - 0.5}
     for ax, cells in zip(panels[0], worst, strict=True):
-        edges = {"edgecolor": "white", "linewidth": 0.3}
-        _DrawCells(ax, grid, cells, cmap=colors, **limits, **edges)
+        _DrawCells(
+            ax, grid, cells, cmap=colors, **limits, edgecolor="white", linewidth=0.3
+        )
     handles = [
         Patch(color=color, label=label)
         for i, (label, color) in enumerate(_OUTCOMES.items())
-        if (worst == i).any()
+        if i in worst
     ]
     _Finish(figure, panels, grid, handles, boundaries)
     return figure
@@ -80,28 +79,29 @@ def PlotStability(result: SweepResult, boundaries: Boundaries = ()) -> Figure:
 def PlotMap(result: SweepResult, *metrics: str, boundaries: Boundaries = ()) -> Figure:
     """Maps metrics of a sweep, over the delay and another varied key.
 
-    A cell has the median of its seeds. It is grey where a run diverges or fails, and
-    white where a run has no such number. What else is varied gets panels of its own.
+    A cell shows the median of its seeds. It is grey if a run diverges or fails, and
+    white if a run has no value. Further varied keys have panels of their own.
 
     Args:
-        *metrics: Of MetricUnits(result.scenario), one or more, for example
+        *metrics: One name or more in MetricUnits(result.scenario), for example
             "collision.peak_force".
-        boundaries: Where the loop ceases to be stable; see FindBoundaries().
+        boundaries: The largest stable delays for each panel; see FindBoundaries().
 
     Raises:
         ValueError: If there is no such metric, fewer than two keys beside the
-            controller and the seed are varied, or it would take too many panels.
+            controller and the seed are varied, or there would be too many panels.
     """
     grid = _TwoKeys(result)
     is_completed = grid.Arrange(result.Status()) == "completed"
     is_ended = ~is_completed.all(axis=-1)
+    # Grey cells are drawn over those that have a colour.
     ended = np.where(is_ended, 1.0, np.nan)
     lacks_number = False
     figure, panels = grid.MakePanels(len(metrics))
     for metric, axes in zip(metrics, panels, strict=True):
         values = np.where(is_completed, grid.Arrange(result.Values(metric)), np.nan)
-        medians = np.median(values, axis=-1)  # NaN where a seed has no number.
-        lacks_number |= bool((np.isnan(medians) & ~is_ended).any())
+        medians = np.median(values, axis=-1)  # NaN if a seed has no value.
+        lacks_number |= (np.isnan(medians) & ~is_ended).any()
         scale, label, (low, high) = MetricScale(result, metric, medians)
         limits = {"vmin": low * scale, "vmax": high * scale}
         for ax, shown, gone in zip(axes, medians * scale, ended, strict=True):
@@ -121,7 +121,7 @@ def PlotMap(result: SweepResult, *metrics: str, boundaries: Boundaries = ()) -> 
 
 
 def _TwoKeys(result: SweepResult) -> SweepGrid:
-    """Returns the grid of a sweep, of two keys or more."""
+    """Returns the grid of a sweep that varies two keys or more."""
     grid = SweepGrid(result)
     if not grid.has_two_keys:
         Refuse("result", "with no second key that is varied", "of two keys or more")
@@ -141,14 +141,14 @@ def _Finish(
     handles: list[Any],
     boundaries: Boundaries,
 ) -> None:
-    """Draws the boundaries, and says what everything is."""
+    """Draws the boundaries, and adds ticks, titles, labels and the legend."""
     y, y_labels = grid.LineCoordinates()
     limits = style.MapLimits(grid.x)
     fates = _Fates(boundaries, limits)
-    lines = {name: style.LINES[i % len(style.LINES)] for i, name in enumerate(fates)}
+    lines = dict(zip(fates, itertools.cycle(style.LINES)))
     for (_, panel), ax in np.ndenumerate(panels):
         for drawn in boundaries[panel] if boundaries else ():
-            # Black on white is seen on every colour.
+            # A black line with a white edge is visible on every colour.
             ax.plot(drawn.ends, y, color="white", linewidth=2.8)
             dashes = lines[drawn.point]
             ax.plot(drawn.ends, y, color="black", linestyle=dashes, linewidth=1.6)
@@ -159,6 +159,7 @@ def _Finish(
             ax.set_xticks(grid.x)
         if y_labels is not None or len(y) <= _MOST_TICKS:
             ax.set_yticks(y, y_labels)
+    # Titles and labels, a note below the map on boundaries outside of it, the legend.
     grid.AddTitles(panels)
     for ax in panels[:, :: grid.num_columns].flat:
         ax.set_ylabel(style.AxisLabel(grid.line_key))
@@ -175,18 +176,17 @@ def _Finish(
 
 
 def _Fates(boundaries: Boundaries, limits: Interval) -> dict[str, str]:
-    """Returns what is said of each boundary outside the map; "" of one that crosses."""
-    ends: dict[str, list[Array]] = {}
+    """Returns a note on each boundary outside the map; "" for one that crosses it."""
+    ends: dict[str, list[float]] = {}
     for boundary in itertools.chain(*boundaries):
-        ends.setdefault(boundary.point, []).append(boundary.ends)
+        known = boundary.ends[~np.isnan(boundary.ends)]
+        ends.setdefault(boundary.point, []).extend(known)
     fates = dict.fromkeys(ends, "")
-    for name, parts in ends.items():
-        known = np.concatenate(parts)
-        known = known[~np.isnan(known)]
-        if not known.size:
+    for name, delays in ends.items():
+        if not delays:
             fates[name] = "stability not known"
-        elif (known > limits[1]).all():
+        elif min(delays) > limits[1]:
             fates[name] = "stable throughout"
-        elif (known <= 0).all():
+        elif max(delays) <= 0:
             fates[name] = "not stable without delay"
     return fates

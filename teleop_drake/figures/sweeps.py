@@ -1,4 +1,4 @@
-"""Figures of sweeps, with lines and dots: pure functions of results."""
+"""Figures of sweeps as lines and dots: pure functions of results."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -15,7 +15,7 @@ from teleop_drake.figures.sweep_grid import MAX_NAMED_LINES, MetricScale, SweepG
 from teleop_drake.sweep import SweepResult
 from teleop_drake.sweep.statistics import Bands, MedianInterval
 
-# The marks of runs that a line lacks.
+# Markers of the runs without a value on a line.
 _MARKS = {"diverges": "x", "fails": "^", "has none": "o"}
 _RUN_STYLE: Look = {"marker": ".", "markersize": 3, "linestyle": "none"}
 
@@ -23,23 +23,24 @@ _RUN_STYLE: Look = {"marker": ".", "markersize": 3, "linestyle": "none"}
 def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
     """Plots metrics of a sweep against the delay.
 
-    A metric has a panel with a line for each controller; or, where more is varied, a
-    panel for each and a line for each of the other values. A line is the median over
-    the seeds; the band around it holds 90 % of the runs, and bars are the bootstrap
-    interval of the median. Runs that diverged or have no such number (a tool that never
-    settles, for instance) are marked above the panel instead.
+    A metric has a panel with a line for each controller. If further keys are varied,
+    each controller has a panel with a line for each value of the last of these keys,
+    and the others have panels of their own. A line is the median over the seeds, the
+    band around it holds 90 % of the runs, and bars are the bootstrap interval of the
+    median. Runs that diverge or have no value (a tool that never settles, for instance)
+    are marked above the panel instead.
 
-    If no delay is varied, the first numbers that are take its place. If seeds and at
-    most controllers are varied, each controller has a dot for each run, with the median
-    and its interval in their middle.
+    If no delay is varied, the first varied key with numbers takes its place. If only
+    seeds, or seeds and controllers, are varied, each controller has a dot for each run,
+    with the median and its interval in their middle.
 
     Args:
-        *metrics: Of MetricUnits(result.scenario), for example "collision.peak_force".
-            Without any, the most used metrics that the runs have.
+        *metrics: Names in MetricUnits(result.scenario), for example
+            "collision.peak_force"; by default the most used metrics of the runs.
 
     Raises:
         ValueError: If there is no such metric, neither numbers nor seeds are varied, or
-            it would take too many panels.
+            there would be too many panels.
     """
     metrics = metrics or tuple(result.Metrics())
     grid = SweepGrid(result)
@@ -48,7 +49,7 @@ def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
     for metric, axes in zip(metrics, panels, strict=True):
         marked |= _DrawMetric(grid, result, metric, axes)
     grid.AddTitles(panels, num_marks=grid.shape[1] if marked else 0)
-    lines = grid.LineHandles()
+    # The legend: lines, marks in use, then how the seeds are shown.
     handles: list[Any] = [
         Key(name, marker=marker, color=GREY, **style.MARK_STYLE)
         for name, marker in _MARKS.items()
@@ -62,47 +63,46 @@ def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
     if grid.shape[-1] > 1:
         label = "95 % interval of the median (bootstrap)"
         handles.append(Key(label, color=GREY, marker="|", linewidth=0.8))
-    style.AddLegend(figure, [*lines, *handles], fontsize=SMALL_FONT_SIZE)
+    style.AddLegend(figure, [*grid.LineHandles(), *handles], fontsize=SMALL_FONT_SIZE)
     return figure
 
 
 def _DrawMetric(
     grid: SweepGrid, result: SweepResult, metric: str, axes: Sequence[Axes]
 ) -> set[str]:
-    """Draws a metric into its panels; returns the names of the marks there."""
+    """Draws a metric into its panels; returns the names of the markers in use."""
     values = grid.Arrange(result.Values(metric))
     status = grid.Arrange(result.Status())
     is_diverged = status == "diverged"
     is_missing = (status == "completed") & np.isnan(values)
     if metric.startswith("diverged"):
         is_missing[:] = False
-    else:  # What a run did until it was stopped says little.
+    else:  # A diverged run's value describes only its time until the stop.
         values = np.where(is_diverged, np.nan, values)
     scale, label, limits = MetricScale(result, metric, values)
-    # Where there are more lines, the stability map tells of them.
-    found = (is_diverged, status == "failed", is_missing)
-    marked = dict(zip(_MARKS, found, strict=True))
+    # With more lines, the markers are left to the stability map.
+    is_failed = status == "failed"
+    marked = {"diverges": is_diverged, "fails": is_failed, "has none": is_missing}
     if values.shape[1] > MAX_NAMED_LINES:
         marked = {}
-    for panel, i in np.ndindex(values.shape[:2]):
-        ax = axes[panel]
-        line = grid.LineStyle(i)
-        if i == 0:
-            style.FormatAxes(ax)
-        y = values[panel, i] * scale
-        middle = Bands(y, np.median)
-        ax.plot(grid.x, middle, marker=".", markersize=3, **line)
-        if grid.x_names:
-            _DrawRuns(ax, grid.x, y, line["color"])
-            ax.set_ylim(style.Widen(limits, scale))
-        elif y.shape[1] > 1:
-            low, high = (Bands(y, partial(np.quantile, q=q)) for q in (0.05, 0.95))
-            ax.fill_between(grid.x, low, high, color=line["color"], alpha=0.2, lw=0)
-        if y.shape[1] > 1:
-            _DrawInterval(ax, grid.x, y, middle, line["color"])
-        for name, where in marked.items():
-            x = grid.x[where[panel, i].any(axis=1)]
-            style.MarkAbove(ax, x, i, marker=_MARKS[name], color=line["color"])
+    for panel, ax in enumerate(axes):
+        style.FormatAxes(ax)
+        for i, y in enumerate(values[panel] * scale):
+            line = grid.LineStyle(i)
+            color = line["color"]
+            middle = Bands(y, np.median)
+            ax.plot(grid.x, middle, marker=".", markersize=3, **line)
+            if grid.x_names:
+                _DrawRuns(ax, grid.x, y, color)
+                ax.set_ylim(style.Widen(limits, scale))
+            elif y.shape[1] > 1:
+                low, high = (Bands(y, partial(np.quantile, q=q)) for q in (0.05, 0.95))
+                ax.fill_between(grid.x, low, high, color=color, alpha=0.2, lw=0)
+            if y.shape[1] > 1:
+                _DrawInterval(ax, grid.x, y, middle, color)
+            for name, where in marked.items():
+                x = grid.x[where[panel, i].any(axis=1)]
+                style.MarkAbove(ax, x, i, marker=_MARKS[name], color=color)
     for ax in axes[:: grid.num_columns]:
         ax.set_ylabel(label)
     return {name for name, where in marked.items() if where.any()}
@@ -110,16 +110,13 @@ def _DrawMetric(
 
 def _DrawRuns(ax: Axes, x: Array, values: Array, color: Any) -> None:
     """Draws a dot for each of the values (x, seeds), in the order of the seeds."""
-    # Side by side, so that dots do not hide each other.
+    # Side by side, so that the dots do not cover each other.
     beside = x[:, np.newaxis] + np.linspace(-0.3, 0.3, values.shape[1])
     ax.plot(beside, values, color=color, alpha=0.6, **_RUN_STYLE)
 
 
 def _DrawInterval(ax: Axes, x: Array, values: Array, median: Array, color: Any) -> None:
-    """Draws how well the median of values (x, seeds) is known."""
-    known = np.isfinite(values).sum(axis=1) > 1
-    ends = np.array([MedianInterval(y[np.isfinite(y)]) for y in values[known]]).T
-    bars: Look = {"fmt": "none", "linewidth": 0.8, "capsize": 2}
-    if known.any():
-        error = np.abs(ends - median[known])
-        ax.errorbar(x[known], median[known], error, color=color, **bars)
+    """Draws the interval of the median of values (x, seeds)."""
+    ends = np.array([MedianInterval(y[np.isfinite(y)]) for y in values]).T
+    lengths = np.abs(ends - median)
+    ax.errorbar(x, median, lengths, fmt="none", color=color, linewidth=0.8, capsize=2)

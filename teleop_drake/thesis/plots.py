@@ -50,7 +50,8 @@ def PlotStiffness(runs: ThesisRuns) -> Figure:
     assert contact is not None
     surface = float(contact.point_W[0])
     # Bone is 15000 times as stiff as tissue: each panel has the scale of one of them.
-    figure, panels = MakePanels(1, 2, height=ROW_HEIGHT + LEGEND_HEIGHT)
+    height = ROW_HEIGHT + LEGEND_HEIGHT
+    figure, panels = MakePanels(1, 2, height=height, share_y="none")
     tissue, bone = panels[0]
     _DrawStiffness(tissue, surfaces, 0.0, surface)
     tissue.set_xlabel("position $x$ [mm]")

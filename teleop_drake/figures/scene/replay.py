@@ -1,7 +1,7 @@
 """Page that plays recorded runs in three dimensions.
 
-The runs stand one below the other, in one time. What their signals say meanwhile is in
-the living diagram; see teleop_drake.page.
+The runs stand one below the other and are played at the same time. Their signals are
+shown by the living diagram; see teleop_drake.page.
 """
 
 import html
@@ -24,16 +24,18 @@ from teleop_drake.figures.scene.scene import (
 from teleop_drake.figures.style import GREY, RunColor
 from teleop_drake.files import WriteText
 from teleop_drake.recording import Recording
-from teleop_drake.validation import IsGiven, Refuse
+from teleop_drake.validation import Refuse
 
-# Slow motion begins so long before a puncture or a contact, and ends so long after it
-# has been felt, s. Of a run that bounces the first contacts are shown so.
+# Slow motion begins _SLOW_BEFORE s before a puncture or a contact, and ends _SLOW_AFTER
+# s after the operator feels it. Only the first events of a kind are slowed down.
 _SLOW_BEFORE = 0.05
 _SLOW_AFTER = 0.15
 _NUM_SLOW = 3
 
-_PANEL = "position: fixed; top: 0; padding: 8px 14px; font: 13px/1.4 Arial; "
-_PANEL += "background: #ffffffb0"
+_PANEL = (
+    "position: fixed; top: 0; padding: 8px 14px; font: 13px/1.4 Arial; "
+    "background: #ffffffb0"
+)
 
 _FRAME_HEIGHT = 620  # pixels, in a notebook
 
@@ -42,6 +44,10 @@ class Replay:
     """A page that plays runs: one file, which opens in any browser without a network.
 
     A notebook shows it inline.
+
+    Attributes:
+        title: The title of the page.
+        html: The page.
     """
 
     def __init__(self, title: str, text: str):
@@ -52,7 +58,7 @@ class Replay:
         return f"<Replay of {self.title}, {len(self.html) / 1e6:.1f} MB>"
 
     def _repr_html_(self) -> str:
-        """Returns the page in a frame of its own."""
+        """Returns the page in an HTML frame."""
         return (
             f'<iframe srcdoc="{html.escape(self.html)}" width="100%" '
             f'height="{_FRAME_HEIGHT}" title="Replay" style="border: 0"></iframe>'
@@ -73,26 +79,28 @@ def MakeReplay(
     """Makes a page that plays runs, one below the other.
 
     Args:
-        recordings: A run, or several by the names that the page gives them; of robots
-            with as many axes.
-        meshcat: What is drawn in, where it stays; None: one that is gone afterwards.
+        recordings: A run, or several runs by their names on the page. All robots have
+            the same number of axes.
+        meshcat: The Meshcat to draw in, which keeps the drawing; by default a temporary
+            one.
 
     Raises:
-        ValueError: If there is none, or their numbers of axes differ.
-        ScenarioError: If a run is of a Diagram, which has no scenario.
+        ValueError: If there is no run, or the numbers of axes differ.
+        ScenarioError: If a run is that of a Diagram, which has no scenario.
     """
-    if isinstance(recordings, Recording):
-        recordings = {_NameOf(recordings): recordings}
-    runs = list(recordings.values())
+    runs = [recordings] if isinstance(recordings, Recording) else [*recordings.values()]
     if any(run.scenario is None for run in runs):
         Refuse("recording.scenario", None, "that of a scenario for MakeReplay()")
-    if meshcat is None:  # Nobody is going to see where it listens.
+    if isinstance(recordings, Recording):
+        recordings = {runs[0].scenario.controller.kind.replace("_", " "): runs[0]}
+    if meshcat is None:  # Its message with the address is of no use.
         logger = logging.getLogger("drake")
         level = logger.level
         logger.setLevel(logging.WARNING)
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
         logger.setLevel(level)
     AnimateRuns(recordings, meshcat)
+    # Meshcat's own page, with a panel and a player added.
     title = runs[0].scenario.name
     data = {"slow": [span for run in runs for span in _SlowSpans(run)]}
     player = (resources.files(__package__) / "player.html").read_text(encoding="utf-8")
@@ -103,15 +111,8 @@ def MakeReplay(
     return Replay(title, page)
 
 
-def _NameOf(run: Recording) -> str:
-    """Returns the name of a single run on the page: that of its controller."""
-    if not IsGiven(run.scenario):
-        return "diagram"
-    return str(run.scenario.controller.kind.replace("_", " "))
-
-
 def _SlowSpans(run: Recording) -> list[tuple[float, float]]:
-    """Returns from when to when it is played slowly, s: until it has been felt."""
+    """Returns the spans of time in s that are played slowly."""
     delay = run.teleoperation.return_channel.delay if FindOperator(run) else 0.0
     return [
         (time - _SLOW_BEFORE, time + delay + _SLOW_AFTER)
@@ -142,7 +143,7 @@ def _Panel(title: str, recordings: Mapping[str, Recording]) -> str:
         entries.append(("■", GREY, GHOST_OPACITY, ghost))
         forces += ", and of the operator's hand"
     entries.append(("➔", FORCE_COLOR, 1.0, forces))
-    # The materials are those of the first run.
+    # The legend lists the materials of the first run.
     for surface in next(iter(recordings.values())).surfaces:
         name = surface.material.name if surface.material else surface.name
         color, opacity = LooksOf(surface)

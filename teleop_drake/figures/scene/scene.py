@@ -1,10 +1,11 @@
-"""Runs in Meshcat, one below the other, as an animation."""
+"""Animation of runs in Meshcat, one below the other."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.colors import to_hex, to_rgb
+from matplotlib.colors import to_rgba
+from matplotlib.typing import ColorType
 from pydrake.geometry import (
     Box,
     Cylinder,
@@ -25,16 +26,16 @@ from teleop_drake.figures.style import GREY, RunColor
 from teleop_drake.recording import Recording
 
 ROOT = "/teleop"
-"""Path of everything that the package draws; in it are metres and the robot's world."""
+"""Path of all drawings of the package, in metres and the robot's world frame."""
 
 FORCE_COLOR = "#000000"
 GHOST_OPACITY = 0.35
 
 FRAMES_PER_SECOND = 60
-"""Frames of the animation in a second. Meshcat interpolates in between."""
+"""Frames of the animation per second, between which Meshcat interpolates."""
 
-# Width of the picture in Meshcat's units. Its camera sees nothing nearer than a
-# hundredth of one, and tasks are as small as millimetres.
+# Width of the picture in Meshcat's units. Tasks of a few millimetres are scaled up,
+# because the camera shows nothing that is nearer than a hundredth of a unit.
 _SHOWN_WIDTH = 2.0
 
 # Shares of the width: the ghost's height above the robot, the distance of one run from
@@ -44,8 +45,8 @@ _PITCH = 0.42
 _BEFORE = 0.25
 _BEHIND = 0.3
 
-# Shares of the width: the slabs' depth, how far they reach beyond tool and ghost, and
-# how thick a surface without a known material is.
+# Shares of the width: the depth of the slabs, their extent beyond tool and ghost, and
+# the thickness of a surface without a known material.
 _DEPTH = 0.26
 _OVERLAP = 0.07
 _PLATE = 0.01
@@ -56,19 +57,22 @@ _TOOL = 0.009
 _ARROW = 0.3
 _ABOVE = 0.04
 
-# How much further than the last surface the tool is seen, as a share of the way there:
-# if something hard stops it, and if not.
+# How far behind the last surface the tool is shown, as a share of the way there: if a
+# hard surface stops it, and if none does.
 _STOPPED = 0.5
 _FREE = 4.0
 
-# Least width of what the tool does, as a share of its distance from the robot's base:
-# with one or two axes, and in space, where the arm beside the tool tells more.
+# Least extent of the shown motion, as a share of the tool's distance from the robot's
+# base: with one or two axes, and in space, where more of the arm is shown.
 _LEAST_SHARE = 0.2
 _LEAST_SHARE_IN_SPACE = 0.8
 
 _FIELD_OF_VIEW = 30.0  # degrees
 
-# From behind the camera, without a lamp that stands in the scene.
+Looks = tuple[ColorType, float]
+"""Colour and opacity."""
+
+# Light comes from behind the camera; the lamps inside the scene are off.
 _LIGHTS = {
     "PointLightNegativeX": 0.0,
     "PointLightPositiveX": 0.0,
@@ -79,14 +83,14 @@ _LIGHTS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Stage:
-    """Place and size of what is seen of a run, in the robot's world.
+    """The region of the robot's world that is shown of a run.
 
     Attributes:
-        X_WS: Pose of the stage, whose axes are x along the tool's way into the
-            surfaces, to the right in the picture, and z up.
-        width: Along x, m.
-        ghost_height: Of the ghost above the robot, as a share of the width; 0 without
-            an operator.
+        X_WS: Pose of the stage. Its x axis is along the tool's way into the surfaces
+            and points to the right in the picture; z points up.
+        width: Width along x, m.
+        ghost_height: Height of the ghost above the robot, as a share of the width; 0
+            without an operator.
     """
 
     X_WS: RigidTransform
@@ -94,14 +98,17 @@ class Stage:
     ghost_height: float
 
     def Up(self, share: float) -> Array:
-        """Returns an upward vector (3) whose length is this share of the width, m."""
+        """Returns an upward vector (3) whose length is a share of the width, m."""
         return np.asarray(self.X_WS.rotation().col(2) * (share * self.width))
 
 
 def FindOperator(recording: Recording) -> tuple[str, str] | None:
-    """Returns the signals that tell what an operator feels and applies, None if none.
+    """Returns the signals of the position felt and the force applied by an operator.
 
     Their first n components are along the task axes.
+
+    Returns:
+        The names of the two signals; None for a run without an operator.
     """
     if "felt_position" in recording:
         return "felt_position", "force_command"
@@ -111,10 +118,10 @@ def FindOperator(recording: Recording) -> tuple[str, str] | None:
 
 
 def LooksOf(surface: Surface) -> tuple[str, float]:
-    """Returns colour and opacity of what is behind a surface.
+    """Returns colour and opacity of the material behind a surface.
 
-    A hard or unknown material is grey, another one that pushes back is orange, and one
-    that does not is pale blue.
+    A hard or unknown material is grey. Another material is orange if it exerts a force,
+    and pale blue if it does not.
     """
     material = surface.material
     if material is None or surface.name == CONTACT:
@@ -125,34 +132,34 @@ def LooksOf(surface: Surface) -> tuple[str, float]:
 
 
 def AnimateRuns(recordings: Mapping[str, Recording], meshcat: Meshcat) -> Stage:
-    """Puts runs into Meshcat as an animation, which its own controls play.
+    """Draws runs in Meshcat as an animation, which Meshcat's controls play.
 
     The robot is solid. Above it stands the ghost: the robot as the operator feels it.
     The largest force of all runs has the longest arrow.
 
     Args:
-        recordings: By the names of the runs, the topmost first; of robots with as many
-            axes.
-        meshcat: Where to. What the package has drawn there before is deleted.
+        recordings: The runs by their names, the topmost first. All robots have the same
+            number of axes.
+        meshcat: The Meshcat to draw in. Earlier drawings of the package are deleted.
 
     Returns:
-        The stage of the first run; that of each next one is below it.
+        The stage of the first run; those of the next runs are below it.
 
     Raises:
-        ValueError: If there is none, or their numbers of axes differ.
+        ValueError: If there is no run, or the numbers of axes differ.
     """
     CheckRecordings(recordings)
     runs = list(recordings.values())
     robots = [RobotVisuals(run.scenario.robot) for run in runs]
     stage = _MakeStage(runs, robots[0])
     _SetUpView(meshcat, stage, len(runs))
-    # Every run in one time, and one scale of the arrows.
-    end = max(float(run.time[-1]) for run in runs)
+    # All runs share the times of the frames and the scale of the arrows.
+    end = max(run.time[-1] for run in runs)
     times = np.arange(np.ceil(end * FRAMES_PER_SECOND) + 1) / FRAMES_PER_SECOND
     figures = [_Figures(run, times) for run in runs]
     drawn = [force for shown in figures for _, force in shown.values()]
-    largest = max(float(np.linalg.norm(x, axis=1).max()) for x in drawn) or 1.0
-    # Each run below the one before, its ghost above it.
+    largest = np.linalg.norm(np.concatenate(drawn), axis=1).max() or 1.0
+    # Each run is below the previous one, with its ghost above the robot.
     animation = MeshcatAnimation(FRAMES_PER_SECOND)
     for i, (run, visuals, shown) in enumerate(zip(runs, robots, figures, strict=True)):
         path = f"{ROOT}/run_{i}"
@@ -168,56 +175,52 @@ def AnimateRuns(recordings: Mapping[str, Recording], meshcat: Meshcat) -> Stage:
             _AddFigure(meshcat, figure, visuals, stage, looks)
             height = stage.Up(stage.ghost_height if is_ghost else 0.0)
             meshcat.SetTransform(figure, RigidTransform(height))
-            for k, (p, force, q) in enumerate(
-                zip(positions, forces / largest, guesses, strict=True)
-            ):
-                _Draw(animation, k, figure, visuals, stage, p, force, q)
+            poses = zip(positions, forces / largest, guesses, strict=True)
+            _Animate(animation, figure, visuals, stage, poses)
     meshcat.SetAnimation(animation)
     return stage
 
 
-def _Draw(
+def _Animate(
     animation: MeshcatAnimation,
-    frame: int,
     path: str,
     visuals: RobotVisuals,
     stage: Stage,
-    p_WT: Array,
-    force: Array,
-    q: Array,
+    frames: Iterable[tuple[Array, Array, Array]],
 ) -> None:
-    """Draws a figure in one frame.
+    """Adds the poses of a robot or ghost, and of its arrow, in each frame.
 
     Args:
-        p_WT: Position of the tool, m (n).
-        force: As a share of the largest one (n).
-        q: Joint positions near those that it has (nq).
+        frames: For each frame the position of the tool in m (n), the force as a share
+            of the largest one (n), and a guess of the joint positions (nq).
     """
-    for body, X_WB in visuals.BodyPoses(visuals.Pose(p_WT, q)).items():
-        animation.SetTransform(frame, f"{path}/{body}", X_WB)
-    p_W = visuals.InSpace(p_WT)
-    size = float(np.linalg.norm(force))
-    animation.SetTransform(frame, f"{path}/tip", RigidTransform(p_W))
-    # An arrow without length has no direction.
-    z_W = InSpace(force) if size > 1e-6 else stage.X_WS.rotation().col(0)
-    X_WA = AlongZ(p_W + stage.Up(_ABOVE), z_W)
-    animation.SetTransform(frame, f"{path}/force", X_WA)
-    scale = np.maximum([size**0.5, size**0.5, size], 1e-6)
-    animation.SetProperty(frame, f"{path}/force", "scale", scale.tolist())
+    for frame, (p_WT, force, q) in enumerate(frames):
+        for body, X_WB in visuals.BodyPoses(visuals.Pose(p_WT, q)).items():
+            animation.SetTransform(frame, f"{path}/{body}", X_WB)
+        p_W = visuals.InSpace(p_WT)
+        size = np.linalg.norm(force)
+        animation.SetTransform(frame, f"{path}/tip", RigidTransform(p_W))
+        # An arrow without length has no direction.
+        z_W = InSpace(force) if size > 1e-6 else stage.X_WS.rotation().col(0)
+        X_WA = AlongZ(p_W + stage.Up(_ABOVE), z_W)
+        animation.SetTransform(frame, f"{path}/force", X_WA)
+        scale = np.maximum([size**0.5, size**0.5, size], 1e-6)
+        animation.SetProperty(frame, f"{path}/force", "scale", scale.tolist())
 
 
 def _Figures(run: Recording, times: Array) -> dict[str, tuple[Array, Array]]:
-    """Returns the tool's positions in m and the forces on it in N, each (N, 3 or less).
+    """Returns positions of the tool in m and forces on it in N, each (N, 3 or less).
 
-    They are those of the robot and, if there is an operator, of the ghost. The task
-    axes come first in a packet, and turns of the tool behind three axes.
+    The keys are `robot` and, if there is an operator, `ghost`. Only the first three
+    axes are shown: in a packet, other quantities follow the task axes, and with six
+    axes the last three are rotations.
     """
     n = min(run["tool_position"].shape[1], 3)
 
     def At(name: str) -> Array:
         return run.Interpolate(name, times)[:, :n]
 
-    # What is recorded is the force of the tool on the environment.
+    # The recorded force is that of the tool on the environment.
     figures = {"robot": (At("tool_position"), -At("environment_force"))}
     operator = FindOperator(run)
     if operator is not None:
@@ -227,7 +230,7 @@ def _Figures(run: Recording, times: Array) -> dict[str, tuple[Array, Array]]:
 
 
 def _Facing(x_W: Array) -> RotationMatrix:
-    """Returns axes with x along a unit vector and z up, or across if that is up."""
+    """Returns axes with x along a unit vector (3) and z up, or across if x is steep."""
     across = np.eye(3)[2 if abs(x_W[2]) < 0.7 else 0]
     z_W = across - x_W * (across @ x_W)
     z_W /= np.linalg.norm(z_W)
@@ -237,11 +240,16 @@ def _Facing(x_W: Array) -> RotationMatrix:
 def _Ahead(surface: Surface, p_W: Array) -> float:
     """Returns how far a surface is ahead of a point (3) along its normal, m."""
     normal_W = InSpace(surface.normal_W)
-    return float(normal_W @ InSpace(surface.point_W) - normal_W @ p_W)
+    return float(normal_W @ (InSpace(surface.point_W) - p_W))
+
+
+def _AllAhead(surfaces: Sequence[Surface], normal_W: Array, p_W: Array) -> list[float]:
+    """Returns how far the surfaces with this normal (n) are ahead of a point (3), m."""
+    return [_Ahead(x, p_W) for x in surfaces if x.normal_W @ normal_W > 0.99]
 
 
 def _MakeStage(runs: Sequence[Recording], visuals: RobotVisuals) -> Stage:
-    """Returns a stage on which the task of some runs is seen."""
+    """Returns the stage that shows the task of some runs."""
     surfaces = runs[0].surfaces
     positions = np.concatenate([run["tool_position"] for run in runs])
     n = positions.shape[1]
@@ -250,11 +258,11 @@ def _MakeStage(runs: Sequence[Recording], visuals: RobotVisuals) -> Stage:
     points_W = np.array([visuals.InSpace(p) for p in positions])
     points = points_W @ R_WS.matrix()
     start = points[0]
-    # The task reaches straight from the start to the last surface, and some further
-    # where the tool does: far, if nothing hard is in its way. Without surfaces it is
-    # wherever the tool goes.
-    parallel = [x for x in surfaces if x.normal_W @ normal > 0.99]
-    depths = [x for x in (_Ahead(y, points_W[0]) for y in parallel) if np.isfinite(x)]
+    # The task extends straight from the start to the last surface, and beyond it as far
+    # as the tool moves, up to a limit that is larger if no hard surface stops the tool.
+    # Without surfaces, it covers all positions of the tool.
+    ahead = _AllAhead(surfaces, normal, points_W[0])
+    depths = [depth for depth in ahead if np.isfinite(depth)]
     low = min([0.0, *depths])
     high = max([0.0, *depths])
     x_S = np.array([1.0, 0.0, 0.0])
@@ -262,15 +270,15 @@ def _MakeStage(runs: Sequence[Recording], visuals: RobotVisuals) -> Stage:
     if depths:
         is_free = FindSurface(surfaces, CONTACT) is None
         limit = x_S * (_FREE if is_free else _STOPPED) * (high - low)
-    begin = start + low * x_S
-    end = start + high * x_S
-    points = np.clip(points, begin - limit, end + limit)
-    begin = np.minimum(begin, points.min(axis=0))
-    end = np.maximum(end, points.max(axis=0))
-    # Nothing is seen of a robot that is so much larger than what it does.
+    task = start + np.outer([low, high], x_S)
+    points = np.clip(points, task[0] - limit, task[1] + limit)
+    shown = np.concatenate([task, points])
+    # A least extent keeps the motion of a large robot recognisable.
     share = _LEAST_SHARE_IN_SPACE if n > 2 else _LEAST_SHARE
-    reach = max(float((end - begin).max()), share * float(np.linalg.norm(start))) or 1.0
-    centre = (begin + end) / 2 + x_S * (reach * (_BEHIND - _BEFORE) / 2)
+    extent = np.ptp(shown, axis=0)
+    reach = max(extent.max(), share * np.linalg.norm(start)) or 1.0
+    middle = shown.min(axis=0) + extent / 2
+    centre = middle + x_S * (reach * (_BEHIND - _BEFORE) / 2)
     return Stage(
         X_WS=RigidTransform(R_WS, R_WS @ centre),
         width=reach * (1 + _BEFORE + _BEHIND),
@@ -279,7 +287,7 @@ def _MakeStage(runs: Sequence[Recording], visuals: RobotVisuals) -> Stage:
 
 
 def _SetUpView(meshcat: Meshcat, stage: Stage, num_runs: int) -> None:
-    """Places camera and lights, and what everything else is drawn in."""
+    """Sets the frame of all drawings, background, lights and camera."""
     meshcat.Delete(ROOT)
     scale = np.diag([_SHOWN_WIDTH / stage.width] * 3 + [1.0])
     meshcat.SetTransform(ROOT, scale @ stage.X_WS.inverse().GetAsMatrix4())
@@ -302,22 +310,18 @@ def _SetUpView(meshcat: Meshcat, stage: Stage, num_runs: int) -> None:
 
 
 def _Add(
-    meshcat: Meshcat,
-    path: str,
-    shape: Shape,
-    looks: tuple[str, float],
-    X: RigidTransform | None = None,
+    meshcat: Meshcat, path: str, shape: Shape, looks: Looks, X: RigidTransform
 ) -> None:
-    meshcat.SetObject(path, shape, Rgba(*to_rgb(looks[0]), looks[1]))
-    meshcat.SetTransform(path, X or RigidTransform())
+    meshcat.SetObject(path, shape, Rgba(*to_rgba(*looks)))
+    meshcat.SetTransform(path, X)
 
 
 def _AddSlabs(
     meshcat: Meshcat, path: str, stage: Stage, surfaces: Sequence[Surface]
 ) -> None:
-    """Draws what is behind each surface, up to the next one or the picture's edge.
+    """Draws a slab behind each surface, up to the next one or the picture's edge.
 
-    An unknown material is a thin plate.
+    An unknown material is drawn as a thin plate.
     """
     centre_W = stage.X_WS.translation()
     width = stage.width
@@ -325,45 +329,38 @@ def _AddSlabs(
 
     for surface in surfaces:
         begin = _Ahead(surface, centre_W)
-        normal = surface.normal_W
         low = max(begin, -width / 2)
-        high = width / 2
-        if surface.material is None:
-            high = begin + _PLATE * width
-        parallel = [x for x in surfaces if x.normal_W @ normal > 0.99]
-        begins = [_Ahead(x, centre_W) for x in parallel]
+        high = begin + _PLATE * width if surface.material is None else width / 2
+        begins = _AllAhead(surfaces, surface.normal_W, centre_W)
         high = min([high, *(x for x in begins if x > begin)])
         if not low < high:
             continue
-        R_WB = _Facing(InSpace(normal))
+        R_WB = _Facing(InSpace(surface.normal_W))
         middle_B = np.array([(low + high) / 2, 0.0, stage.ghost_height / 2 * width])
         box = Box(high - low, _DEPTH * width, height)
         name = f"{path}/{surface.name}"
         X_WB = RigidTransform(R_WB, centre_W + R_WB @ middle_B)
         _Add(meshcat, name, box, LooksOf(surface), X_WB)
-        # Otherwise it hides the ghost, which is translucent as well, behind it.
+        # Otherwise the slab hides the ghost behind it, which is translucent as well.
         meshcat.SetProperty(f"{name}/<object>", "material.depthWrite", False)
         meshcat.SetProperty(f"{name}/<object>", "castShadow", False)
 
 
 def _AddFigure(
-    meshcat: Meshcat,
-    path: str,
-    visuals: RobotVisuals,
-    stage: Stage,
-    looks: tuple[str, float],
+    meshcat: Meshcat, path: str, visuals: RobotVisuals, stage: Stage, looks: Looks
 ) -> None:
-    """Adds a robot, of the given looks where its model gives none, and its arrow."""
+    """Adds a robot and its arrow; `looks` apply to shapes without a colour."""
     for part in visuals.parts:
         own = looks
         rgba = part.rgba
         if rgba is not None:
-            own = to_hex((rgba.r(), rgba.g(), rgba.b())), rgba.a() * looks[1]
-        name = f"{path}/{part.body or 'world'}/{part.name}"
+            own = (rgba.r(), rgba.g(), rgba.b()), rgba.a() * looks[1]
+        name = f"{path}/{part.body}/{part.name}"
         _Add(meshcat, name, part.shape, own, part.X_BG)
     width = stage.width
-    _Add(meshcat, f"{path}/tip/ball", Sphere(_TOOL * width), looks)
-    # The cone's point is at its origin, and z leads to its base.
+    ball = Sphere(_TOOL * width)
+    _Add(meshcat, f"{path}/tip/ball", ball, looks, RigidTransform())
+    # The cone has its point at the origin and its base along z.
     length = _ARROW * width
     head = 0.04 * width
     shaft = Cylinder(0.008 * width, length - head)

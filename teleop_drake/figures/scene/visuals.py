@@ -15,7 +15,7 @@ from teleop_drake.blocks.robots import PlantRobotConfig, RobotConfig
 from teleop_drake.blocks.robots.base import TellingShapes
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolJacobian
 
-# Radius of the sticks that stand for links without shapes, as a share of their lengths.
+# Radius of the sticks that replace links without shapes, as a share of the longest.
 _STICK = 0.015
 
 
@@ -24,11 +24,11 @@ class Part:
     """One shape of a robot.
 
     Attributes:
-        name: Unique, of letters, digits and _.
-        body: Of the body that it is fixed to; empty: of the world.
-        shape: What it is.
+        name: A unique name of letters, digits and _.
+        body: The name of the body that it is fixed to.
+        shape: The shape.
         X_BG: Its pose in the body's frame.
-        rgba: Its own colour; None: the model gives none.
+        rgba: Its colour in the model; None if the model sets none.
     """
 
     name: str
@@ -41,18 +41,22 @@ class Part:
 class RobotVisuals:
     """The shapes of a robot and its kinematics, from a second plant.
 
-    The plant that is simulated knows no shapes, which keeps it as fast as it is. Links
-    without any are sticks between the joints. A robot that is no plant has neither: it
-    is the point of its tool alone.
+    The simulated plant has no shapes, which makes it faster. If the model has no
+    shapes, its links are drawn as sticks between the joints. A robot that is no plant
+    has neither shapes nor joints; only the point of its tool is drawn.
+
+    Attributes:
+        parts: The shapes.
+        start_q: Joint positions at the start of the task (nq).
     """
 
     def __init__(self, robot: RobotConfig):
         start = np.array(robot.start, dtype=float)
-        self._start = start[:3]
+        num_axes = min(start.size, 3)
         self._plant: MultibodyPlant | None = None
-        self.parts: tuple[Part, ...] = ()
+        self.parts: list[Part] = []
         self.start_q = np.zeros(0)
-        self._rest = np.zeros(3 - self._start.size)
+        self._rest = np.zeros(3 - num_axes)
         if not isinstance(robot, PlantRobotConfig):
             return
         scene_graph = SceneGraph()
@@ -60,47 +64,46 @@ class RobotVisuals:
             self._plant = robot.LoadPlant()
         self._context = self._plant.CreateDefaultContext()
         self.start_q = np.asarray(robot.JointPositions(start))
-        # Where no axis of the task goes: an arm that moves in a plane has a height.
-        self._rest = self.Tool(self.start_q)[self._start.size :]
-        parts = _Shapes(self._plant, scene_graph)
-        self.parts = tuple(parts or _Sticks(self._plant, self._context))
+        # Coordinates that are no task axes, such as the height of a planar arm.
+        self._rest = self.Tool(self.start_q)[num_axes:]
+        self.parts = _Shapes(self._plant, scene_graph) or _Sticks(self._plant)
 
     def InSpace(self, p_WT: ArrayLike) -> Array:
         """Returns a point of the task as a point in space (3), m.
 
         Args:
-            p_WT: Along the task axes, m (n).
+            p_WT: The point along the task axes, m (n).
         """
         return np.concatenate([np.asarray(p_WT)[:3], self._rest])
 
     def Tool(self, q: ArrayLike) -> Array:
-        """Returns where the tool is in space (3), m."""
+        """Returns the position of the tool in space (3), m."""
         assert self._plant is not None
         self._plant.SetPositions(self._context, q)
         pose = self._plant.GetFrameByName(TOOL).CalcPoseInWorld(self._context)
         return np.array(pose.translation())
 
     def BodyPoses(self, q: ArrayLike) -> dict[str, RigidTransform]:
-        """Returns the poses in the world of the bodies that have shapes, by name."""
+        """Returns the poses in the world of the moving bodies with shapes, by name."""
         if self._plant is None:
             return {}
         self._plant.SetPositions(self._context, q)
+        names = dict.fromkeys(part.body for part in self.parts)
         return {
-            name: self._plant.EvalBodyPoseInWorld(
-                self._context, self._plant.GetBodyByName(name)
-            )
-            for name in dict.fromkeys(part.body for part in self.parts if part.body)
+            name: self._plant.GetBodyByName(name).EvalPoseInWorld(self._context)
+            for name in names
+            if name != self._plant.world_body().name()
         }
 
     def Pose(self, p_WT: ArrayLike, q: ArrayLike) -> Array:
         """Returns joint positions with the tool at a point, near given ones (nq).
 
-        Where the robot does not reach the point, the tool comes near it. A robot that
-        is no plant keeps the given ones.
+        If the point is out of reach, the tool is brought close to it. For a robot that
+        is no plant, the given joint positions are returned.
 
         Args:
-            p_WT: Along the task axes, m (n).
-            q: Joint positions to begin from (nq).
+            p_WT: The point along the task axes, m (n).
+            q: The joint positions from which the search starts (nq).
         """
         plant = self._plant
         if plant is None:
@@ -118,30 +121,27 @@ class RobotVisuals:
 
 
 def _Shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Part]:
-    """Returns the visuals of a plant's model files, none if it has not told any."""
+    """Returns the illustration shapes of a plant; none if it registered none."""
     if not plant.geometry_source_is_registered():
         return []
     inspector = scene_graph.model_inspector()
     parts = []
     for i, geometry in enumerate(inspector.GetAllGeometryIds(Role.kIllustration)):
         frame = inspector.GetFrameId(geometry)
-        is_fixed = frame == inspector.world_frame_id()
         properties = inspector.GetIllustrationProperties(geometry)
         parts.append(
             Part(
                 name=f"shape_{i}",
-                body="" if is_fixed else plant.GetBodyFromFrameId(frame).name(),
+                body=plant.GetBodyFromFrameId(frame).name(),
                 shape=inspector.GetShape(geometry),
                 X_BG=inspector.GetPoseInFrame(geometry),
-                rgba=properties.GetProperty("phong", "diffuse")
-                if properties.HasProperty("phong", "diffuse")
-                else None,
+                rgba=properties.GetPropertyOrDefault("phong", "diffuse", None),
             )
         )
     return parts
 
 
-def _Sticks(plant: MultibodyPlant, context: object) -> list[Part]:
+def _Sticks(plant: MultibodyPlant) -> list[Part]:
     """Returns a stick along each link, to the next joint or to the tool."""
     ends: list[tuple[str, Array]] = []
     for i in plant.GetJointIndices():
@@ -149,12 +149,12 @@ def _Sticks(plant: MultibodyPlant, context: object) -> list[Part]:
         parent = joint.parent_body()
         X_BF = joint.frame_on_parent().GetFixedPoseInBodyFrame()
         ends.append((parent.name(), np.array(X_BF.translation())))
-    sizes = [float(np.linalg.norm(p)) for _, p in ends]
+    sizes = [np.linalg.norm(p) for _, p in ends]
     radius = _STICK * max(sizes, default=0.0)
     return [
         Part(
             name=f"stick_{i}",
-            body="" if body == plant.world_body().name() else body,
+            body=body,
             shape=Capsule(radius=radius, length=size),
             X_BG=AlongZ(p / 2, p),
         )
@@ -164,9 +164,9 @@ def _Sticks(plant: MultibodyPlant, context: object) -> list[Part]:
 
 
 def InSpace(vector: ArrayLike) -> Array:
-    """Returns a vector along the task axes (n) as one in space (3)."""
+    """Returns a vector along the task axes (n) as a vector in space (3)."""
     vector = np.asarray(vector, dtype=float)[:3]
-    return np.concatenate([vector, np.zeros(3 - vector.size)])
+    return np.pad(vector, (0, 3 - vector.size))
 
 
 def AlongZ(p: ArrayLike, direction: Sequence[float] | Array) -> RigidTransform:
