@@ -320,9 +320,12 @@ class _Runs:
         for event, (marker, _) in _EVENTS.items():
             first = np.array(run.EventTimes(event)[:1])
             if first.size:
-                y_first = run.Interpolate(row.signal, first)[:, row.components] * scale
+                y_first = run.Interpolate(row.signal, first)
+                if row.reference:
+                    y_first = y_first - run.Interpolate(row.reference, first)
                 look = style.EventStyle(marker, style.RunColor(i))
-                ax.plot(self._X(place, i, first), y_first, **look)
+                x_first = self._X(place, i, first)
+                ax.plot(x_first, y_first[:, row.components] * scale, **look)
         if curve.diverges:
             end_x = np.clip(x[-1:], *ax.get_xlim())
             end_y = np.clip(y[-1], *ax.get_ylim())

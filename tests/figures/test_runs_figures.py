@@ -12,12 +12,13 @@ from matplotlib.figure import Figure
 from scene_recordings import SOLVER
 from surfaces import Border
 
-from teleop_drake.figures.runs import PlotComparison, PlotRun, SaveFigure
+from teleop_drake.figures.runs import PlotComparison, PlotRows, PlotRun, SaveFigure
 from teleop_drake.figures.saving import DescribeFigure
 from teleop_drake.figures.selection import SelectTime
 from teleop_drake.figures.style import COLORS, RunStyle
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
+from teleop_drake.tasks.panels import SignalRow
 
 TASKS = {"one_dof": 1, "two_dof_combined": 2}
 
@@ -469,3 +470,17 @@ def test_nothing_overlaps():
             height = min(first.y1, second.y1) - max(first.y0, second.y0)
             # Two points: the cross of a diverged run may reach over its panel.
             assert min(width, height) < 2 * figure.dpi / 72
+
+
+def test_an_event_is_marked_on_a_curve_with_a_reference():
+    """The curve is the signal without itself: 0."""
+    row = SignalRow(
+        label="error",
+        unit="m/s",
+        signal="tool_velocity",
+        components=(0,),
+        reference="tool_velocity",
+    )
+    figure = PlotRows({"run": MakeRecording("one_dof", "direct_force")}, [row])
+    lines = [line for line in figure.axes[0].lines if len(line.get_xdata()) == 1]
+    assert [line.get_ydata().tolist() for line in lines] == [[0.0]]
