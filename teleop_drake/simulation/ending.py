@@ -11,6 +11,7 @@ from teleop_drake.arrays import Array
 from teleop_drake.laws.task_space import MAX_ROTATION
 from teleop_drake.numerics.pieces import Pieces
 from teleop_drake.numerics.step_polynomials import part
+from teleop_drake.signals import SystemsByPath
 from teleop_drake.simulation.run import Ending, Outcome
 from teleop_drake.tasks.base import SpeedLimit
 
@@ -113,12 +114,7 @@ def JointRanges(diagram: Diagram) -> dict[str, tuple[float, float]]:
 
     The dict is empty for a robot without a system `plant`.
     """
-    if not diagram.HasSubsystemNamed("robot"):
-        return {}
-    robot = diagram.GetSubsystemByName("robot")
-    if not (isinstance(robot, Diagram) and robot.HasSubsystemNamed("plant")):
-        return {}
-    plant = robot.GetSubsystemByName("plant")
+    plant = SystemsByPath(diagram).get("robot/plant")
     if not isinstance(plant, MultibodyPlant):
         return {}
     lower = plant.GetPositionLowerLimits() - _TOLERANCE

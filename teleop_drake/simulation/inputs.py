@@ -1,13 +1,9 @@
 """Checks that the inputs of a system are connected or fixed before a run."""
 
+from collections.abc import Collection
+
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import (
-    Context,
-    Diagram,
-    InputPort,
-    PortDataType,
-    System,
-)
+from pydrake.systems.framework import Context, InputPort, PortDataType, System
 
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.engine.flatten import Flatten, InputsOf
@@ -27,21 +23,27 @@ def CheckInputs(system: System, context: Context) -> None:
         ScenarioError: If an input that the system, or a block in it, needs has no
             value.
     """
-    for i in range(system.num_input_ports()):
-        port = system.get_input_port(i)
-        if not (port.HasValue(context) or _IsOptional(port)):
-            Refuse(f"input of {NameOf(system)}", port.get_name(), _ALLOWED)
-    if not isinstance(system, Diagram):
-        return
+    _CheckPorts(NameOf(system), system, context)
     contexts = ContextsIn(system, context)
     for block in Flatten(system):
-        if not _NeedsInputs(block.system):
-            continue
-        for i in range(block.system.num_input_ports()):
-            port = block.system.get_input_port(i)
-            has_value = port.HasValue(contexts[block.system])
-            if not (has_value or port.get_name() in block.inputs or _IsOptional(port)):
-                Refuse(f"input of {block.path}", port.get_name(), _ALLOWED)
+        if _NeedsInputs(block.system):
+            _CheckPorts(block.path, block.system, contexts[block.system], block.inputs)
+
+
+def _CheckPorts(
+    name: str, system: System, context: Context, connected: Collection[str] = ()
+) -> None:
+    """Refuses an input of one system that has neither a source nor a value.
+
+    Args:
+        name: The name of the system, for messages.
+        connected: The names of the inputs that have a source in the Diagram.
+    """
+    for i in range(system.num_input_ports()):
+        port = system.get_input_port(i)
+        has_value = port.get_name() in connected or port.HasValue(context)
+        if not (has_value or _IsOptional(port)):
+            Refuse(f"input of {name}", port.get_name(), _ALLOWED)
 
 
 def _NeedsInputs(block: System) -> bool:
