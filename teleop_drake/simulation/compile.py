@@ -34,7 +34,6 @@ from teleop_drake.scenario import (
     AnyScenario,
     AsScenario,
     CheckSteps,
-    Scenario,
     ScenarioError,
     ScenarioLike,
 )
@@ -48,7 +47,7 @@ from teleop_drake.simulation.compiled_run import (
 from teleop_drake.simulation.compiled_system import CompiledSystem
 from teleop_drake.simulation.run import Job
 from teleop_drake.simulation.simulate import Finish
-from teleop_drake.stations import MakeArchitecture
+from teleop_drake.stations import MakeArchitecture, WithDrivesAndSensors
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.validation import Refuse
 
@@ -225,7 +224,12 @@ class CompiledScenario:
                 environment = _AddEnvironment(parts, scenario)
             facts = scenario.Facts(environment=environment)
             architecture = MakeArchitecture(scenario, facts=facts)
-            _AddSides(parts, scenario, architecture)
+            slave_side = architecture.slave_side
+            parts["controller"] = WithDrivesAndSensors(slave_side, scenario)
+            master_side = architecture.master_side
+            if master_side is not None:
+                name = master_side.get_name() or "master_side"
+                parts[f"master/{name}"] = master_side
         # Initial packets follow from the sides, so that all channels change with them.
         packets = {
             "forward_channel": architecture.initial_forward_packet,
@@ -258,27 +262,16 @@ def _Named(changes: Mapping[str, Any]) -> str:
     return ", ".join(f"{key} = {value!r}" for key, value in changes.items())
 
 
-def _AddEnvironment(parts: dict[str, System], scenario: Scenario) -> System:
+def _AddEnvironment(parts: dict[str, System], scenario: Any) -> System:
     """Adds the environment of a scenario and its operator; returns the environment."""
     start = scenario.robot.start
-    environment = scenario.environment.MakeEnvironment(start)
+    environment: System = scenario.environment.MakeEnvironment(start)
     contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
     parts["environment"] = environment
     parts["master/surgeon"] = scenario.surgeon.MakeOperator(
         start=start, contact_surface=contact
     )
     return environment
-
-
-def _AddSides(
-    parts: dict[str, System], scenario: Scenario, architecture: Architecture
-) -> None:
-    """Adds the two sides of an architecture to the changed systems."""
-    is_ideal = scenario.actuator.is_ideal and scenario.sensor.is_ideal
-    parts["controller" if is_ideal else "controller/law"] = architecture.slave_side
-    master_side = architecture.master_side
-    if master_side is not None:
-        parts[f"master/{master_side.get_name() or 'master_side'}"] = master_side
 
 
 def _With(
