@@ -182,14 +182,10 @@ class LayeredForceField(FixedBlock):
         point = np.zeros(num_axes) if axis_point is None else axis_point
         # Element 0 of each array belongs to the empty space before the layers, mode 0.
         columns = LayerColumns(layers)
-        starts = columns["start"]
+        limits = LayerLimits(columns["start"])
         names = ("empty", *(str(layer.name) for layer in layers))
         self.element_names = dict.fromkeys(self.numeric_parameters, names)
-        ends = np.array([*starts[1:], math.inf])
-        # The mode is the layer at the tool's position; it changes when the tool leaves.
-        here: Term = (layer_at, "layers", "axis", "tool_position")
-        guard = (outside, "before", "ends", "axis", "mode", "tool_position")
-        leaves = {"leaves_layer": Transition(guard=guard, mode=here)}
+        has_border = bool(np.isfinite(limits["ends"]).any())
         law = ("layers", "axis", "mode", "tool_position", "tool_velocity")
         FixedBlock.__init__(
             self,
@@ -198,17 +194,15 @@ class LayeredForceField(FixedBlock):
                 parameters={
                     **columns,
                     "axis": np.array([UnitNormal(direction, num_axes), point], float),
-                    # The largest number below each layer, and the end of each layer.
-                    "before": np.nextafter(starts, -math.inf),
-                    "ends": ends,
+                    **limits,
                 },
                 derived={"layers": (layer_table, *LAYER_COLUMNS)},
                 outputs={
                     "environment_force": (force_in_layer, *law),
                     "layer": (index_of_layer, "mode"),
                 },
-                initial_mode=here,
-                transitions=leaves if np.isfinite(ends).any() else {},
+                initial_mode=LAYER_HERE,
+                transitions={"leaves_layer": LEAVES_LAYER} if has_border else {},
             ),
             inputs={"tool_position": num_axes, "tool_velocity": num_axes},
             outputs={"environment_force": num_axes, "layer": 1},
@@ -251,6 +245,27 @@ def outside(before: Array, ends: Array, axis: Array, mode: Array, p_WT: Array) -
     x = np.sum(p_WT * axis[0])
     layer = int(mode[0])
     return np.array([max(x - ends[layer], before[layer] - x)])
+
+
+LAYER_HERE: Term = (layer_at, "layers", "axis", "tool_position")
+"""The term of the layer at the tool's position, which is the mode."""
+
+LEAVES_LAYER = Transition(
+    guard=(outside, "before", "ends", "axis", "mode", "tool_position"),
+    mode=LAYER_HERE,
+)
+"""The transition when the tool leaves its layer."""
+
+
+def LayerLimits(starts: Array) -> dict[str, Array]:
+    """Returns the parameters of outside() for layers with given starts, m, ascending.
+
+    They are the largest number below each layer, and the end of each layer.
+    """
+    return {
+        "before": np.nextafter(starts, -math.inf),
+        "ends": np.append(starts[1:], math.inf),
+    }
 
 
 def LayerSurfaces(

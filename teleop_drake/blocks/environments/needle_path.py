@@ -8,9 +8,13 @@ import numpy as np
 
 from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.environments.base import EnvironmentConfig
-from teleop_drake.blocks.environments.layered_force_field import layer_at, outside
+from teleop_drake.blocks.environments.layered_force_field import (
+    LAYER_HERE,
+    LEAVES_LAYER,
+    LayerLimits,
+)
 from teleop_drake.blocks.environments.surface import PlaneSurface, Surface, UnitNormal
-from teleop_drake.kernel import FixedBlock, Kernel, Term, Transition
+from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.needle import NeedlePath, needle_wrench
 from teleop_drake.validation import REQUIRED, CheckVector, Config, Number, Refuse
@@ -115,8 +119,6 @@ class NeedleInTissue(FixedBlock):
         # Two layers as in LayeredForceField: empty space, mode 0, and tissue, mode 1.
         starts = np.array([-math.inf, config.start])
         law = (needle_wrench, "path", "mode", "tool_position", "tool_velocity")
-        here: Term = (layer_at, "layers", "axis", "tool_position")
-        guard = (outside, "before", "ends", "axis", "mode", "tool_position")
         FixedBlock.__init__(
             self,
             "",
@@ -125,12 +127,11 @@ class NeedleInTissue(FixedBlock):
                     "path": config.Path(start),
                     "layers": starts[:, np.newaxis],
                     "axis": normal_W[np.newaxis],
-                    "before": np.nextafter(starts, -math.inf),
-                    "ends": np.array([config.start, math.inf]),
+                    **LayerLimits(starts),
                 },
                 outputs={"environment_force": law},
-                initial_mode=here,
-                transitions={"crosses_surface": Transition(guard=guard, mode=here)},
+                initial_mode=LAYER_HERE,
+                transitions={"crosses_surface": LEAVES_LAYER},
             ),
             inputs={"tool_position": 6, "tool_velocity": 6},
             outputs={"environment_force": 6},

@@ -28,10 +28,15 @@ from teleop_drake.validation import REQUIRED, CheckVector, Config, Refuse, Withi
 _SCENE_GRAPH: ContextVar[SceneGraph | None] = ContextVar("scene_graph", default=None)
 
 
+def ModelText(name: str) -> str:
+    """Returns the text of the SDF model of this name in the package."""
+    file = Path(__file__).parents[2] / "models" / f"{name}.sdf"
+    return file.read_text(encoding="utf-8")
+
+
 def ReadModel(name: str) -> ElementTree.Element:
     """Returns the SDF model of this name in the package."""
-    file = Path(__file__).parents[2] / "models" / f"{name}.sdf"
-    return ElementTree.fromstring(file.read_text(encoding="utf-8"))
+    return ElementTree.fromstring(ModelText(name))
 
 
 @contextlib.contextmanager

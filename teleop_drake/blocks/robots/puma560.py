@@ -2,14 +2,14 @@
 
 import math
 from dataclasses import field
-from importlib import resources
+from functools import partial
 
 import numpy as np
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.robots.base import NewPlant
+from teleop_drake.blocks.robots.base import ModelText, NewPlant
 from teleop_drake.blocks.robots.driven_arm import AddPayload, DrivenArmConfig
 from teleop_drake.blocks.robots.robot_diagram import JointDrive
 from teleop_drake.blocks.systems.joint_friction import JointFriction
@@ -29,9 +29,8 @@ _STANDARD_GRAVITY = 9.80665
 _LEAST_SPEED = 1e-4
 
 
-def _Nominal() -> np.ndarray:
-    # The pose `qn` of Corke's Robotics Toolbox; the needle points along x.
-    return np.array([0.0, math.pi / 4, -math.pi, 0.0, math.pi / 4, 0.0])
+# The pose `qn` of Corke's Robotics Toolbox; the needle points along x.
+_NOMINAL = (0.0, math.pi / 4, -math.pi, 0.0, math.pi / 4, 0.0)
 
 
 @Config
@@ -46,7 +45,7 @@ class Puma560Config(DrivenArmConfig):
     default_gravity = (0, 0, -_STANDARD_GRAVITY)
 
     # Joint positions near which those at the start are searched, rad, 6 entries.
-    posture: np.ndarray | None = field(default_factory=_Nominal)
+    posture: np.ndarray | None = field(default_factory=partial(np.array, _NOMINAL))
     # Acceleration of gravity along the world's axes, m/s^2, 3 entries. Null: standard
     # gravity along -z.
     gravity: np.ndarray | None = None
@@ -61,9 +60,8 @@ class Puma560Config(DrivenArmConfig):
 
     def LoadModel(self, gravity: ArrayLike, payload: float) -> MultibodyPlant:
         """Returns the plant with a payload; see DrivenArmConfig.LoadModel."""
-        file = resources.files("teleop_drake") / "models" / f"{self.kind}.sdf"
         with NewPlant(gravity) as plant:
-            Parser(plant).AddModelsFromString(file.read_text(encoding="utf-8"), "sdf")
+            Parser(plant).AddModelsFromString(ModelText(self.kind), "sdf")
             for index in plant.GetJointIndices():
                 joint = plant.get_mutable_joint(index)
                 if joint.num_velocities():
