@@ -21,9 +21,10 @@ class JointDrive:
     gravity compensation, within the effort limits of the plant's actuators.
 
     Attributes:
-        hold: A system from plant_state to hold_torque (nv), such as PostureHold.
-        gravity_compensation: A system from plant_state to gravity_torque (nv).
-        friction: A system from joint_velocity to friction_torque (nv), such as
+        hold: A system from the plant's state to torques (nv), such as PostureHold.
+        gravity_compensation: A system from the plant's state to torques (nv), such as
+            GravityCompensation.
+        friction: A system from the joints' velocities to torques (nv), such as
             JointFriction.
     """
 
@@ -152,18 +153,16 @@ def _AddDrive(
     # The places of the terms of the motors' torque, and of the other torques.
     motors = ["joint_torques.y0"]
     others = ["joint_torques.y1"]
-    if drive.hold is not None:
-        systems["posture_hold"] = drive.hold
-        connections["posture_hold.plant_state"] = "plant.state"
-        motors.append("posture_hold.hold_torque")
-    if drive.gravity_compensation is not None:
-        systems["gravity_compensation"] = drive.gravity_compensation
-        connections["gravity_compensation.plant_state"] = "plant.state"
-        motors.append("gravity_compensation.gravity_torque")
-    if drive.friction is not None:
-        systems["joint_friction"] = drive.friction
-        connections["joint_friction.joint_velocity"] = "joint_state.y1"
-        others.append("joint_friction.friction_torque")
+    parts = {
+        "posture_hold": (drive.hold, "plant.state", motors),
+        "gravity_compensation": (drive.gravity_compensation, "plant.state", motors),
+        "joint_friction": (drive.friction, "joint_state.y1", others),
+    }
+    for name, (system, signal, torques) in parts.items():
+        if system is not None:
+            systems[name] = system
+            connections[name] = signal
+            torques.append(name)
     # The motors' torque is within the effort limits of the actuators.
     plant = systems["plant"]
     limits = np.zeros(plant.num_velocities())
