@@ -69,13 +69,10 @@ def BoundsOf(
     name = "the tool exceeds its speed limit"
     size = sizes["tool_velocity"]
     bounds = [Bound(name, "", "tool_velocity", 0, size, -limit.speed, limit.speed)]
-    ranges = JointRanges(diagram)
-    if not ranges or "joint_position" not in sizes:
+    plant = SystemsByPath(diagram).get("robot/plant")
+    if not isinstance(plant, MultibodyPlant) or "joint_position" not in sizes:
         return bounds
-    for k, (joint, (lower, upper)) in enumerate(ranges.items()):
-        name = f"joint {joint} leaves its range"
-        detail = f", {lower:.4g} to {upper:.4g}"
-        bounds.append(Bound(name, detail, "joint_position", k, 1, lower, upper))
+    bounds += _JointBounds(plant)
     num_angles = sizes["tool_position"] - 3
     if num_angles > 0:
         name = f"the tool is turned by {MAX_ROTATION:g} rad from the posture"
@@ -109,17 +106,16 @@ def EndAtBound(diagram: Diagram, limit: SpeedLimit, run: Outcome) -> None:
         run.ending = Ending("diverged", first.name + first.detail)
 
 
-def JointRanges(diagram: Diagram) -> dict[str, tuple[float, float]]:
-    """Returns the ranges of the joints of the robot's plant, by their names.
-
-    The dict is empty for a robot without a system `plant`.
-    """
-    plant = SystemsByPath(diagram).get("robot/plant")
-    if not isinstance(plant, MultibodyPlant):
-        return {}
+def _JointBounds(plant: MultibodyPlant) -> list[Bound]:
+    """Returns the ranges of the joints of a plant, in the order of its positions."""
     lower = plant.GetPositionLowerLimits() - _TOLERANCE
     upper = plant.GetPositionUpperLimits() + _TOLERANCE
     names = plant.GetPositionNames(
         add_model_instance_prefix=False, always_add_suffix=False
     )
-    return dict(zip(names, zip(lower, upper, strict=True), strict=True))
+    bounds = []
+    for k, joint in enumerate(names):
+        name = f"joint {joint} leaves its range"
+        detail = f", {lower[k]:.4g} to {upper[k]:.4g}"
+        bounds.append(Bound(name, detail, "joint_position", k, 1, lower[k], upper[k]))
+    return bounds

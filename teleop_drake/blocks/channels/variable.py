@@ -124,18 +124,17 @@ class DelayProfile:
             f"such that the delay, down to {self.minimum:.6g} s, is never {what}",
         )
 
-    def CheckContinuous(self, least: float, trace_name: str = "trace") -> None:
+    def CheckContinuous(self, trace_name: str = "trace") -> None:
         """Checks that T delays a signal continuously and preserves its order.
 
         Args:
-            least: Smallest allowed delay in s.
             trace_name: Name of the trace in a message.
 
         Raises:
-            ValueError: If T may be less than `least`, or dT/dt may reach 1.
+            ValueError: If T may be less than SHORTEST_TIME, or dT/dt may reach 1.
         """
-        if self.minimum < least:
-            self._RefuseMinimum(f"less than {least:g} s")
+        if self.minimum < SHORTEST_TIME:
+            self._RefuseMinimum(f"less than {SHORTEST_TIME:g} s")
         if self.max_slope >= 1:
             name = max(self._slopes, key=self._slopes.__getitem__)
             value = {
@@ -288,7 +287,7 @@ class VariableDelay(ChannelBlock):
         *,
         max_sample_interval: float | None = None,
     ):
-        profile.CheckContinuous(SHORTEST_TIME)
+        profile.CheckContinuous()
         ChannelBlock.__init__(
             self, delay=profile.minimum, size=size, initial_value=initial_value
         )
@@ -319,7 +318,7 @@ class VariableChannelConfig(VaryingDelayConfig):
                 "are lost, kind must be network",
             )
         with Within(path):
-            profile.CheckContinuous(SHORTEST_TIME, self.trace or "")
+            profile.CheckContinuous(self.trace or "")
 
     def MakeChannel(
         self,
