@@ -71,23 +71,17 @@ class DualBlock(_Rated, LeafSystem_[AutoDiffXd]):
         units = getattr(other, "numeric_parameters", {})
         self.kernel_parameters = _MakeParameters(self, kernel, units)
         path = other.GetSystemPathname()
+
+        def RefuseDelay(context: Context) -> Any:
+            Refuse(
+                path,
+                "a delay",
+                "cut: Drake linearises no delays, call teleop_drake.LinearizePorts()",
+            )
+
         nothing = {self.nothing_ticket()}
-        delayed = {x.output: (_NoDelay(path), nothing) for x in kernel.delays}
+        delayed = {x.output: (RefuseDelay, nothing) for x in kernel.delays}
         _DeclareTerms(self, kernel, {x.get_name(): x.size() for x in ports}, delayed)
-
-
-def _NoDelay(path: str) -> ValueIn:
-    """Returns the function of a DualBlock's delayed output, which raises a ValueError.
-
-    Args:
-        path: Path of the block from which the DualBlock was converted.
-    """
-
-    def Raise(context: Context) -> Any:
-        allowed = "cut: Drake linearises no delays, call teleop_drake.LinearizePorts()"
-        Refuse(path, "a delay", allowed)
-
-    return Raise
 
 
 def _DeclareTerms(

@@ -17,11 +17,6 @@ from teleop_drake.numerics.sample_history import SampleHistory
 
 
 def PacketsUntil(delay: Delay, end: float) -> list[Packet]:
-    """Returns the packets that are shown until a time in s, by ascending `shown`."""
-    return [packet for packet in _SentUntil(delay, end) if packet.shown <= end]
-
-
-def _SentUntil(delay: Delay, end: float) -> list[Packet]:
     """Returns the packets that are sent until a time in s, by ascending `shown`.
 
     Those that are lost, or overtaken by another one of them, are left out.
@@ -38,12 +33,7 @@ def _SentUntil(delay: Delay, end: float) -> list[Packet]:
         previous = -math.inf
         if delay.extrapolates and packets:
             previous = packets[-1].sent
-        packet = Packet(
-            shown=shown,
-            sent=k * delay.period,
-            previous=previous,
-        )
-        packets.append(packet)
+        packets.append(Packet(shown, k * delay.period, previous))
     return packets
 
 
@@ -181,7 +171,7 @@ class PacketLine:
         """
         time = context.get_time()
         end = time - same_within(time)
-        sent = [x for x in _SentUntil(self._delay, end) if x.sent > begin - SAME]
+        sent = [x for x in PacketsUntil(self._delay, end) if x.sent > begin - SAME]
         values = signal(np.array([x.sent for x in sent]))
         earlier = signal(np.array([x.previous for x in sent]))
         packets = [self._nothing]

@@ -194,7 +194,9 @@ class Recorder:
         if self._rows and time > self._rows[-1][0]:
             self._inner_context.SetTimeStateAndParametersFrom(root)
             if not np.array_equal(mode, self._mode):
-                self._SampleBeginning()
+                # A block has changed its discrete state at the beginning of the step.
+                self._SampleAt(self._rows[-1][0], self._state)
+                self._rate = self._RateIn(self._inner_context)
             self._SampleInside(time, state, rate)
             self._step_ends.append(len(self._rows))
         self._rows.append((time, values))
@@ -212,11 +214,6 @@ class Recorder:
         if root_context.num_continuous_states() == 0:
             return np.empty(0)  # Some systems without such a state raise an error.
         return self._diagram.EvalTimeDerivatives(root_context).CopyToVector()
-
-    def _SampleBeginning(self) -> None:
-        """Takes a sample at the beginning of the step, after its discrete update."""
-        self._SampleAt(self._rows[-1][0], self._state)
-        self._rate = self._RateIn(self._inner_context)
 
     def _SampleInside(self, end: float, state: np.ndarray, rate: np.ndarray) -> None:
         """Takes the samples between the last one and the end of the step.

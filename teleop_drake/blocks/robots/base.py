@@ -200,7 +200,8 @@ class PlantRobotConfig(RobotConfig):
         if r.size < 6:
             return None
         CheckRotation(r)
-        return RotationOf(r) @ ToolRotation(plant, self.Posture(plant))
+        R_PT = np.stack([rotated(r[3:], e) for e in np.eye(3)]).T
+        return R_PT @ ToolRotation(plant, self.Posture(plant))
 
     def Check(self, path: str) -> None:
         """Checks every field, loads the plant and poses it."""
@@ -231,11 +232,6 @@ class PlantRobotConfig(RobotConfig):
             gravity: As in LoadPlant().
         """
         return JointDrive()
-
-
-def RotationOf(r: Array) -> Array:
-    """Returns the rotation (3, 3) of the rotation vector in a position (6)."""
-    return np.stack([rotated(r[3:], e) for e in np.eye(3)]).T
 
 
 def CheckRotation(r: Array) -> None:
