@@ -165,15 +165,10 @@ def _Filled(
     parameters: Mapping[str, Any], arrays: Mapping[str, Array]
 ) -> dict[str, Any]:
     """Returns parameters in which the arrays of some names are replaced."""
-    numbers = {}
-    for name, array in arrays.items():
-        numbers[name] = array if array.ndim else array.item()
+    numbers = {name: x if x.ndim else x.item() for name, x in arrays.items()}
     filled = {}
     for name, value in parameters.items():
-        fields = getattr(value, "_fields", ())
-        if fields:
-            changes = {key: numbers[key] for key in fields if key in numbers}
-            filled[name] = value._replace(**changes)
-        else:
-            filled[name] = numbers.get(name, value)
+        fields = numbers.keys() & getattr(value, "_fields", ())
+        changes = {key: numbers[key] for key in fields}
+        filled[name] = value._replace(**changes) if fields else numbers.get(name, value)
     return filled
