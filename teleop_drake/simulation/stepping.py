@@ -93,25 +93,25 @@ class Stepping:
     def __init__(self, diagram: System, longest_step: float, start: float):
         # A Diagram itself is left out: its parts announce the same limits.
         systems = SystemsIn(diagram)[1:] or [diagram]
-
-        def With(member: str) -> Iterator[Any]:
-            return (system for system in systems if hasattr(system, member))
-
-        self._jumping = list(With("NextJumpTime"))
+        self._jumping: list[Any] = [x for x in systems if hasattr(x, "NextJumpTime")]
         self._has_delay_lines = any(
             isinstance(line, DelayLine)
             for system in systems
             for line in getattr(system, "delays", ())
         )
-        self._jump_times = {time for x in With("jump_times") for time in x.jump_times}
-        self._guarded = [x for x in With("has_guards") if x.has_guards]
+        self._jump_times = {
+            time for system in systems for time in getattr(system, "jump_times", ())
+        }
+        self._guarded: list[Any] = [
+            system for system in systems if getattr(system, "has_guards", False)
+        ]
         self._discrete_updates: list[Ticks] = []
         if self._has_delay_lines or self._guarded:
             self._discrete_updates = _DiscreteUpdates(systems)
         self._surfaces = [
             surface
             for system in systems
-            if not getattr(system, "has_guards", False)
+            if system not in self._guarded
             for surface in _SurfacesSeenBy(system)
         ]
         # The last two instants, with the values of all guards at each.
