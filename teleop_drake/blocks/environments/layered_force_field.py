@@ -75,8 +75,7 @@ class LayersEnvironmentConfig(EnvironmentConfig):
     def Check(self) -> None:
         """Checks every layer and the direction."""
         CheckLayers("layers", self.layers)
-        if self.direction is not None:
-            UnitNormal(self.direction, np.size(self.direction), "direction")
+        UnitNormal(self.direction, np.size(self.direction), "direction")
 
     def MakeEnvironment(self, start: ArrayLike) -> "LayeredForceField":
         """Makes the block; see EnvironmentConfig.MakeEnvironment.

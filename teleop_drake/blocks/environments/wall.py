@@ -31,8 +31,7 @@ class WallConfig(EnvironmentConfig):
     def Check(self) -> None:
         """Checks every field."""
         super().Check()
-        if self.direction is not None:
-            UnitNormal(self.direction, np.size(self.direction), "direction")
+        UnitNormal(self.direction, np.size(self.direction), "direction")
 
 
 class Wall(FixedBlock):

@@ -60,8 +60,7 @@ def FactsOfConfig(robot: RobotConfig) -> RobotFacts:
     same robot many times. They are therefore cached, but only for kinds of the package
     and only if no field names a file.
     """
-    names_file = any(getattr(robot, name) is not None for name in robot.file_fields)
-    if names_file or not type(robot).__module__.startswith("teleop_drake."):
+    if robot.file_fields or not type(robot).__module__.startswith("teleop_drake."):
         return FactsOfRobot(robot.MakeRobot())
     return _Remembered(pickle.dumps(robot))
 
