@@ -8,12 +8,11 @@ The most used names are exported here, and so are all names of teleop_drake.bloc
 that importing the package itself is cheap.
 """
 
-from collections.abc import Callable
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from teleop_drake import blocks
-from teleop_drake.upper import ProvideUpperFunction
+from teleop_drake.upper import ProvideUpperFunctions
 
 if TYPE_CHECKING:
     from teleop_drake.analysis.energy import TwoPortEnergyBalance
@@ -102,7 +101,8 @@ __all__ = [
     *blocks.__all__,
 ]
 
-# The names that each module defines. teleop_drake.blocks has a table for the blocks.
+# The names that each module defines: those of __all__, and functions that only lower
+# rooms call. teleop_drake.blocks has a table for the blocks.
 _PLACES = {
     "analysis.energy": ["TwoPortEnergyBalance"],
     "analysis.stability_chart": ["ChartStability"],
@@ -112,7 +112,7 @@ _PLACES = {
         "PlotStabilityChart",
         "PlotStableDelays",
     ],
-    "figures.notebook": ["ShowDiagram", "ShowTable"],
+    "figures.notebook": ["RecordingHtml", "ShowDiagram", "ShowTable"],
     "figures.style": ["Figure"],
     "figures.sweeps": ["PlotSweep"],
     "sweep.study": ["LoadStudy"],
@@ -122,7 +122,7 @@ _PLACES = {
     "figures.block_diagram": ["WriteDiagram"],
     "figures.runs": ["PlotComparison", "PlotRun", "SaveFigure"],
     "figures.scene": ["MakeReplay"],
-    "page": ["Explore", "MakePage", "WritePage"],
+    "page": ["DiagramPage", "Explore", "MakePage", "WritePage"],
     "parameters": ["NamedParameters"],
     "recording": ["LoadRecording", "Recording"],
     "scenario": [
@@ -138,31 +138,8 @@ _PLACES = {
 }
 
 
-def _LoadPlotSweep() -> Callable[..., Any]:
-    from teleop_drake.figures.sweeps import PlotSweep
-
-    return PlotSweep
-
-
-def _LoadRecordingHtml() -> Callable[..., Any]:
-    from teleop_drake.figures.notebook import RecordingHtml
-
-    return RecordingHtml
-
-
-def _LoadDiagramPage() -> Callable[..., Any]:
-    from teleop_drake.page import DiagramPage
-
-    return DiagramPage
-
-
-ProvideUpperFunction("PlotSweep", _LoadPlotSweep)
-ProvideUpperFunction("RecordingHtml", _LoadRecordingHtml)
-ProvideUpperFunction("DiagramPage", _LoadDiagramPage)
-
-
 def __getattr__(name: str) -> Any:
-    """Imports an exported name on its first use."""
+    """Imports a name of _PLACES or of the blocks on its first use."""
     if name in blocks.__all__:
         return getattr(blocks, name)
     for place, names in _PLACES.items():
@@ -173,13 +150,10 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
+ProvideUpperFunctions(__getattr__)
+
+
 def __dir__() -> list[str]:
     """Returns the names of the package, including those not imported yet."""
-    hidden = {
-        "Any",
-        "Callable",
-        "ProvideUpperFunction",
-        "TYPE_CHECKING",
-        "import_module",
-    }
+    hidden = {"Any", "ProvideUpperFunctions", "TYPE_CHECKING", "import_module"}
     return sorted({*globals(), *__all__} - hidden)

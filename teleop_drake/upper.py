@@ -2,29 +2,28 @@
 
 A room is a subpackage of teleop_drake, or a module beside them. A lower room must not
 import an upper one. It calls `UpperFunction(name)` instead. The root of the package,
-which stands above all rooms, provides each function together with its import.
+which stands above all rooms, imports each function by its name.
 """
 
 from collections.abc import Callable
 from typing import Any
 
-_loaders: dict[str, Callable[[], Callable[..., Any]]] = {}
+_finders: list[Callable[[str], Any]] = []
 
 
-def ProvideUpperFunction(name: str, load: Callable[[], Callable[..., Any]]) -> None:
-    """Provides a function of an upper room; it replaces a function of the same name.
+def ProvideUpperFunctions(find: Callable[[str], Any]) -> None:
+    """Provides the functions of upper rooms.
 
     Args:
-        name: The name by which lower rooms call it.
-        load: Imports the function and returns it.
+        find: Imports and returns the function that has a name.
     """
-    _loaders[name] = load
+    _finders.append(find)
 
 
-def UpperFunction(name: str) -> Callable[..., Any]:
+def UpperFunction(name: str) -> Any:
     """Imports and returns a function of an upper room.
 
     Raises:
-        KeyError: If nothing provides a function of this name.
+        AttributeError: If nothing provides a function of this name.
     """
-    return _loaders[name]()
+    return _finders[-1](name)
