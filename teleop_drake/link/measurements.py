@@ -165,32 +165,16 @@ def _Statistics(x: Array) -> dict[str, float]:
     return {name: round(float(value), 9) for name, value in statistics.items()}
 
 
-# The log of a side is a CSV file. Each line is written without a buffer, so that it
-# remains if the process is killed.
-
-
-def LogHeader(half: Half) -> bytes:
-    """Returns the first line of a side's log, the names of its columns."""
-    columns = ["time_s", *(f"{name}_s" for name in _TIMES)]
-    columns += ["trust", "tick_of_packet_in_use"]
-    columns += [f"received_{i}" for i in range(half.fed.size)]
-    columns += [f"sent_{i}" for i in range(half.sent[0].size)]
-    return f"{','.join(columns)}\n".encode("ascii")
-
-
-def LogLine(half: Half, tick: Tick, packet_tick: int) -> bytes:
-    """Returns the line of a tick in a side's log.
+def LogRow(half: Half, tick: Tick, packet_tick: int) -> dict[str, float]:
+    """Returns the values of a tick in a side's log, by the names of their columns.
 
     Args:
-        half: The side, whose last packets, fed and sent, are in the line.
+        half: The side, whose last packets, fed and sent, are in the row.
         tick: The measurements.
         packet_tick: The tick of the packet in use.
     """
-    numbers = [
-        tick.tick * half.period,
-        *(getattr(tick, name) for name in MEASURED),
-        packet_tick,
-        *half.fed.tolist(),
-        *half.sent[-1].tolist(),
-    ]
-    return f"{','.join(f'{x:.9g}' for x in numbers)}\n".encode("ascii")
+    row = {"time_s": tick.tick * half.period}
+    row |= {f"{name}_s": getattr(tick, name) for name in _TIMES}
+    row |= {"trust": tick.trust, "tick_of_packet_in_use": packet_tick}
+    row |= {f"received_{i}": x for i, x in enumerate(half.fed.tolist())}
+    return row | {f"sent_{i}": x for i, x in enumerate(half.sent[-1].tolist())}

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from teleop_drake.link.half import Driver, Half, Turn
-from teleop_drake.link.measurements import LogHeader, LogLine, Measurements, Tick
+from teleop_drake.link.measurements import LogRow, Measurements, Tick
 from teleop_drake.link.packets import (
     WRONG_KEY_NOTICE,
     Address,
@@ -133,10 +133,9 @@ class Side(Half):
         self._termination = "completed"
         # What is recorded.
         self.measured = Measurements(self, self._last)
-        self._log: FileIO | None = None
-        if log_file is not None:
-            self._log = FileIO(log_file, "w")
-            self._log.write(LogHeader(self))
+        # The log is a CSV file. Each line is written without a buffer, so that it
+        # remains if the process is killed.
+        self._log = None if log_file is None else FileIO(log_file, "w")
 
     def Run(self) -> "Side":
         """Runs in real time until the end, SIGINT or SIGTERM; returns the side itself.
@@ -340,9 +339,13 @@ class Side(Half):
         """Appends the tick to the log; closes a log that cannot be written."""
         if self._log is None or self._start == 0 or self.reason is not None:
             return
+        ticks = self.measured.ticks
+        row = LogRow(self, ticks[-1], self._newest.tick)
+        text = ",".join(f"{x:.9g}" for x in row.values())
+        if len(ticks) == 1:
+            text = f"{','.join(row)}\n{text}"
         try:
-            tick = self.measured.ticks[-1]
-            self._log.write(LogLine(self, tick, self._newest.tick))
+            self._log.write(f"{text}\n".encode("ascii"))
         except OSError as error:
             self.Say(f"the log ends here: {error}")
             self._log.close()
