@@ -1,7 +1,6 @@
 """The whole loop as one Diagram: Fig. 2.1 of the thesis."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
@@ -84,34 +83,18 @@ def MakeTeleoperator(
         builder,
         scenario,
         side=side,
-        systems=OwnSystems(
-            control_law=control_law,
-            architecture=architecture,
-            robot=robot,
-            environment=environment,
-            forward_channel=forward_channel,
-            return_channel=return_channel,
-            operator=operator,
-            haptic_device=haptic_device,
-        ),
+        control_law=control_law,
+        architecture=architecture,
+        robot=robot,
+        environment=environment,
+        forward_channel=forward_channel,
+        return_channel=return_channel,
+        operator=operator,
+        haptic_device=haptic_device,
     )
     teleoperator = builder.Build()
     teleoperator.set_name("teleoperator")
     return teleoperator
-
-
-@dataclass(frozen=True, kw_only=True)
-class OwnSystems:
-    """A user's systems, which replace the scenario's; see MakeTeleoperator()."""
-
-    control_law: System | Law | None = None
-    architecture: Architecture | None = None
-    robot: System | None = None
-    environment: System | None = None
-    forward_channel: System | None = None
-    return_channel: System | None = None
-    operator: System | None = None
-    haptic_device: System | None = None
 
 
 SIDES = {
@@ -126,68 +109,66 @@ def AddTeleoperator(
     scenario: ScenarioLike,
     *,
     side: str | None = None,
-    systems: OwnSystems | None = None,
+    control_law: System | Law | None = None,
+    architecture: Architecture | None = None,
+    robot: System | None = None,
+    environment: System | None = None,
+    forward_channel: System | None = None,
+    return_channel: System | None = None,
+    operator: System | None = None,
+    haptic_device: System | None = None,
 ) -> Architecture:
     """Adds the teleoperator's six systems and connects them; returns its architecture.
 
-    MakeTeleoperator() calls this function. Call it directly to make a diagram with
-    further systems, such as a meter of energy (see analysis.energy). Afterwards
-    `builder.GetSubsystemByName("master")` returns one of the six systems. With `side`,
-    only the systems of that side are added. Its channel has no delay then, and the
-    input of the channel is not connected.
+    The arguments are those of MakeTeleoperator(). With `side`, the channel has no delay
+    and its input is not connected. A further system, such as a meter of energy (see
+    analysis.energy), finds one of the six with `builder.GetSubsystemByName("master")`.
     """
     scenario = AsTeleoperation(scenario)
     scenario.Validate()
-    own = systems or OwnSystems()
     # Robot and environment first: defaults of the architecture derive from them.
     start = scenario.robot.start
-    robot = own.robot or scenario.robot.MakeRobot()
-    environment = own.environment or scenario.environment.MakeEnvironment(start)
-    _CheckOwn(robot, environment, own.operator, own.haptic_device, scenario.num_axes)
+    robot = robot or scenario.robot.MakeRobot()
+    environment = environment or scenario.environment.MakeEnvironment(start)
+    _CheckOwn(robot, environment, operator, haptic_device, scenario.num_axes)
     surfaces = SurfacesOf(environment) or ()
     CheckStart(start, surfaces)
-    if own.architecture is not None and own.control_law is not None:
-        Refuse("control_law", own.control_law, "left out with an architecture")
-    architecture = own.architecture or MakeArchitecture(
-        scenario,
-        control_law=own.control_law,
-        facts=scenario.Facts(robot, environment),
-    )
-    # The two stations, and the channels between them.
+    if architecture is None:
+        facts = scenario.Facts(robot, environment)
+        architecture = MakeArchitecture(scenario, control_law=control_law, facts=facts)
+    elif control_law is not None:
+        Refuse("control_law", control_law, "left out with an architecture")
     master = MakeMasterStation(
         scenario,
         architecture.master_side,
         surfaces=surfaces,
-        operator=own.operator,
-        haptic_device=own.haptic_device,
+        operator=operator,
+        haptic_device=haptic_device,
     )
     controller = WithDrivesAndSensors(architecture.slave_side, scenario)
-    packets = {
-        "forward_channel": (
+    systems = {
+        "master": master,
+        "forward_channel": _MakeChannel(
+            "forward_channel",
+            forward_channel,
+            scenario,
+            side,
             master.GetOutputPort("forward_packet").size(),
             architecture.initial_forward_packet,
         ),
-        "return_channel": (
+        "controller": controller,
+        "robot": robot,
+        "environment": environment,
+        "return_channel": _MakeChannel(
+            "return_channel",
+            return_channel,
+            scenario,
+            side,
             controller.GetOutputPort("return_packet").size(),
             architecture.initial_return_packet,
         ),
     }
-    channels = {
-        name: _MakeChannel(name, size, initial_value, scenario, own, side)
-        for name, (size, initial_value) in packets.items()
-    }
-    parts = {
-        "master": master,
-        "forward_channel": channels["forward_channel"],
-        "controller": controller,
-        "robot": robot,
-        "environment": environment,
-        "return_channel": channels["return_channel"],
-    }
-    for name, system in parts.items():
-        if side is None or name in SIDES[side]:
-            builder.AddNamedSystem(name, system)
-    _CloseLoop(builder)
+    _AddLoop(builder, systems, side)
     return architecture
 
 
@@ -216,14 +197,13 @@ def _CheckOwn(
 
 def _MakeChannel(
     name: str,
+    channel: System | None,
+    scenario: Scenario,
+    side: str | None,
     size: int,
     initial_value: Sequence[float],
-    scenario: Scenario,
-    own: OwnSystems,
-    side: str | None,
 ) -> System:
     """Returns a channel: the user's, the scenario's or, for one side, no delay."""
-    channel = getattr(own, name)
     if side is not None:
         if channel is not None:
             Refuse(name, channel.get_name(), "left out: a side hears packets")
@@ -254,16 +234,18 @@ _CONNECTIONS = (
 """The connections of Fig. 2.1: a system, its output, the next system, its input."""
 
 
-def _CloseLoop(builder: DiagramBuilder) -> None:
-    """Connects the systems that exist, after checking that signals' names differ."""
-    names = dict.fromkeys(source for source, _, _, _ in _CONNECTIONS)
-    present = [name for name in names if builder.HasSubsystemNamed(name)]
-    systems = [builder.GetSubsystemByName(name) for name in present]
-    NamedSignals(systems)
-    MarkLoop(systems)
+def _AddLoop(
+    builder: DiagramBuilder, systems: Mapping[str, System], side: str | None
+) -> None:
+    """Adds the systems of the loop or of a side, and the connections between them."""
+    present = systems if side is None else {x: systems[x] for x in SIDES[side]}
+    for name, system in present.items():
+        builder.AddNamedSystem(name, system)
+    NamedSignals(present.values())  # Refuses two signals of one name.
+    MarkLoop(present.values())
     for source, output, target, input_name in _CONNECTIONS:
         if source in present and target in present:
             builder.Connect(
-                builder.GetSubsystemByName(source).GetOutputPort(output),
-                builder.GetSubsystemByName(target).GetInputPort(input_name),
+                present[source].GetOutputPort(output),
+                present[target].GetInputPort(input_name),
             )
