@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder
@@ -38,13 +38,6 @@ class Turn(IntEnum):
     COMES_BACK = -1
     MISSED = 0
     FALLS = 1
-
-
-class _Row(NamedTuple):
-    """The record of a step: the packet that was fed before it, and the signals."""
-
-    fed: Array
-    signals: Array
 
 
 class Half:
@@ -104,7 +97,9 @@ class Half:
         self._faded = 0
         self._num_fades = int(np.ceil(fade / period))
         self._falls = self._PartsThatFall()
-        self._rows: list[_Row] = []
+        # The packets that were fed before each step, and the signals at the step.
+        self._fed_before: list[Array] = []
+        self._signals: list[Array] = []
         # Initial values of the inputs of the diagram.
         inputs = {"packet": self.fed}
         channel = builder.GetSubsystemByName(f"{self.heard}_channel")
@@ -114,7 +109,6 @@ class Half:
         diagram = builder.Build()
         self.systems = SystemsByPath(diagram)
         # With a driver, the packet to send is the only signal, and no input is fed.
-        self._driver = step
         self.run: CompiledRun | None = None
         self._places = {f"{self.spoken}_packet_sent": slice(None)}
         self._inputs: dict[str, slice] = {}
@@ -122,6 +116,10 @@ class Half:
             self.run, self._places, self._inputs = StartFed(
                 diagram, scenario.simulator, scenario.duration, **inputs
             )
+            self._sample: Callable[[float], Any] = self.run.Sample
+        else:
+            drive = step
+            self._sample = lambda t: drive(t, self.fed)
 
     def _PartsThatFall(self) -> Array:
         """Returns a mask of the packet's numbers that fall with trust."""
@@ -172,13 +170,14 @@ class Half:
         before = self.fed
         if turn != Turn.MISSED:
             self._Fade(heard, turn)
-        signals = self._Sample(t)
+        signals = np.array(self._sample(t))
         sent = signals[self._places[f"{self.spoken}_packet_sent"]]
         if sent.shape != self.sent[0].shape or not np.isfinite(sent).all():
             wanted = f"must send {self.sent[0].size} finite numbers"
             raise ArithmeticError(f"{wanted}, not {sent}")
         self.sent.append(sent)
-        self._rows.append(_Row(before, signals))
+        self._fed_before.append(before)
+        self._signals.append(signals)
         if turn == Turn.MISSED or self.run is None:
             return
         self.run.Feed(self._inputs[f"{self.heard}_channel"], self.fed)
@@ -204,26 +203,18 @@ class Half:
         else:
             self.fed = self.fed + (target - self.fed) / (num_left + 1)
 
-    def _Sample(self, t: float) -> Array:
-        """Returns the signals at t in s."""
-        if self._driver is not None:
-            return np.array(self._driver(t, self.fed))
-        assert self.run is not None
-        return np.array(self.run.Sample(t))
-
     def _HoldingForce(self, signals: Array) -> Array:
         """Returns the force of the spring and the damper; 0 as long as trust is 1."""
         # The place to hold is the last one with full trust, or that of the first step.
         p = signals[self._places["tool_position"]]
         v = signals[self._places["tool_velocity"]]
-        if self.trust == 1 or len(self._rows) == 1:
+        if self.trust == 1 or len(self._signals) == 1:
             self._place = p
         apart = displacement(self._place, p) if self.trust < 1 else 0 * p
         return (1 - self.trust) * self._stiffness @ (apart - self._lead * v)
 
     def Signals(self, num: int) -> dict[str, Array]:
         """Returns the signals (N, k) of the first `num` steps, by their names."""
-        rows = self._rows[:num]
-        signals = np.array([row.signals for row in rows])
-        received = {f"{self.heard}_packet_received": np.array([x.fed for x in rows])}
+        signals = np.array(self._signals[:num])
+        received = {f"{self.heard}_packet_received": np.array(self._fed_before[:num])}
         return received | {name: signals[:, at] for name, at in self._places.items()}
