@@ -96,6 +96,11 @@ def AddRunOptions(
     parser.add_argument("--quiet", action="store_true", help="show no progress")
 
 
+def Names(text: str) -> list[str]:
+    """Returns the names in a text such as A,B; for argparse."""
+    return [name.strip() for name in text.split(",")]
+
+
 def AddFormatOption(parser: argparse.ArgumentParser, default: str = "png") -> None:
     """Adds --format."""
     parser.add_argument(
@@ -118,6 +123,7 @@ def AddFigureOptions(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--signals",
+        type=Names,
         metavar="A,B,...",
         help="what figures show, for example tool_velocity,environment_force",
     )
@@ -146,7 +152,7 @@ def FormatsOf(args: argparse.Namespace) -> list[str]:
     """
     from teleop_drake.files import FIGURE_FORMATS
 
-    formats = [name.strip() for name in args.format.split(",")]
+    formats = Names(args.format)
     for name in formats:
         if name not in FIGURE_FORMATS:
             Refuse("--format", args.format, Choices(name, FIGURE_FORMATS))
@@ -168,10 +174,7 @@ def FigureOptionsOf(args: argparse.Namespace) -> dict[str, Any]:
         if not 0 <= begin < end:
             Refuse("--window", args.window, "FROM:TO, times in s, the later one behind")
         time = (begin, end)
-    signals = None
-    if args.signals is not None:
-        signals = [name.strip() for name in args.signals.split(",")]
-    return {"signals": signals, "time": time, "columns": args.columns}
+    return {"signals": args.signals, "time": time, "columns": args.columns}
 
 
 def CheckSignals(args: argparse.Namespace, scenario: "AnyScenario") -> None:
@@ -186,7 +189,7 @@ def CheckSignals(args: argparse.Namespace, scenario: "AnyScenario") -> None:
     from teleop_drake.simulation import MakeDiagram
 
     known = NamedSignals(MakeDiagram(scenario).GetSystems())
-    for name in FigureOptionsOf(args)["signals"]:
+    for name in args.signals:
         CheckChoice("--signals", name, known)
 
 
@@ -205,8 +208,7 @@ def ControllersOf(args: argparse.Namespace) -> list[str]:
     if one is not None:
         Refuse("--controller", one, "left out with --controllers")
     names: list[str] = []
-    for part in several.split(","):
-        name = part.strip()
+    for name in Names(several):
         names += ARCHITECTURES if name == "all" else [name]
     if len(set(names)) < len(names):
         Refuse("--controllers", several, "different controllers")
@@ -391,10 +393,10 @@ def OverridesOf(
 
 def FieldsOf(args: argparse.Namespace) -> "list[Override]":
     """Returns the overrides of --set, including those in its YAML files."""
-    from teleop_drake.scenario.overrides import OverridesOfFile
+    from teleop_drake.scenario.yaml_text import ParseFile
 
     fields: list[Override] = []
     for text in args.set:
         is_file = "=" not in text and Path(text).suffix in (".yaml", ".yml")
-        fields += OverridesOfFile(Path(text)) if is_file else [text]
+        fields += ParseFile(Path(text)).items() if is_file else [text]
     return fields

@@ -1,11 +1,10 @@
 """Overrides of a scenario: dotted paths of fields in a tree, and their new values."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from teleop_drake.scenario.tree import ToTree
-from teleop_drake.scenario.yaml_text import ParseFile, ParseYaml
+from teleop_drake.scenario.yaml_text import ParseYaml
 from teleop_drake.validation import Choices, ScenarioError, Show
 
 # The largest number of paths that a message suggests.
@@ -63,11 +62,6 @@ def ParseOverrides(overrides: Overrides) -> list[tuple[str, Any]]:
         # Each field gets its own copy, because later overrides may change parts of it.
         pairs += [(path, ToTree(value)) for path in FieldsOf(str(key), value)]
     return pairs
-
-
-def OverridesOfFile(path: Path) -> list[Override]:
-    """Returns the overrides of a YAML file, a mapping of dotted paths to values."""
-    return list(ParseFile(path).items())
 
 
 def _ParseOverride(item: str) -> tuple[str, Any]:

@@ -10,7 +10,7 @@ from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.analysis.transparency import FeltStiffnessLoss
 from teleop_drake.cli.main import main
 from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.scenario.overrides import OverridesOfFile
+from teleop_drake.scenario.yaml_text import ParseFile
 from teleop_drake.sweep import Sweep, SweepResult
 from teleop_drake.sweep.study import LoadStudy
 from teleop_drake.sweep.tuning import STIFFNESS_LOSS, Tune
@@ -157,7 +157,7 @@ def test_the_best_of_real_runs(tmp_path):
     assert float(rows[1][f"{TIME} mean"]) == pytest.approx(times[-1], rel=1e-9)
 
     file = str(again / "gains.yaml")
-    scenario = LoadScenario("two_dof_combined", OverridesOfFile(Path(file)))
+    scenario = LoadScenario("two_dof_combined", ParseFile(Path(file)))
     assert scenario.controller.damped_force.damping == best
     study = f"scenarios: [two_dof_combined]\noverrides: {file}\n"
     (tmp_path / "study.yaml").write_text(study, encoding="utf-8")

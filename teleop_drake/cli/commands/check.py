@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from teleop_drake.cli.exit_codes import DONE, FAILED
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import CheckChoice
 
 if TYPE_CHECKING:
     from teleop_drake.cli.reference_runs import Difference
@@ -37,33 +37,25 @@ def Execute(args: argparse.Namespace) -> int:
     """Compares a run with the reference that it names, or describes references."""
     from teleop_drake.cli import reference_runs
 
+    names = reference_runs.Names()
     if args.list:
-        for name in reference_runs.Names():
+        for name in names:
             print(f"{name:<40} {reference_runs.Describe(name)['title']}")
         return DONE
     if args.show is not None:
-        _CheckName("--show", args.show)
+        CheckChoice("--show", args.show, names)
         about = reference_runs.Describe(args.show)
         print(f"{args.show}: {about['title']}\n\n{about['task'].rstrip()}")
         return DONE
     if args.template is not None:
-        _CheckName("--template", args.template)
+        CheckChoice("--template", args.template, names)
         print(reference_runs.Template(args.template))
         return DONE
     run = reference_runs.ReadTable(Path(args.file))
     name = run.notes.get("reference", "")
-    _CheckName(f"{args.file}: # reference", name)
+    CheckChoice(f"{args.file}: # reference", name, names)
     differences = reference_runs.Compare(name, run, args.file)
     return _Print(name, differences)
-
-
-def _CheckName(field: str, name: str) -> None:
-    """Raises a ScenarioError if there is no reference of a name."""
-    from teleop_drake.cli import reference_runs
-
-    names = reference_runs.Names()
-    if name not in names:
-        Refuse(field, name, f"one of {', '.join(names)}")
 
 
 def _Print(name: str, differences: "dict[str, Difference]") -> int:

@@ -2,10 +2,9 @@
 
 import argparse
 import sys
-from pathlib import Path
 from typing import Any
 
-from teleop_drake.cli.commands.list import KindsOf
+from teleop_drake.cli.commands.list import FilesIn, KindsOf
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +32,7 @@ def Complete(parser: Any) -> None:
     import argcomplete
 
     completers = {
-        "scenario": _ScenarioNames,
+        "scenario": lambda **_: FilesIn("scenarios"),
         "controller": lambda **_: KindsOf("architectures"),
         "controllers": lambda **_: [*KindsOf("architectures"), "all"],
     }
@@ -45,9 +44,3 @@ def Complete(parser: Any) -> None:
     argcomplete.autocomplete(
         parser, always_complete_options=False, exit_method=sys.exit
     )
-
-
-def _ScenarioNames(**_: Any) -> list[str]:
-    """Returns the built-in scenarios without importing Drake, which takes a second."""
-    folder = Path(__file__).parents[2] / "scenarios"
-    return [path.stem for path in folder.glob("*.yaml")]

@@ -12,6 +12,15 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     """The command has no options."""
 
 
+def FilesIn(folder: str) -> dict[str, Path]:
+    """Returns the YAML files in a folder of the package, by their names.
+
+    They are listed without importing Drake, which takes a second.
+    """
+    files = sorted((_PACKAGE / folder).glob("*.yaml"))
+    return {file.stem: file for file in files}
+
+
 def KindsOf(seam: str) -> list[str]:
     """Returns the kinds in a folder of blocks/, such as `robots`.
 
@@ -28,15 +37,15 @@ def Execute(args: argparse.Namespace) -> int:
     import yaml
 
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    files = sorted((_PACKAGE / "scenarios").glob("*.yaml"))
-    width = max(len(file.stem) for file in files)
+    scenarios = FilesIn("scenarios")
+    width = max(map(len, scenarios))
     print("Scenarios")
-    for file in files:
+    for name, file in scenarios.items():
         tree = yaml.load(file.read_text("utf-8"), loader)
-        print(f"  {file.stem:<{width}} {tree['title']}. {tree['description']}")
+        print(f"  {name:<{width}} {tree['title']}. {tree['description']}")
     others = [kind for kind in KindsOf("architectures") if kind not in _OF_THE_THESIS]
     for title, names in {
-        "Studies": sorted(file.stem for file in (_PACKAGE / "studies").glob("*.yaml")),
+        "Studies": FilesIn("studies"),
         "Controllers": _OF_THE_THESIS,
         "Other architectures": others,
         "Environments": KindsOf("environments"),

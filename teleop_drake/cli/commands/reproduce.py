@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from teleop_drake.cli.exit_codes import DONE, FAILED, BadInput, Fail
-from teleop_drake.cli.options import AddFormatOption, FormatsOf
+from teleop_drake.cli.options import AddFormatOption, FormatsOf, Names
 from teleop_drake.cli.output import PrepareFolder
 from teleop_drake.cli.progress import TellLine
 from teleop_drake.cli.tables import Align
@@ -23,6 +23,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     AddFormatOption(parser, default="png,svg")
     parser.add_argument(
         "--only",
+        type=Names,
         metavar="A,B,...",
         help="only these figures, for example 4.1,5.7: no ledger and no report; with "
         "--check only these claims, for example 4-settling",
@@ -39,16 +40,13 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 def Execute(args: argparse.Namespace) -> int:
     """Repeats the simulations of the thesis; writes figures, ledger and report."""
     formats = FormatsOf(args)
-    only = None
-    if args.only is not None:
-        only = [number.strip() for number in args.only.split(",")]
     if args.check:
-        return _Check(only, args.quiet)
+        return _Check(args.only, args.quiet)
 
     from teleop_drake.thesis.report import Reproduce, SelectFigures
 
     try:
-        SelectFigures(only)
+        SelectFigures(args.only)
     except ValueError as e:
         raise BadInput(f"--only: {e}") from None
     PrepareFolder(args.out, "report.html")
@@ -56,7 +54,7 @@ def Execute(args: argparse.Namespace) -> int:
     try:
         paths = Reproduce(
             Path(args.out),
-            only=only,
+            only=args.only,
             formats=formats,
             progress=partial(TellLine, args.quiet),
         )

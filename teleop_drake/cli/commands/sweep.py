@@ -45,6 +45,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     options.AddGridOptions(parser)
     parser.add_argument(
         "--metrics",
+        type=options.Names,
         metavar="A,B,...",
         help="metrics to draw, for example collision.peak_force or a whole group such "
         "as puncture (default: a few; runs.csv has all)",
@@ -158,9 +159,8 @@ def StudyOf(args: argparse.Namespace) -> "Study":
     """
     from teleop_drake.sweep.study import IsStudy, LoadStudy, Study
 
-    metrics = args.metrics and [name.strip() for name in args.metrics.split(",")]
     if not IsStudy(args.scenario):
-        return Study(plans={"": PlanOf(args)}, metrics=metrics)
+        return Study(plans={"": PlanOf(args)}, metrics=args.metrics)
     for name in _OF_A_SCENARIO:
         if getattr(args, name) not in (None, [], "auto"):
             option = "--" + name.replace("_", "-")

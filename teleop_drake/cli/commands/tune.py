@@ -30,6 +30,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add(
         "--gains",
+        type=options.Names,
         required=True,
         metavar="A,B,...",
         help="one to six fields to search, for example G1,Lambda=0.1:2 or "
@@ -88,7 +89,7 @@ def Execute(args: argparse.Namespace) -> int:
     plan = PlanTuning(
         training,
         controller=controller,
-        gains=args.gains.split(","),
+        gains=args.gains,
         minimize=args.minimize,
         held_out=_HeldOut(args.held_out),
         margin=args.margin,
