@@ -89,9 +89,22 @@ class FixedFields:
         limits = {**self._Limits(_GAIN)[name], "may_be_null": False}
         return CheckGain(name, getattr(self, name), num_axes, **limits)
 
-    def _Limits(self, sort: str) -> dict[str, Record]:
-        config: Any = type(self)
-        return _LimitsOf(config, sort)
+    @classmethod
+    @functools.cache
+    def _Limits(cls, sort: str) -> dict[str, Record]:
+        """Returns the limits of the fields of a sort (_NUMBER or _GAIN), by name.
+
+        A subclass that gives a field another default inherits the limits.
+        """
+        return {
+            item.name: {
+                **item.metadata[sort],
+                "may_be_null": type(None) in get_args(item.type),
+            }
+            for base in reversed(cls.__mro__)
+            for item in getattr(base, "__dataclass_fields__", {}).values()
+            if sort in item.metadata
+        }
 
     def __setattr__(self, name: str, value: Any) -> None:
         """Sets a field, or raises an AttributeError if there is no such field."""
@@ -103,23 +116,6 @@ class FixedFields:
                     f"must be {Choices(name, known)}"
                 )
         super().__setattr__(name, value)
-
-
-@functools.cache
-def _LimitsOf(config: type, sort: str) -> dict[str, Record]:
-    """Returns the limits of the fields of a sort (_NUMBER or _GAIN), by name.
-
-    A subclass that gives a field another default inherits the limits.
-    """
-    return {
-        item.name: {
-            **item.metadata[sort],
-            "may_be_null": type(None) in get_args(item.type),
-        }
-        for base in reversed(config.__mro__)
-        for item in getattr(base, "__dataclass_fields__", {}).values()
-        if sort in item.metadata
-    }
 
 
 _SHORT = reprlib.Repr()
