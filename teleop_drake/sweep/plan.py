@@ -22,6 +22,7 @@ from teleop_drake.scenario import (
 from teleop_drake.scenario.loading import ReadTree
 from teleop_drake.scenario.overrides import (
     CHANNELS,
+    FieldsOf,
     Overrides,
     ParseOverrides,
 )
@@ -167,19 +168,14 @@ def _CheckPaths(
     Args:
         names: The unique name of each field, in the order of the settings.
     """
-    setters = ["overrides"] * len(overrides)
-    paths = [path for path, _ in overrides]
+    settings = [("overrides", path) for path, _ in overrides]
     for key, value in point.items():
-        for path, _ in ParseOverrides({key: value}):
-            setters.append(f"grid.{key}")
-            paths.append(path)
-    # Among overrides, a later one may replace an earlier one, as on the command line.
-    for i in range(len(overrides), len(names)):
-        for j in range(i):
-            if f"{names[j]}.".startswith(f"{names[i]}."):
-                raise SweepError(
-                    f"{setters[i]}: must leave {paths[j]} alone, {setters[j]} sets it"
-                )
+        settings += [(f"grid.{key}", path) for path in FieldsOf(key, value)]
+    named = zip(names, settings, strict=True)
+    for (name, (setter, path)), (later, (own, _)) in itertools.combinations(named, 2):
+        # Overrides may replace earlier overrides, as on the command line.
+        if own != "overrides" and f"{name}.".startswith(f"{later}."):
+            raise SweepError(f"{own}: must leave {path} alone, {setter} sets it")
 
 
 def _CheckValues(

@@ -51,16 +51,15 @@ class Study:
     metrics: list[str] | None = None
 
 
-def StudyNames() -> list[str]:
-    """Returns the names of the built-in studies in alphabetical order."""
-    return sorted(path.stem for path in _STUDIES.glob("*.yaml"))
+def _FileOf(name: File) -> Path:
+    """Returns the file of a built-in study, or the file that is given."""
+    built_in = _STUDIES / f"{name}.yaml"
+    return built_in if built_in.is_file() else Path(name)
 
 
 def IsStudy(name: str) -> bool:
     """Returns whether a name is the name of a study, or of a file with a study."""
-    if name in StudyNames():
-        return True
-    path = Path(name)
+    path = _FileOf(name)
     return path.is_file() and "scenarios" in ParseFile(path)
 
 
@@ -74,7 +73,7 @@ def LoadStudy(file: File) -> Study:
         ScenarioError: If a key or a value is not allowed.
         SweepError: If a grid cannot be used.
     """
-    path = _STUDIES / f"{file}.yaml" if file in StudyNames() else Path(file)
+    path = _FileOf(file)
     tree = ParseFile(path)
     for key in tree:
         CheckChoice("key", key, ("scenarios", *_OF_A_SWEEP, "engine", "metrics"))
