@@ -62,6 +62,10 @@ class KindTable(Generic[_T]):
         is_named: Whether a scenario must name the kind, so that there is no default.
         adapt: A function that returns a kind for a user's object that is no config, or
             None if the object cannot be used.
+
+    Attributes:
+        kinds: The kinds of the package.
+        names: Their names.
     """
 
     def __init__(
@@ -79,18 +83,9 @@ class KindTable(Generic[_T]):
         self.key = key
         self.is_named = is_named
         self._adapt = adapt
-        self._kinds = {kind.kind: kind for kind in kinds}
+        self.kinds = tuple(kinds)
+        self.names: Names = tuple(kind.kind for kind in self.kinds)
         _tables[base] = self
-
-    @property
-    def names(self) -> Names:
-        """The names of the kinds of the package."""
-        return tuple(self._kinds)
-
-    @property
-    def kinds(self) -> tuple[type[_T], ...]:
-        """The kinds of the package."""
-        return tuple(self._kinds.values())
 
     def Find(self, name: Any, path: str) -> type[_T]:  # noqa: RET503
         """Returns the kind that has a name.
@@ -103,12 +98,13 @@ class KindTable(Generic[_T]):
             ScenarioError: If there is no such kind.
         """
         if isinstance(name, str):
-            if name in self._kinds:
-                return self._kinds[name]
+            for kind in self.kinds:
+                if kind.kind == name:
+                    return kind
             places = [name] if ":" in name else _EntryPoints(name)
             if places:
                 return self._FromObject(ImportOwn(places[0], path), name, path)
-        allowed = f"{Choices(name, self._kinds)}, or module:Class of your own"
+        allowed = f"{Choices(name, self.names)}, or module:Class of your own"
         Refuse(path, name, allowed)
 
     def _FromObject(self, found: Any, name: str, path: str) -> type[_T]:
