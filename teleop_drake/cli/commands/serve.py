@@ -2,15 +2,11 @@
 
 import argparse
 from collections.abc import Mapping
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 from teleop_drake.cli import options, output
 from teleop_drake.validation import Refuse
-
-if TYPE_CHECKING:
-    from teleop_drake.link.side import Side
-    from teleop_drake.scenario import AnyScenario
 
 
 class _MakeKey(argparse.Action):
@@ -63,10 +59,25 @@ def Execute(args: argparse.Namespace) -> int:
     """Runs one side of the loop; with --out, compares it with a prediction."""
     scenario = options.Load(args, is_run=True)
     output.CheckJson(args.json)
-    name = "robot" if args.command_name == "serve" else "operator"
+    is_robot = args.command_name == "serve"
+    name = "robot" if is_robot else "operator"
     summary, log = output.PrepareFolder(args.out, f"{name}.json", f"{name}_log.csv")
     has_folder = args.out is not None
-    side = _Run(args, scenario, log if has_folder else None)
+
+    from teleop_drake.link.remote import OperateRemotely, ServeRobot
+    from teleop_drake.link.side import Say
+
+    run = partial(OperateRemotely, connect=args.address)
+    if is_robot:
+        run = partial(ServeRobot, listen=args.address)
+    side = run(
+        scenario,
+        key=args.key,
+        period=args.period,
+        limit=args.limit,
+        say=(lambda _: None) if args.quiet else Say,
+        log_file=log if has_folder else None,
+    )
 
     from teleop_drake.link.prediction import SaveRun
 
@@ -92,26 +103,3 @@ def _Lines(report: Mapping[str, Any]) -> list[str]:
         largest = max(report["prediction"].values())
         lines[1] += f"; the prediction differs by {largest:.1e} of a signal's size"
     return lines
-
-
-def _Run(
-    args: argparse.Namespace, scenario: "AnyScenario", log_file: Path | None
-) -> "Side":
-    """Runs one side of the loop and returns it after its end."""
-    from teleop_drake.link.remote import OperateRemotely, ServeRobot
-    from teleop_drake.link.side import Say
-
-    def SayNothing(line: str) -> None:
-        """Discards a line; used instead of Say()."""
-
-    is_robot = args.command_name == "serve"
-    place: dict[str, Any] = {"listen" if is_robot else "connect": args.address}
-    return (ServeRobot if is_robot else OperateRemotely)(
-        scenario,
-        **place,
-        key=args.key,
-        period=args.period,
-        limit=args.limit,
-        say=SayNothing if args.quiet else Say,
-        log_file=log_file,
-    )
