@@ -39,10 +39,8 @@ class Tick(NamedTuple):
     trust: float
 
 
-_TIMES = ("packet_age", "round_trip", "period", "lateness")
-
-MEASURED = (*_TIMES, "trust")
-"""The fields of a Tick that are signals of a recording."""
+TIMES = ("packet_age", "round_trip", "period", "lateness")
+"""The fields of a Tick that are times in s."""
 
 
 class Measurements:
@@ -93,7 +91,7 @@ class Measurements:
         """Returns the measured signals (N, 1), by their names."""
         return {
             name: np.array([[getattr(tick, name)] for tick in self.ticks], float)
-            for name in MEASURED
+            for name in (*TIMES, "trust")
         }
 
     def Used(self) -> dict[str, Array]:
@@ -148,7 +146,7 @@ class Measurements:
             "unknown_periods": int(np.sum(np.diff(known) - 1)),
             "outages_s": self.Outages(),
         }
-        for name in _TIMES:
+        for name in TIMES:
             report[f"{name}_s"] = _Statistics(self.Signals()[name])
         return report
 
@@ -163,18 +161,3 @@ def _Statistics(x: Array) -> dict[str, float]:
         "most": x.max(),
     }
     return {name: round(float(value), 9) for name, value in statistics.items()}
-
-
-def LogRow(half: Half, tick: Tick, packet_tick: int) -> dict[str, float]:
-    """Returns the values of a tick in a side's log, by the names of their columns.
-
-    Args:
-        half: The side, whose last packets, fed and sent, are in the row.
-        tick: The measurements.
-        packet_tick: The tick of the packet in use.
-    """
-    row = {"time_s": tick.tick * half.period}
-    row |= {f"{name}_s": getattr(tick, name) for name in _TIMES}
-    row |= {"trust": tick.trust, "tick_of_packet_in_use": packet_tick}
-    row |= {f"received_{i}": x for i, x in enumerate(half.fed.tolist())}
-    return row | {f"sent_{i}": x for i, x in enumerate(half.sent[-1].tolist())}

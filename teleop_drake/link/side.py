@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from teleop_drake.link.half import Driver, Half, Turn
-from teleop_drake.link.measurements import LogRow, Measurements, Tick
+from teleop_drake.link.measurements import TIMES, Measurements, Tick
 from teleop_drake.link.packets import (
     WRONG_KEY_NOTICE,
     Address,
@@ -336,13 +336,20 @@ class Side(Half):
             self._socket.sendto(data, address)
 
     def _WriteLog(self) -> None:
-        """Appends the tick to the log; closes a log that cannot be written."""
+        """Appends the tick to the log; closes a log that cannot be written.
+
+        The values are measured, received (in use after the tick) and sent.
+        """
         if self._log is None or self._start == 0 or self.reason is not None:
             return
-        ticks = self.measured.ticks
-        row = LogRow(self, ticks[-1], self._newest.tick)
+        tick = self.measured.ticks[-1]
+        row = {"time_s": tick.tick * self.period}
+        row |= {f"{name}_s": getattr(tick, name) for name in TIMES}
+        row |= {"trust": tick.trust, "tick_of_packet_in_use": self._newest.tick}
+        row |= {f"received_{i}": x for i, x in enumerate(self.fed.tolist())}
+        row |= {f"sent_{i}": x for i, x in enumerate(self.sent[-1].tolist())}
         text = ",".join(f"{x:.9g}" for x in row.values())
-        if len(ticks) == 1:
+        if len(self.measured.ticks) == 1:
             text = f"{','.join(row)}\n{text}"
         try:
             self._log.write(f"{text}\n".encode("ascii"))
