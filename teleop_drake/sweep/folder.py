@@ -96,17 +96,28 @@ class SweepFolder:
 
     def _CheckParameters(self, plan: SweepPlan, resume: bool) -> None:
         """Writes the parameters of a new sweep, or compares those of an old one."""
-        mine = _Parameters(plan)
+        parameters: Record = {
+            "scenario": plan.scenario.name,
+            "overrides": plan.overrides,
+            "axes": plan.axes,
+            "first_scenario": ScenarioToYaml(plan.scenario),
+            "engine": plan.engine,
+            "versions": Versions(),
+        }
+        if plan.traces:
+            parameters["traces"] = plan.traces
+        text = json.dumps(parameters, indent=2)
         file = self._path / "sweep.json"
         if not file.exists():
             if self._runs.exists():
                 self._Refuse(
                     "must be a folder without the runs.jsonl of something else"
                 )
-            WriteText(file, json.dumps(mine, indent=2) + "\n")
+            WriteText(file, f"{text}\n")
             return
         if not resume:
             self._Refuse("holds a sweep already; resume it, or choose another folder")
+        mine = json.loads(text)
         theirs = json.loads(file.read_bytes())
         different = [key for key in mine | theirs if theirs.get(key) != mine.get(key)]
         if different:
@@ -137,21 +148,6 @@ def Versions() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:  # Run without installation.
             versions[package] = "none"
     return versions
-
-
-def _Parameters(plan: SweepPlan) -> Record:
-    """Returns the parameters that identify a sweep, as JSON returns them."""
-    parameters = {
-        "scenario": plan.scenario.name,
-        "overrides": plan.overrides,
-        "axes": plan.axes,
-        "first_scenario": ScenarioToYaml(plan.scenario),
-        "engine": plan.engine,
-        "versions": Versions(),
-    }
-    if plan.traces:
-        parameters["traces"] = plan.traces
-    return dict(json.loads(json.dumps(parameters)))
 
 
 def _JsonLine(record: Mapping[str, Any]) -> str:
