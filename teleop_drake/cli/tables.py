@@ -2,7 +2,7 @@
 
 import itertools
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -219,16 +219,12 @@ def Align(lines: Sequence[Sequence[str]]) -> str:
 
     The first and the last column are aligned to the left, the others to the right.
     """
-    first, *others, last = zip(*lines, strict=True)
-    columns = [_Fit(first, str.ljust), *(_Fit(x, str.rjust) for x in others), last]
-    rows = zip(*columns, strict=True)
-    return "\n".join("  ".join(row).rstrip() for row in rows)
-
-
-def _Fit(cells: Sequence[str], justify: Callable[[str, int], str]) -> list[str]:
-    """Returns the cells of a column, padded to the width of the widest."""
-    width = max(map(len, cells))
-    return [justify(cell, width) for cell in cells]
+    first, *widths, _ = [max(map(len, cells)) for cells in zip(*lines, strict=True)]
+    rows = []
+    for label, *cells, end in lines:
+        middle = map(str.rjust, cells, widths)
+        rows.append("  ".join([label.ljust(first), *middle, end]).rstrip())
+    return "\n".join(rows)
 
 
 def Cell(value: Any, digits: int = 5) -> str:

@@ -1,18 +1,12 @@
 """The command `teleop-drake run`."""
 
 import argparse
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 from teleop_drake.cli import options, output
 from teleop_drake.cli.exit_codes import INTERRUPTED
 from teleop_drake.cli.progress import Simulate
 from teleop_drake.cli.tables import Headline, Table
 from teleop_drake.files import FileStem
-
-if TYPE_CHECKING:
-    from teleop_drake.recording import Recording
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -57,10 +51,17 @@ def Execute(args: argparse.Namespace) -> int:
     record = RunSummary(recording)
     written = []
     if args.out is not None:
+        from teleop_drake.figures.network import Networks, PlotNetwork
+        from teleop_drake.figures.runs import PlotRun, SaveFigure
+
         recording.Save(recording_path)
         output.WriteText(summary_path, output.ToJson(record))
         written = [recording_path, *figure_paths, summary_path]
-        written += _Draw(recording, figure_paths, drawing)
+        SaveFigure(PlotRun(recording, **drawing), *figure_paths)
+        if Networks(recording):
+            paths = [path.with_stem(f"{path.stem}_network") for path in figure_paths]
+            SaveFigure(PlotNetwork(recording, columns=args.columns), *paths)
+            written += paths
     if args.html is not None:
         from teleop_drake.figures.scene import MakeReplay
 
@@ -73,23 +74,3 @@ def Execute(args: argparse.Namespace) -> int:
     table = Table(runs, [record], is_verbose=args.verbose)
     output.Tell(args, record, Headline(recording), table, written=written)
     return INTERRUPTED if recording.termination == "interrupted" else 0
-
-
-def _Draw(
-    recording: "Recording", paths: Sequence[Path], drawing: Mapping[str, Any]
-) -> list[Path]:
-    """Draws a run and, if it has any, its network channels.
-
-    Returns:
-        The paths of the figures of the network channels.
-    """
-    from teleop_drake.figures.network import Networks, PlotNetwork
-    from teleop_drake.figures.runs import PlotRun, SaveFigure
-
-    SaveFigure(PlotRun(recording, **drawing), *paths)
-    if not Networks(recording):
-        return []
-    network = PlotNetwork(recording, columns=drawing["columns"])
-    network_paths = [path.with_stem(f"{path.stem}_network") for path in paths]
-    SaveFigure(network, *network_paths)
-    return network_paths
