@@ -21,8 +21,9 @@ from teleop_drake.engine.flatten import AlgebraicLoop, InputsOf, OutputOf, Sourc
 from teleop_drake.engine.problem import BREAKS, ROWS, Memory
 from teleop_drake.engine.run import CompiledRun
 from teleop_drake.numerics.instants import SAME
+from teleop_drake.numerics.rigid_body import RigidBodyTree
 from teleop_drake.page.levels import Levels
-from teleop_drake.page.plants import PlantsIn
+from teleop_drake.page.plants import PlantData, TreesIn
 from teleop_drake.page.wasm import ConstantsOf, MakeModule
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import (
@@ -91,7 +92,7 @@ class Model:
             `has_constant_command` (as in Recording), the names of `surfaces` and
             `materials`, and `draws` (of random sources: the time in s, the place in
             Memory.m and the new values of each).
-        plants: The links of the MultibodyPlants to draw; see PlantsIn().
+        plants: The links of the MultibodyPlants to draw; see TreesIn().
     """
 
     diagram: System
@@ -100,7 +101,7 @@ class Model:
     surfaces: tuple[Surface, ...]
     has_zero_delays: bool
     facts: dict[str, Any]
-    plants: list[dict[str, Any]]
+    plants: dict[str, RigidBodyTree]
 
     @property
     def structure(self) -> tuple[Any, ...]:
@@ -129,7 +130,7 @@ class Model:
             "module": module,
             "start": ConstantsOf(module),
             "headers": self.Headers(),
-            "plants": self.plants,
+            "plants": [PlantData(*plant) for plant in self.plants.items()],
             "width": self.run.evaluator.program.sizes[0],
             "numbers": self.numbers,
             "ports": self.Ports(),
@@ -397,5 +398,5 @@ def MakeModel(
             "surfaces": [surface.name for surface in surfaces],
             "materials": [getattr(x.material, "name", "") for x in surfaces],
         },
-        plants=PlantsIn(diagram, context),
+        plants=TreesIn(diagram, context),
     )

@@ -211,7 +211,7 @@ def _OfDiagram(
     inputs = MakeDiagramInputs(ScalarsIn(system, job.context), runs, vary, notes)
     return {
         **_Data(title.replace("_", " "), inputs, {}, runs),
-        "view": ViewOf(model.plants),
+        "view": ViewOf(model.plants.values()),
         "hand": None,
         "isDiagram": True,
     }

@@ -22,7 +22,7 @@ from teleop_drake.blocks.channels.sampled import SampledDelay
 from teleop_drake.cli import main
 from teleop_drake.numerics.step_polynomials import interpolate
 from teleop_drake.page.page import MakePage
-from teleop_drake.page.plants import PlantsIn, ViewOf
+from teleop_drake.page.plants import TreesIn, ViewOf
 from teleop_drake.parameters import SetNumbers
 from teleop_drake.scenario import LoadScenario, ScenarioError
 
@@ -261,12 +261,12 @@ def test_plants_are_drawn_as_frames_and_links(look, tmp_path):
 
 def test_the_view_shows_the_plane_in_which_joints_turn():
     plant = SerialArm([0.5])
-    plants = PlantsIn(plant, plant.CreateDefaultContext())
-    assert ViewOf(plants) == [[1, 0, 0], [0, 0, 1]]
-    plants[0]["links"][0]["axis"] = [0, 0, 1]
-    assert ViewOf(plants) == [[1, 0, 0], [0, 1, 0]]
-    plants[0]["links"][0]["axis"] = [0.6, 0, 0.8]
-    right, up = np.array(ViewOf(plants))
+    (tree,) = TreesIn(plant, plant.CreateDefaultContext()).values()
+    assert ViewOf([tree]) == [[1, 0, 0], [0, 0, 1]]
+    tree = tree._replace(axes=np.array([[0.0, 0.0, 1.0]]))
+    assert ViewOf([tree]) == [[1, 0, 0], [0, 1, 0]]
+    tree = tree._replace(axes=np.array([[0.6, 0.0, 0.8]]))
+    right, up = np.array(ViewOf([tree]))
     assert right @ up == pytest.approx(0, abs=1e-3)
 
 
