@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from teleop_drake.page.inputs import Input, NotSums
-from teleop_drake.page.sliders import Ranges, RangeWith, Runs
+from teleop_drake.page.sliders import DelayRange, Ranges, RangeWith, Runs
 from teleop_drake.parameters import Scalar
 from teleop_drake.validation import CheckChoice
 
@@ -38,7 +38,7 @@ def MakeDiagramInputs(
         for name, number in numbers.items()
         if name != "delay" and not number.is_state
     }
-    ranges = _DefaultRanges(parameters, runs) if vary is None else vary
+    ranges = _DefaultRanges(parameters) if vary is None else vary
     for key in ranges:
         CheckChoice("vary", key, numbers)
     sliders = [
@@ -52,7 +52,7 @@ def MakeDiagramInputs(
         more = len(rest) - _MOST_FIELDS
         notes.append(f"{more} more parameters have no field: name them in `vary`")
     for name in rest[:_MOST_FIELDS]:
-        for ends in _Ranges(parameters[name], _FACTOR_OF_FIELD, runs):
+        for ends in _Ranges(parameters[name], _FACTOR_OF_FIELD):
             field = _MakeInput(name, parameters[name], ends, is_field=True)
             if _CanAdd(field, inputs, runs):
                 inputs.append(field)
@@ -60,21 +60,21 @@ def MakeDiagramInputs(
     return inputs
 
 
-def _DefaultRanges(parameters: Mapping[str, Scalar], runs: Runs) -> Ranges:
+def _DefaultRanges(parameters: Mapping[str, Scalar]) -> Ranges:
     """Returns the ranges of all delays and of the first parameters that are not 0."""
     delays = [name for name, x in parameters.items() if x.is_delay]
     sizes = [name for name, x in parameters.items() if not x.is_delay and x.value != 0]
     return {
-        name: _Ranges(parameters[name], _FACTOR_OF_SLIDER, runs)[0]
+        name: _Ranges(parameters[name], _FACTOR_OF_SLIDER)[0]
         for name in delays + sizes[:_NUM_SLIDERS]
     }
 
 
-def _Ranges(number: Scalar, factor: float, runs: Runs) -> list[Sequence[float]]:
+def _Ranges(number: Scalar, factor: float) -> list[Sequence[float]]:
     """Returns ranges for a number; a field takes the first one that is possible."""
     value = number.value
     if number.is_delay:
-        return [runs.DelayRange(value)]
+        return [DelayRange(value)]
     if value == 0:
         return [(-1.0, 1.0), (0.0, 1.0)]
     return [sorted((value / factor, value * factor))]

@@ -48,11 +48,6 @@ class Runs:
         # Whether constant delays may be 0 in all programs.
         self._may_be_zero = all(x.has_zero_delays for x in self.models.values())
 
-    def DelayRange(self, value: float) -> tuple[float, float]:
-        """Returns the default range of a delay's slider, s."""
-        least = 0.0 if self._may_be_zero else _LEAST_DELAY
-        return least, max(_LARGE_DELAY, 2 * value)
-
     def FindInputs(self, alternatives: Iterable[Sequence[Input]]) -> list[Input]:
         """Returns those inputs of an alternative that can be changed.
 
@@ -80,7 +75,8 @@ class Runs:
     def HasChanges(self, one: Input) -> bool:
         """Sets the changes by an input; returns whether there are any.
 
-        The reason why an input cannot be changed is noted, unless it is a field.
+        A range of a delay that cannot begin at 0 begins at _LEAST_DELAY. The reason why
+        an input cannot be changed is noted, unless it is a field.
 
         Raises:
             ScenarioError: If an input is wanted, but cannot be changed.
@@ -94,8 +90,8 @@ class Runs:
         except ScenarioError as error:
             if one.is_wanted:
                 raise
-            if one.is_delay and one.low == 0:
-                one.low = _LEAST_DELAY
+            if one.is_delay and one.low == 0 < one.value:
+                one.low = min(_LEAST_DELAY, one.value)
                 return self.HasChanges(one)
             if not one.is_field:
                 self._notes.append(f"{one.key} has no slider: {error}")
@@ -140,20 +136,20 @@ def MakeInputs(scenario: AnyScenario, vary: Ranges, runs: Runs) -> list[Input]:
     if len(others) == len(vary) or not choices:
         choices.append(())
     alternatives = [
-        [_MakeInput(key, scenario, vary, runs) for key in (*delays, *others)]
+        [_MakeInput(key, scenario, vary) for key in (*delays, *others)]
         for delays in choices
     ]
     return runs.FindInputs(alternatives)
 
 
-def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges, runs: Runs) -> Input:
+def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges) -> Input:
     """Returns an input with its range."""
     is_delay = key in ("delay", *_DELAYS)
     wanted = vary.get(key, vary.get("delay") if is_delay else None)
     value = scenario.Value(key)
     if isinstance(value, bool) or not isinstance(value, int | float):
         Refuse(key, value, "a number in the scenario, to be varied")
-    low, high = RangeWith(key, wanted or runs.DelayRange(value), value)
+    low, high = RangeWith(key, wanted or DelayRange(value), value)
     return Input(
         key=key,
         low=low,
@@ -164,6 +160,11 @@ def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges, runs: Runs) -> Inp
         is_wanted=wanted is not None,
         is_delay=is_delay,
     )
+
+
+def DelayRange(value: float) -> tuple[float, float]:
+    """Returns the default range of a delay's slider, s; see Runs.HasChanges()."""
+    return 0.0, max(_LARGE_DELAY, 2 * value)
 
 
 def RangeWith(key: str, ends: Sequence[Any], value: float) -> tuple[float, float]:
