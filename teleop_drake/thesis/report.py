@@ -51,16 +51,18 @@ CLAIMS = [
 ]
 """All claims, in the thesis's order."""
 
-_PICTURED = {
-    "2": "Chapter 2: the loop and the task",
-    "3": "Chapter 3: a network that learns a disturbance",
+_TITLES = {
+    "lab-one_dof": "Chapter 4: one degree of freedom",
+    "lab-two_dof_puncture": "Chapter 5, case I: the arm, through tissue",
+    "lab-two_dof_collision": "Chapter 5, case II: the arm, on to bone",
+    "lab-two_dof_combined": (
+        "Chapter 5, case III: the arm, through tissue and on to bone"
+    ),
+    "ledger": "Ledger of all claims",
+    "chapter-2": "Chapter 2: the loop and the task",
+    "chapter-3": "Chapter 3: a network that learns a disturbance",
 }
-_LIVE = {
-    "one_dof": "Chapter 4: one degree of freedom",
-    "two_dof_puncture": "Chapter 5, case I: the arm, through tissue",
-    "two_dof_collision": "Chapter 5, case II: the arm, on to bone",
-    "two_dof_combined": "Chapter 5, case III: the arm, through tissue and on to bone",
-}
+"""The titles of the report's sections, keyed by their ids."""
 
 
 def Ledger(runs: ThesisRuns) -> list[Row]:
@@ -144,22 +146,18 @@ def Reproduce(
 def _Html(out: Path, rows: Sequence[Row], commands: Mapping[str, str]) -> str:
     """Returns the report; `commands` has the commands of each figure's runs."""
     counts = Counter(row.verdict for row in rows)
-    # A task without figures has no laboratory.
-    tasks = [x for x in _LIVE if any(y.task == x for y in FIGURES.values())]
+    tasks = dict.fromkeys(figure.task for figure in FIGURES.values() if figure.live)
     data = {"labs": [Laboratory(task, _ClaimsOf(task)) for task in tasks]}
-    figures = {
-        number: _LiveFigure(figure, rows, commands[number])
-        if figure.live
-        else _Picture(out, figure, commands[number])
-        for number, figure in FIGURES.items()
-    }
-    labs = [_LabHtml(task, figures) for task in tasks]
-    chapters = [_ChapterHtml(chapter, figures) for chapter in _PICTURED]
-    links = [
-        *((f"lab-{task}", _LIVE[task]) for task in tasks),
-        ("ledger", "Ledger of all claims"),
-        *((f"chapter-{chapter}", title) for chapter, title in _PICTURED.items()),
-    ]
+    # The figures of each section, by the section's id.
+    sections: dict[str, list[str]] = {"ledger": []}
+    for number, figure in FIGURES.items():
+        if figure.live:
+            name = f"lab-{figure.task}"
+            html = _LiveFigure(figure, rows, commands[number])
+        else:
+            name = f"chapter-{number[0]}"
+            html = _Picture(out, figure, commands[number])
+        sections.setdefault(name, []).append(html)
     buttons = {"": f"all {len(rows)} claims"}
     buttons |= {x: f"{counts[x]} {x}" for x in VERDICTS if counts[x]}
     template = (resources.files(__package__) / "report.html").read_text("utf-8")
@@ -167,14 +165,18 @@ def _Html(out: Path, rows: Sequence[Row], commands: Mapping[str, str]) -> str:
         package=version("teleop-drake"),
         drake=version("drake"),
         style=ReadPart("base.css") + ReadPart("report.css"),
-        contents=_Lines(f'<li><a href="#{a}">{title}</a></li>' for a, title in links),
+        contents=_Lines(
+            f'<li><a href="#{name}">{title}</a></li>'
+            for name, title in _TITLES.items()
+            if name in sections
+        ),
         filter=_Lines(
             f'<button value="{x}" aria-pressed="{not x!s}">{text}</button>'.lower()
             for x, text in buttons.items()
         ),
-        labs=_Lines(labs),
+        labs=_Sections("lab", sections),
         rows=_Claims(_ROW, rows),
-        chapters=_Lines(chapters),
+        chapters=_Sections("chapter", sections),
         data=PackedData(data),
         script=JoinModules("report.js"),
     )
@@ -190,20 +192,23 @@ def _Lines(lines: Iterable[str]) -> str:
     return "\n".join(lines)
 
 
-def _LabHtml(task: str, figures: Mapping[str, str]) -> str:
-    """Returns the laboratory of a task: a place for its sliders, and its figures."""
-    own = [figures[number] for number, x in FIGURES.items() if x.task == task]
-    return (
-        f'<section class="lab" id="lab-{task}"><h2>{_LIVE[task]}</h2>\n'
-        '<div class="controls"></div>\n' + _Lines(own) + "</section>"
+_SECTIONS = {
+    "lab": (
+        '<section class="lab" id="{name}"><h2>{title}</h2>\n'
+        '<div class="controls"></div>\n{figures}</section>'
+    ),
+    "chapter": '<section id="{name}"><h2>{title}</h2>{figures}</section>',
+}
+"""The sections with figures: of a task, with a place for its sliders, and a chapter."""
+
+
+def _Sections(kind: str, sections: Mapping[str, Sequence[str]]) -> str:
+    """Returns the sections of a kind, each with its figures."""
+    return _Lines(
+        _SECTIONS[kind].format(name=name, title=_TITLES[name], figures=_Lines(figures))
+        for name, figures in sections.items()
+        if name.startswith(kind)
     )
-
-
-def _ChapterHtml(chapter: str, figures: Mapping[str, str]) -> str:
-    """Returns the pictures of a chapter."""
-    own = [x for number, x in figures.items() if number.startswith(f"{chapter}.")]
-    title = _PICTURED[chapter]
-    return f'<section id="chapter-{chapter}"><h2>{title}</h2>{_Lines(own)}</section>'
 
 
 _ROW = (
@@ -235,8 +240,11 @@ def _Claims(template: str, rows: Sequence[Row]) -> str:
 
 def _LiveFigure(figure: ThesisFigure, rows: Sequence[Row], commands: str) -> str:
     """Returns a figure with its claims, and with a place for the plots of its runs."""
-    figures = {claim.key: FigureOf(claim) for claim in CLAIMS}
-    own = [row for row in rows if figures[row.key] == figure.number]
+    own = [
+        row
+        for claim, row in zip(CLAIMS, rows, strict=True)
+        if FigureOf(claim) == figure.number
+    ]
     return (
         f'<figure id="{figure.stem}" data-signals="{",".join(figure.live)}">'
         f'<div class="said">{_CaptionHtml(figure, commands)}<ul>'
