@@ -114,14 +114,10 @@ class ThesisRuns:
             KeyboardInterrupt: If the run was interrupted.
         """
         overrides = {path: x for change in changes for path, x in change.items()}
-        values = {
-            path: x if isinstance(x, str) else json.dumps(x)
-            for path, x in overrides.items()
-        }
-        settings = [
-            word for item in values.items() for word in ("--set", "=".join(item))
-        ]
-        command = shlex.join(["teleop-drake", "run", name, *settings])
+        words = ["teleop-drake", "run", name]
+        for path, x in overrides.items():
+            words += ["--set", f"{path}={x if isinstance(x, str) else json.dumps(x)}"]
+        command = shlex.join(words)
         if command not in self._runs:
             recording = simulate(LoadScenario(name, overrides))
             if recording.termination == "interrupted":
