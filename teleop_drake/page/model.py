@@ -292,11 +292,9 @@ def _PageMetrics(task: Task[Any]) -> str:
     See Task.page_metrics. It is defined by the class that defines Metrics(). If this
     class does not define it, the result is "".
     """
-    for kind in type(task).__mro__:
-        if "Metrics" in vars(kind):
-            name: str = vars(kind).get("page_metrics", "")
-            return name
-    return ""
+    defining = next(x for x in type(task).__mro__ if "Metrics" in vars(x))
+    name: str = vars(defining).get("page_metrics", "")
+    return name
 
 
 def _Labels(scenario: AnyScenario) -> dict[str, str]:

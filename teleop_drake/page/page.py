@@ -300,19 +300,16 @@ def _Choices(
             Refuse("vary", key, "left out: one's own hand is the operator")
         own = scenario.Value(key)
         if not isinstance(own, str):
-            Refuse(f"vary.{key}", ",".join(map(str, values)), "LO:HI of a number")
-        choices[key] = list(dict.fromkeys([own, *map(str, values)]))
+            Refuse(f"vary.{key}", ",".join(values), "LO:HI of a number")
+        choices[key] = list(dict.fromkeys([own, *values]))
     return choices, ranges
 
 
 def _View(scenario: AnyScenario, surfaces: tuple[Surface, ...]) -> list[list[float]]:
     """Returns the directions to the right and upwards in the drawing of the task."""
-    n = scenario.num_axes
-    if n < 3:
-        axes = np.zeros((2, 3))
-        axes[:n, :n] = np.eye(n)
-        view: list[list[float]] = axes.tolist()
-        return view
+    if scenario.num_axes < 3:
+        up = 1.0 if scenario.num_axes == 2 else 0.0
+        return [[1.0, 0.0, 0.0], [0.0, up, 0.0]]
     x, _, z = np.eye(3)
     v_d = x
     if hasattr(scenario, "surgeon"):
