@@ -54,8 +54,8 @@ class Group:
 
     def In(self, p: Any) -> Any:
         """Returns the tuple."""
-        values = [field.In(p) for field in self.fields]
-        return tuple(values) if self.kind is tuple else self.kind(*values)
+        make = getattr(self.kind, "_make", tuple)
+        return make(field.In(p) for field in self.fields)
 
 
 Layout = Place | Whole | Group

@@ -41,14 +41,12 @@ INTEGER = "i64"
 BOOLEAN = "i1"
 NOTHING = "void"
 
-LIBRARY_FUNCTIONS = (
-    "exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh",
-    "tanh", "pow",
-)  # fmt: skip
-"""The functions of C's mathematics library that the code may call."""
-
 _INTRINSICS = (
     "sqrt", "fabs", "floor", "ceil", "trunc", "exp", "log", "sin", "cos", "pow",
+)  # fmt: skip
+# The functions of C's mathematics library that have no intrinsic.
+_LIBRARY_FUNCTIONS = (
+    "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh",
 )  # fmt: skip
 _WITH_TWO_SIDES = ("pow", "atan2")
 
@@ -63,18 +61,15 @@ _INSTRUCTIONS = {
 
 def Declarations() -> list[str]:
     """Returns the declarations of all functions that Instruction() may call."""
-    return [
-        f"declare double @{_FunctionOf(name)}({_Doubles(name)})"
-        for name in dict.fromkeys((*_INTRINSICS, *LIBRARY_FUNCTIONS))
-    ]
+    declarations = []
+    for name in (*_INTRINSICS, *_LIBRARY_FUNCTIONS):
+        doubles = "double, double" if name in _WITH_TWO_SIDES else "double"
+        declarations.append(f"declare double @{_FunctionOf(name)}({doubles})")
+    return declarations
 
 
 def _FunctionOf(operation: str) -> str:
     return f"llvm.{operation}.f64" if operation in _INTRINSICS else operation
-
-
-def _Doubles(name: str) -> str:
-    return "double, double" if name in _WITH_TWO_SIDES else "double"
 
 
 def Instruction(operation: str, kind: str, values: Sequence[str]) -> str:
