@@ -75,7 +75,8 @@ class LayersEnvironmentConfig(EnvironmentConfig):
     def Check(self) -> None:
         """Checks every layer and the direction."""
         CheckLayers("layers", self.layers)
-        UnitNormal(self.direction, np.size(self.direction), "direction")
+        if self.direction is not None:
+            UnitNormal(self.direction, np.size(self.direction), "direction")
 
     def MakeEnvironment(self, start: ArrayLike) -> "LayeredForceField":
         """Makes the block; see EnvironmentConfig.MakeEnvironment.

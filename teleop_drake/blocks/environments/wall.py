@@ -31,7 +31,8 @@ class WallConfig(EnvironmentConfig):
     def Check(self) -> None:
         """Checks every field."""
         super().Check()
-        UnitNormal(self.direction, np.size(self.direction), "direction")
+        if self.direction is not None:
+            UnitNormal(self.direction, np.size(self.direction), "direction")
 
 
 class Wall(FixedBlock):
