@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from engines import Compiled, Errors, InWebAssembly
+from pydrake.common import RandomDistribution
 from pydrake.systems import primitives as drake
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
@@ -92,6 +93,8 @@ def Primitives() -> Diagram:
         drake.WrapToSystem(2),
         drake.VectorLogSink(2, 0.1),
     ]
+    noise = drake.RandomSource(RandomDistribution.kGaussian, 2, 0.1)
+    builder.AddNamedSystem("noise", noise)
     for i, system in enumerate(row):
         builder.AddNamedSystem(f"block_{i}", system)
         if i:

@@ -13,7 +13,8 @@ import pytest
 import wasmtime
 
 from teleop_drake.engine.advance import FULL
-from teleop_drake.engine.problem import ROWS
+from teleop_drake.engine.problem import BREAKS, ROWS
+from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.step_polynomials import DEGREE, interpolate
 from teleop_drake.page.model import Model, ModelOf
 from teleop_drake.recording import Recording
@@ -50,6 +51,7 @@ class Instance:
         self._run = table.get(self._store, 1)
         self._places: dict[str, tuple[int, list[int], bool]] = {}
         self._headers = []
+        self._draws = list(model.facts["draws"])
         for group, fields in model.Headers().items():
             header = []
             for name, shape, is_whole, grows in fields:
@@ -88,11 +90,28 @@ class Instance:
         return self.Read("row_times")[:num], self.Read("rows")[:num], steps
 
     def Run(self, end: float, accuracy: float, max_step: float) -> int:
-        """Runs up to a time; returns how it ended."""
-        status, numbers = FULL, (end, accuracy, max_step)
+        """Runs up to a time, with the draws before it; returns how it ended."""
+        while self._draws and self._draws[0][0] < end - SAME:
+            time, first, *value = self._draws.pop(0)
+            self._Integrate(time, accuracy, max_step)
+            self._Set("m", first, value)
+            counts = self.Read("counts").copy()
+            self._Set("breaks", 2 * counts[BREAKS], [time, 0.0])
+            counts[BREAKS] += 1
+            self._Set("counts", 0, counts)
+        return self._Integrate(end, accuracy, max_step)
+
+    def _Integrate(self, *numbers: float) -> int:
+        status = FULL
         while status == FULL:
             status = self._run(self._store, *self._headers, *numbers)
         return status
+
+    def _Set(self, name: str, first: int, values) -> None:
+        """Writes values into an array, from its element `first` on."""
+        place, _, is_whole = self._places[name]
+        kind = np.int64 if is_whole else float
+        self._Write(place + 8 * int(first), np.array(values, kind))
 
 
 def RunModule(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
