@@ -8,7 +8,6 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-import runs
 from hypothesis import settings
 
 # Byte code that one process has made of the package and of the tests is there for all
@@ -17,7 +16,8 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 
 # Matrices are small here. The threads of BLAS would wait for each other, beside as many
-# processes as there are processors.
+# processes as there are processors. NumPy reads this when it is imported, so nothing
+# above may import it.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # A shell that starts the tests in the background lets them ignore Ctrl-C, and with them
@@ -80,6 +80,8 @@ def pytest_sessionfinish():
 @pytest.fixture(scope="session", autouse=True)
 def _SharedRuns(tmp_path_factory):
     """Lets the processes of pytest-xdist share what they simulate."""
+    import runs  # It imports NumPy.
+
     if "PYTEST_XDIST_WORKER" in os.environ:
         runs.folder = tmp_path_factory.getbasetemp().parent
 

@@ -9,7 +9,6 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -67,9 +66,8 @@ class Newcomer:
             "MPLBACKEND": "Agg",
         }
 
-    def Run(self, command: str, cwd: Path) -> float:
-        """Runs a command by the shell; returns the seconds that it takes."""
-        begin = time.monotonic()
+    def Run(self, command: str, cwd: Path) -> None:
+        """Runs a command by the shell."""
         run = subprocess.run(
             ["sh", "-c", command],
             cwd=cwd,
@@ -79,7 +77,6 @@ class Newcomer:
             check=False,
         )
         assert run.returncode == 0, f"{command}: {run.stdout}{run.stderr}"
-        return time.monotonic() - begin
 
 
 @pytest.mark.slow
@@ -91,7 +88,7 @@ def test_the_readme_from_top_to_bottom(version, tmp_path):
     clone = tmp_path / "clone"
     ignored = shutil.ignore_patterns(".git", ".venv", "__pycache__", ".hypothesis")
     shutil.copytree(README.parent, clone, ignore=ignored)
-    seconds = newcomer.Run(SET_UP, clone)
+    newcomer.Run(SET_UP, clone)
     assert (clone / "out/two_dof_combined_comparison.png").stat().st_size > 10_000
     activate = ". .venv/bin/activate && "
     for command in NEXT:
@@ -99,12 +96,6 @@ def test_the_readme_from_top_to_bottom(version, tmp_path):
         newcomer.Run(activate + command, clone)
     assert (clone / "loop.svg").stat().st_size > 5_000
     assert (clone / "loop.html").stat().st_size > 50_000
-    # Drake alone, in an environment of its own; the network is that of this minute.
-    alone = "python3 -m venv alone && . alone/bin/activate && pip install drake"
-    if version == "3.11":
-        # The aim is a ratio of 1.3. It depends on the network, so it is printed only.
-        least = newcomer.Run(alone, tmp_path)
-        print(f"first figure after {seconds:.0f} s, Drake alone {least:.0f} s")
 
 
 def test_a_python_is_found():

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from documentation import ROOT, CheckPicture
 from grids import Slow
-from league import page, search, traces
+from league import compete, page, search, traces
 from league.claims import CLAIMS, FindRow
 from league.compete import Compete
 from league.entries import OneAxis, ReadEntries
@@ -318,11 +318,21 @@ def test_the_figures(file, draw, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_search_is_done_once(tmp_path):
+def test_a_search_is_done_once(tmp_path, monkeypatch):
+    """With three held-out runs; an entry below has all of them."""
+
+    def FewRuns(study, entry):
+        runs = Runs(study, entry)
+        runs.plans = {"one_dof-delay": runs.plans["one_dof-delay"]}
+        return runs
+
+    monkeypatch.setattr(compete, "Runs", FewRuns)
     file = tmp_path / "damper.json"
     Compete(ENTRIES[BASELINE], 4, 0, file)
     result = json.loads(file.read_text("utf-8"))
     assert [*result["members"]] == ["rule", "compromise", "gentlest", "quickest"]
+    for member in result["members"].values():
+        assert [*member["runs"]] == [f"one_dof-delay-{number}" for number in range(3)]
     file.write_text("kept")
     Compete(ENTRIES[BASELINE], 4, 0, file)
     assert file.read_text() == "kept"

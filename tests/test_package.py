@@ -28,6 +28,19 @@ def test_a_sweep_starts_without_scipy():
     assert run.stdout.strip() == "False"
 
 
+def test_the_tests_limit_blas_before_numpy_is_imported():
+    """NumPy reads the number of threads of BLAS when it is imported, not later."""
+    code = "import sys, conftest; print('numpy' in sys.modules)"
+    run = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert run.stdout.strip() == "False"
+
+
 def test_import_is_light():
     """The package imports no room of its own; a name imports what it needs."""
     code = (

@@ -276,8 +276,13 @@ def test_what_cannot_be_written_is_replaced(monkeypatch):
 
 
 def Numbers(tree, prefix=""):
-    """The dotted paths of the numbers of a scenario, and of what may be one."""
-    items = enumerate(tree) if isinstance(tree, list) else tree.items()
+    """The dotted paths of the numbers of a scenario, and of what may be one.
+
+    Of a vector these are the first and the last component.
+    """
+    items = [*(enumerate(tree) if isinstance(tree, list) else tree.items())]
+    if isinstance(tree, list) and not any(isinstance(x, (dict, list)) for x in tree):
+        items = [*dict(items[:1] + items[-1:]).items()]
     for key, value in items:
         if isinstance(value, (dict, list)):
             yield from Numbers(value, f"{prefix}{key}.")
@@ -287,6 +292,9 @@ def Numbers(tree, prefix=""):
 
 VALUES = ("1e30", "-1e30", "1e-30", "1e300", ".inf", ".nan", "-1", "text", "[[1]]")
 LIKE_OTHERS = ("haptic_device", "controller", "simulator", "actuator", "sensor")
+# A scenario checks these alike for any number of axes.
+WITHOUT_AXES = ("task", "duration", "forward_channel", "return_channel")
+WITHOUT_AXES += ("divergence_speed_ratio", "divergence_speed")
 
 
 def SectionsOf(name):
@@ -299,6 +307,8 @@ def SectionsOf(name):
         sort = section.get("kind", section.get("model")), scenario.num_axes
         if key in LIKE_OTHERS:
             sort = type(scenario), scenario.num_axes > 1
+        elif key in WITHOUT_AXES:
+            sort = section.get("kind"), type(scenario)
         sections[key, *sort] = {key: value}
     return sections
 

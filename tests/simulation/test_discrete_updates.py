@@ -52,6 +52,7 @@ def relay():
 
 
 PERIOD, DELAY, FREQUENCY = 0.05, 0.037, 3.0
+END = 0.9
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -63,14 +64,14 @@ def test_a_held_signal_is_delayed_exactly(engine, period):
         TransportDelay(delay=DELAY, size=1),
         Integrator([0.0]),
     )
-    recording = simulate(diagram, duration=2.0, engine=engine)
-    times = np.arange(DELAY, 2.0, period)
+    recording = simulate(diagram, duration=END, engine=engine)
+    times = np.arange(DELAY, END, period)
     samples = np.sin(FREQUENCY * period * np.arange(len(times)) + 0.4)
-    inside = np.arange(DELAY + 0.0011, 2.0, 0.0013)
+    inside = np.arange(DELAY + 0.0011, END, 0.0013)
     k = np.floor((inside - DELAY) / period).astype(int)
     delayed = recording.Interpolate("y1", inside)[:, 0]
     np.testing.assert_allclose(delayed, samples[k], atol=1e-12)
-    exact = samples @ np.diff([*times, 2.0])
+    exact = samples @ np.diff([*times, END])
     assert recording["y2"][-1, 0] == pytest.approx(exact, abs=1e-9)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import runs
+from grids import Slow
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -664,8 +665,18 @@ def OvershootBetween(recording, begin, end):
     return float((recording.Interpolate("tool_velocity", t)[:, 0] - command).max())
 
 
-@pytest.mark.parametrize("engine", ["compiled", "drake"])
-@pytest.mark.parametrize("stop", [0.7, 0.8999999999999999])
+@pytest.mark.parametrize(
+    ("stop", "engine"),
+    Slow(
+        [
+            (0.7, "compiled"),
+            (0.8999999999999999, "compiled"),
+            (0.8999999999999999, "drake"),
+            (0.7, "drake"),
+        ],
+        but=[0, 1, 2],
+    ),
+)
 def test_an_echo_at_a_tick_but_for_rounding(stop, engine):
     """The command stops, and is received at the instant of a sample of the encoder.
 
