@@ -255,8 +255,7 @@ class _Function(ValueWriter):
         self._is_open = False
 
     def _Branch(self, condition: str, yes: str, no: str) -> None:
-        line = f"  br i1 {condition}, label %{yes}, label %{no}"
-        self.lines.append(line)
+        self.lines.append(f"  br i1 {condition}, label %{yes}, label %{no}")
         self._is_open = False
 
     # Statements.

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.files import Replacing
+from teleop_drake.files import WriteText
 from teleop_drake.page.script import JoinModules, ReadPart
 
 
@@ -33,8 +33,7 @@ class Page:
 
     def Save(self, path: str | os.PathLike[str]) -> None:
         """Writes the file; it appears complete or not at all."""
-        with Replacing(path) as temporary:
-            Path(temporary).write_text(self.html, encoding="utf-8")
+        WriteText(Path(path), self.html)
 
     def _repr_html_(self) -> str:
         """Returns a frame with the page, which needs no kernel."""

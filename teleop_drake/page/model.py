@@ -110,12 +110,13 @@ class Model:
         They are the structure of the program, the arrays of indices and the facts.
         """
         program = self.run.evaluator.program
-        fields = Fields(self.run.problem)
-        return (
-            program.structure,
-            *(tuple(x.tolist()) for name, x in fields.items() if _IsWiring(name, x)),
-            self.facts,
-        )
+        # Indices define connections, except those of the ranges of delays.
+        wiring = [
+            x.tolist()
+            for name, x in Fields(self.run.problem).items()
+            if x.dtype.kind == "i" and not name.endswith("_ranges")
+        ]
+        return program.structure, wiring, self.facts
 
     def Module(self) -> bytes:
         """Returns the run as WebAssembly; see wasm.MakeModule()."""
@@ -201,11 +202,6 @@ class Model:
             name: f"{paths[port.get_system()]}:{port.get_name()}"
             for name, port in SignalsOf(self.diagram).items()
         }
-
-
-def _IsWiring(name: str, array: NDArray[Any]) -> bool:
-    """Returns whether an array of Problem has indices, which define connections."""
-    return array.dtype.kind == "i" and not name.endswith("_ranges")
 
 
 def Unit(system: System, port: str, size: int = 1) -> str:

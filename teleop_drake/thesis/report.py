@@ -15,7 +15,7 @@ import base64
 import dataclasses
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from importlib import resources
 from importlib.metadata import version
@@ -165,12 +165,12 @@ def _Html(out: Path, rows: Sequence[Row], commands: Mapping[str, str]) -> str:
         package=version("teleop-drake"),
         drake=version("drake"),
         style=ReadPart("base.css") + ReadPart("report.css"),
-        contents=_Lines(
+        contents="\n".join(
             f'<li><a href="#{name}">{title}</a></li>'
             for name, title in _TITLES.items()
             if name in sections
         ),
-        filter=_Lines(
+        filter="\n".join(
             f'<button value="{x}" aria-pressed="{not x!s}">{text}</button>'.lower()
             for x, text in buttons.items()
         ),
@@ -188,10 +188,6 @@ def _ClaimsOf(task: str) -> list[Claim]:
     return [claim for claim in CLAIMS if FigureOf(claim) in numbers]
 
 
-def _Lines(lines: Iterable[str]) -> str:
-    return "\n".join(lines)
-
-
 _SECTIONS = {
     "lab": (
         '<section class="lab" id="{name}"><h2>{title}</h2>\n'
@@ -204,8 +200,10 @@ _SECTIONS = {
 
 def _Sections(kind: str, sections: Mapping[str, Sequence[str]]) -> str:
     """Returns the sections of a kind, each with its figures."""
-    return _Lines(
-        _SECTIONS[kind].format(name=name, title=_TITLES[name], figures=_Lines(figures))
+    return "\n".join(
+        _SECTIONS[kind].format(
+            name=name, title=_TITLES[name], figures="\n".join(figures)
+        )
         for name, figures in sections.items()
         if name.startswith(kind)
     )

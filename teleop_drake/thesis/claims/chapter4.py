@@ -16,7 +16,7 @@ from teleop_drake.thesis.claims.claim import (
     Settling,
 )
 from teleop_drake.thesis.claims.measures import FarShare, LargestJump
-from teleop_drake.thesis.runs import ADAPTIVE, Both, Delay, ThesisRuns
+from teleop_drake.thesis.runs import ADAPTIVE, Delay, ThesisRuns
 
 _V_D = 1e-3
 """The velocity that the surgeon commands, m/s."""
@@ -24,12 +24,8 @@ _V_D = 1e-3
 _START = "start_velocity_overshoot"
 
 
-def _Both(runs: ThesisRuns) -> Both:
-    return runs.OfBoth("one_dof")
-
-
 def _Number(runs: ThesisRuns, metric: str, which: str, in_kind: str) -> Found:
-    direct, adaptive = _Both(runs).Numbers(metric)
+    direct, adaptive = runs.OfBoth("one_dof").Numbers(metric)
     holds = {
         "larger with direct force": direct > adaptive,
         "smaller with direct force": direct < adaptive,
@@ -40,19 +36,19 @@ def _Number(runs: ThesisRuns, metric: str, which: str, in_kind: str) -> Found:
 
 
 def _Reduction(runs: ThesisRuns, metric: str) -> Found:
-    direct, adaptive = _Both(runs).Numbers(metric)
+    direct, adaptive = runs.OfBoth("one_dof").Numbers(metric)
     return Found(abs(adaptive) < abs(direct), 1 - adaptive / direct)
 
 
 def _SameAtPuncture(runs: ThesisRuns) -> Found:
-    both = _Both(runs)
+    both = runs.OfBoth("one_dof")
     speeds, forces = (both.Numbers(f"puncture.{x}") for x in ("velocity", "force"))
     text = f"speed: {Pair(*speeds, 'mm/s')}; force: {Pair(*forces, 'mN')}"
     return Found(all(abs(a / b - 1) < 0.01 for a, b in (speeds, forces)), text)
 
 
 def _ImpactOrder(runs: ThesisRuns) -> Found:
-    both = _Both(runs)
+    both = runs.OfBoth("one_dof")
     first = both.Numbers("collision.initial_impact_force")
     largest = both.Numbers("collision.peak_force")
     return Found(
@@ -62,12 +58,12 @@ def _ImpactOrder(runs: ThesisRuns) -> Found:
 
 
 def _DirectStartOvershoot(runs: ThesisRuns) -> Found:
-    ours = _Both(runs).direct[_START] / _V_D
+    ours = runs.OfBoth("one_dof").direct[_START] / _V_D
     return Found(ours > 0.05, f"{ours:.1%}")
 
 
 def _NoStartOvershoot(runs: ThesisRuns) -> Found:
-    ours = _Both(runs).adaptive[_START] / _V_D
+    ours = runs.OfBoth("one_dof").adaptive[_START] / _V_D
     no_delay = runs.Short("one_dof", ADAPTIVE, Delay(0.0))[_START] / _V_D
     return Found(
         ours < 0.01,
@@ -79,7 +75,7 @@ def _NoStartOvershoot(runs: ThesisRuns) -> Found:
 
 
 def _Settling(runs: ThesisRuns) -> Found:
-    both = _Both(runs)
+    both = runs.OfBoth("one_dof")
     direct, adaptive, text = Settling(both)
     observed = both.direct.recording.time[-1] - both.direct["collision.time"]
     return Found(
@@ -89,7 +85,7 @@ def _Settling(runs: ThesisRuns) -> Found:
 
 
 def _Smooth(runs: ThesisRuns) -> Found:
-    both = _Both(runs)
+    both = runs.OfBoth("one_dof")
     direct, adaptive = (LargestJump(run) for run in both)
     moved = tuple(float(run["control_force_variation"][0]) for run in both)
     return Found(
@@ -100,12 +96,12 @@ def _Smooth(runs: ThesisRuns) -> Found:
 
 
 def _FarCentres(runs: ThesisRuns) -> Found:
-    share = FarShare(_Both(runs).adaptive.recording)
+    share = FarShare(runs.OfBoth("one_dof").adaptive.recording)
     return Found(share < 0.1, f"{share:.2%}")
 
 
 def _NoSwitching(runs: ThesisRuns) -> Found:
-    run = _Both(runs).adaptive
+    run = runs.OfBoth("one_dof").adaptive
     jump = LargestJump(run)
     first = max(np.abs(run.recording[f"weights_{i}"][0]).max() for i in (1, 3))
     text = f"largest jump {jump:.2g} N, largest first weight {first:.2g}"
