@@ -270,7 +270,12 @@ NOTEBOOK = DIRECTORY.parent / "notebooks" / "01_building_the_diagram.ipynb"
 @pytest.mark.parametrize(
     ("path", "maker", "arguments"),
     [
-        (DIRECTORY / "one_dof_by_hand.py", "MakeOneDofByHand", ()),
+        pytest.param(
+            DIRECTORY / "one_dof_by_hand.py",
+            "MakeOneDofByHand",
+            (),
+            marks=pytest.mark.slow,
+        ),
         (DIRECTORY / "own_diagram.py", "MakeDiagram", (0.4,)),
         pytest.param(
             DIRECTORY / "two_dof_arm.py",

@@ -114,6 +114,7 @@ def test_a_drive_starts_by_itself_and_tells_how_it_ended(look, tmp_path):
     assert seen["again"] == {"isSame": True, "delay": 0}
 
 
+@pytest.mark.slow
 def test_a_delay_of_zero_can_be_driven(look, tmp_path, capsys):
     path = tmp_path / "drive.html"
     assert main(["drive", "one_dof", "--delay", "0", "--output", str(path)]) == 0
@@ -123,6 +124,7 @@ def test_a_delay_of_zero_can_be_driven(look, tmp_path, capsys):
     assert min(seen["moved"]) > 0.4
 
 
+@pytest.mark.slow
 def test_paper(look, browser, arm_page):
     seen = look(arm_page, "paper.js")
     assert seen["controls"] == 0
@@ -153,6 +155,7 @@ def test_curves_and_signals_are_saved(look, page):
     assert max(float(row[1]) for row in rows[1:]) == 25.0
 
 
+@pytest.mark.slow
 def test_a_phone(look, arm_page):
     seen = look(arm_page, "phone.js", size=PHONE)
     assert seen["width"] == PHONE[0]
@@ -252,6 +255,7 @@ def test_a_link_that_is_wrong_is_reported(look, page):
     assert "there is no signal nothing" in seen["status"]
 
 
+@pytest.mark.slow
 def test_the_frame_of_a_notebook_fits_the_page(look, tmp_path):
     """As a saved notebook and exported HTML have it: without a kernel."""
     frame = MakePage("one_dof")._repr_html_()

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from grids import Slow
 from pydrake.examples import PendulumPlant, RimlessWheel
 from pydrake.symbolic import Variable
 from pydrake.systems.analysis import (
@@ -383,23 +384,29 @@ def lossy(receiver):
 
 @pytest.mark.parametrize(
     ("split", "former", "latter"),
-    [
-        (0.55, "compiled", "compiled"),
-        (0.9, "compiled", "compiled"),
-        (0.9, "compiled", "drake"),
-        (0.9, "drake", "compiled"),
-        (0.9, "drake", "drake"),
-        (1.234, "compiled", "compiled"),
-    ],
+    Slow(
+        [
+            (0.55, "compiled", "compiled"),
+            (0.9, "compiled", "compiled"),
+            (0.9, "compiled", "drake"),
+            (0.9, "drake", "compiled"),
+            (0.9, "drake", "drake"),
+            (1.234, "compiled", "compiled"),
+        ],
+        but=[1, 2, 3],
+    ),
 )
 @pytest.mark.parametrize(
     "make",
-    [
-        lambda: SampledDelay(size=1, delay=0.5, sample_period=0.3),
-        lambda: lossy(Receiver()),
-        lambda: lossy(Receiver(policy="playout", depth=0.1)),
-        lambda: lossy(Receiver(policy="extrapolate")),
-    ],
+    Slow(
+        [
+            lambda: SampledDelay(size=1, delay=0.5, sample_period=0.3),
+            lambda: lossy(Receiver()),
+            lambda: lossy(Receiver(policy="playout", depth=0.1)),
+            lambda: lossy(Receiver(policy="extrapolate")),
+        ],
+        but=[0, 3],
+    ),
     ids=["sampled", "newest", "playout", "extrapolate"],
 )
 def test_packets_under_way_arrive_in_later_parts(make, split, former, latter):
