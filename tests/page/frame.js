@@ -3,8 +3,11 @@
   const frame = document.querySelector("iframe");
   while (!frame.contentWindow.teleop) await new Promise((go) => setTimeout(go, 50));
   await frame.contentWindow.teleop.ready;
-  await new Promise((go) => setTimeout(go, 300));
   const inner = frame.contentDocument;
+  const isWhole = () => inner.documentElement.scrollHeight <= frame.clientHeight;
+  for (let wait = 0; wait < 100 && !isWhole(); ++wait) {
+    await new Promise((go) => setTimeout(go, 100));
+  }
   const scopes = [...inner.querySelectorAll(".scope")];
   return {
     height: frame.clientHeight,
