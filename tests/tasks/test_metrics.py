@@ -674,7 +674,7 @@ def OvershootBetween(recording, begin, end):
             (0.8999999999999999, "drake"),
             (0.7, "drake"),
         ],
-        but=[0, 1, 2],
+        but=[0, 1],
     ),
 )
 def test_an_echo_at_a_tick_but_for_rounding(stop, engine):

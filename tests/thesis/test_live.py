@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from grids import Slow
 
 from teleop_drake.cli import main
 from teleop_drake.scenario import LoadScenario
@@ -85,7 +86,7 @@ def test_the_filter_shows_refuted_claims(seen):
     assert seen["all"] > seen["shown"]
 
 
-@pytest.mark.parametrize("is_dark", [False, True], ids=["light", "dark"])
+@pytest.mark.parametrize("is_dark", Slow([False, True]), ids=["light", "dark"])
 def test_it_fits_a_phone(look, reproduced, is_dark):
     path = reproduced.folder / "report.html"
     seen = look(path, "thesis.js", size=PHONE, is_dark=is_dark)
