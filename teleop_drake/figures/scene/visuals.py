@@ -135,7 +135,10 @@ def _Shapes(plant: MultibodyPlant, scene_graph: SceneGraph) -> list[Part]:
                 body=plant.GetBodyFromFrameId(frame).name(),
                 shape=inspector.GetShape(geometry),
                 X_BG=inspector.GetPoseInFrame(geometry),
-                rgba=properties.GetPropertyOrDefault("phong", "diffuse", None),
+                # GetPropertyOrDefault() of newer versions of Drake takes no None.
+                rgba=properties.GetProperty("phong", "diffuse")
+                if properties.HasProperty("phong", "diffuse")
+                else None,
             )
         )
     return parts
