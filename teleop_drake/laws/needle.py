@@ -27,6 +27,7 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.laws.task_space import rotated
+from teleop_drake.numerics.rigid_body import cross
 
 # Gauss's points on [0, 1]; each has the weight 1/2.
 _POINTS = (0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5)
@@ -75,7 +76,7 @@ def needle_wrench(path: NeedlePath, mode: Array, r: Array, v: Array) -> Array:
         arm = (xi - x) / along * u
         e = tip + arm - xi * a - xi * xi / 2 * path.bend
         h = e - np.sum(u * e) / along * a
-        dF = path.stiffness * h + path.drag * (v[:3] + np.cross(v[3:], arm))
+        dF = path.stiffness * h + path.drag * (v[:3] + cross(v[3:], arm))
         F = F + x / 2 * dF
-        M = M + x / 2 * np.cross(arm, dF)
+        M = M + x / 2 * cross(arm, dF)
     return mode[0] * np.append(F, M)

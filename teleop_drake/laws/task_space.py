@@ -66,6 +66,7 @@ from teleop_drake.numerics.rigid_body import (
     calc_dynamics,
     calc_jacobian,
     calc_motion,
+    cross,
 )
 
 MAX_ROTATION = 3.0
@@ -161,9 +162,9 @@ def rotation_vector(R: Array) -> Array:
 def rotated(theta: Array, u: Array) -> Array:
     """Returns the vector u rotated by the rotation vector theta in rad (3)."""
     angle = np.sqrt(np.sum(theta * theta) + _TINY)
-    turn = np.cross(theta, u)
+    turn = cross(theta, u)
     bow = np.sin(angle / 2) / angle
-    return u + np.sin(angle) / angle * turn + 2 * bow * bow * np.cross(theta, turn)
+    return u + np.sin(angle) / angle * turn + 2 * bow * bow * cross(theta, turn)
 
 
 def position_rate(r: Array, v: Array) -> Array:
@@ -182,8 +183,8 @@ def position_rate(r: Array, v: Array) -> Array:
         return v
     half = np.sqrt(np.sum(r[3:] * r[3:]) + _SMALL) / 2
     share = (1 - half * np.cos(half) / np.sin(half)) / (4 * half * half)
-    turn = np.cross(r[3:], v[3:])
-    return np.append(v[:3], v[3:] - turn / 2 + share * np.cross(r[3:], turn))
+    turn = cross(r[3:], v[3:])
+    return np.append(v[:3], v[3:] - turn / 2 + share * cross(r[3:], turn))
 
 
 def displacement(r: Array, r_0: Array) -> Array:

@@ -71,20 +71,31 @@ class Motion(NamedTuple):
     A: list[Array]
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Returns a x b of two vectors (3).
+
+    np.cross() accepts arrays of vectors, too, and takes ten times as long for one.
+    """
+    x = a[1] * b[2] - a[2] * b[1]
+    y = a[2] * b[0] - a[0] * b[2]
+    z = a[0] * b[1] - a[1] * b[0]
+    return np.array([x, y, z])
+
+
 def _skew(a: Array) -> Array:
     """Returns a~, the matrix of a x."""
     x, y, z = a
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def _cross(V: Array, W: Array) -> Array:
+def _spatial_cross(V: Array, W: Array) -> Array:
     """Returns V x W, the rate of a motion vector W that moves along with V.
 
     For the rate of a force or momentum, exchange the halves of W and of the result.
     """
     w = V[:3]
-    turning = np.cross(w, W[:3])
-    moving = np.cross(w, W[3:]) + np.cross(V[3:], W[:3])
+    turning = cross(w, W[:3])
+    moving = cross(w, W[3:]) + cross(V[3:], W[:3])
     return np.append(turning, moving)
 
 
@@ -120,12 +131,12 @@ def calc_motion(tree: RigidBodyTree, q: Array, v: Array) -> Motion:
             K = _skew(tree.axes[i])  # Rodrigues' formula.
             turn = np.eye(3) + np.sin(q[i]) * K + (1 - np.cos(q[i])) * (K @ K)
             R_i = R_i @ turn
-            S_i = np.append(axis, np.cross(p_i, axis))
+            S_i = np.append(axis, cross(p_i, axis))
         R.append(R_i)
         p.append(p_i)
         S.append(S_i)
         V.append(V[parent] + S_i * v[i])
-        A.append(A[parent] + _cross(V[parent], S_i * v[i]))
+        A.append(A[parent] + _spatial_cross(V[parent], S_i * v[i]))
     return Motion(R, p, S, V, A)
 
 
@@ -162,7 +173,7 @@ def calc_dynamics(tree: RigidBodyTree, motion: Motion, v: Array) -> tuple[Array,
     fall = np.append(np.zeros(3), -tree.gravity)
     I = [_calc_inertia(tree, motion, i) for i in range(n)]
     F = [
-        I_i @ (A_i + fall) + _exchanged(_cross(V_i, _exchanged(I_i @ V_i)))
+        I_i @ (A_i + fall) + _exchanged(_spatial_cross(V_i, _exchanged(I_i @ V_i)))
         for I_i, A_i, V_i in zip(I, motion.A[1:], motion.V[1:], strict=True)
     ]
     # From the tips to the base, I and F of a link become those of the composite body:
@@ -217,7 +228,7 @@ def calc_jacobian(
     while link >= 0:
         w = motion.S[link + 1][:3]
         u = motion.S[link + 1][3:]
-        columns[link] = np.append(w, u + np.cross(w, p))
+        columns[link] = np.append(w, u + cross(w, p))
         link = tree.parents[link]
     return p, np.array(columns).reshape(-1, 6).T
 
@@ -239,5 +250,5 @@ def calc_bias_acceleration(motion: Motion, link: int, point: Array) -> Array:
     # The spatial acceleration is the rate of the velocity at the fixed point O, through
     # which the points of the link pass. The last term makes it that of a body point.
     a_O = motion.A[link + 1][3:]
-    a = a_O + np.cross(alpha, p) + np.cross(w, u + np.cross(w, p))
+    a = a_O + cross(alpha, p) + cross(w, u + cross(w, p))
     return np.append(alpha, a)
