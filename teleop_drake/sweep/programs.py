@@ -1,5 +1,7 @@
 """The programs of a sweep: runs that differ only in numbers share a program."""
 
+import threading
+
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import ScenarioError
 from teleop_drake.simulation import simulate
@@ -10,6 +12,36 @@ from teleop_drake.sweep.values import Point
 
 Programs = dict[tuple[tuple[str, str], ...], CompiledScenario]
 """The compiled scenarios of a sweep, by the texts among the values of their runs."""
+
+
+class _Kept(threading.local):
+    """The programs of the latest sweep in a thread of a worker.
+
+    Attributes:
+        sweep: The identifier of the sweep.
+        programs: Its programs.
+    """
+
+    sweep = ""
+    programs: Programs
+
+
+_kept = _Kept()
+
+
+def ProgramsOf(sweep: str) -> Programs:
+    """Returns the programs that this thread has made for a sweep; they may be added to.
+
+    An executor calls a worker once for some of the runs. Its later calls continue with
+    these programs. Another sweep begins with none.
+
+    Args:
+        sweep: An identifier that no other sweep has.
+    """
+    if _kept.sweep != sweep:
+        _kept.sweep = sweep
+        _kept.programs = {}
+    return _kept.programs
 
 
 def SimulatePoint(plan: SweepPlan, point: Point, programs: Programs) -> Recording:

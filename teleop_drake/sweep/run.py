@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import time as clock
+import uuid
 import warnings
 from collections import deque
 from collections.abc import Generator, Mapping, Sequence
@@ -23,7 +24,7 @@ from teleop_drake.scenario.overrides import Overrides
 from teleop_drake.simulation.compiled_run import WhyNotCompiled
 from teleop_drake.sweep.folder import SweepFolder, Versions
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
-from teleop_drake.sweep.programs import Programs, SimulatePoint
+from teleop_drake.sweep.programs import Programs, ProgramsOf, SimulatePoint
 from teleop_drake.sweep.result import SweepError, SweepResult
 from teleop_drake.sweep.values import (
     File,
@@ -270,6 +271,7 @@ def _SimulateOn(
     If a call is lost, for example with its worker, each of its runs is repeated by a
     call of its own. Only a run that is lost again fails.
     """
+    sweep = uuid.uuid4().hex
     calls: list[Sequence[int]] = [runs[i : i + size] for i in range(0, len(runs), size)]
     for is_last_try in (False, True):
         lost: list[Sequence[int]] = []
@@ -277,7 +279,7 @@ def _SimulateOn(
         for call in calls:
             # A worker does not need the axes, which may be long.
             own = replace(plan, axes={}, points=[plan.points[run] for run in call])
-            futures[executor.submit(_SimulateCall, own, Versions())] = call
+            futures[executor.submit(_SimulateCall, own, sweep, Versions())] = call
         try:
             for future in as_completed(futures):
                 call = futures[future]
@@ -314,10 +316,14 @@ def _Await(future: Future[list[Record]]) -> list[Record] | Exception:
         return error
 
 
-def _SimulateCall(plan: SweepPlan, versions: Mapping[str, str]) -> list[Record]:
+def _SimulateCall(
+    plan: SweepPlan, sweep: str, versions: Mapping[str, str]
+) -> list[Record]:
     """Simulates the runs of a plan in a worker, and returns their outcomes.
 
     Args:
+        plan: The plan, with the points of these runs only.
+        sweep: An identifier of the sweep.
         versions: The versions of the packages where the sweep was started.
 
     Raises:
@@ -327,7 +333,7 @@ def _SimulateCall(plan: SweepPlan, versions: Mapping[str, str]) -> list[Record]:
         raise SweepError(
             f"executor: must have workers with {versions}, and one has {Versions()}"
         )
-    programs: Programs = {}
+    programs = ProgramsOf(sweep)
     return [_SimulateOne(plan, point, programs) for point in plan.points]
 
 

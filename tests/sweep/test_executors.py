@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 
 from teleop_drake.cli import main
-from teleop_drake.sweep import Sweep, SweepError, run
+from teleop_drake.simulation.compile import Compile
+from teleop_drake.sweep import Sweep, SweepError, programs, run
 
 GRID = {"controller": ["direct_force", "adaptive_backstepping"]}
 GRID["delay"] = [0.01 * k for k in range(1, 9)]
@@ -64,6 +65,22 @@ def test_threads_give_the_same_bytes(expected):
         Sweep("one_dof", GRID, overrides=OVERRIDES, out="out", executor=executor)
         executor.submit(int).result()
     assert Files("out") == expected
+
+
+def test_calls_of_one_sweep_share_its_programs(monkeypatch):
+    """A worker traces a structure once in a sweep, and again in the next one."""
+    compiled = []
+
+    def Counted(scenario):
+        compiled.append(scenario.controller.kind)
+        return Compile(scenario)
+
+    monkeypatch.setattr(programs, "Compile", Counted)
+    executor = Here(lambda call: None)
+    for sweep in (1, 2):
+        Sweep("one_dof", GRID, overrides=OVERRIDES, executor=executor)
+        assert len(executor.sizes) == 16 * sweep
+        assert compiled == sweep * GRID["controller"]
 
 
 @pytest.mark.slow  # Two processes import the package.
