@@ -22,14 +22,22 @@ def MakePictures():
     return module
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    """Returns a browser for all tests of a file."""
+@pytest.fixture(scope="session")
+def session_browser(tmp_path_factory):
+    """Starts a browser once for the tests of all files."""
     empty = tmp_path_factory.mktemp("browser") / "empty.html"
     empty.touch()
     browser = MakePictures().Browser(empty, SIZE)
     yield browser
     browser.Close()
+
+
+@pytest.fixture(scope="module")
+def browser(session_browser):
+    """Returns the browser, and closes the last page of a file after its tests."""
+    yield session_browser
+    # A page that stays open takes processor time from the tests of other files.
+    session_browser.Call("Page.navigate", url="about:blank")
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,11 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from browsers import browser, look, session_browser
 from hypothesis import settings
+
+# Fixtures of all folders, so that they share one browser.
+__all__ = ["browser", "look", "session_browser"]
 
 # Byte code that one process has made of the package and of the tests is there for all
 # that the tests start, and for the next run: without it each takes twice as long.
@@ -71,9 +75,14 @@ def pytest_collection_finish():
     gc.set_threshold(20_000, 20, 100)
 
 
-def pytest_sessionfinish():
-    """Collects what is left over once; pytest does so five times, and finds nothing."""
-    gc.collect()
+def pytest_sessionfinish(session):
+    """Collects garbage once after the slow run, and not after the short one.
+
+    pytest itself does so five times at the end, which takes seconds; it finds nothing
+    in what is frozen.
+    """
+    if _IsSlowRun(session.config):
+        gc.collect()
     gc.freeze()
 
 

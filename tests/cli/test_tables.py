@@ -12,7 +12,7 @@ import pytest
 from teleop_drake import simulate
 from teleop_drake.cli import main
 
-pytestmark = pytest.mark.usefixtures("in_an_empty_folder")
+pytestmark = pytest.mark.usefixtures("in_an_empty_folder", "unrendered")
 
 SHORT = ("--duration", "0.3", "--quiet")
 SOLVER = ("engine", "steps", "derivative evaluations", "wall time s")
@@ -58,7 +58,7 @@ def test_more_than_three_runs_have_a_row_each(capsys):
     assert sum(line.startswith("one_dof, ") for line in three) == 3
 
 
-def test_a_sweep_prints_its_runs(capsys):
+def test_a_sweep_prints_its_runs(capsys, in_this_process):
     lines = Printed(
         capsys, "sweep", "one_dof", *SHORT, "--delay", "0.05,0.1", "--jobs", "1"
     )
@@ -69,7 +69,7 @@ def test_a_sweep_prints_its_runs(capsys):
     assert [key[0] for key in keys] == [kinds[0]] * 2 + [kinds[1]] * 2
 
 
-def test_a_long_table_of_a_sweep_ends_with_the_file(capsys):
+def test_a_long_table_of_a_sweep_ends_with_the_file(capsys, in_this_process):
     lines = Printed(
         capsys,
         *("sweep", "one_dof", *SHORT, "--delay", "0.05:0.1:21", "--jobs", "1"),

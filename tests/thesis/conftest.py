@@ -3,15 +3,12 @@
 from types import SimpleNamespace
 
 import pytest
-from browsers import browser, look
 from runs import Simulated
 
 from teleop_drake.thesis import report
 from teleop_drake.thesis.figures import FIGURES
 from teleop_drake.thesis.report import Ledger
 from teleop_drake.thesis.runs import ThesisRuns
-
-__all__ = ["browser", "look"]
 
 
 @pytest.fixture(scope="session")
