@@ -6,6 +6,7 @@ range. Otherwise it has stops, for which the numbers are tabulated. With several
 their changes of z are added, which is checked as well.
 """
 
+import functools
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -164,7 +165,10 @@ def FindChange(one: Input, make: Maker) -> Change:
     """
     base = make({one.key: one.value})
 
+    @functools.cache
     def At(v: float) -> Numbers:
+        if v == one.value:
+            return base.numbers
         model = make({one.key: v})
         if model.structure != base.structure:
             allowed = f"values with the program of {one.value:g}: it has another one"

@@ -1,5 +1,6 @@
 """The sliders of a page: which numbers can be changed, and in which range."""
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from numbers import Real
 from typing import Any
@@ -52,16 +53,20 @@ class Runs:
         """Returns those inputs of an alternative that can be changed.
 
         Args:
-            alternatives: Lists of inputs. The first list is used whose changes of the
-                runs add up; see CheckSums().
+            alternatives: Lists of inputs, which may share inputs. The first list is
+                used whose changes of the runs add up; see CheckSums().
 
         Raises:
             ScenarioError: If a wanted input cannot be changed, or if the changes add up
                 in no alternative.
         """
         reason = None
+        has_changes: dict[str, bool] = {}
         for inputs in alternatives:
-            found = [one for one in inputs if self.HasChanges(one)]
+            for one in inputs:
+                if one.key not in has_changes:
+                    has_changes[one.key] = self.HasChanges(one)
+            found = [one for one in inputs if has_changes[one.key]]
             try:
                 self.Check(found)
             except NotSums as error:
@@ -135,11 +140,11 @@ def MakeInputs(scenario: AnyScenario, vary: Ranges, runs: Runs) -> list[Input]:
         choices += [_DELAYS, ("delay",)]
     if len(others) == len(vary) or not choices:
         choices.append(())
-    alternatives = [
-        [_MakeInput(key, scenario, vary) for key in (*delays, *others)]
-        for delays in choices
-    ]
-    return runs.FindInputs(alternatives)
+    keys = dict.fromkeys([*itertools.chain(*choices), *others])
+    inputs = {key: _MakeInput(key, scenario, vary) for key in keys}
+    return runs.FindInputs(
+        [inputs[key] for key in (*delays, *others)] for delays in choices
+    )
 
 
 def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges) -> Input:
