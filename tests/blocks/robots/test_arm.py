@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
+from pydrake.geometry import Mesh, SceneGraph
 
 from teleop_drake.blocks.robots import ArmConfig, FactsOfRobot, TwoLinkArmConfig
 from teleop_drake.blocks.robots import __file__ as robots_file
+from teleop_drake.blocks.robots.base import TellingShapes
 from teleop_drake.blocks.robots.inverse_kinematics import ToolJacobian
 from teleop_drake.cli import main
 from teleop_drake.recording import LoadRecording
@@ -113,6 +115,24 @@ def test_a_frame_may_be_the_tool(tmp_path):
     config = arm(file=str(path), start=[0.85, 0.0], posture=[-0.5, 1.0])
     np.testing.assert_allclose(tool_position(config), [0.85, 0.0], atol=1e-12)
     assert FactsOfRobot(config.MakeRobot()).inertia is not None
+
+
+def test_a_file_may_name_a_file_beside_it(tmp_path):
+    """Text that names no file is parsed as text, which Drake does faster."""
+    (tmp_path / "post.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    mesh = "<mesh><uri>post.obj</uri></mesh>"
+    visual = f'<visual name="own"><geometry>{mesh}</geometry></visual>'
+    text = PLANAR.read_text().replace("</link>", f"{visual}</link>", 1)
+    path = tmp_path / "arm.sdf"
+    path.write_text(text)
+    config = arm(file=str(path), start=[0.85, 0.0], posture=[-0.5, 1.0])
+    np.testing.assert_allclose(tool_position(config), [0.85, 0.0], atol=1e-12)
+    scene_graph = SceneGraph()
+    with TellingShapes(scene_graph):
+        config.LoadPlant()
+    inspector = scene_graph.model_inspector()
+    shapes = [inspector.GetShape(i) for i in inspector.GetAllGeometryIds()]
+    assert sum(isinstance(shape, Mesh) for shape in shapes) == 1
 
 
 def test_an_arm_may_stand_elsewhere(tmp_path):
