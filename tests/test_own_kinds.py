@@ -140,7 +140,7 @@ def test_a_robot_without_a_plant(capsys, in_this_process, unrendered):
         capsys, "compare", "one_dof", *options, "--controllers", "wave_variables"
     )
     smith = "controller.kind=smith_predictor"
-    with pytest.raises(ScenarioError, match="robot does not tell its inertia"):
+    with pytest.raises(ScenarioError, match="robot does not report its inertia"):
         MakeTeleoperator(LoadScenario("one_dof", [*ROBOT, smith]))
 
 

@@ -301,7 +301,7 @@ class Linearizer:
     def _HoldForce(self) -> None:
         """Sets the operator's mode in which it holds a force."""
         if self._holding is None or self.held_force is None:
-            allowed = "an operator that tells which force it holds after contact"
+            allowed = "an operator that reports the force it holds after contact"
             Refuse("surgeon", self._scenario.surgeon.kind, allowed)
         self._contexts[self._holding.system].SetDiscreteState(self.held_force.state)
 

@@ -93,8 +93,8 @@ def OperatingPoints(
     surfaces = SurfacesOf(block)
     if surfaces is None:
         allowed = (
-            "one that tells its Surfaces(), between which operating points lie; of any "
-            "other, give AnalyzeStability() an OperatingPoint"
+            "one that reports its Surfaces(), between which operating points lie; for "
+            "any other, pass an OperatingPoint to AnalyzeStability()"
         )
         Refuse("environment", type(block).__name__, allowed)
     # The end of the path, and the times at which the tool crosses surfaces before it.
@@ -116,7 +116,7 @@ def OperatingPoints(
         position = start + velocity * end_time
         inertia = FactsOfConfig(replace(scenario.robot, start=position)).inertia
         if inertia is None:
-            Refuse("robot", scenario.robot.kind, "a robot that tells its inertia")
+            Refuse("robot", scenario.robot.kind, "a robot that reports its inertia")
         normal = contact.normal_W
         mobility = normal @ np.linalg.inv(inertia) @ normal
         energy = contact.Along(velocity) ** 2 / mobility / 2

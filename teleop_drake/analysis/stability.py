@@ -146,9 +146,9 @@ def AnalyzeStability(
     notes += [point.untold for point in results if point.untold]
     if not all(is_delay_robust(point.loop) for point in results):
         notes.append(
-            "What goes round without any dynamics is not weakened on its way: with "
-            "every delay infinitely many roots lie right of the axis or come close to "
-            "it, however fast, and nothing counts as stable."
+            "A signal that goes round the loop without any dynamics is not attenuated: "
+            "with every delay, infinitely many roots lie to the right of the imaginary "
+            "axis or approach it, and no delay counts as stable."
         )
     return StabilityAnalysis(
         scenario=scenario,
@@ -221,6 +221,6 @@ def _Assumptions(model: LoopModel, delay: float) -> list[str]:
         notes.append(
             "The passivity controllers are taken to inject nothing, as long as there "
             "is energy to spend: the loop is then that of direct force. Once they act "
-            "there is no linear model, and the margins say nothing."
+            "the loop has no linear model, and the margins do not hold."
         )
     return notes

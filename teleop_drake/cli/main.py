@@ -130,10 +130,9 @@ _COMMANDS = {
     "operate": "Operate a robot over a real network: measure, record, predict.",
     "reproduce": "Simulate the thesis again: its figures, a ledger of its claims, a "
     "report.",
-    "check": "Compare a run of anybody's, in a file, with the published reference run "
-    "of its name.",
-    "completion": "Let the tab key of a shell complete commands and scenarios.",
-    "docs": "Say where the documentation is, or write it as HTML.",
+    "check": "Compare a run in a file, of any program, with a published reference run.",
+    "completion": "Print a script with which a shell completes commands and scenarios.",
+    "docs": "Print where the documentation is, or write it as HTML.",
 }
 
 # The modules of commands that share one with another command.

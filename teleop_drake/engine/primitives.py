@@ -62,7 +62,9 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel:
     if symbolic is None:
         raise UnsupportedSystem(system, _NO_KERNEL)
     if context.num_abstract_states() > 0 or context.num_abstract_parameters() > 0:
-        raise UnsupportedSystem(system, "it has a state or parameter that is no vector")
+        raise UnsupportedSystem(
+            system, "it has a state or parameter that is not a vector"
+        )
     try:
         return _SymbolicReader(system, symbolic, context).Kernel()
     except (UnknownExpression, RuntimeError) as error:

@@ -41,7 +41,7 @@ _NO_PIECES = Pieces(np.empty((0, 2)), np.empty((0, NUM_COEFFICIENTS)))
 # The number of rows with memory at first. Rows that are not written take no memory.
 _ROOM = 32768
 
-# The same for a run whose states are compared with Drake. When the room is used up,
+# The number of rows at first if the states are compared with Drake. When it is used up,
 # the present state is stored in `visited`, so that a short run has some of them.
 _FIRST_ROOM = 64
 

@@ -251,11 +251,11 @@ class _Followed(Replacement):
 
 _REFUSED = {
     "PUSH_EXC_INFO": "it catches errors",
-    "MATCH_CLASS": "it asks of which class something is",
+    "MATCH_CLASS": "it matches a class",
     "STORE_GLOBAL": "it assigns to a global variable",
     "DELETE_GLOBAL": "it deletes a global variable",
     "STORE_DEREF": "it assigns to a variable outside of it",
-    "IS_OP": "it asks whether one thing `is` another one",
+    "IS_OP": "it compares objects by `is`",
 }
 _REFUSED_NUMBERS = {dis.opmap[name] for name in _REFUSED}
 
@@ -269,7 +269,7 @@ def _IsNone(instruction: dis.Instruction | None) -> bool:
 def _CheckCode(code: CodeType, is_outermost: bool) -> None:
     """Refuses code with an instruction that cannot be followed, without running it."""
     if "__class__" in code.co_names:
-        raise Untraceable("it asks for __class__")
+        raise Untraceable("it reads __class__")
     if not _REFUSED_NUMBERS & set(code.co_code[::2]):
         return
     instructions = list(dis.get_instructions(code))

@@ -67,7 +67,7 @@ def _Masked(key: Any) -> Any:
 
 
 def _NoType(array: Any) -> Any:
-    raise Untraceable("it asks for the type, the memory or the order of numbers")
+    raise Untraceable("it reads the type, the memory or the order of numbers")
 
 
 class Numbers(Dispatched, Table):
@@ -91,7 +91,7 @@ class Numbers(Dispatched, Table):
         # An array keeps its kind: booleans, whole numbers or floats.
         if bool in old:
             if new != {bool}:
-                raise Untraceable("it writes numbers where yes or no was")
+                raise Untraceable("it writes numbers where booleans were")
         elif int in old:
             if float in new:
                 raise Untraceable("it writes numbers where whole numbers were")

@@ -148,7 +148,7 @@ def _AsFloat(value: Any) -> float:
     CheckPrecision(value)
     result = float(value)
     if isinstance(value, (int, np.integer)) and result != int(value):
-        raise Untraceable("a whole number that is no float")
+        raise Untraceable("a whole number that no float represents")
     return result
 
 

@@ -162,7 +162,7 @@ def _Solve(A: Any, B: Any) -> Any:
     B = Objects(B)
     n = len(A)
     if A.ndim != 2 or n != A.shape[1]:
-        raise Untraceable("np.linalg of no square matrix")
+        raise Untraceable("np.linalg of a matrix that is not square")
     # The augmented matrix [A B].
     rows = AsNumbers(np.hstack((A, B.reshape(n, -1))))
     for i in range(n):

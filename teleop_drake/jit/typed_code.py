@@ -380,7 +380,7 @@ class _Function(ValueWriter):
     def _Truth(self, node: ast.expr) -> str:
         value = self.AsValue(self._Evaluate(node))
         if value._kind != BOOLEAN:
-            raise TypeError("the truth of what is no yes or no")
+            raise TypeError("a condition that is not a boolean")
         return str(value._operand)
 
     def _Logic(self, node: ast.BoolOp) -> Value:

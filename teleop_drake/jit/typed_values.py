@@ -148,7 +148,7 @@ class Value(Symbol):
         keys = key if isinstance(key, tuple) else (key,)
         num_dimensions = getattr(self._kind, "num_dimensions", 0)
         if len(keys) > num_dimensions:
-            raise TypeError("an index of what is no array of so many dimensions")
+            raise TypeError("more indices than the array has dimensions")
         dimensions = [self.Part(k + 1) for k in range(num_dimensions)]
         place = "0"
         for k, dimension in enumerate(dimensions):

@@ -79,7 +79,8 @@ _FLOOR = 1e-13
 # change other values.
 _TINY = 1e-300
 
-# The same where a derivative divides by the fourth power. It does not change dr/dt.
+# Added to a square by which the derivative of dr/dt is divided twice. It does not
+# change dr/dt.
 _SMALL = 1e-16
 
 

@@ -140,7 +140,7 @@ class Half:
         robot = builder.GetSubsystemByName("robot")
         inertia = FactsOfRobot(robot).inertia
         if inertia is None:
-            Refuse("robot", robot.get_name(), "one that tells its inertia")
+            Refuse("robot", robot.get_name(), "one that reports its inertia")
         num_axes = len(inertia)
         rate = min(_HOLD_RATE, 0.2 / self.period)
         self._stiffness = rate**2 * inertia

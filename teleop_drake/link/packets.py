@@ -286,7 +286,7 @@ def ReadKey(file: str) -> bytes:
             mode = os.fstat(stream.fileno()).st_mode & 0o777
             text = stream.read(100)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "it is no text"
+        reason = getattr(error, "strerror", None) or "it is not text"
         Refuse("key", file, f"{allowed} ({reason})")
     if mode & 0o077:
         Refuse("key", file, f"{allowed} (its mode is {mode:o}; `chmod 600` mends it)")

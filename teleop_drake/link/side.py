@@ -307,7 +307,7 @@ class Side(Half):
         was_stale = bool(ticks) and ticks[-1].is_stale
         if is_stale == was_stale:
             return
-        why = f"what is heard is {round_trip:.3g} s old"
+        why = f"the newest echo is {round_trip:.3g} s old"
         if self._peer_has_ended:
             why = _OVER
         so = "fall to zero" if is_stale else "come back"

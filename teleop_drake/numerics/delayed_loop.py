@@ -43,7 +43,7 @@ _LEAST_GAIN = 1e-2
 # The relative imaginary part below which an eigenvalue counts as real.
 _REAL = 1e-6
 
-# The same at a frequency far below all modes; also the largest relative change of an
+# That part at a frequency far below all modes. Also the largest relative change of an
 # eigenvalue from one such frequency to another if its limit at 0 is finite.
 _NEARLY = 1e-3
 

@@ -297,7 +297,7 @@ def _Choices(
             ranges[key] = values
             continue
         if has_hand and key == "surgeon.kind":
-            Refuse("vary", key, "left out: one's own hand is the operator")
+            Refuse("vary", key, "left out: the user's hand is the operator")
         own = scenario.Value(key)
         if not isinstance(own, str):
             Refuse(f"vary.{key}", ",".join(values), "LO:HI of a number")

@@ -40,10 +40,10 @@ def ReasonOfDivergence(error: BaseException, *, has_error_control: bool) -> str:
     if IsGivingUp(error):
         return reason
     if has_error_control:
-        return f"numbers leave the finite, however short the step is: {reason}"
+        return f"numbers become infinite or nan, however short the step is: {reason}"
     return (
-        f"numbers left the finite within a step: {reason}; a shorter "
-        "simulator.max_step_size may tell whether the step was to blame"
+        f"numbers became infinite or nan within a step: {reason}; a shorter "
+        "simulator.max_step_size may show whether the step was the cause"
     )
 
 

@@ -139,7 +139,7 @@ class Pace:
             raise ScenarioError(
                 f"duration = {self._duration:g}: must be {allowed}, "
                 f"which took {num_steps} steps; the loop is so stiff, or has so many "
-                f"events, that the last {steps} steps came {gone:.2g} s further, and "
+                f"events, that the last {steps} steps advanced it by {gone:.2g} s, and "
                 f"more than {_MOST_STEPS} would be needed"
             )
         self._num_steps = num_steps

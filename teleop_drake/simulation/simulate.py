@@ -28,8 +28,8 @@ from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
 ENGINES = ("drake", "compiled", "auto")
 
 _NO_SURFACES = (
-    "The environment tells no surfaces: the operator feels no contact, and events and "
-    "metrics of puncture and contact are left out."
+    "The environment reports no surfaces: the operator feels no contact, and events "
+    "and metrics of puncture and contact are left out."
 )
 
 _NO_FINAL_CONTEXT = (

@@ -172,7 +172,7 @@ def test_stable_and_absent_are_told_apart(capsys):
     assert lines[3:] == [
         "stable: at every delay",
         "windows: unstable without delay, and stable at some larger ones",
-        "absent: the tool does not come to this layer",
+        "absent: the tool does not reach this layer",
     ]
 
 
@@ -183,7 +183,7 @@ def test_unstable_at_every_delay_is_said(capsys):
     assert lines[2].split()[1:] == ["stable"] * 4
     assert lines[3:] == [
         "stable: at every delay",
-        "unstable: at every delay that was looked at",
+        "unstable: at every delay examined",
     ]
 
 
@@ -220,7 +220,7 @@ def test_neutral_modes_are_said(capsys):
     _, _, free, _, neutral, *_ = capsys.readouterr().out.splitlines()
     assert free.endswith("stable") and "UNSTABLE" not in free
     assert re.fullmatch(
-        r"Slower than the tool's motion there, and not counted: "
+        r"Roots slower than the tool's motion there are not counted: "
         r"below 0\.00\d+ \(free\) rad/s\.",
         neutral,
     )

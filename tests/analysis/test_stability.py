@@ -439,7 +439,7 @@ def test_bare_wave_line_is_not_robust():
         **{"controller.wave_variables.master_damping": 0.0},
     )
     (note,) = analysis.notes
-    assert note.startswith("What goes round without any dynamics is not weakened")
+    assert note.startswith("A signal that goes round the loop without any dynamics")
     for point in analysis.points:
         assert not is_delay_robust(point.loop)
         assert point.stable_delays == [] and point.margin is None

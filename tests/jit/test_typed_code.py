@@ -207,5 +207,5 @@ def test_what_is_outside_is_refused_with_its_line():
     assert error.value.__notes__ == [f"with_a_list(), line {line}"]
     with pytest.raises(TypeError, match="a variable is i64 and double"):
         MakeTypedCode(with_two_types, [INTEGER])
-    with pytest.raises(TypeError, match="truth"):
+    with pytest.raises(TypeError, match="not a boolean"):
         MakeTypedCode(with_a_condition_of_a_number, [INTEGER])

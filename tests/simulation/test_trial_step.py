@@ -144,7 +144,7 @@ def test_a_slow_stretch_is_no_crawl(is_stuck):
     pace.Check(10_000, 2.1)
     if is_stuck:
         with pytest.raises(
-            ScenarioError, match="the last 10000 steps came 0 s further"
+            ScenarioError, match="the last 10000 steps advanced it by 0 s"
         ):
             pace.Check(20_000, 2.1)
     else:

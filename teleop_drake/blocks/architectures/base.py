@@ -95,7 +95,7 @@ class Facts:
         if value is None:
             owner, _, what = fact.rpartition("_")
             owner = owner or "robot"
-            Refuse(path, None, f"given, because the {owner} does not tell its {what}")
+            Refuse(path, None, f"given, because the {owner} does not report its {what}")
         return np.array(value)
 
     def StartDamping(self, path: str) -> Array:

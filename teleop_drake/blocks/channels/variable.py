@@ -207,8 +207,7 @@ class VaryingDelayConfig(ChannelConfig):
                         "trace",
                         self.trace,
                         f"at least as long as the duration, {duration:g} s, not "
-                        f"{trace.times[-1]:g} s; trace_end says what to do else, hold "
-                        "or repeat",
+                        f"{trace.times[-1]:g} s, unless trace_end is hold or repeat",
                     )
             profile = DelayProfile(
                 delay=self.delay,

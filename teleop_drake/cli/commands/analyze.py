@@ -30,9 +30,9 @@ _UNDAMPED = 1e-9
 # The words in the place of a delay margin, with their meanings.
 _MARGIN_WORDS = {
     "stable": "at every delay",
-    "unstable": "at every delay that was looked at",
+    "unstable": "at every delay examined",
     "windows": "unstable without delay, and stable at some larger ones",
-    "absent": "the tool does not come to this layer",
+    "absent": "the tool does not reach this layer",
 }
 
 
@@ -227,7 +227,7 @@ def _AnalysisTable(
     if slow:
         sizes = ", ".join(f"{loop.unresolved:.2g} ({loop.label})" for loop in slow)
         text.append(
-            "Slower than the tool's motion there, and not counted: below "
+            "Roots slower than the tool's motion there are not counted: below "
             f"{sizes} rad/s."
         )
     if not any(point.idle_passivity for point in transparency):

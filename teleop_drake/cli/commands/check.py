@@ -23,9 +23,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     choice.add_argument(
         "--list", action="store_true", help="print the names of the references"
     )
-    choice.add_argument(
-        "--show", metavar="NAME", help="print what a reference is of, in words"
-    )
+    choice.add_argument("--show", metavar="NAME", help="describe a reference in words")
     choice.add_argument(
         "--template",
         metavar="NAME",

@@ -21,7 +21,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "SCENARIO may be a study: then its runs are the training runs. VALUES are "
         "START:STOP:COUNT or A,B,... in YAML. Gains are accepted if all training runs "
-        "go on to their end; a time that a run does not have counts as its duration. "
+        "run to their end; a time that a run does not reach counts as its duration. "
         "Each metric is taken in multiples of what the scenario's own gains give, as a "
         "mean over the runs."
     )
@@ -58,7 +58,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     add("--margin", type=float, metavar="S", help=help_)
     help_ = "how many sets of gains to try (default: 64)"
     add("--evaluations", type=int, default=64, metavar="N", help=help_)
-    help_ = "of the search (default: 0)"
+    help_ = "seed of the search (default: 0)"
     add("--seed", type=int, default=0, metavar="N", help=help_)
     add("--jobs", type=int, metavar="N", help="as for `sweep`")
     add("--resume", action="store_true", help="go on with the search in --out")

@@ -211,7 +211,7 @@ def _Range(scenario: Scenario, text: str) -> tuple[str, Interval]:
         value = get_field(ResolveController(scenario))
     x = _ScalarOf(value)
     if x is None or not x > 0:
-        Refuse(f"gains.{name}", text, "NAME=LOW:HIGH; its own value is no number > 0")
+        Refuse(f"gains.{name}", text, "NAME=LOW:HIGH; its own value is not > 0")
     return path, (float(f"{x / _DECADE:.4g}"), float(f"{x * _DECADE:.4g}"))
 
 

@@ -30,9 +30,9 @@ def test_the_slider_and_its_tissue_tell_what_they_are():
 @pytest.mark.parametrize(
     ("fact", "who"),
     [
-        ("inertia", "robot does not tell its inertia"),
-        ("robot_damping", "robot does not tell its damping"),
-        ("environment_stiffness", "environment does not tell its stiffness"),
+        ("inertia", "robot does not report its inertia"),
+        ("robot_damping", "robot does not report its damping"),
+        ("environment_stiffness", "environment does not report its stiffness"),
     ],
 )
 def test_what_is_not_told_is_not_guessed(fact, who):
@@ -42,7 +42,7 @@ def test_what_is_not_told_is_not_guessed(fact, who):
 
 def test_a_damping_that_is_not_told_is_not_guessed():
     half = Facts(environment_damping=None)
-    with pytest.raises(ScenarioError, match="environment does not tell its damping"):
+    with pytest.raises(ScenarioError, match="environment does not report its damping"):
         half.StartDamping("controller.damping")
 
 

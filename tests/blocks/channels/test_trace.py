@@ -137,7 +137,7 @@ def test_a_run_has_the_losses_and_the_delays_of_its_trace(tmp_path):
     ("fields", "message"),
     [
         ({"trace_end": "stop"}, "c.trace_end = 'stop': must be one of refuse, hold"),
-        ({}, "at least as long as the duration, 9 s, not 1 s; trace_end says what"),
+        ({}, "at least as long as the duration, 9 s, not 1 s, unless trace_end"),
     ],
 )
 def test_bad_rules_for_a_trace(fields, message, tmp_path):

@@ -99,7 +99,7 @@ def test_without_surfaces_the_metrics_are_left_out_and_that_is_said():
     metrics = RunMetrics(recording)
     assert metrics["collision"] is None and metrics["puncture"] is None
     (note,) = recording.notes
-    assert "tells no surfaces" in note
+    assert "reports no surfaces" in note
 
 
 def test_commands(tmp_path, monkeypatch, capsys):

@@ -95,7 +95,7 @@ OBLIQUE = Surface("contact", 1.0 * NORMAL, NORMAL, Matter("bone", 150.0, 3.0, 1.
 
 
 class Cubic(LeafSystem):
-    """F_e = [x^3 + 2 v_y, 3 v_x y], which tells no surfaces."""
+    """F_e = [x^3 + 2 v_y, 3 v_x y], which reports no surfaces."""
 
     def __init__(self):
         LeafSystem.__init__(self)
