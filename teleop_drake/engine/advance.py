@@ -24,7 +24,7 @@ from collections.abc import Callable
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.engine.breaks import MAX_ECHO, add_echoes, take_break
+from teleop_drake.engine.breaks import MAX_ECHO, NO_BREAK, add_echoes, take_break
 from teleop_drake.engine.delays import NODES, fetch
 from teleop_drake.engine.dormand_prince import NUM_STAGES, A, C, E, P
 from teleop_drake.engine.problem import (
@@ -201,11 +201,11 @@ def _record(t: float, memory: Memory) -> None:
 
 
 def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) -> None:
-    """Executes the packets and transitions due at a break of an order (-1: none)."""
+    """Executes the packets and transitions due at a break of an order, or NO_BREAK."""
     t = memory.clock[0]
-    if _show_packets(t, problem.delays, memory) and order < 0:
+    if _show_packets(t, problem.delays, memory) and order == NO_BREAK:
         order = MAX_ECHO  # Only a jump of a delay's signal has an echo.
-    has_jumped = order >= 0
+    has_jumped = order != NO_BREAK
     for _ in range(10):  # A transition may make another one due.
         has_changed = change_modes(has_jumped, problem.transitions, memory)
         if not (has_changed or has_jumped):
@@ -214,7 +214,7 @@ def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) ->
             order = 0
         _evaluate(ALL, evaluate, t, memory.x, problem, memory, memory.stages[0])
         has_jumped = False
-    if order >= 0:
+    if order != NO_BREAK:
         _record(t, memory)
         add_echoes(t, order, problem.delays, memory)
     note_guards(True, problem.transitions, memory)
@@ -237,7 +237,7 @@ def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     t = memory.clock[0]
     order = take_break(t, memory)
     # Transitions use the signals before the jumps that arrive now.
-    is_after = order < 0
+    is_after = order == NO_BREAK
     rate = memory.stages[0]
     _evaluate_beside(is_after, ALL, evaluate, t, memory.x, problem, memory, rate)
     _settle(evaluate, order, problem, memory)

@@ -16,6 +16,9 @@ from teleop_drake.numerics.instants import SAME
 # a higher order than this is smooth enough for the method, so that no step ends there.
 MAX_ECHO = 4
 
+# The order at a time without a break.
+NO_BREAK = -1
+
 
 def add_break(t: float, order: int, memory: Memory) -> None:
     """Adds a break of an order, a time in s that no step may cross."""
@@ -45,16 +48,16 @@ def add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
 
 
 def take_break(t: float, memory: Memory) -> int:
-    """Removes the breaks at a time; returns their least order, -1 if there is none."""
+    """Removes the breaks at a time; returns their least order, or NO_BREAK."""
     breaks = memory.breaks
-    order = -1
+    order = NO_BREAK
     num = 0
     for i in range(memory.counts[BREAKS]):
         if abs(breaks[i, 0] - t) > SAME:
             breaks[num, 0] = breaks[i, 0]
             breaks[num, 1] = breaks[i, 1]
             num += 1
-        elif order < 0 or breaks[i, 1] < order:
+        elif order == NO_BREAK or breaks[i, 1] < order:
             order = int(breaks[i, 1])
     memory.counts[BREAKS] = num
     return order

@@ -42,7 +42,6 @@ def change_modes(has_jumped: bool, transitions: Transitions, memory: Memory) -> 
         has_jumped: Whether a signal jumps at this instant and y is still the value
             before the jump.
     """
-    t = memory.clock[0]
     # First the other transitions, then the discrete updates.
     has_changed = False
     for is_discrete in range(2):
@@ -51,24 +50,33 @@ def change_modes(has_jumped: bool, transitions: Transitions, memory: Memory) -> 
         for k in range(len(transitions.guards)):
             if transitions.are_discrete[k] != is_discrete:
                 continue
-            place = transitions.guards[k]
-            if place >= 0:
-                is_due = memory.y[place] >= 0
-            else:
-                time = next_time(k, transitions, memory)
-                is_due = abs(time - t) <= same_within(t)
-                if is_due:
-                    memory.ticks[k] += 1
-            if is_due:
+            if _is_due_now(k, transitions, memory):
+                _execute(k, transitions, memory)
                 has_changed = True
-                for i in range(transitions.sizes[k]):
-                    element = transitions.targets[k] + i
-                    value = memory.y[transitions.sources[k] + i]
-                    if value != memory.m_before[element]:
-                        memory.m[element] = value
     for i in range(len(memory.m)):
         memory.m_before[i] = memory.m[i]
     return has_changed
+
+
+def _is_due_now(k: int, transitions: Transitions, memory: Memory) -> bool:
+    """Returns whether transition k is due, by its guard or by its time."""
+    place = transitions.guards[k]
+    if place >= 0:
+        return memory.y[place] >= 0
+    t = memory.clock[0]
+    time = next_time(k, transitions, memory)
+    return abs(time - t) <= same_within(t)
+
+
+def _execute(k: int, transitions: Transitions, memory: Memory) -> None:
+    """Changes the mode by transition k, where its new mode differs from the old one."""
+    if transitions.guards[k] < 0:
+        memory.ticks[k] += 1
+    for i in range(transitions.sizes[k]):
+        element = transitions.targets[k] + i
+        value = memory.y[transitions.sources[k] + i]
+        if value != memory.m_before[element]:
+            memory.m[element] = value
 
 
 def note_guards(has_jumped: bool, transitions: Transitions, memory: Memory) -> None:
