@@ -17,6 +17,7 @@ from concurrent.futures import (
 )
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from teleop_drake.arrays import Record
 from teleop_drake.scenario import ScenarioError
@@ -273,28 +274,45 @@ def _SimulateOn(
     """
     sweep = uuid.uuid4().hex
     calls: list[Sequence[int]] = [runs[i : i + size] for i in range(0, len(runs), size)]
-    for is_last_try in (False, True):
-        lost: list[Sequence[int]] = []
-        futures = {}
-        for call in calls:
-            # A worker does not need the axes, which may be long.
-            own = replace(plan, axes={}, points=[plan.points[run] for run in call])
-            futures[executor.submit(_SimulateCall, own, sweep, Versions())] = call
-        try:
-            for future in as_completed(futures):
-                call = futures[future]
-                outcomes = _Await(future)
-                if isinstance(outcomes, Exception):
-                    if not is_last_try:
-                        lost += [[run] for run in call]
-                        continue
-                    outcomes = [_Failure(f"lost twice ({outcomes})")]
-                for run, outcome in zip(call, outcomes, strict=True):
-                    yield _RecordOf(plan, run, outcome)
-        finally:
-            for future in futures:
-                future.cancel()
-        calls = lost
+    lost = yield from _SimulateCalls(executor, plan, sweep, calls)
+    again = [[run] for call in lost for run in call.runs]
+    lost = yield from _SimulateCalls(executor, plan, sweep, again)
+    for call in lost:
+        outcome = _Failure(f"lost twice ({call.error})")
+        for run in call.runs:
+            yield _RecordOf(plan, run, outcome)
+
+
+class _Lost(NamedTuple):
+    """The runs of a call that was lost, and the error with which it was lost."""
+
+    runs: Sequence[int]
+    error: Exception
+
+
+def _SimulateCalls(
+    executor: Executor, plan: SweepPlan, sweep: str, calls: Sequence[Sequence[int]]
+) -> Generator[Record, None, list[_Lost]]:
+    """Yields the records of the runs of each call that ends; returns the lost calls."""
+    futures = {}
+    for call in calls:
+        # A worker does not need the axes, which may be long.
+        own = replace(plan, axes={}, points=[plan.points[run] for run in call])
+        futures[executor.submit(_SimulateCall, own, sweep, Versions())] = call
+    lost = []
+    try:
+        for future in as_completed(futures):
+            call = futures[future]
+            outcomes = _Await(future)
+            if isinstance(outcomes, Exception):
+                lost.append(_Lost(call, outcomes))
+                continue
+            for run, outcome in zip(call, outcomes, strict=True):
+                yield _RecordOf(plan, run, outcome)
+    finally:
+        for future in futures:
+            future.cancel()
+    return lost
 
 
 def _Await(future: Future[list[Record]]) -> list[Record] | Exception:
