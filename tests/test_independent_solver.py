@@ -52,20 +52,21 @@ def test_method_of_steps_reproduces_the_delayed_cosine(delays):
         assert result.at(t)["v_WT"][0] == pytest.approx(0.2 * sum(terms), abs=1e-10)
 
 
-def test_the_operators_stop_superposes_a_shifted_response():
+def test_the_operators_stop_superposes_a_shifted_response(subtests):
     task = linear_task(forward_delay=0.13, return_delay=0.217)
     steps, stopped = solve(task, 2.0), solve(replace(task, stop_time=0.7341), 2.0)
     for t in (0.7341, 0.8, 0.9, 1.3, 2.0):
-        late = steps.at(t - 0.7341)["v_WT"]
-        expected = steps.at(t)["v_WT"] - late
-        assert stopped.at(t)["v_WT"] == pytest.approx(expected, abs=1e-10)
+        with subtests.test(t=t):
+            late = steps.at(t - 0.7341)["v_WT"]
+            expected = steps.at(t)["v_WT"] - late
+            assert stopped.at(t)["v_WT"] == pytest.approx(expected, abs=1e-10)
     assert stopped.at(0.7341, "left")["v_d"] == 0.2
     assert stopped.at(0.7341, "right")["v_d"] == 0.0
     assert stopped.at(0.8641, "left")["v_d_received"] == 0.2
     assert stopped.at(0.8642)["v_d_received"] == 0.0
 
 
-def test_without_delay_the_loop_is_a_matrix_exponential():
+def test_without_delay_the_loop_is_a_matrix_exponential(subtests):
     task = thesis_task("one_dof", False, delays=(0.0, 0.0))
     result = solve(task, 5.0, until="puncture")
     # d/dt [x, v, x1, x2, 1] with F_h = 50 x1 + 25 x2 and the tissue's force.
@@ -75,11 +76,14 @@ def test_without_delay_the_loop_is_a_matrix_exponential():
     A[2, 3] = 1
     A[3, 1], A[3, 3], A[3, 4] = -1, -25, 0.001
     for t in (0.01, 0.3, 2.0, 5.0):
-        state = expm(A * t) @ [0, 0, 0, 0, 1]
-        now = result.at(t)
-        assert now["p_WT"][0] == pytest.approx(state[0], rel=1e-9)
-        assert now["v_WT"][0] == pytest.approx(state[1], rel=1e-9)
-        assert now["F_c"][0] == pytest.approx(50 * state[2] + 25 * state[3], rel=1e-9)
+        with subtests.test(t=t):
+            state = expm(A * t) @ [0, 0, 0, 0, 1]
+            now = result.at(t)
+            assert now["p_WT"][0] == pytest.approx(state[0], rel=1e-9)
+            assert now["v_WT"][0] == pytest.approx(state[1], rel=1e-9)
+            assert now["F_c"][0] == pytest.approx(
+                50 * state[2] + 25 * state[3], rel=1e-9
+            )
 
 
 def test_undamped_spring_hit_and_every_event_on_the_way():
@@ -133,13 +137,14 @@ def test_the_operator_switches_when_the_contact_has_come_back(delays):
     assert result.at(arrival + 1e-6)["F_c"] == 0.005
 
 
-def test_an_operator_who_starts_in_contact_presses_at_once():
+def test_an_operator_who_starts_in_contact_presses_at_once(subtests):
     """x = F / k (1 - cos w t) once the force has arrived."""
     k, F, m = 150.0, 0.005, 0.5
     wall = Layer(start=0.0, stiffness=k, damping=0.0, reference=0.0)
     task = linear_task(layers=(FREE, wall), contact_force=(F,), forward_delay=0.1)
     result = solve(replace(task, stop_time=0.4), 0.8)
     for t in (0.2, 0.31, 0.5):
-        x = F / k * (1 - np.cos(np.sqrt(k / m) * (t - 0.1)))
-        assert result.at(t)["p_WT"][0] == pytest.approx(x, rel=1e-8)
+        with subtests.test(t=t):
+            x = F / k * (1 - np.cos(np.sqrt(k / m) * (t - 0.1)))
+            assert result.at(t)["p_WT"][0] == pytest.approx(x, rel=1e-8)
     assert result.at(0.45)["F_h"] == 0.0

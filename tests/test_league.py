@@ -54,14 +54,15 @@ TABLES = ("league", "league_runs", "league_felt")
 
 
 @pytest.mark.parametrize("name", ENTRIES)
-def test_an_entry_is_a_scenario_with_its_gains(name):
+def test_an_entry_is_a_scenario_with_its_gains(name, subtests):
     entry = ENTRIES[name]
     gains = entry.GainsAt(np.full(len(entry.gains), 0.5))
     scenario = OneAxis(entry, gains, 0.1)
     for path, value in gains.items():
-        low, high = entry.gains[path]
-        assert value == pytest.approx(np.sqrt(low * high), rel=1e-3)
-        assert scenario.Value(path) == value
+        with subtests.test(path=path):
+            low, high = entry.gains[path]
+            assert value == pytest.approx(np.sqrt(low * high), rel=1e-3)
+            assert scenario.Value(path) == value
 
 
 def test_the_linear_core_contains_the_damper_against_the_command():
@@ -278,7 +279,7 @@ def test_a_sentence_is_right(claim):
         but=[0],
     ),
 )
-def test_the_rows_are_those_of_the_runs(name, title, number):
+def test_the_rows_are_those_of_the_runs(name, title, number, subtests):
     (gains,) = (
         json.loads(row["gains"])
         for row in ReadTable("league_search")
@@ -292,8 +293,9 @@ def test_the_rows_are_those_of_the_runs(name, title, number):
         == (name, "compromise", f"{title}-{number}")
     )
     for field in ("rest", "arrival", "impact"):
-        kept = float(str(row[field]).split()[0])
-        assert getattr(found, field) == pytest.approx(kept, rel=2e-3)
+        with subtests.test(field=field):
+            kept = float(str(row[field]).split()[0])
+            assert getattr(found, field) == pytest.approx(kept, rel=2e-3)
 
 
 def test_the_table_of_felt_stiffness():
@@ -360,13 +362,16 @@ def test_an_architecture_is_entered(tmp_path):
     assert row["at_rest"] > 0.9
 
 
-def test_the_readme_explains_the_columns():
+def test_the_readme_explains_the_columns(subtests):
     text = (ROOT / "notebooks/league/README.md").read_text("utf-8")
     told = set(re.findall(r"`(\w+)`", text))
     told |= {"architecture", "seed", "run", "gains", "passive_by_design"}
     for name in ("league", "league_runs", "league_search", "league_felt"):
-        columns = {re.sub("_(low|high)$", "", column) for column in ReadTable(name)[0]}
-        assert columns <= told
+        with subtests.test(name=name):
+            columns = {
+                re.sub("_(low|high)$", "", column) for column in ReadTable(name)[0]
+            }
+            assert columns <= told
 
 
 def test_the_edition_is_cited():

@@ -55,7 +55,7 @@ CONVERGED = [
 @pytest.mark.parametrize(
     ("engine", "name", "kind", "change"), Slow(CONVERGED, but=range(8))
 )
-def test_metrics_have_converged(engine, name, kind, change):
+def test_metrics_have_converged(engine, name, kind, change, subtests):
     """A tenth of the accuracy or half the step moves none by more than 0.1 %.
 
     Nor does Drake's engine at these settings.
@@ -67,7 +67,8 @@ def test_metrics_have_converged(engine, name, kind, change):
     changed = dict(Flatten(Metrics(name, kind, other, engine=engine)))
     assert changed.keys() == reference.keys()
     for key, value in reference.items():
-        if isinstance(value, bool) or value is None:
-            assert changed[key] == value, key
-        else:
-            assert changed[key] == pytest.approx(value, rel=1e-3, abs=1e-12), key
+        with subtests.test(key=key):
+            if isinstance(value, bool) or value is None:
+                assert changed[key] == value, key
+            else:
+                assert changed[key] == pytest.approx(value, rel=1e-3, abs=1e-12), key

@@ -90,6 +90,7 @@ def test_the_moving_picture_can_be_read_at_the_width_of_the_page():
     assert TEXT.index(name) < 400
 
 
-def test_words_that_only_insiders_know_do_not_occur():
+def test_words_that_only_insiders_know_do_not_occur(subtests):
     for word in ("league", "held-out", "living diagram", "case III", "case II"):
-        assert word not in TEXT
+        with subtests.test(word=word):
+            assert word not in TEXT

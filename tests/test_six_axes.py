@@ -436,14 +436,15 @@ def test_the_run_ends_after_the_path():
     assert end + 2 < scenario.duration
 
 
-def test_path_error_is_the_quadrature():
+def test_path_error_is_the_quadrature(subtests):
     scenario, rng = LoadScenario("puma560_six_axes"), np.random.default_rng(2)
     path = scenario.environment.Path(scenario.robot.start)
     for depth in (-0.01, 0.02, 0.1):
-        r = np.append(path.entry, 0.2 * rng.normal(size=3))
-        r[:3] += [depth, *rng.normal(scale=0.01, size=2)]
-        expected = needle_error(scenario, r)
-        assert path_error(path, r) == pytest.approx(expected, rel=1e-4)
+        with subtests.test(depth=depth):
+            r = np.append(path.entry, 0.2 * rng.normal(size=3))
+            r[:3] += [depth, *rng.normal(scale=0.01, size=2)]
+            expected = needle_error(scenario, r)
+            assert path_error(path, r) == pytest.approx(expected, rel=1e-4)
 
 
 KINDS = Slow(

@@ -55,7 +55,7 @@ def test_slow_motions(kind, name, round_trip):
 
 
 @pytest.mark.parametrize("round_trip", [0.0, 1.0])
-def test_direct_force_with_a_damper_and_a_predictor(round_trip):
+def test_direct_force_with_a_damper_and_a_predictor(round_trip, subtests):
     s = 1j * OMEGA
     z = np.exp(-s * round_trip)
     tool = z / (MASS * s**2 + DAMPING * s + BONE)
@@ -70,8 +70,9 @@ def test_direct_force_with_a_damper_and_a_predictor(round_trip):
         ("time_domain_passivity", tool),
         ("smith_predictor", tool + model),
     ):
-        stiffness = OnBone(Scenario(kind, round_trip), *OMEGA)
-        assert stiffness == pytest.approx((1 / expected).real, rel=1e-6)
+        with subtests.test(kind=kind):
+            stiffness = OnBone(Scenario(kind, round_trip), *OMEGA)
+            assert stiffness == pytest.approx((1 / expected).real, rel=1e-6)
 
 
 def Tool(s, damping=DAMPING):

@@ -82,7 +82,7 @@ def test_empty_space_and_the_robots_reach():
     np.testing.assert_allclose(point.position, [(0.85 + reach) / 2, 0.0])
 
 
-def test_adaptive_law_without_adaptation_is_its_textbook_form():
+def test_adaptive_law_without_adaptation_is_its_textbook_form(subtests):
     """With W1 = W3 = 0 and constant Psi, (4.23), (4.31), (4.32) are F_c = A F_e - K s.
 
     A = (G1 + G2)/(p + G1 + G2), K = (Psi + G1 G2/Psi)/(p + G1 + G2), p = d/dt. dF_e/dt
@@ -95,19 +95,20 @@ def test_adaptive_law_without_adaptation_is_its_textbook_form():
         (1, 0 * S),
         (2, 150 / S),
     ):
-        model = LinearizeLoop(scenario, OperatingPoints(scenario)[point])
-        assert model.frozen_weights
-        A = (G1 + G2) / (S + G1 + G2)
-        K = (Psi + G1 * G2 / Psi) / (S + G1 + G2)
-        # F_c = A F_e - K [(v - v_dd) + Lambda (F_e - F_hd)], m v' + c v = F_c - F_e
-        v = (
-            K
-            * np.array([Lambda + 0 * S, 1 + 0 * S])
-            / (m * S + c + (1 - A) * Z + K * (1 + Lambda * Z))
-        )
-        G = model.slave.frequency_response(W)
-        np.testing.assert_allclose(G[:, 1, :], v.T, rtol=1e-8)
-        np.testing.assert_allclose(G[:, 0, :], (v / S).T, rtol=1e-8)
+        with subtests.test(point=point):
+            model = LinearizeLoop(scenario, OperatingPoints(scenario)[point])
+            assert model.frozen_weights
+            A = (G1 + G2) / (S + G1 + G2)
+            K = (Psi + G1 * G2 / Psi) / (S + G1 + G2)
+            # F_c = A F_e - K [(v - v_dd) + Lambda (F_e - F_hd)], m v' + c v = F_c - F_e
+            v = (
+                K
+                * np.array([Lambda + 0 * S, 1 + 0 * S])
+                / (m * S + c + (1 - A) * Z + K * (1 + Lambda * Z))
+            )
+            G = model.slave.frequency_response(W)
+            np.testing.assert_allclose(G[:, 1, :], v.T, rtol=1e-8)
+            np.testing.assert_allclose(G[:, 0, :], (v / S).T, rtol=1e-8)
 
 
 def ArmMotion(x, F):

@@ -124,13 +124,14 @@ def test_collocation_agrees_at_every_border(name, kind):
 
 @pytest.mark.parametrize("kind", OTHERS)
 @pytest.mark.parametrize("name", Slow(["one_dof", "two_dof_combined"]))
-def test_collocation_and_counting_agree_for_all_architectures(name, kind):
+def test_collocation_and_counting_agree_for_all_architectures(name, kind, subtests):
     for point in Analyze(name, kind).points:
         for T in (0.05, 0.2, 0.45):
-            root = point.RightmostRoot(T)
-            # The result is None if the two methods do not agree.
-            assert root is not None
-            assert (root.real < 0) == point.IsStableWith(T)
+            with subtests.test(T=T):
+                root = point.RightmostRoot(T)
+                # The result is None if the two methods do not agree.
+                assert root is not None
+                assert (root.real < 0) == point.IsStableWith(T)
 
 
 @pytest.mark.parametrize("name", Slow(["two_dof_combined", "one_dof"]))

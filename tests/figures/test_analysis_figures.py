@@ -121,11 +121,14 @@ def test_chart_along_the_path_has_one_panel():
     assert len([p for p in ax.patches if p.get_zorder() == 1]) == 3
 
 
-def test_nothing_to_draw():
+def test_nothing_to_draw(subtests):
     analysis = Analysis()
     empty = dataclasses.replace(analysis, points=[])
     for plot in (PlotBode, PlotNyquist, PlotStableDelays):
-        with pytest.raises(ValueError, match="must be"):
+        with (
+            subtests.test(plot=plot),
+            pytest.raises(ValueError, match="must be"),
+        ):
             plot(empty)
     chart = ChartStability("one_dof", "robot.mass", [1.0])
     with pytest.raises(ValueError, match=r"robot\.mass = .*: must be a list of two"):

@@ -316,9 +316,12 @@ def test_without_svglib_a_pdf_is_refused(monkeypatch, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_unknown_suffix_is_refused_before_anything_is_written(tmp_path):
+def test_unknown_suffix_is_refused_before_anything_is_written(tmp_path, subtests):
     for name in ("loop.jpg", "loop", "loop.svg.gz"):
-        with pytest.raises(ValueError, match=r"ends in one of .svg, .png, .pdf"):
+        with (
+            subtests.test(name=name),
+            pytest.raises(ValueError, match=r"ends in one of .svg, .png, .pdf"),
+        ):
             WriteDiagram(MakeLoop(), tmp_path / name)
     assert not list(tmp_path.iterdir())
     missing = tmp_path / "missing" / "loop.dot"

@@ -214,7 +214,7 @@ def test_constant_signal_is_not_blown_up():
     assert high - low == pytest.approx(0.08, rel=1e-3)
 
 
-def test_run_shows_what_an_adaptive_controller_learns():
+def test_run_shows_what_an_adaptive_controller_learns(subtests):
     recording = MakeRecording("two_dof_combined", "adaptive_backstepping")
     figure = PlotRun(recording)
     for label, unit, count in (
@@ -222,18 +222,19 @@ def test_run_shows_what_an_adaptive_controller_learns():
         ("W_1", "m/s²", 10),
         ("W_3", "N/s", 10),
     ):
-        ax = Panel(figure, label)
-        assert ax.get_ylabel().endswith(f"[{unit}]")
-        assert len(Curves(ax)) == len(Curves(Panel(figure, label, 1))) == count
-        texts = [text.get_text() for text in ax.get_legend().get_texts()]
-        if count == 4:
-            assert texts == [rf"$\Psi_{{{k}}}$" for k in ("11", "12", "21", "22")]
-        else:
-            assert texts == ["5 of axis $x$", "5 of axis $y$"]
-            # A row of the matrix has one colour.
-            colors = [to_hex(line.get_color()) for line in Curves(ax)]
-            assert colors == [colors[0]] * 5 + [colors[5]] * 5
-            assert colors[0] != colors[5]
+        with subtests.test(label=label):
+            ax = Panel(figure, label)
+            assert ax.get_ylabel().endswith(f"[{unit}]")
+            assert len(Curves(ax)) == len(Curves(Panel(figure, label, 1))) == count
+            texts = [text.get_text() for text in ax.get_legend().get_texts()]
+            if count == 4:
+                assert texts == [rf"$\Psi_{{{k}}}$" for k in ("11", "12", "21", "22")]
+            else:
+                assert texts == ["5 of axis $x$", "5 of axis $y$"]
+                # A row of the matrix has one colour.
+                colors = [to_hex(line.get_color()) for line in Curves(ax)]
+                assert colors == [colors[0]] * 5 + [colors[5]] * 5
+                assert colors[0] != colors[5]
     slider = MakeRecording("one_dof", "adaptive_backstepping")
     legend = PlotRun(slider, signals=["weights_1"]).axes[0].get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ["all 5"]
@@ -423,7 +424,7 @@ def test_no_global_state_changes(tmp_path):
     assert pyplot.get_fignums() == figures
 
 
-def test_saved_figures_are_reproducible(tmp_path, monkeypatch):
+def test_saved_figures_are_reproducible(tmp_path, monkeypatch, subtests):
     magic = {"svg": b"<?xml", "png": b"\x89PNG", "pdf": b"%PDF"}
     for k in range(2):
         monkeypatch.setenv("SOURCE_DATE_EPOCH", str(10**6 * k))  # Days later.
@@ -432,10 +433,11 @@ def test_saved_figures_are_reproducible(tmp_path, monkeypatch):
         for suffix in magic:
             SaveFigure(figure, tmp_path / f"figure{k}.{suffix}")
     for suffix, start in magic.items():
-        first, second = (
-            (tmp_path / f"figure{k}.{suffix}").read_bytes() for k in range(2)
-        )
-        assert first == second and first.startswith(start)
+        with subtests.test(suffix=suffix):
+            first, second = (
+                (tmp_path / f"figure{k}.{suffix}").read_bytes() for k in range(2)
+            )
+            assert first == second and first.startswith(start)
     assert len(list(tmp_path.iterdir())) == 6
 
 

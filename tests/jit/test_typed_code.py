@@ -157,7 +157,7 @@ def test_an_index_is_in_its_array_or_an_error():
         loops(x, result, inside[0])
 
 
-def test_what_is_outside_is_refused_with_its_line():
+def test_what_is_outside_is_refused_with_its_line(subtests):
     def with_a_list(n):
         if n > 0:
             items = [n]
@@ -199,7 +199,10 @@ def test_what_is_outside_is_refused_with_its_line():
         (with_a_chain, "truth"),
         (with_a_slice, "slice"),
     ):
-        with pytest.raises(TypeError, match=reason):
+        with (
+            subtests.test(function=function),
+            pytest.raises(TypeError, match=reason),
+        ):
             MakeTypedCode(function, [INTEGER])
     line = with_a_list.__code__.co_firstlineno + 2
     with pytest.raises(TypeError, match="a list") as error:

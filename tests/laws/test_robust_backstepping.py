@@ -215,29 +215,30 @@ def test_without_bounds_it_is_the_law_of_backstepping(n):
 
 
 @pytest.mark.parametrize("n", [1, 3])
-def test_a_puncture_raises_the_root_of_v2_by_no_more_than_stated(n):
+def test_a_puncture_raises_the_root_of_v2_by_no_more_than_stated(n, subtests):
     case = Case(n)
     gains, rng, b = case.gains, case.rng, BOUNDS
     root_of_P = np.linalg.cholesky(gains.P).T
     for size in (0.01, 1.0, 10.0):
-        J, F_e, v, v_dd, F_hd, r = rng.normal(size=(6, n))
-        J = size * J
-        x = pack_state(initial_state(gains, case.N))
-        state, Phi = unpack_state(x, n), case.network.evaluate(r)
-        roots, errors = [], []
-        for F in (F_e, F_e + J):
-            error = robust_errors(b, *case.Arrays(), x, r, v, v_dd, F, F_hd)
-            s = error[:n]
-            np.testing.assert_allclose(error[n:], case.z(state, Phi, s, F))
-            roots.append(np.sqrt(2 * case.V2(state, Phi, s, F)))
-            errors.append(error)
-        np.testing.assert_allclose((errors[1] - errors[0])[:n], gains.Lambda @ J)
-        LJ = gains.Lambda @ J
-        change = min(2 * b.rho1, b.rho1 * np.linalg.norm(gains.P @ LJ) / b.eps1)
-        limit = (
-            np.linalg.norm(root_of_P @ LJ)
-            + np.linalg.norm(J)
-            + np.linalg.norm(np.linalg.inv(state.Psi), 2)
-            * (np.linalg.norm(gains.G1 @ LJ) + change)
-        )
-        assert abs(roots[1] - roots[0]) <= limit
+        with subtests.test(size=size):
+            J, F_e, v, v_dd, F_hd, r = rng.normal(size=(6, n))
+            J = size * J
+            x = pack_state(initial_state(gains, case.N))
+            state, Phi = unpack_state(x, n), case.network.evaluate(r)
+            roots, errors = [], []
+            for F in (F_e, F_e + J):
+                error = robust_errors(b, *case.Arrays(), x, r, v, v_dd, F, F_hd)
+                s = error[:n]
+                np.testing.assert_allclose(error[n:], case.z(state, Phi, s, F))
+                roots.append(np.sqrt(2 * case.V2(state, Phi, s, F)))
+                errors.append(error)
+            np.testing.assert_allclose((errors[1] - errors[0])[:n], gains.Lambda @ J)
+            LJ = gains.Lambda @ J
+            change = min(2 * b.rho1, b.rho1 * np.linalg.norm(gains.P @ LJ) / b.eps1)
+            limit = (
+                np.linalg.norm(root_of_P @ LJ)
+                + np.linalg.norm(J)
+                + np.linalg.norm(np.linalg.inv(state.Psi), 2)
+                * (np.linalg.norm(gains.G1 @ LJ) + change)
+            )
+            assert abs(roots[1] - roots[0]) <= limit

@@ -129,7 +129,7 @@ def test_the_version_is_looked_at_after_the_hash(monkeypatch):
     assert robot.Open(newer, "operator", 40).reason == Reason.VERSION
 
 
-def test_keys(tmp_path):
+def test_keys(tmp_path, subtests):
     file = tmp_path / "key"
     NewKey(str(file))
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
@@ -143,11 +143,12 @@ def test_keys(tmp_path):
         ReadKey(str(file))
     file.chmod(0o600)
     for text in ("", "0" * 63, "x" * 64):
-        file.write_text(text)
-        with pytest.raises(
-            ScenarioError, match=r"key = .*: must be a file that `teleop"
-        ):
-            ReadKey(str(file))
+        with subtests.test(text=text):
+            file.write_text(text)
+            with pytest.raises(
+                ScenarioError, match=r"key = .*: must be a file that `teleop"
+            ):
+                ReadKey(str(file))
 
 
 @pytest.mark.parametrize("address", ["here", "localhost:", "127.0.0.1:99999", ":x"])

@@ -40,25 +40,27 @@ def test_a_quartic_is_exact_and_a_jump_stays_a_jump():
     np.testing.assert_array_equal(single, np.full((9, 1), signals["x"][0]))
 
 
-def test_a_part_is_cut_within_its_steps():
+def test_a_part_is_cut_within_its_steps(subtests):
     whole = series()
     for begin, end in ((0.2, 2.07), (0.6, 0.7), (0.5, 2.0), (-1.0, 0.4), (0.0, 9.0)):
-        times, signals, steps = part(whole, begin, end)
-        assert (times[0], times[-1]) == (max(begin, 0), min(end, 2.1))
-        query = np.linspace(times[0], times[-1], 50)[1:]
-        result = interpolate(times, signals["x"], steps, query)
-        expected = interpolate(whole[0], whole[1]["x"], whole[2], query)
-        np.testing.assert_allclose(result, expected, rtol=1e-12)
+        with subtests.test(begin=begin):
+            times, signals, steps = part(whole, begin, end)
+            assert (times[0], times[-1]) == (max(begin, 0), min(end, 2.1))
+            query = np.linspace(times[0], times[-1], 50)[1:]
+            result = interpolate(times, signals["x"], steps, query)
+            expected = interpolate(whole[0], whole[1]["x"], whole[2], query)
+            np.testing.assert_allclose(result, expected, rtol=1e-12)
     np.testing.assert_array_equal(times, whole[0])
 
 
-def test_the_finite_part_ends_with_a_step():
+def test_the_finite_part_ends_with_a_step(subtests):
     for bad, rows in ((13, 9), (9, 9), (6, 5), (2, 1), (0, 0)):
-        times, signals, steps = series()
-        signals["x"][bad:] = np.nan
-        times, signals, steps = finite_part((times, signals, steps))
-        assert len(times) == len(signals["x"]) == rows
-        assert steps.size == 0 or steps.max() == rows - 1
+        with subtests.test(bad=bad):
+            times, signals, steps = series()
+            signals["x"][bad:] = np.nan
+            times, signals, steps = finite_part((times, signals, steps))
+            assert len(times) == len(signals["x"]) == rows
+            assert steps.size == 0 or steps.max() == rows - 1
 
 
 def test_the_first_crossing_upwards_is_a_root():

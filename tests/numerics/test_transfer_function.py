@@ -69,14 +69,15 @@ def test_low_frequency_resistance():
         low_frequency_resistance([1.0], [0.0])
 
 
-def test_all_pass_of_a_delay():
+def test_all_pass_of_a_delay(subtests):
     A, B, C, D = all_pass_of_delay(0.3, order=6, num_axes=2)
     # The error of the Pade approximant grows with |s| delay; at 6 it is 0.11 %.
     for w, bound in ((0.5, 1e-14), (5.0, 1e-10), (15.0, 4e-5), (20.0, 1.2e-3)):
-        H = C @ np.linalg.solve(1j * w * np.eye(len(A)) - A, B) + D
-        error = np.abs(H - np.exp(-0.3j * w) * np.eye(2)).max()
-        assert error < bound
-        assert np.isclose(abs(H[0, 0]), 1.0)
+        with subtests.test(w=w):
+            H = C @ np.linalg.solve(1j * w * np.eye(len(A)) - A, B) + D
+            error = np.abs(H - np.exp(-0.3j * w) * np.eye(2)).max()
+            assert error < bound
+            assert np.isclose(abs(H[0, 0]), 1.0)
     assert np.abs(A).max() < 30 / 0.3
     with pytest.raises(ValueError, match="order = 3: must be even"):
         all_pass_of_delay(0.3, order=3)

@@ -116,7 +116,7 @@ def test_jumps_are_where_they_are(engine):
     assert np.abs(shown[:-1, None] - twice).min(axis=1).max() < 1e-9
 
 
-def test_a_recording_without_scenario_shows_itself_or_refuses(tmp_path):
+def test_a_recording_without_scenario_shows_itself_or_refuses(tmp_path, subtests):
     recording = simulate(LateLoop(Gain(0.5, 1)), duration=1.5)
     assert repr(recording).startswith("<Recording of a diagram: 1.5 s in ")
     assert "1.5 s" in recording._repr_html_()
@@ -131,7 +131,10 @@ def test_a_recording_without_scenario_shows_itself_or_refuses(tmp_path):
         partial(MakeReplay, {"a": recording}),
         *(partial(RunMetrics, recording), partial(RunSummary, recording)),
     ):
-        with pytest.raises(ScenarioError, match=r"^recording.scenario = null: must be"):
+        with (
+            subtests.test(refused=refused),
+            pytest.raises(ScenarioError, match=r"^recording.scenario = null: must be"),
+        ):
             refused()
 
 

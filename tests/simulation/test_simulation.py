@@ -129,14 +129,15 @@ def test_contact_is_located_and_perceived_one_return_delay_later(name):
 
 
 @pytest.mark.parametrize("kind", Slow(CONTROLLERS, but=[1]))
-def test_mirror_image_elbows_give_mirror_image_runs(kind):
+def test_mirror_image_elbows_give_mirror_image_runs(kind, subtests):
     down = Run("two_dof_combined", kind)
     up = Run("two_dof_combined", kind, "duration=2.8", "robot.elbow=up")
     times = np.linspace(0, 2.8, 561)[:-1]
     for name in ("tool_position", "tool_velocity", "control_force"):
-        mirror = up.Interpolate(name, times) * [1, -1]
-        scale = np.ptp(down[name])
-        assert np.abs(mirror - down.Interpolate(name, times)).max() < 1e-5 * scale
+        with subtests.test(name=name):
+            mirror = up.Interpolate(name, times) * [1, -1]
+            scale = np.ptp(down[name])
+            assert np.abs(mirror - down.Interpolate(name, times)).max() < 1e-5 * scale
 
 
 @pytest.mark.parametrize(

@@ -600,7 +600,7 @@ def test_summary_has_the_promised_fields():
 
 
 @pytest.mark.parametrize("kind", ["direct_force", "damped_force"])
-def test_a_run_by_dense_samples(kind):
+def test_a_run_by_dense_samples(kind, subtests):
     """The metrics of all axes equal those of dense samples.
 
     The felt position is the tool's position delayed by the return channel.
@@ -633,8 +633,9 @@ def test_a_run_by_dense_samples(kind):
         ("velocity_rms_error", v - command[:, 2:]),
         ("force_rms_error", F_e - command[:, :2]),
     ):
-        expected = np.sqrt((error**2).mean(axis=0))
-        assert metrics[name] == pytest.approx(expected, rel=1e-3), name
+        with subtests.test(name=name):
+            expected = np.sqrt((error**2).mean(axis=0))
+            assert metrics[name] == pytest.approx(expected, rel=1e-3), name
     F_c = recording.Interpolate("control_force", np.linspace(0, end, 400_001))
     assert metrics["control_force_peak"] == pytest.approx(np.abs(F_c).max(axis=0), 1e-3)
     variation = np.abs(np.diff(F_c, axis=0)).sum(axis=0)

@@ -109,7 +109,7 @@ def test_agrees_with_a_second_solver(name):
 
 
 @pytest.mark.parametrize("name", Slow(CASES, but=[1]))
-def test_metrics_agree_with_a_second_solver(name):
+def test_metrics_agree_with_a_second_solver(name, subtests):
     times, expected = Reference(name)
 
     def rms(y):
@@ -122,7 +122,8 @@ def test_metrics_agree_with_a_second_solver(name):
         "rms_error": rms(expected["error"]),
         "disturbance_rms_error": rms(unknown),
     }.items():
-        assert metrics[key] == pytest.approx(values, rel=1e-3), key
+        with subtests.test(key=key):
+            assert metrics[key] == pytest.approx(values, rel=1e-3), key
     assert len(metrics) == 3
 
 

@@ -40,11 +40,12 @@ def Legend(figure):
     return [text.get_text() for box in figure.legends for text in box.get_texts()]
 
 
-def test_every_figure_of_the_thesis_is_there():
+def test_every_figure_of_the_thesis_is_there(subtests):
     assert list(FIGURES) == NUMBERS
     for number, figure in FIGURES.items():
-        assert figure.number == number
-        assert figure.title and figure.caption.endswith(".")
+        with subtests.test(number=number):
+            assert figure.number == number
+            assert figure.title and figure.caption.endswith(".")
 
 
 @pytest.mark.parametrize(

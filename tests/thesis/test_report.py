@@ -109,11 +109,14 @@ def test_ledger_files(reproduced, page, ledger):
         assert escape(row["claim"]) in page
 
 
-def test_select_figures():
+def test_select_figures(subtests):
     assert [x.number for x in SelectFigures(["5.7", "4.1"])] == ["4.1", "5.7"]
     assert len(SelectFigures()) == len(FIGURES)
     for only in (["4.1", "9.9"], [""], []):
-        with pytest.raises(ValueError, match=r"must be one of 2\.1, 2\.4, .*5\.20"):
+        with (
+            subtests.test(only=only),
+            pytest.raises(ValueError, match=r"must be one of 2\.1, 2\.4, .*5\.20"),
+        ):
             SelectFigures(only)
 
 

@@ -52,16 +52,17 @@ def test_a_class_is_named_as_it_is():
     np.testing.assert_array_equal(own["tool_velocity"], config["tool_velocity"])
 
 
-def test_a_function_in_the_place_of_a_law():
+def test_a_function_in_the_place_of_a_law(subtests):
     scenario = LoadScenario("one_dof", SHORT)
     laws = {
         "function": own_kinds.Damped,
         "lambda": lambda F_h, v_d, p, v, F_e: F_h + v_d - v,
     }
     for name, law in laws.items():
-        diagram = MakeTeleoperator(scenario, control_law=law)
-        own = simulate(scenario, teleoperator=diagram)
-        assert Largest(own, Run("own_kinds:Damped")) < 1e-12, name
+        with subtests.test(name=name):
+            diagram = MakeTeleoperator(scenario, control_law=law)
+            own = simulate(scenario, teleoperator=diagram)
+            assert Largest(own, Run("own_kinds:Damped")) < 1e-12, name
 
 
 def test_its_gains_are_numeric_parameters_of_its_context():

@@ -97,7 +97,7 @@ def test_delays_have_the_distribution_of_their_parameters(jitter, name, argument
         (Jitter(kind="gamma", std=0.02, minimum=0.06), 3 + 6 / 4),
     ],
 )
-def test_correlated_delays_have_the_same_distribution(jitter, kurtosis):
+def test_correlated_delays_have_the_same_distribution(jitter, kurtosis, subtests):
     jitter.correlation_time = 5 * H
     a = math.exp(-1 / 5)
     sample = delays(make(jitter=jitter, seed=2))
@@ -107,9 +107,10 @@ def test_correlated_delays_have_the_same_distribution(jitter, kurtosis):
     assert sample.std() == pytest.approx(jitter.std, rel=4 * error)
     ranks = np.argsort(np.argsort(sample))
     for m in (1, 3, 8):
-        expected = 6 / math.pi * math.asin(a**m / 2)
-        found = np.corrcoef(ranks[m:], ranks[:-m])[0, 1]
-        assert found == pytest.approx(expected, abs=4 / math.sqrt(independent))
+        with subtests.test(m=m):
+            expected = 6 / math.pi * math.asin(a**m / 2)
+            found = np.corrcoef(ranks[m:], ranks[:-m])[0, 1]
+            assert found == pytest.approx(expected, abs=4 / math.sqrt(independent))
 
 
 def test_in_order_a_packet_waits_for_the_one_before():
@@ -216,30 +217,32 @@ def test_threads_share_a_network():
     assert found == alone[numbers].tolist()
 
 
-def test_seeds_and_streams_differ():
+def test_seeds_and_streams_differ(subtests):
     arrivals = [
         make(**BUSY, seed=seed, stream=stream).Arrivals(2000)
         for seed, stream in ((0, "forward"), (0, "return"), (1, "forward"))
     ]
     for i, j in ((0, 1), (0, 2), (1, 2)):
-        a, b = arrivals[i], arrivals[j]
-        both = np.isfinite(a) & np.isfinite(b)
-        t = np.arange(2000)[both] * H
-        assert abs(np.corrcoef(a[both] - t, b[both] - t)[0, 1]) < 0.1
-        assert abs(np.corrcoef(np.isinf(a), np.isinf(b))[0, 1]) < 0.1
+        with subtests.test(i=i):
+            a, b = arrivals[i], arrivals[j]
+            both = np.isfinite(a) & np.isfinite(b)
+            t = np.arange(2000)[both] * H
+            assert abs(np.corrcoef(a[both] - t, b[both] - t)[0, 1]) < 0.1
+            assert abs(np.corrcoef(np.isinf(a), np.isinf(b))[0, 1]) < 0.1
 
 
-def test_impairments_leave_each_other_alone():
+def test_impairments_leave_each_other_alone(subtests):
     base = delays(make(**BUSY), 3000)
     for loss in (
         Loss(),
         Loss(kind="independent", probability=0.3),
         Loss(kind="burst", probability=0.2, burst_length=9),
     ):
-        other = delays(make(jitter=BUSY["jitter"], loss=loss), 3000)
-        both = np.isfinite(base) & np.isfinite(other)
-        assert both.sum() > 1500
-        np.testing.assert_array_equal(base[both], other[both])
+        with subtests.test(loss=loss):
+            other = delays(make(jitter=BUSY["jitter"], loss=loss), 3000)
+            both = np.isfinite(base) & np.isfinite(other)
+            assert both.sum() > 1500
+            np.testing.assert_array_equal(base[both], other[both])
     for arguments in (
         {"jitter": Jitter(kind="normal", std=0.01)},
         {"sinusoid": Sinusoid(amplitude=0.01), "drift": 0.01},
@@ -327,7 +330,7 @@ def test_bad_parameters(arguments, message):
     Slow([Receiver(policy="playout", depth=0.02), Receiver()]),
     ids=lambda receiver: receiver.policy,
 )
-def test_statistics_against_counting(receiver):
+def test_statistics_against_counting(receiver, subtests):
     network = make(**BUSY, h=0.01, seed=4)
     end = 7.003
     result = ComputePacketStatistics(network, receiver, end)
@@ -353,8 +356,9 @@ def test_statistics_against_counting(receiver):
         ("p99", 99),
         ("maximum", 100),
     ):
-        value = getattr(result, f"delay_{key}")
-        assert value == pytest.approx(np.percentile(d, percent))
+        with subtests.test(key=key):
+            value = getattr(result, f"delay_{key}")
+            assert value == pytest.approx(np.percentile(d, percent))
     shown = np.array([network.Shown(k, receiver) for k in range(sent)])
     grid = np.arange(min(shown), end, 1e-4) + 5e-5
     order = np.array(received)[np.argsort(shown[received])]

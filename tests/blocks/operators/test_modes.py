@@ -108,7 +108,7 @@ def test_a_diagram_of_ones_own_can_be_operator(hand_file):
     assert station.GetOutputPort("forward_packet").size() == 4
 
 
-def test_the_hand_follows_the_line_that_is_set_and_holds_its_end():
+def test_the_hand_follows_the_line_that_is_set_and_holds_its_end(subtests):
     dut = HandOperator(num_axes=2)
     CheckKernel(dut)
     context = dut.CreateDefaultContext()
@@ -116,8 +116,9 @@ def test_the_hand_follows_the_line_that_is_set_and_holds_its_end():
     assert port.Eval(context).tolist() == [0, 0]
     line.FixValue(context, [1.0, 2.0, 0.0, 0.1, 0.2, 0.1])
     for time, expected in ((0.5, 0.0), (1.25, 0.05), (2.0, 0.2), (5.0, 0.2)):
-        context.SetTime(time)
-        assert port.Eval(context).tolist() == pytest.approx([expected, 0.1])
+        with subtests.test(time=time):
+            context.SetTime(time)
+            assert port.Eval(context).tolist() == pytest.approx([expected, 0.1])
     # A change of the line alone is seen.
     line.FixValue(context, [4.0, 6.0, 0.0, 0.1, 0.2, 0.1])
     assert port.Eval(context).tolist() == pytest.approx([0.1, 0.1])

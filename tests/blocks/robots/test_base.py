@@ -71,9 +71,12 @@ def test_a_plant_is_posed_and_wired():
         Plant(start=np.array([3.0, 0.0])).Check("robot")
 
 
-def test_the_bases_are_abstract():
+def test_the_bases_are_abstract(subtests):
     for base in (RobotConfig, PlantRobotConfig, DrivenArmConfig):
-        with pytest.raises(TypeError, match="abstract"):
+        with (
+            subtests.test(base=base),
+            pytest.raises(TypeError, match="abstract"),
+        ):
             base(start=[0.0])
 
 
