@@ -168,8 +168,9 @@ class Side(Half):
             self._GoOn(now)
         self._Speak()
         self._WriteLog()
-        start = self._start or now + self._ns
-        self.next_time = start + (self.tick + 1) * self._ns
+        self.next_time = now + self._ns
+        if self._start > 0:
+            self.next_time = self._start + (self.tick + 1) * self._ns
         self._EndIfOver(now)
 
     def _EndIfOver(self, now: int) -> None:
@@ -310,8 +311,8 @@ class Side(Half):
         why = f"the newest echo is {round_trip:.3g} s old"
         if self._peer_has_ended:
             why = _OVER
-        so = "fall to zero" if is_stale else "come back"
-        self.Say(f"t = {t:.3f} s, {why}: forces {so}")
+        change = "fall to zero" if is_stale else "come back"
+        self.Say(f"t = {t:.3f} s, {why}: forces {change}")
 
     def _Speak(self) -> None:
         """Sends a packet if the address of the other side is known."""
