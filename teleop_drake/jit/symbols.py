@@ -103,6 +103,8 @@ def AsReal(value: Any) -> Any:
     """Returns a number as a float; a boolean becomes 1 or 0."""
     if not isinstance(value, Number):
         return _AsFloat(value)
+    if value.kind is float:
+        return value
     if value.kind is bool:
         return value.graph.Add("select", value, 1.0, 0.0)
     return Number(value.graph, value.ref)
@@ -177,9 +179,9 @@ def Apply(operation: str, *values: Any) -> Any:
 def _Arithmetic(operation: str, a: Any, b: Any) -> Any:
     """Returns a sum, a difference or a product."""
     kinds = {KindOf(a), KindOf(b)}
-    if kinds == {bool} and operation == "mul":
-        return _Logical("and", a, b)
     if kinds == {bool}:
+        if operation == "mul":
+            return _Logical("and", a, b)
         raise Untraceable(
             "a sum of two comparisons, which numpy takes for `or`: write float()"
         )

@@ -145,11 +145,12 @@ class Graph:
             else:
                 operands.append(value)
         node = Node(operation, tuple(operands))
-        if node not in self._places:
+        place = self._places.get(node)
+        if place is None:
             self._CheckCaller()
-            self._places[node] = self._Append(node)
+            place = self._places[node] = self._Append(node)
         kind = bool if operation in _BOOLEAN else float
-        return Number(self, self._places[node], kind)
+        return Number(self, place, kind)
 
     def _Append(self, node: Node) -> Ref:
         if len(self.nodes) >= _MAX_NODES:
@@ -177,16 +178,19 @@ class Graph:
             return self.is_given_finite
         if not self._is_of_package or node.operation not in _FINITE:
             return False
-        return all(
-            x.place not in self._infinite if isinstance(x, Ref) else abs(x) < math.inf
-            for x in node.arguments
-        )
+        for x in node.arguments:
+            if isinstance(x, Ref):
+                if x.place in self._infinite:
+                    return False
+            elif not abs(x) < math.inf:
+                return False
+        return True
 
     def _CheckCaller(self) -> None:
         """Refuses code that operates on Numbers without being followed."""
         frame = sys._getframe(2)
         while self._assumed is not None and frame.f_code not in self.codes:
-            if not _IsOwn(frame.f_code):
+            if not _IsOwn(frame.f_code.co_filename):
                 name = frame.f_code.co_qualname
                 raise Untraceable(f"{name}() works with numbers and is not followed")
             assert frame.f_back is not None
@@ -294,10 +298,10 @@ def _IsOfPackage(function: FunctionType) -> bool:
 
 
 @functools.cache
-def _IsOwn(code: CodeType) -> bool:
-    """Returns whether code is in a file of this folder or of numpy."""
+def _IsOwn(file: str) -> bool:
+    """Returns whether a file of code is in this folder or in that of numpy."""
     folders = Path(__file__).parent, Path(np.__file__).parent
-    return any(folder in Path(code.co_filename).parents for folder in folders)
+    return any(folder in Path(file).parents for folder in folders)
 
 
 def _Copied(value: Any) -> Any:
