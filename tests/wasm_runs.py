@@ -6,6 +6,7 @@ import gzip
 import json
 import math
 import re
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,12 @@ from teleop_drake.sweep import FlattenMetrics
 from teleop_drake.tasks.metrics import RunMetrics
 
 _ROOM = 30_000  # For rows, which all stay.
+
+
+def _Imported(name: str) -> Callable[..., wasmtime.Val]:
+    """Returns a function of math for a module; wasmtime converts a Val sooner."""
+    compute = getattr(math, name)
+    return lambda *numbers: wasmtime.Val.f64(compute(*numbers))
 
 
 class Instance:
@@ -45,7 +52,7 @@ class Instance:
                 item = table = wasmtime.Table(self._store, kind, None)
             else:
                 function = wasmtime.FuncType([double] * len(kind.params), [double])
-                item = wasmtime.Func(self._store, function, getattr(math, needed.name))
+                item = wasmtime.Func(self._store, function, _Imported(needed.name))
             linker.define(self._store, needed.module, needed.name, item)
         linker.instantiate(self._store, module)
         self._run = table.get(self._store, 1)
