@@ -148,7 +148,12 @@ def AssertSame(scenario, model=None, instants=1e-9):
         error = np.abs(signal - reference).max(initial=0.0)
         assert error <= 1e-6 * max(np.ptp(native[name]), 1e-9), name
     run = dataclasses.replace(native, time=times, steps=steps, signals=signals)
-    AssertSameMetrics(FlattenMetrics(RunMetrics(run)), native, 1e-6)
+    known = native
+    if native.termination == "diverged":
+        # The native run is cut within its last step, where the module ends a step.
+        begin = float(native.time[native.steps[-1][0]])
+        run, known = run.Part(0.0, begin), native.Part(0.0, begin)
+    AssertSameMetrics(FlattenMetrics(RunMetrics(run)), known, 1e-6)
     return native
 
 
