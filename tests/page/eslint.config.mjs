@@ -71,6 +71,7 @@ const page = [
   "state",
   "teleop",
   "toggleDrive",
+  "zoom",
 ];
 
 export default [

@@ -108,6 +108,13 @@ def test_a_page_goes_on_where_a_run_has_ended(look, tmp_path):
     check_rows(found, second, np.linspace(0.73, 2.73, 200)[1:-1] + 1e-6)
     reason = "sensor.delay = 0.005: must be 0.05 s while a signal is under way"
     assert notes == [f"pendulum/sensor.delay has no slider: {reason}"]
+    shown = look(tmp_path / "page.html", "window.js")
+    assert shown["clock"] == pytest.approx([0.73, 2.73], abs=1e-12)
+    begin, end = shown["clock"]
+    at_begin = {"window": [begin, end], "cursor": begin}
+    assert shown["first"] == shown["again"] == at_begin
+    assert shown["last"] == {"window": [begin, end], "cursor": end}
+    assert shown["near"]["window"] == pytest.approx([1.73, 2.73], abs=1e-12)
 
 
 def check_rows(found, expected, times):

@@ -2,7 +2,7 @@
 
 import { $ } from "./elements.js";
 import { clamp } from "./numbers.js";
-import { duration, state } from "./state.js";
+import { state, wholeTime } from "./state.js";
 
 // The time window that a drive shows, s, and the time around an event that plays slowly, s.
 const SHOWN = 8;
@@ -17,8 +17,9 @@ export function onCursor(draw) {
 
 // Moves the cursor of all pictures.
 export function setCursor(t) {
-  state.cursor = clamp(t, 0, duration());
-  Object.assign($("clock"), { max: duration(), value: state.cursor });
+  const [min, max] = wholeTime();
+  state.cursor = clamp(t, min, max);
+  Object.assign($("clock"), { min, max, value: state.cursor });
   $("now").textContent = `${state.cursor.toFixed(3)} s`;
   for (const draw of drawers) draw();
 }
@@ -41,14 +42,15 @@ export function togglePlay() {
   state.isPlaying = !state.isPlaying;
   $("play").textContent = state.isPlaying ? "❚❚" : "▶";
   if (!state.isPlaying) return;
-  if (state.cursor >= duration()) setCursor(0);
+  const [first, last] = wholeTime();
+  if (state.cursor >= last) setCursor(first);
   let before = performance.now();
   const play = (now) => {
     if (!state.isPlaying) return;
     const speed = $("speed").value * ($("slow").checked && isAtEvent() ? 0.1 : 1);
     setCursor(state.cursor + (clamp(now - before, 0, 100) / 1000) * speed);
     before = now;
-    if (state.cursor >= duration()) togglePlay();
+    if (state.cursor >= wholeTime()[1]) togglePlay();
     else requestAnimationFrame(play);
   };
   requestAnimationFrame(play);

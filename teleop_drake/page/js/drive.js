@@ -93,7 +93,7 @@ export async function drive() {
   $("drive").textContent = "End (Esc)";
   $("metrics").replaceChildren();
   const begin = performance.now();
-  const hasTime = () => run.duration - state.hand.at(-1)[0] > PICTURE;
+  const hasTime = () => run.endTime - state.hand.at(-1)[0] > PICTURE;
   while (state.drive === mine && !run.reason && hasTime()) {
     await catchUp(run, begin);
     const now = run.time.at(-1) ?? 0;

@@ -133,8 +133,9 @@ export class Lab {
     for (const button of this.windows) button.ariaPressed = button.value === shown;
     const times = this.runs.flatMap(({ events }) => events.filter(({ name }) => name === shown));
     const [first] = times.map(({ time }) => time).sort((a, b) => a - b);
-    const end = this.runs[0].duration;
-    this.window = first === undefined ? [0, end] : [Math.max(0, first - BEFORE), first + AFTER];
+    const { startTime, endTime } = this.runs[0];
+    this.window =
+      first === undefined ? [startTime, endTime] : [Math.max(0, first - BEFORE), first + AFTER];
     this.figures.forEach((figure) => figure.classList.add("stale"));
     this.draw();
   }

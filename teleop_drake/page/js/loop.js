@@ -109,11 +109,11 @@ export class Loop {
     await this.compile();
     const begin = performance.now();
     const run = new Run(this, this.numbersAt(values));
-    if (this.feed) run.duration = hand.at(-1)?.[0] ?? SHORTEST_HAND;
+    if (this.feed) run.endTime = hand.at(-1)?.[0] ?? SHORTEST_HAND;
     for (let i = 1; i < hand.length; ++i) {
       if (!(await run.follow(hand[i - 1], hand[i], isStale))) return null;
     }
-    if (!(await run.advance(run.duration, isStale))) return null;
+    if (!(await run.advance(run.endTime, isStale))) return null;
     run.wall = performance.now() - begin;
     return run;
   }

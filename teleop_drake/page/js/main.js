@@ -96,7 +96,7 @@ function chooseScopes() {
   const usual = signals.tool_velocity ? FIRST_SCOPES : Object.keys(signals).slice(0, 3);
   const names = state.data.scopes.length ? state.data.scopes : usual;
   state.scopes = names.map((name) => signals[name]).filter((port) => ports[port]);
-  state.window = [0, numbers.run[0]];
+  state.window = [numbers["memory.clock"][0], numbers.run[0]];
 }
 
 // Makes the page.

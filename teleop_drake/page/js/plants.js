@@ -95,6 +95,11 @@ function drawPlant(run, plant, picture) {
     fill="${run.loop.color}"><path class="link" d="${path.join("")}"/>${dots.join("")}</g>`;
 }
 
+// Times over the whole run.
+function timesOf({ startTime, endTime }) {
+  return range(NUM_TIMES + 1).map((k) => startTime + ((endTime - startTime) * k) / NUM_TIMES);
+}
+
 // Draws the plants of all runs at the cursor.
 export function drawPlants() {
   const shown = state.runs.flatMap((run) =>
@@ -104,7 +109,7 @@ export function drawPlants() {
   if (!shown.length) return;
   const { clientWidth: width, clientHeight: height } = $("scene");
   const everywhere = shown.flatMap(([run, plant]) =>
-    range(NUM_TIMES + 1).flatMap((k) => linesAt(run, plant, (run.duration * k) / NUM_TIMES)),
+    timesOf(run).flatMap((time) => linesAt(run, plant, time)),
   );
   const picture = fit(everywhere, width, height);
   $("scene").innerHTML = shown.map(([run, plant]) => drawPlant(run, plant, picture)).join("");

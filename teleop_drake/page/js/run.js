@@ -42,8 +42,9 @@ export class Run {
     this.reason = ""; // The reason why it ended early, if it did.
     this.events = [];
     this.metrics = {};
-    [this.duration, this.accuracy, this.longest] = z.run;
+    [this.endTime, this.accuracy, this.longest] = z.run;
     [this.headers, this.places] = loop.layOut(z);
+    [this.startTime] = this.array("clock");
     // The first row of the run, after those of signals that are under way in delays.
     this.first = this.array("counts", Int32Array)[ROWS];
     // The end of the rows that are known to be within the bounds.
@@ -83,7 +84,7 @@ export class Run {
       counts[BREAKS] += 1;
     }
     if (!(await this.integrate(end, isStale))) return false;
-    this.take(end >= this.duration || this.reason);
+    this.take(end >= this.endTime || this.reason);
     return true;
   }
 

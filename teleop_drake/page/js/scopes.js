@@ -4,7 +4,7 @@ import { onCursor, setCursor } from "./clock.js";
 import { $, keyOf, make, makeButton, safe } from "./elements.js";
 import { clamp, show } from "./numbers.js";
 import { LEFT, MOST_LINES, RIGHT, placeOf, plot, sampleOf, samplesOf } from "./plot.js";
-import { duration, shownLoop, state } from "./state.js";
+import { shownLoop, state, wholeTime } from "./state.js";
 import { componentsOf } from "./units.js";
 
 // The scaled values of a port at the cursor, with the names of its components.
@@ -67,11 +67,11 @@ export function markPorts() {
 // Shows more or less of the time around an instant.
 export function zoom(factor, around) {
   const [begin, end] = state.window;
-  const whole = duration();
-  const low = Math.max(0, around - (around - begin) * factor);
-  const high = Math.min(whole, around + (end - around) * factor);
-  const isPart = high - low < whole && high > low;
-  state.window = isPart ? [low, high] : [0, whole];
+  const [first, last] = wholeTime();
+  const low = Math.max(first, around - (around - begin) * factor);
+  const high = Math.min(last, around + (end - around) * factor);
+  const isPart = high - low < last - first && high > low;
+  state.window = isPart ? [low, high] : [first, last];
   drawScopes();
 }
 

@@ -2,7 +2,7 @@
 
 import { setCursor, showLast } from "./clock.js";
 import { nextFrame, say } from "./elements.js";
-import { chosen, duration, state, values } from "./state.js";
+import { chosen, state, values, wholeTime } from "./state.js";
 import { showMetrics } from "./table.js";
 
 // Simulates with the current values and shows the runs; repeats it if values change meanwhile.
@@ -43,7 +43,7 @@ async function simulateAll(version) {
     // The first picture of the page is drawn before the second run.
     if (!state.runs.length) {
       state.runs = [run];
-      setCursor(0);
+      setCursor(run.startTime);
       await nextFrame();
     }
   }
@@ -60,7 +60,7 @@ export function onRuns(listen) {
 // Shows runs that took some milliseconds.
 function showRuns(runs, wall) {
   state.runs = runs;
-  if (state.data.hand) showLast(duration());
+  if (state.data.hand) showLast(wholeTime()[1]);
   else setCursor(state.cursor);
   showMetrics();
   for (const listen of listeners) listen();

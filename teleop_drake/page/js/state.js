@@ -58,8 +58,13 @@ export function chosen() {
 // The loop whose diagram is shown.
 export const shownLoop = () => chosen()[state.tab];
 
-// The longest duration of the shown runs.
-export const duration = () => Math.max(0, ...state.runs.map((run) => run.duration));
+// The earliest start and the latest end of the shown runs, s.
+export function wholeTime() {
+  if (!state.runs.length) return [0, 0];
+  const starts = state.runs.map((run) => run.startTime);
+  const ends = state.runs.map((run) => run.endTime);
+  return [Math.min(...starts), Math.max(...ends)];
+}
 
 // The values of the inputs, keyed by name.
 export function values() {
