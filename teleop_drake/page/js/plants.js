@@ -95,8 +95,8 @@ function drawPlant(run, plant, picture) {
     fill="${run.loop.color}"><path class="link" d="${path.join("")}"/>${dots.join("")}</g>`;
 }
 
-// Times over the whole run.
-function timesOf({ startTime, endTime }) {
+// Instants over the whole run.
+function instantsOf({ startTime, endTime }) {
   return range(NUM_TIMES + 1).map((k) => startTime + ((endTime - startTime) * k) / NUM_TIMES);
 }
 
@@ -109,7 +109,7 @@ export function drawPlants() {
   if (!shown.length) return;
   const { clientWidth: width, clientHeight: height } = $("scene");
   const everywhere = shown.flatMap(([run, plant]) =>
-    timesOf(run).flatMap((time) => linesAt(run, plant, time)),
+    instantsOf(run).flatMap((time) => linesAt(run, plant, time)),
   );
   const picture = fit(everywhere, width, height);
   $("scene").innerHTML = shown.map(([run, plant]) => drawPlant(run, plant, picture)).join("");
