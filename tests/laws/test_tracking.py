@@ -7,6 +7,7 @@ import pytest
 
 from teleop_drake.laws.tracking import (
     TrackingGains,
+    coupled_disturbance,
     tracking_error,
     tracking_force,
     weights_rate,
@@ -82,3 +83,13 @@ def test_gains_are_copies():
     assert gains.Lambda[0, 0] == 1
     assert not gains.Lambda.flags.writeable
     assert gains.num_axes == 2
+
+
+def test_the_coupled_disturbance_is_that_of_equation_3_8():
+    """F_e = K [x + x' z + 2 z' x + z^2, z + z' x + 2 z x' + x^2], by hand."""
+    K = np.array([[2.0, 0.0], [1.0, 3.0]])
+    x, z, x_dot, z_dot = 3.0, 5.0, 7.0, 11.0
+    first = 3.0 + 35.0 + 66.0 + 25.0
+    second = 5.0 + 33.0 + 70.0 + 9.0
+    F_e = coupled_disturbance(K, np.array([x, z]), np.array([x_dot, z_dot]))
+    np.testing.assert_allclose(F_e, [2 * first, first + 3 * second], rtol=1e-15)

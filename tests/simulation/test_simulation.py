@@ -272,13 +272,17 @@ def test_more_steps_than_anyone_waits_for_are_refused():
         simulate(scenario)
 
 
-def test_progress_is_reported_in_order(monkeypatch):
-    monkeypatch.setattr(drake_run, "_REPORT_PERIOD", 0.0)
-    reports = []
+def test_progress_is_reported_in_order_and_once_in_a_period(monkeypatch):
     scenario = LoadScenario("one_dof", {"duration": 0.1})
+    reports = []
+    monkeypatch.setattr(drake_run, "_REPORT_PERIOD", 0.0)
     simulate(scenario, progress=reports.append, engine="drake")
     assert reports == sorted(reports)
     assert 0 <= reports[0] <= reports[-1] <= 0.1
+    reports.clear()
+    monkeypatch.setattr(drake_run, "_REPORT_PERIOD", 1000.0)
+    simulate(scenario, progress=reports.append, engine="drake")
+    assert reports == []
 
 
 def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):

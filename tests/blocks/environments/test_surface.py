@@ -62,6 +62,7 @@ def test_what_lies_behind():
     assert FindSurface(surfaces, "contact") is BONE
     assert FindSurface(surfaces, "floor") is None
     assert BONE.material.Force(2.5, 1.0) == 4.5
+    assert SKIN.material.Force(1.5, 4.0) == 3.0
     np.testing.assert_array_equal(StackNormal(surfaces), [1.0, 0.0])
     floor = Surface("floor", [0.0, 0.0], [0.0, -1.0], Matter("floor", 1.0, 0.0, 0.0))
     assert StackNormal((SKIN, floor)) is None
