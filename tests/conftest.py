@@ -75,14 +75,9 @@ def pytest_collection_finish():
     gc.set_threshold(20_000, 20, 100)
 
 
-def pytest_sessionfinish(session):
-    """Collects garbage once after the slow run, and not after the short one.
-
-    pytest itself does so five times at the end, which takes seconds; it finds nothing
-    in what is frozen.
-    """
-    if _IsSlowRun(session.config):
-        gc.collect()
+def pytest_sessionfinish():
+    """Collects what is left over once; pytest does so five times, and finds nothing."""
+    gc.collect()
     gc.freeze()
 
 
