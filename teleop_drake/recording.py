@@ -1,7 +1,7 @@
 """The record of a simulation: plain arrays, events and solver statistics."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -242,6 +242,12 @@ class Recording:
                 names=["signal", "component"],
             ),
         )
+
+    def KeepSignals(self, names: Iterable[str]) -> None:
+        """Discards all signals but those named, after the deferred fields are found."""
+        for name in list(self.__dict__.get("_finders", ())):
+            getattr(self, name)
+        self.signals = {name: self.signals[name] for name in names}
 
     def WriteCsv(self, path: str | Path) -> None:
         """Writes the signals as a CSV file, completely or not at all.

@@ -2,13 +2,12 @@
 
 import itertools
 import re
-import weakref
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from pydrake.systems.framework import Diagram, OutputPort, PortDataType, System
 
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import CheckChoice, CheckNames, Refuse
 
 # Signals whose name differs from the name of their port, by system and port.
 _NAMES = {
@@ -95,35 +94,22 @@ _LOOP = (
 )
 
 
-# The systems of loops: made by this package, or simulated for a scenario.
-_in_loops: weakref.WeakSet[System] = weakref.WeakSet()
-
 # The name that Drake gives to a system without one, as drake/systems/Adder@0000a1b2.
 _ADDRESS = re.compile(r"@[0-9a-f]{8,}$")
-
-
-def MarkLoop(systems: Iterable[System]) -> None:
-    """Marks systems as parts of a loop, so that NamedSignals() names their signals.
-
-    Only this mark identifies a loop; the names of systems do not.
-    """
-    _in_loops.update(systems)
 
 
 def SignalsOf(system: System) -> dict[str, OutputPort]:
     """Returns the output ports that are recorded for a system, by signal name.
 
-    For a loop (see MarkLoop) or a side of it, they are those of NamedSignals(). For any
-    other system they are its vector outputs or, for a Diagram that exports none, all
-    vector outputs of its systems, named `system.port`. A system without a name is named
-    after its class, with a number if there are several.
+    They are its vector outputs or, for a Diagram that exports none, all vector outputs
+    of its systems, named `system.port`. A system without a name is named after its
+    class, with a number if there are several. For the systems of a scenario, see
+    NamedSignals().
 
     Raises:
         ValueError: If there is no vector output.
     """
     parts: list[System] = system.GetSystems() if isinstance(system, Diagram) else []
-    if not _in_loops.isdisjoint(parts):
-        return NamedSignals(parts)
     signals = {port.get_name(): port for port in VectorOutputs(system)} or {
         f"{name}.{port.get_name()}": port
         for part, name in zip(parts, NamesOf(parts), strict=True)
@@ -132,6 +118,36 @@ def SignalsOf(system: System) -> dict[str, OutputPort]:
     if not signals:
         Refuse(f"outputs of {NameOf(system)}", None, "one vector or more")
     return signals
+
+
+Signals = Sequence[str] | Mapping[str, OutputPort]
+"""Signals to record: names, or output ports by the names that they get."""
+
+
+def SelectSignals(system: System, signals: Signals | None) -> Mapping[str, OutputPort]:
+    """Returns the output ports to record, by the name of the signal.
+
+    Args:
+        signals: The names of signals: those of SignalsOf(), or `path/system.port` for a
+            vector output of any system at any depth; or output ports by names of your
+            own; None: those of SignalsOf().
+
+    Raises:
+        ScenarioError: If there is no such signal.
+    """
+    if signals is None:
+        return SignalsOf(system)
+    if isinstance(signals, Mapping):
+        return dict(signals)
+    CheckNames("signals", signals)
+    known = {
+        f"{path}.{port.get_name()}" if path else port.get_name(): port
+        for part, path in PathsIn(system)
+        for port in VectorOutputs(part)
+    }
+    for name in signals:
+        CheckChoice("signals", name, known)
+    return {name: known[name] for name in signals}
 
 
 def NameOf(system: System) -> str:

@@ -9,7 +9,7 @@ from teleop_drake.blocks.architectures.own_law import Law
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.scenario import AsTeleoperation, CheckStart, Scenario, ScenarioLike
-from teleop_drake.signals import MarkLoop, NamedSignals
+from teleop_drake.signals import NamedSignals
 from teleop_drake.stations import (
     AsChannel,
     CheckPorts,
@@ -242,7 +242,6 @@ def _AddLoop(
     for name, system in present.items():
         builder.AddNamedSystem(name, system)
     NamedSignals(present.values())  # Refuses two signals of one name.
-    MarkLoop(present.values())
     for source, output, target, input_name in _CONNECTIONS:
         if source in present and target in present:
             builder.Connect(

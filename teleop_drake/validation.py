@@ -154,6 +154,13 @@ def Within(path: str) -> Iterator[None]:
         raise ScenarioError(f"{path}.{e}") from None
 
 
+def RefuseGiven(allowed: str, **arguments: Any) -> None:
+    """Refuses the arguments that are given, which are neither None nor False."""
+    given = [name for name, x in arguments.items() if x is not None and x is not False]
+    if given:
+        Refuse(", ".join(given), "given", allowed)
+
+
 def Choices(value: Any, choices: Iterable[str]) -> str:
     """Returns "one of a, b (did you mean 'a'?)"."""
     import difflib  # Imported here because it is seldom needed.

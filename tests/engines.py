@@ -55,7 +55,7 @@ def Compiled(
             piece = run.Advance(time)
             assert not run.failure
         rows.append(piece[-1])
-    places = SignalPlaces(run.evaluator, diagram)
+    places = SignalPlaces(run.evaluator, SignalsOf(diagram))
     return {name: np.array(rows)[:, place] for name, place in places.items()}
 
 
@@ -69,7 +69,7 @@ def InWebAssembly(
     for time in times:
         assert instance.Run(time, accuracy, max_step) == 0
         rows.append(instance.Rows()[1][-1])
-    places = SignalPlaces(model.run.evaluator, diagram)
+    places = SignalPlaces(model.run.evaluator, SignalsOf(diagram))
     return {name: np.array(rows)[:, place] for name, place in places.items()}
 
 

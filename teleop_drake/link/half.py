@@ -13,7 +13,7 @@ from teleop_drake.blocks.robots.facts import FactsOfRobot
 from teleop_drake.engine.run import CompiledRun
 from teleop_drake.laws.task_space import displacement
 from teleop_drake.scenario import Scenario
-from teleop_drake.signals import SystemsByPath
+from teleop_drake.signals import NamedSignals, SystemsByPath
 from teleop_drake.simulation.compiled_run import StartFed
 from teleop_drake.teleoperator import AddTeleoperator
 from teleop_drake.validation import Refuse
@@ -114,7 +114,11 @@ class Half:
         self._inputs: dict[str, slice] = {}
         if step is None:
             self.run, self._places, self._inputs = StartFed(
-                diagram, scenario.simulator, scenario.duration, **inputs
+                diagram,
+                scenario.simulator,
+                NamedSignals(diagram.GetSystems()),
+                scenario.duration,
+                **inputs,
             )
             self._sample: Callable[[float], Any] = self.run.Sample
         else:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Context, System
+from pydrake.systems.framework import Context, OutputPort, System
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels import ChannelConfig
@@ -27,6 +27,7 @@ from teleop_drake.page.plants import PlantData, TreesIn
 from teleop_drake.page.wasm import ConstantsOf, MakeModule
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import (
+    NamedSignals,
     PathsIn,
     SignalsOf,
     SystemsByPath,
@@ -36,6 +37,7 @@ from teleop_drake.signals import (
 from teleop_drake.simulation.compiled_run import StartOf
 from teleop_drake.simulation.ending import BoundsOf
 from teleop_drake.simulation.simulate import (
+    BoundOf,
     HasConstantCommand,
     SurfacesIn,
 )
@@ -75,6 +77,7 @@ class Model:
 
     Attributes:
         diagram: The simulated system.
+        signals: The output port of each shown signal, by name.
         run: The run before its start, with an evaluator that is not compiled.
         numbers: All values that may differ between runs of one program, as flat arrays
             keyed by name: the arrays of Problem, those of Memory that do not begin as
@@ -96,6 +99,7 @@ class Model:
     """
 
     diagram: System
+    signals: Mapping[str, OutputPort]
     run: CompiledRun
     numbers: dict[str, Array]
     surfaces: tuple[Surface, ...]
@@ -200,7 +204,7 @@ class Model:
         paths = dict(PathsIn(self.diagram))
         return {
             name: f"{paths[port.get_system()]}:{port.get_name()}"
-            for name, port in SignalsOf(self.diagram).items()
+            for name, port in self.signals.items()
         }
 
 
@@ -251,12 +255,17 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
         operator = HandOperator(num_axes=AsTeleoperation(scenario).num_axes)
         diagram = MakeTeleoperator(AsTeleoperation(scenario), operator=operator)
     channels = task.Channels(scenario)
-    model = MakeModel(diagram, scenario.simulator, scenario.duration)
+    model = MakeModel(
+        diagram,
+        scenario.simulator,
+        scenario.duration,
+        signals=NamedSignals(diagram.GetSystems()),
+    )
     ports = model.Ports()
     signals = {name: ports[port] for name, port in model.Signals().items()}
     sizes = {name: size for name, (_, size, _) in signals.items()}
     # Each bound is given by the columns of its signal in a row of y.
-    bounds = BoundsOf(diagram, sizes, task.MakeSpeedLimit(scenario))
+    bounds = BoundsOf(diagram, sizes, BoundOf(task, scenario))
     rows = [
         (signals[bound.signal][0] + bound.first, bound.size, bound.lower, bound.upper)
         for bound in bounds
@@ -335,7 +344,8 @@ def MakeModel(
     duration: float,
     context: Context | None = None,
     *,
-    continues: bool = False,
+    signals: Mapping[str, OutputPort] | None = None,
+    suppress_initialization_events: bool = False,
 ) -> Model:
     """Returns the model of a diagram's run, without metrics.
 
@@ -344,12 +354,17 @@ def MakeModel(
         config: The accuracy and the longest step.
         duration: The simulated time, s.
         context: The initial Context, which is not changed; None: the default Context.
-        continues: Whether the initialization events have happened already.
+        signals: The output port of each shown signal, by name; None: SignalsOf().
+        suppress_initialization_events: As for simulate().
 
     Raises:
         UnsupportedSystem: If a block has no kernel; the message names the block.
     """
-    context = StartOf(diagram, context, continues=continues)
+    context = StartOf(
+        diagram,
+        context,
+        suppress_initialization_events=suppress_initialization_events,
+    )
     # Delays may be 0 unless an algebraic loop would result.
     try:
         evaluator = Evaluator(diagram, context, has_zero_delays=True)
@@ -379,6 +394,7 @@ def MakeModel(
     }
     return Model(
         diagram=diagram,
+        signals=SignalsOf(diagram) if signals is None else signals,
         run=run,
         has_zero_delays=has_zero_delays,
         numbers=_Flat(numbers),

@@ -30,10 +30,11 @@ from teleop_drake.scenario import (
 from teleop_drake.scenario.overrides import Overrides
 from teleop_drake.signals import NameOf
 from teleop_drake.simulation.inputs import CheckInputs
+from teleop_drake.simulation.run import Job
 from teleop_drake.simulation.simulate import MakeJob
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.insertion_metrics import FirstNormal
-from teleop_drake.validation import CheckChoice, CheckNames, Refuse
+from teleop_drake.validation import CheckChoice, CheckNames, Refuse, RefuseGiven
 
 DURATION = 10.0
 """The default duration of the runs of a diagram, s."""
@@ -93,6 +94,7 @@ def WritePage(
     overrides: Overrides = (),
     duration: float = DURATION,
     context: Context | None = None,
+    suppress_initialization_events: bool = False,
     has_hand: bool = False,
 ) -> list[str]:
     """Writes a living diagram.
@@ -113,6 +115,7 @@ def WritePage(
         overrides=overrides,
         duration=duration,
         context=context,
+        suppress_initialization_events=suppress_initialization_events,
         has_hand=has_hand,
     )
     page.Save(path)
@@ -128,6 +131,7 @@ def MakePage(
     overrides: Overrides = (),
     duration: float = DURATION,
     context: Context | None = None,
+    suppress_initialization_events: bool = False,
     has_hand: bool = False,
 ) -> Page:
     """Makes a page that shows a block diagram and simulates it.
@@ -153,6 +157,7 @@ def MakePage(
         duration: The duration of a diagram's runs, s.
         context: The initial Context of a diagram's runs, with parameters and fixed
             inputs; None: the default Context.
+        suppress_initialization_events: As for simulate(), for a diagram's runs.
         has_hand: Whether the user of the page takes the operator's place.
 
     Raises:
@@ -165,10 +170,16 @@ def MakePage(
         if controllers or overrides or has_hand:
             Refuse("controllers, overrides, has_hand", "given", "left out of a diagram")
         story = _Story(scenario_or_diagram)
-        data = _OfDiagram(scenario_or_diagram, vary, duration, context, notes)
+        job = _DiagramJob(
+            scenario_or_diagram, duration, context, suppress_initialization_events
+        )
+        data = _OfDiagram(job, vary, notes)
     else:
-        if context is not None:
-            Refuse("context", "a Context", "left out where a page is of a scenario")
+        RefuseGiven(
+            "left out where a page is of a scenario",
+            context=context,
+            suppress_initialization_events=suppress_initialization_events,
+        )
         scenario, _ = LoadOverridden(scenario_or_diagram, overrides)
         story = scenario.story
         data = _OfScenario(scenario, controllers, vary or {}, has_hand, notes)
@@ -181,25 +192,42 @@ def MakePage(
     return Page(data["title"], story, data, notes)
 
 
-def _OfDiagram(
+def _DiagramJob(
     source: System | Callable[[], System],
-    vary: Ranges | None,
     duration: float,
     context: Context | None,
-    notes: list[str],
-) -> dict[str, Any]:
-    """Returns the data of a diagram's page for its script, except the scopes."""
+    suppress_initialization_events: bool,
+) -> Job:
+    """Returns the specification of the runs of a diagram, or of one that is made."""
     system = source if isinstance(source, System) else source()
     if not isinstance(system, System):
         Refuse("scenario_or_diagram", source, "a function that returns a System")
-    job = MakeJob(system, context, duration, None)
+    job = MakeJob(
+        system,
+        context,
+        duration,
+        None,
+        suppress_initialization_events=suppress_initialization_events,
+    )
     CheckInputs(system, job.context)
+    return job
+
+
+def _OfDiagram(job: Job, vary: Ranges | None, notes: list[str]) -> dict[str, Any]:
+    """Returns the data of a diagram's page for its script, except the scopes."""
+    system = job.diagram
 
     def Make(values: Mapping[str, float]) -> Model:
         """Returns the run at values of inputs."""
         changed = job.context.Clone()
         SetNumbers(system, changed, values)
-        return MakeModel(system, job.config, duration, changed, continues=job.continues)
+        return MakeModel(
+            system,
+            job.config,
+            job.duration,
+            changed,
+            suppress_initialization_events=job.suppress_initialization_events,
+        )
 
     # A diagram has one run, which takes the place of a controller's.
     title = NameOf(system)

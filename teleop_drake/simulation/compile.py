@@ -39,17 +39,17 @@ from teleop_drake.scenario import (
 )
 from teleop_drake.scenario.loading import LoadOverridden
 from teleop_drake.scenario.overrides import CHANNELS
+from teleop_drake.signals import NamedSignals, Signals
 from teleop_drake.simulation.compiled_run import (
     CompiledDiagram,
     CompileDiagram,
     WhyNotSolved,
 )
 from teleop_drake.simulation.compiled_system import CompiledSystem
-from teleop_drake.simulation.run import Job
-from teleop_drake.simulation.simulate import Finish
+from teleop_drake.simulation.simulate import Finish, JobOf
 from teleop_drake.stations import MakeArchitecture, WithDrivesAndSensors
 from teleop_drake.tasks import Task, TaskOf
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import RefuseGiven
 
 # Fields of a scenario that affect no systems other than the channels, unless the
 # architecture derives defaults from them.
@@ -75,6 +75,8 @@ def Compile(
     context: Context | None = None,
     duration: float,
     simulator: SimulatorConfig | None = None,
+    signals: Signals | None = None,
+    suppress_initialization_events: bool = False,
 ) -> CompiledSystem: ...
 
 
@@ -84,6 +86,8 @@ def Compile(
     context: Context | None = None,
     duration: float | None = None,
     simulator: SimulatorConfig | None = None,
+    signals: Signals | None = None,
+    suppress_initialization_events: bool = False,
 ) -> "CompiledScenario | CompiledSystem":
     """Compiles a scenario, or a System, for many runs that differ in their numbers.
 
@@ -98,6 +102,8 @@ def Compile(
         context: The Context where runs of a System begin; None: the default Context.
         duration: The duration of the runs of a System, s.
         simulator: The solver for a System; None: DefaultSimulator().
+        signals: The signals of a System to record, as for simulate().
+        suppress_initialization_events: As for simulate().
 
     Raises:
         ScenarioError: If the scenario is not valid.
@@ -105,10 +111,22 @@ def Compile(
             such a scenario in Drake.
     """
     if isinstance(scenario, System):
-        return CompiledSystem(scenario, context, duration, simulator)
-    if not (context is None and duration is None and simulator is None):
-        allowed = "left out where a scenario is compiled"
-        Refuse("context, duration, simulator", "given", allowed)
+        return CompiledSystem(
+            scenario,
+            context,
+            duration,
+            simulator,
+            signals,
+            suppress_initialization_events=suppress_initialization_events,
+        )
+    RefuseGiven(
+        "left out where a scenario is compiled",
+        context=context,
+        duration=duration,
+        simulator=simulator,
+        signals=signals,
+        suppress_initialization_events=suppress_initialization_events,
+    )
     return CompiledScenario(AsScenario(scenario))
 
 
@@ -125,7 +143,8 @@ class CompiledScenario:
         self._scenario: Any = copy.deepcopy(scenario)
         self._task: Task[Any] = TaskOf(scenario)
         diagram = self._task.MakeDiagram(self._scenario)
-        self._compiled = CompileDiagram(diagram, self._scenario.simulator)
+        signals = NamedSignals(diagram.GetSystems())
+        self._compiled = CompileDiagram(diagram, self._scenario.simulator, signals)
 
     @property
     def scenario(self) -> AnyScenario:
@@ -151,14 +170,7 @@ class CompiledScenario:
             scenario, compiled = self._Changed(changes)
         else:
             scenario, compiled = self.scenario, self._compiled
-        job = Job(
-            diagram=compiled.diagram,
-            context=compiled.context,
-            config=scenario.simulator,
-            duration=scenario.duration,
-            speed_limit=self._task.MakeSpeedLimit(scenario),
-            progress=None,
-        )
+        job = JobOf(scenario, self._task, compiled.diagram, compiled.context)
         return Finish(scenario, self._task, job, compiled.Run(job), [])
 
     def _Changed(self, changes: Mapping[str, Any]) -> tuple[Any, CompiledDiagram]:
@@ -180,7 +192,8 @@ class CompiledScenario:
         """Returns a new diagram that uses the same program, or refuses the changes."""
         known = self._compiled.evaluator
         diagram = self._task.MakeDiagram(scenario)
-        compiled = CompileDiagram(diagram, scenario.simulator, like=known)
+        signals = NamedSignals(diagram.GetSystems())
+        compiled = CompileDiagram(diagram, scenario.simulator, signals, like=known)
         if compiled.evaluator.program.structure != known.program.structure:
             self._RefuseOne(changes)
             raise NeedsAnotherProgram(

@@ -7,7 +7,7 @@ from functools import cached_property, partial
 
 import numpy as np
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.framework import Context, Diagram, OutputPort, System
 from pydrake.systems.primitives import RandomSource
 
 from teleop_drake.arrays import Array
@@ -23,7 +23,7 @@ from teleop_drake.jit.native import Packed
 from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.scenario import AnyScenario
-from teleop_drake.signals import SignalsOf, SystemsByPath
+from teleop_drake.signals import SystemsByPath
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
 from teleop_drake.simulation.run import (
     COMPLETED,
@@ -155,20 +155,22 @@ class CompiledDiagram:
 def CompileDiagram(
     diagram: System,
     config: SimulatorConfig,
+    signals: Mapping[str, OutputPort],
     context: Context | None = None,
     like: Evaluator | None = None,
     *,
-    continues: bool = False,
+    suppress_initialization_events: bool = False,
 ) -> CompiledDiagram:
     """Compiles a diagram, or a block by itself.
 
     Args:
         config: The solver of the runs.
+        signals: The output port of each recorded signal, by name.
         context: The Context where runs begin, with its parameters and fixed inputs; it
             is not changed. None: the default Context.
         like: The evaluator of another diagram, whose machine code is reused if it is
             the same.
-        continues: Whether the initialization events have happened already.
+        suppress_initialization_events: As in Job.
 
     Raises:
         CannotCompile: If a block, or the solver, has no machine code.
@@ -176,10 +178,14 @@ def CompileDiagram(
     why = WhyNotSolved(config)
     if why:
         raise CannotCompile(why)
-    context = StartOf(diagram, context, continues=continues)
+    context = StartOf(
+        diagram,
+        context,
+        suppress_initialization_events=suppress_initialization_events,
+    )
     try:
         evaluator = Evaluator(diagram, context, as_machine_code=True, like=like)
-        places = SignalPlaces(evaluator, diagram)
+        places = SignalPlaces(evaluator, signals)
     except UnsupportedSystem as error:
         raise CannotCompile(str(error)) from error
     start = Visited(context.get_time(), *evaluator.ReadContext(context))
@@ -196,28 +202,36 @@ def CompileDiagram(
 
 
 def StartOf(
-    diagram: System, context: Context | None, *, continues: bool = False
+    diagram: System,
+    context: Context | None,
+    *,
+    suppress_initialization_events: bool = False,
 ) -> Context:
     """Returns a new Context at which a compiled run begins.
 
     Args:
         context: The Context to copy; None: the default Context.
-        continues: Whether the initialization events have happened already.
+        suppress_initialization_events: As in Job.
     """
     start = diagram.CreateDefaultContext() if context is None else context.Clone()
     start.SetAccuracy(EVENT_ACCURACY)
-    if not continues:
+    if not suppress_initialization_events:
         diagram.ExecuteInitializationEvents(start)
     return start
 
 
 def StartFed(
-    diagram: Diagram, config: SimulatorConfig, end: float, **inputs: Array
+    diagram: Diagram,
+    config: SimulatorConfig,
+    signals: Mapping[str, OutputPort],
+    end: float,
+    **inputs: Array,
 ) -> tuple[CompiledRun, dict[str, slice], dict[str, slice]]:
     """Returns a new run whose open inputs are set by CompiledRun.Feed().
 
     Args:
         config: The solver.
+        signals: The output port of each signal, by name.
         end: The last time that the run may reach, s.
         inputs: The initial values of the diagram's inputs, by their names.
 
@@ -229,7 +243,7 @@ def StartFed(
     context = diagram.CreateDefaultContext()
     for name, values in inputs.items():
         diagram.GetInputPort(name).FixValue(context, values)
-    compiled = CompileDiagram(diagram, config, context)
+    compiled = CompileDiagram(diagram, config, signals, context)
     compiled.Check()
     blocks = compiled.evaluator.blocks
     fed = compiled.evaluator.program.fed
@@ -273,15 +287,14 @@ def _Run(
         places: The columns of each recorded signal in a row, by its name.
         systems: The systems of the model by their paths.
     """
-    limit = job.speed_limit
+    bound = job.bound
     begin = run.start.t
     end = begin + job.duration
     pace = Pace(job.duration, begin)
     start = clock.monotonic()
-    # Without a tool, all signals have to stay finite.
-    watched = places.get("tool_velocity", slice(None))
+    watched = slice(None) if bound.signal is None else places[bound.signal]
     ending = COMPLETED
-    is_too_fast = False
+    is_beyond_bound = False
     with Interruption() as interruption:
         # The start is recorded in any case.
         while run.memory.counts[ROWS] == 0 or not (
@@ -289,11 +302,11 @@ def _Run(
         ):
             rows = run.Advance(end)
             pace.Check(run.memory.counts[TRIES], run.time)
-            speeds = _Norms(rows[:, watched])
-            too_fast = speeds[~(speeds <= limit.speed)]
-            if too_fast.size > 0:
-                is_too_fast = bool(np.isfinite(too_fast[0]))
-                ending = Ending("diverged", limit.Reason(too_fast[0]))
+            norms = _Norms(rows[:, watched])
+            beyond = norms[~(norms <= bound.largest)]
+            if beyond.size > 0:
+                is_beyond_bound = bool(np.isfinite(beyond[0]))
+                ending = Ending("diverged", bound.Reason(beyond[0]))
                 del run.visited[-1:]  # Too large to be compared with Drake.
             elif run.failure or run.error is not None:
                 ending = Ending("diverged", _ReasonOf(run))
@@ -305,7 +318,7 @@ def _Run(
     signals = {name: rows[:, place] for name, place in places.items()}
     series = times, signals, run.Steps()
     wall_time = clock.monotonic() - start
-    return OutcomeOf(run, systems, series, wall_time, ending, is_too_fast)
+    return OutcomeOf(run, systems, series, wall_time, ending, is_beyond_bound)
 
 
 def _Norms(rows: Array) -> Array:
@@ -320,7 +333,7 @@ def OutcomeOf(
     series: Series,
     wall_time: float,
     ending: Ending,
-    is_too_fast: bool = False,
+    is_beyond_bound: bool = False,
 ) -> Outcome:
     """Returns the outcome of a run.
 
@@ -329,7 +342,7 @@ def OutcomeOf(
         series: The times, the signals by name, and the steps.
         wall_time: Real time that the run took, s.
         ending: How the run ended.
-        is_too_fast: Whether it ended because the tool was faster than allowed.
+        is_beyond_bound: As in Outcome.
     """
     counts = np.zeros(TRIES) if run is None else run.memory.counts
     return Outcome(
@@ -339,7 +352,7 @@ def OutcomeOf(
         derivative_evaluations=int(counts[EVALUATIONS]),
         wall_time=wall_time,
         ending=ending,
-        is_too_fast=is_too_fast,
+        is_beyond_bound=is_beyond_bound,
         systems=systems,
     )
 
@@ -353,14 +366,19 @@ def _ReasonOf(run: CompiledRun) -> str:
     return ReasonOfDivergence(run.error, has_error_control=True)
 
 
-def SignalPlaces(evaluator: Evaluator, diagram: System) -> dict[str, slice]:
-    """Returns the columns of each recorded signal in a row, by its name.
+def SignalPlaces(
+    evaluator: Evaluator, signals: Mapping[str, OutputPort]
+) -> dict[str, slice]:
+    """Returns the columns of each signal in a row, by its name.
+
+    Args:
+        signals: The output port of each signal, by name.
 
     Raises:
         UnsupportedSystem: If the kernel of a block lacks one of the signals.
     """
     places = {}
-    for name, port in SignalsOf(diagram).items():
+    for name, port in signals.items():
         index = int(port.get_index())
         source = OutputOf(evaluator.blocks, port.get_system(), index)
         if source not in evaluator.program.signals:

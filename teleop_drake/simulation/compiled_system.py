@@ -7,10 +7,11 @@ from pydrake.systems.framework import Context, System
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.parameters import SetNumbers
 from teleop_drake.recording import Recording
+from teleop_drake.signals import Signals
 from teleop_drake.simulation.compiled_run import CompiledDiagram, CompileDiagram
 from teleop_drake.simulation.inputs import CheckInputs
 from teleop_drake.simulation.simulate import MakeJob, NotesOnSinks, RecordingOf
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import CheckNumber, Refuse
 
 
 class CompiledSystem:
@@ -22,6 +23,8 @@ class CompiledSystem:
             Context.
         duration: The duration of the runs, s.
         simulator: The solver; None: DefaultSimulator().
+        signals: As for simulate().
+        suppress_initialization_events: As for simulate().
 
     Raises:
         CannotCompile: If a block, or the solver, has no machine code.
@@ -34,8 +37,18 @@ class CompiledSystem:
         context: Context | None,
         duration: float | None,
         simulator: SimulatorConfig | None,
+        signals: Signals | None = None,
+        *,
+        suppress_initialization_events: bool = False,
     ):
-        self._job = MakeJob(system, context, duration, simulator)
+        self._job = MakeJob(
+            system,
+            context,
+            duration,
+            simulator,
+            signals=signals,
+            suppress_initialization_events=suppress_initialization_events,
+        )
         self._job = self._job._replace(context=self._job.context.Clone())
         CheckInputs(system, self._job.context)
         self._compiled = self._Compiled(self._job.context)
@@ -65,7 +78,8 @@ class CompiledSystem:
                 allowed = "without an influence on the structure of the program"
                 Refuse(", ".join(numbers), list(numbers.values()), allowed)
         if duration is not None:
-            job = MakeJob(job.diagram, job.context, duration, job.config)
+            CheckNumber("duration", duration, "s", above=0)
+            job = job._replace(duration=duration)
         notes = NotesOnSinks(compiled.evaluator.left_out)
         return RecordingOf(job, compiled.Run(job), notes)
 
@@ -80,7 +94,8 @@ class CompiledSystem:
         return CompileDiagram(
             self._job.diagram,
             self._job.config,
+            self._job.signals,
             context,
             like=like,
-            continues=self._job.continues,
+            suppress_initialization_events=self._job.suppress_initialization_events,
         )

@@ -2,6 +2,7 @@
 
 import math
 import time as clock
+from collections.abc import Mapping
 
 import numpy as np
 from pydrake.systems.analysis import (
@@ -9,7 +10,7 @@ from pydrake.systems.analysis import (
     InitializeParams,
     Simulator,
 )
-from pydrake.systems.framework import Context, EventStatus, System
+from pydrake.systems.framework import Context, EventStatus, OutputPort, System
 
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.numerics.instants import same_within
@@ -19,7 +20,7 @@ from teleop_drake.numerics.step_polynomials import (
     shares,
     straight_steps,
 )
-from teleop_drake.signals import SignalsOf, SystemsByPath
+from teleop_drake.signals import SystemsByPath
 from teleop_drake.simulation.failures import (
     IsDivergence,
     NamingBlocks,
@@ -105,7 +106,7 @@ def RunInDrake(job: Job) -> Outcome:
         derivative_evaluations=counts.evaluations,
         wall_time=wall_time,
         ending=ending,
-        is_too_fast=run.is_too_fast,
+        is_beyond_bound=run.is_beyond_bound,
         systems=SystemsByPath(job.diagram),
         make_final_context=simulator.get_context().Clone().Clone,
     )
@@ -143,7 +144,7 @@ def _CheckSteps(job: Job) -> None:
 
 
 class Recorder:
-    """A sampler of the signals of a diagram (see SignalsOf), step by step.
+    """A sampler of the signals of a diagram, step by step.
 
     Drake provides the states at the ends of a step only. Within a step they are
     interpolated by cubic polynomials that match states and rates at both ends. The
@@ -156,14 +157,19 @@ class Recorder:
 
     Args:
         diagram: The simulated System.
+        signals: The output port of each signal, by name.
         root_context: The Context of the Simulator.
         is_dense: Whether samples are also taken within steps.
     """
 
     def __init__(
-        self, diagram: System, root_context: Context, *, is_dense: bool = True
+        self,
+        diagram: System,
+        signals: Mapping[str, OutputPort],
+        root_context: Context,
+        *,
+        is_dense: bool = True,
     ):
-        signals = SignalsOf(diagram)
         self.names = list(signals)
         self._inner_context = root_context.Clone()
         self._at_end, self._inside = (
@@ -253,7 +259,7 @@ class _DrakeRun:
 
     Attributes:
         recorder: The sampler of the signals.
-        is_too_fast: Whether the speed limit has ended the run.
+        is_beyond_bound: Whether the bound has ended the run.
         interruption: The handler of Ctrl-C.
     """
 
@@ -265,16 +271,18 @@ class _DrakeRun:
         is_dense = _IsDense(job)
         self._stride = 1 if is_dense else _STRIDE
         self.recorder = Recorder(
-            job.diagram, simulator.get_mutable_context(), is_dense=is_dense
+            job.diagram,
+            job.signals,
+            simulator.get_mutable_context(),
+            is_dense=is_dense,
         )
         self._ending: Ending | None = None
-        self.is_too_fast = False
+        self.is_beyond_bound = False
         self.interruption = Interruption()
         self._last_report = clock.monotonic()
         names = self.recorder.names
-        # Without a tool, all recorded signals have to stay finite.
-        self._watched = [i for i, x in enumerate(names) if x == "tool_velocity"]
-        self._watched = self._watched or list(range(len(names)))
+        bounded = job.bound.signal
+        self._watched = [i for i, x in enumerate(names) if bounded in (None, x)]
 
     @property
     def has_begun(self) -> bool:
@@ -284,7 +292,7 @@ class _DrakeRun:
     def Advance(self) -> Ending:
         """Runs to the end of the job, or until it ends early; returns how it ended."""
         with NamingBlocks():
-            if self._job.continues:
+            if self._job.suppress_initialization_events:
                 self._simulator.Initialize(
                     InitializeParams(suppress_initialization_events=True)
                 )
@@ -303,7 +311,7 @@ class _DrakeRun:
         return self._Check(root_context.get_time(), now)
 
     def _Check(self, time: float, now: list[np.ndarray]) -> EventStatus | None:
-        """Ends the run if it is too fast, interrupted or complete.
+        """Ends the run if it exceeds its bound, is interrupted or complete.
 
         Args:
             time: The time of the last sample, s.
@@ -312,12 +320,12 @@ class _DrakeRun:
         Raises:
             ScenarioError: If the run would take too many steps; see Pace.
         """
-        limit = self._job.speed_limit
+        bound = self._job.bound
         self._pace.Check(self._num_samples + CountsOf(self._simulator).rejected, time)
-        speed = math.hypot(*(x for i in self._watched for x in now[i]))
-        if not speed <= limit.speed:
-            self.is_too_fast = True
-            return self._End(Ending("diverged", limit.Reason(speed)))
+        norm = math.hypot(*(x for i in self._watched for x in now[i]))
+        if not norm <= bound.largest:
+            self.is_beyond_bound = True
+            return self._End(Ending("diverged", bound.Reason(norm)))
         progress = self._job.progress
         if progress and clock.monotonic() > self._last_report + _REPORT_PERIOD:
             self._last_report = clock.monotonic()

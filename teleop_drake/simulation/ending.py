@@ -12,8 +12,7 @@ from teleop_drake.laws.task_space import MAX_ROTATION
 from teleop_drake.numerics.pieces import Pieces
 from teleop_drake.numerics.step_polynomials import part
 from teleop_drake.signals import SystemsByPath
-from teleop_drake.simulation.run import Ending, Outcome
-from teleop_drake.tasks.base import SpeedLimit
+from teleop_drake.simulation.run import Ending, NormBound, Outcome
 
 # Tolerance of a joint's limits, rad or m, for rounding errors of a pose at a limit.
 _TOLERANCE = 1e-9
@@ -53,7 +52,7 @@ class Bound(NamedTuple):
 
 
 def BoundsOf(
-    diagram: Diagram, sizes: Mapping[str, int], limit: SpeedLimit
+    diagram: Diagram, sizes: Mapping[str, int], limit: NormBound
 ) -> list[Bound]:
     """Returns the bounds of a loop's runs, the bound of the tool's speed first.
 
@@ -64,11 +63,12 @@ def BoundsOf(
     Args:
         diagram: The simulated Diagram.
         sizes: The sizes of the recorded signals, by name.
-        limit: The speed of the tool that ends a run.
+        limit: The bound of the tool's velocity.
     """
     name = "the tool exceeds its speed limit"
+    speed = limit.largest
     size = sizes["tool_velocity"]
-    bounds = [Bound(name, "", "tool_velocity", 0, size, -limit.speed, limit.speed)]
+    bounds = [Bound(name, "", "tool_velocity", 0, size, -speed, speed)]
     plant = SystemsByPath(diagram).get("robot/plant")
     if not isinstance(plant, MultibodyPlant) or "joint_position" not in sizes:
         return bounds
@@ -81,7 +81,7 @@ def BoundsOf(
     return bounds
 
 
-def EndAtBound(diagram: Diagram, limit: SpeedLimit, run: Outcome) -> None:
+def EndAtBound(diagram: Diagram, limit: NormBound, run: Outcome) -> None:
     """Cuts off a run, in place, where a signal first leaves one of its bounds.
 
     The bound of the speed counts only if the speed limit ended the run. Otherwise an
@@ -92,7 +92,7 @@ def EndAtBound(diagram: Diagram, limit: SpeedLimit, run: Outcome) -> None:
     speed, *others = BoundsOf(diagram, sizes, limit)
     pieces = Pieces(times, steps)
     ends: dict[Bound, float] = {}
-    for bound in [speed, *others] if run.is_too_fast else others:
+    for bound in [speed, *others] if run.is_beyond_bound else others:
         excess = bound.Excess(signals[bound.signal])[:, np.newaxis]
         upwards = pieces.crossings(pieces.signal(excess)[..., 0]).upwards
         if upwards:

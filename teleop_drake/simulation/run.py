@@ -1,5 +1,6 @@
 """A run of a diagram: its specification and its outcome, for both engines."""
 
+import math
 import signal
 import threading
 from collections.abc import Callable, Mapping
@@ -8,11 +9,10 @@ from types import FrameType
 from typing import NamedTuple
 
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Context, System
+from pydrake.systems.framework import Context, OutputPort, System
 
 from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.scenario.loading import MAX_STEPS
-from teleop_drake.tasks.base import SpeedLimit
 from teleop_drake.validation import ScenarioError
 
 # The most steps of a run, including rejected steps and events at one instant. Error
@@ -23,6 +23,25 @@ _MOST_STEPS = 2 * MAX_STEPS
 _STRETCH = 10_000
 
 
+def _NotFinite(norm: float) -> str:
+    return "a signal is not finite"
+
+
+class NormBound(NamedTuple):
+    """The largest norm of a signal; a run ends as diverged where it is exceeded.
+
+    Attributes:
+        signal: The name of the signal; None: all recorded signals together.
+        largest: The largest norm, in the unit of the signal. A norm that is not finite
+            exceeds any bound.
+        Reason: A function that returns the reason for the end from the norm.
+    """
+
+    signal: str | None = None
+    largest: float = math.inf
+    Reason: Callable[[float], str] = _NotFinite
+
+
 class Job(NamedTuple):
     """The specification of a run.
 
@@ -31,20 +50,23 @@ class Job(NamedTuple):
         context: The Context where the run begins. It is not changed.
         config: The solver.
         duration: The duration of the run, s.
-        speed_limit: The speed at which the run ends early.
+        signals: The output ports to record, by the name of the signal.
+        bound: The bound at which the run ends early.
         progress: A function that is called from time to time with the simulated time
             in s; None: none.
-        continues: Whether the Context is the end of an earlier run, so that the
-            initialization events have happened already.
+        suppress_initialization_events: Whether the initialization events are left out,
+            as Drake's InitializeParams call it: the Context is the end of an earlier
+            run.
     """
 
     diagram: System
     context: Context
     config: SimulatorConfig
     duration: float
-    speed_limit: SpeedLimit
-    progress: Callable[[float], None] | None
-    continues: bool = False
+    signals: Mapping[str, OutputPort]
+    bound: NormBound = NormBound()
+    progress: Callable[[float], None] | None = None
+    suppress_initialization_events: bool = False
 
     @property
     def start(self) -> float:
@@ -85,7 +107,7 @@ class Outcome:
         derivative_evaluations: Number of evaluations of the time derivatives.
         wall_time: Real time that it took, in s.
         ending: How it has ended.
-        is_too_fast: Whether it ended because the tool was faster than allowed.
+        is_beyond_bound: Whether it ended because a finite norm exceeded the bound.
         systems: The systems of the model by their paths.
         make_final_context: A function that returns the Context at the end of the run;
             None if there is no such Context, see Recording.
@@ -97,7 +119,7 @@ class Outcome:
     derivative_evaluations: int
     wall_time: float
     ending: Ending
-    is_too_fast: bool
+    is_beyond_bound: bool
     systems: Mapping[str, System]
     make_final_context: Callable[[], Context] | None = None
 

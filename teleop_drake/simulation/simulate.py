@@ -1,8 +1,6 @@
 """Simulates scenarios and Systems, and makes their recordings."""
 
 import dataclasses
-import math
-import weakref
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, cast
 
@@ -16,14 +14,14 @@ from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
 from teleop_drake.scenario.config import DefaultSimulator
-from teleop_drake.signals import MarkLoop, NameOf
+from teleop_drake.signals import NamedSignals, NameOf, SelectSignals, Signals
 from teleop_drake.simulation.drake_run import RunInDrake
 from teleop_drake.simulation.ending import EndAtBound
 from teleop_drake.simulation.inputs import CheckInputs
-from teleop_drake.simulation.run import Job, Outcome
+from teleop_drake.simulation.run import Job, NormBound, Outcome
 from teleop_drake.simulation.stepping import NotesOnSamples
-from teleop_drake.tasks import SpeedLimit, Task, TaskOf
-from teleop_drake.validation import CheckChoice, CheckNumber, Refuse
+from teleop_drake.tasks import Task, TaskOf
+from teleop_drake.validation import CheckChoice, CheckNumber, Refuse, RefuseGiven
 
 ENGINES = ("drake", "compiled", "auto")
 
@@ -61,6 +59,8 @@ def simulate(
     task: Task[Any] | None = None,
     progress: Callable[[float], None] | None = None,
     engine: str = "auto",
+    signals: Signals | None = None,
+    suppress_initialization_events: bool = False,
 ) -> Recording:
     """Simulates a scenario, or any System of Drake's, and records its signals.
 
@@ -73,10 +73,15 @@ def simulate(
         context = diagram.CreateDefaultContext()
         context.SetContinuousState([0.1, 0.0])
         first = simulate(diagram, context=context, duration=10.0)
-        second = simulate(diagram, context=first.final_context, duration=10.0)
+        second = simulate(
+            diagram,
+            context=first.final_context,
+            duration=10.0,
+            suppress_initialization_events=True,
+        )
 
-    Initialization events are executed at the start, as in Drake's Simulator, unless the
-    Context is a recording's `final_context` itself, not a copy.
+    Initialization events are executed at the start, as in Drake's Simulator. A run that
+    continues another one suppresses them.
 
     The signals of a scenario, with n task axes and four rows for each step of the
     integrator:
@@ -137,6 +142,12 @@ def simulate(
             note in the recording gives the reason. For machine code, laws are traced at
             the start: values that they read from outside their arguments are fixed
             then. For many runs, see Compile().
+        signals: The names of the signals to record, for a System also
+            `path/system.port` of a vector output at any depth, or output ports by names
+            of your own; None: all, as above. Metrics of a scenario need the signals
+            from which they are computed.
+        suppress_initialization_events: Whether the run of a System begins without
+            initialization events, because it continues an earlier run.
 
     Returns:
         The recording.
@@ -149,18 +160,28 @@ def simulate(
     """
     CheckChoice("engine", engine, ENGINES)
     if isinstance(scenario, System):
-        if teleoperator is not None or task is not None:
-            given = teleoperator or task
-            Refuse("teleoperator, task", given, "left out where a System is simulated")
-        job = MakeJob(scenario, context, duration, simulator, progress)
+        allowed = "left out where a System is simulated"
+        RefuseGiven(allowed, teleoperator=teleoperator, task=task)
+        job = MakeJob(
+            scenario,
+            context,
+            duration,
+            simulator,
+            progress,
+            signals,
+            suppress_initialization_events=suppress_initialization_events,
+        )
         CheckInputs(job.diagram, job.context)
         run, notes = _Run(job, engine)
         return RecordingOf(job, run, notes)
-    if context is not None:
-        Refuse("context", "a Context", "left out where a scenario is simulated")
+    RefuseGiven(
+        "left out where a scenario is simulated",
+        context=context,
+        suppress_initialization_events=suppress_initialization_events,
+    )
     # Arguments that are given override the scenario.
     scenario = AsScenario(scenario)
-    given = {"duration": duration, "simulator": simulator}
+    given: dict[str, Any] = {"duration": duration, "simulator": simulator}
     changes = {key: value for key, value in given.items() if value is not None}
     if changes:
         scenario = dataclasses.replace(scenario, **changes)
@@ -170,17 +191,40 @@ def simulate(
         _CheckTeleoperator(scenario, task, teleoperator)
     CheckSteps(scenario)
     diagram = teleoperator or task.MakeDiagram(scenario)
-    MarkLoop(diagram.GetSystems())
-    job = Job(
+    job = JobOf(scenario, task, diagram, diagram.CreateDefaultContext(), progress)
+    names = list(job.signals if signals is None else signals)
+    for name in names:
+        CheckChoice("signals", name, job.signals)
+    run, notes = _Run(job, engine)
+    recording = Finish(scenario, task, job, run, notes)
+    if signals is not None:
+        recording.KeepSignals(names)
+    return recording
+
+
+def BoundOf(task: Task[Any], scenario: AnyScenario) -> NormBound:
+    """Returns the bound of the tool's velocity in the runs of a scenario."""
+    limit = task.MakeSpeedLimit(scenario)
+    return NormBound("tool_velocity", limit.speed, limit.Reason)
+
+
+def JobOf(
+    scenario: AnyScenario,
+    task: Task[Any],
+    diagram: Diagram,
+    context: Context,
+    progress: Callable[[float], None] | None = None,
+) -> Job:
+    """Returns the specification of a scenario's run."""
+    return Job(
         diagram=diagram,
-        context=diagram.CreateDefaultContext(),
+        context=context,
         config=scenario.simulator,
         duration=scenario.duration,
-        speed_limit=task.MakeSpeedLimit(scenario),
+        signals=NamedSignals(diagram.GetSystems()),
+        bound=BoundOf(task, scenario),
         progress=progress,
     )
-    run, notes = _Run(job, engine)
-    return Finish(scenario, task, job, run, notes)
 
 
 def Finish(
@@ -192,22 +236,8 @@ def Finish(
 ) -> Recording:
     """Cuts off a scenario's run where it leaves a bound, and makes its recording."""
     _EndWhereFinite(run)
-    EndAtBound(job.diagram, job.speed_limit, run)
+    EndAtBound(job.diagram, job.bound, run)
     return MakeRecording(scenario, job.config, run, notes, task.FindEvents)
-
-
-class _Finite(SpeedLimit):
-    """An infinite limit: a run ends only where a signal is not finite."""
-
-    def __init__(self) -> None:
-        SpeedLimit.__init__(self, speed=math.inf, name="")
-
-    def Reason(self, speed: float) -> str:
-        return "a signal is not finite"
-
-
-# The Contexts at which runs have ended.
-_final_contexts: weakref.WeakSet[Context] = weakref.WeakSet()
 
 
 def MakeJob(
@@ -216,6 +246,9 @@ def MakeJob(
     duration: float | None,
     simulator: SimulatorConfig | None,
     progress: Callable[[float], None] | None = None,
+    signals: Signals | None = None,
+    *,
+    suppress_initialization_events: bool = False,
 ) -> Job:
     """Returns the specification of a System's run; None stands for a default.
 
@@ -236,9 +269,9 @@ def MakeJob(
         context=context,
         config=simulator or DefaultSimulator(),
         duration=duration,
-        speed_limit=_Finite(),
+        signals=SelectSignals(system, signals),
         progress=progress,
-        continues=context in _final_contexts,
+        suppress_initialization_events=suppress_initialization_events,
     )
 
 
@@ -254,15 +287,8 @@ def RecordingOf(job: Job, run: Outcome, notes: list[str]) -> Recording:
         notes.append(_NO_FINAL_CONTEXT)
     recording = MakeRecording(None, job.config, run, notes)
     if make_final is not None:
-        recording.FindLater({"final_context": lambda _: _FinalContext(make_final)})
+        recording.FindLater({"final_context": lambda _: make_final()})
     return recording
-
-
-def _FinalContext(make: Callable[[], Context]) -> Context:
-    """Makes the Context at the end of a run, and marks it as such for MakeJob()."""
-    context = make()
-    _final_contexts.add(context)
-    return context
 
 
 def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:
@@ -273,7 +299,11 @@ def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:
 
         try:
             compiled = CompileDiagram(
-                job.diagram, job.config, job.context, continues=job.continues
+                job.diagram,
+                job.config,
+                job.signals,
+                job.context,
+                suppress_initialization_events=job.suppress_initialization_events,
             )
             return compiled.Run(job), NotesOnSinks(compiled.evaluator.left_out)
         except CannotCompile as error:

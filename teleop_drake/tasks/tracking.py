@@ -17,7 +17,7 @@ from teleop_drake.laws.tracking import TrackingGains
 from teleop_drake.numerics.pieces import Pieces, extremes, rms
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import TrackingScenario, TrajectoryConfig
-from teleop_drake.signals import MarkLoop, NamedSignals
+from teleop_drake.signals import NamedSignals
 from teleop_drake.tasks.base import Divergence, SpeedLimit, Task
 from teleop_drake.tasks.panels import AxisName, SignalRow
 from teleop_drake.validation import GainMatrix
@@ -211,7 +211,6 @@ def MakeNetworkTracking(scenario: TrackingScenario) -> Diagram:
         system.set_name(name)
     # This call raises an error if a port has the name of another signal of the loop.
     NamedSignals(systems.values())
-    MarkLoop(systems.values())
     return Wire(
         Diagram(),
         "network_tracking",

@@ -99,10 +99,14 @@ def test_a_page_goes_on_where_a_run_has_ended(look, tmp_path):
     context = diagram.CreateDefaultContext()
     diagram.SetRandomContext(context, RandomGenerator(4))
     first = simulate(diagram, context=context, duration=0.73)
-    context = first.final_context
-    notes = WritePage(diagram, tmp_path / "page.html", context=context, duration=2.0)
+    continued = {
+        "context": first.final_context,
+        "duration": 2.0,
+        "suppress_initialization_events": True,
+    }
+    notes = WritePage(diagram, tmp_path / "page.html", **continued)
     (found,) = look(tmp_path / "page.html", "rows.js")
-    second = simulate(diagram, context=context, duration=2.0)
+    second = simulate(diagram, **continued)
     assert found["time"][0] == 0.73
     assert found["time"][-1] == pytest.approx(2.73, abs=1e-12)
     check_rows(found, second, np.linspace(0.73, 2.73, 200)[1:-1] + 1e-6)

@@ -1,0 +1,81 @@
+"""The signals that a run records, and the bound that ends it."""
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, Integrator
+
+from teleop_drake.scenario import LoadScenario, ScenarioError
+from teleop_drake.signals import NamedSignals, SelectSignals
+from teleop_drake.simulation import simulate
+from teleop_drake.simulation.compile import Compile
+from teleop_drake.teleoperator import MakeTeleoperator
+
+ENGINES = ["drake", "compiled"]
+
+
+def nested():
+    """Returns x' = 1 - x from 0, in a diagram in a diagram."""
+    builder = DiagramBuilder()
+    plant = builder.AddNamedSystem("plant", Integrator(1))
+    minus = builder.AddNamedSystem("minus", Gain(-1.0, 1))
+    adder = builder.AddNamedSystem("sum", Adder(2, 1))
+    builder.Connect(plant.get_output_port(), minus.get_input_port())
+    builder.Connect(minus.get_output_port(), adder.get_input_port(0))
+    builder.Connect(adder.get_output_port(), plant.get_input_port())
+    builder.ExportInput(adder.get_input_port(1), "u")
+    builder.ExportOutput(plant.get_output_port(), "x")
+    outer = DiagramBuilder()
+    inner = outer.AddNamedSystem("inner", builder.Build())
+    source = outer.AddNamedSystem("source", ConstantVectorSource([1.0]))
+    outer.Connect(source.get_output_port(), inner.get_input_port())
+    outer.ExportOutput(inner.get_output_port(), "shown")
+    return outer.Build()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_run_records_the_chosen_signals_of_any_depth(engine):
+    names = ["inner/sum.sum", "shown", "source.y0"]
+    recording = simulate(nested(), duration=1.0, engine=engine, signals=names)
+    assert list(recording) == names
+    rate = np.exp(-recording.time)
+    np.testing.assert_allclose(recording["inner/sum.sum"][:, 0], rate, atol=1e-6)
+    np.testing.assert_allclose(recording["shown"][:, 0], 1 - rate, atol=1e-6)
+
+
+def test_a_program_records_ports_by_names_of_the_user():
+    diagram = nested()
+    ports = SelectSignals(diagram, ["inner/minus.y0"])
+    program = Compile(diagram, duration=1.0, signals={"-x": ports["inner/minus.y0"]})
+    recording = program.Run()
+    assert list(recording) == ["-x"]
+    assert recording["-x"][-1, 0] == pytest.approx(np.exp(-1) - 1, abs=1e-8)
+
+
+def test_a_signal_that_does_not_exist_is_refused():
+    with pytest.raises(ScenarioError, match=r"'inner/sum.sun'.*'inner/sum.sum'"):
+        simulate(nested(), duration=1.0, signals=["inner/sum.sun"])
+    with pytest.raises(ScenarioError, match=r"signals = 'shown': must be a list"):
+        simulate(nested(), duration=1.0, signals="shown")
+    with pytest.raises(ScenarioError, match=r"signals = 'torque': must be one of"):
+        simulate("one_dof", signals=["torque"])
+
+
+def test_a_scenario_keeps_the_chosen_signals_and_its_events():
+    scenario = LoadScenario("two_dof_combined", {"duration": 2.5})
+    whole = simulate(scenario)
+    chosen = simulate(scenario, signals=["control_force"])
+    assert list(chosen) == ["control_force"]
+    assert chosen.events == whole.events
+    np.testing.assert_array_equal(chosen["control_force"], whole["control_force"])
+
+
+def test_the_names_of_systems_alone_make_no_loop():
+    """A teleoperator that is simulated as a Diagram has the signals of a Diagram."""
+    diagram = MakeTeleoperator("one_dof")
+    plain = simulate(diagram, duration=0.1)
+    assert "robot.tool_velocity" in plain
+    assert "tool_velocity" not in plain
+    named = NamedSignals(diagram.GetSystems())
+    loop = simulate(diagram, duration=0.1, signals=named)
+    np.testing.assert_array_equal(loop["tool_velocity"], plain["robot.tool_velocity"])
