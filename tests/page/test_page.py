@@ -212,7 +212,7 @@ def test_the_runs_of_a_page_begin_at_a_context():
     begin, _, _ = model.Ports()["x:y0"]
     assert times[[0, -1]].tolist() == [0.5, 1.5]
     assert rows[-1, begin] == pytest.approx(3 * math.exp(-1.0), rel=1e-6)
-    with pytest.raises(ScenarioError, match=r"^context = 'a Context': must be left"):
+    with pytest.raises(ScenarioError, match=r"^context = 'given': must be left"):
         MakePage("one_dof", context=context)
 
 

@@ -163,7 +163,7 @@ def NoOutputs():
         (NoOutputs, {"duration": None}, "duration = null: must be"),
         (NoOutputs, {"duration": -1.0}, "duration = -1.0: must be"),
         (NoOutputs, {"engine": "fast"}, "engine = 'fast': must be"),
-        (NoOutputs, {"teleoperator": 1}, "teleoperator, task = 1: must be left out"),
+        (NoOutputs, {"teleoperator": 1}, "teleoperator = 'given': must be left out"),
     ],
 )
 def test_bad_input(make, options, message):
