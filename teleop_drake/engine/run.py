@@ -31,7 +31,7 @@ from teleop_drake.jit.native import Evaluate, Packed
 from teleop_drake.jit.typed_code import CompileTyped
 from teleop_drake.jit.typed_values import EVALUATE, TypeOf
 from teleop_drake.kernel import Delay, Packet
-from teleop_drake.kernel.packet_line import PacketsUntil
+from teleop_drake.kernel.packet_line import PacketsBetween
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.piecewise import NUM_COEFFICIENTS, Pieces, fit_pieces
 from teleop_drake.numerics.step_polynomials import steps_of
@@ -126,7 +126,7 @@ class CompiledRun:
         self.draws = deque(draws)
         self._accuracy = accuracy
         self._max_step = max_step
-        system = system or MakeProblem(evaluator.program, start.t, end)
+        system = system or MakeProblem(evaluator.program, start.t, end, past)
         self.problem: Problem = system.value
         # The first row of this run, after those of the past.
         self._first_row = 0 if past is None else len(past.times)
@@ -339,15 +339,24 @@ def _CompiledAdvance(system: Problem, memory: Memory) -> Callable[..., int]:
     return _advance[0]
 
 
-def MakeProblem(program: Program, start: float, end: float) -> Packed:
-    """Returns the Problem of a program for a run between two times in s."""
-    delays = _Delays(program, start, end)
+def MakeProblem(
+    program: Program, start: float, end: float, past: Past | None = None
+) -> Packed:
+    """Returns the Problem of a program for a run between two times in s.
+
+    Args:
+        past: The signals in the delays before the start; None: no signals.
+    """
+    # Packets sent before the start are those of the past.
+    begin = start if past is None else float(past.times[0])
+    delays = _Delays(program, start, end, begin)
     return Packed(Problem(program.p, delays, _Transitions(program)))
 
 
-def _Delays(program: Program, start: float, end: float) -> Delays:
+def _Delays(program: Program, start: float, end: float, begin: float) -> Delays:
+    """Returns the delays of a run; `begin` is the time of the first packet sent, s."""
     delays = [delay for delay, _, _ in program.delays]
-    packets = [np.reshape(_Packets(delay, end), (-1, 3)) for delay in delays]
+    packets = [np.reshape(_Packets(delay, begin, end), (-1, 3)) for delay in delays]
     pieces = [_PiecesOf(delay, start, end) for delay in delays]
     times = [
         _Shortest(x) if callable(delay.time) else delay.time
@@ -386,13 +395,13 @@ def _Ranges(groups: Sequence[Sized]) -> Indices:
     return np.stack([ends[:-1], ends[1:]], axis=1)
 
 
-def _Packets(delay: Delay, end: float) -> Sequence[Packet]:
+def _Packets(delay: Delay, begin: float, end: float) -> Sequence[Packet]:
     """Returns the packets of a delay.
 
     A varying delay has one at each nonsmooth point, which only makes a step end there.
     """
     if delay.shown is not None:
-        return PacketsUntil(delay, end)
+        return PacketsBetween(delay, begin, end)
     return [Packet(shown=t, sent=t) for t in sorted(delay.nonsmooth_times) if t <= end]
 
 

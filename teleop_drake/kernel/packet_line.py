@@ -12,18 +12,19 @@ from teleop_drake.arrays import Array
 from teleop_drake.kernel.delay_line import SentSignal
 from teleop_drake.kernel.events import DeclareTicks, Ticks, Weakly
 from teleop_drake.kernel.kernel import Delay, Packet
-from teleop_drake.numerics.instants import SAME, same_within
+from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.sample_history import SampleHistory
 
 
-def PacketsUntil(delay: Delay, end: float) -> list[Packet]:
-    """Returns the packets that are sent until a time in s, by ascending `shown`.
+def PacketsBetween(delay: Delay, begin: float, end: float) -> list[Packet]:
+    """Returns the packets that a run sends between two times in s, by their `shown`.
 
-    Those that are lost, or overtaken by another one of them, are left out.
+    Those that are lost, or overtaken by another one of them, are left out. A run that
+    begins after time 0 has not sent the earlier packets, so no packet replaces them.
     """
     assert delay.shown is not None
     packets: list[Packet] = []
-    for k in range(math.floor(end / delay.period) + 1):
+    for k in range(_NextNumber(delay, begin), math.floor(end / delay.period) + 1):
         shown = delay.shown(k)
         if shown == math.inf:  # A lost packet replaces no other one.
             continue
@@ -35,6 +36,11 @@ def PacketsUntil(delay: Delay, end: float) -> list[Packet]:
             previous = packets[-1].sent
         packets.append(Packet(shown, k * delay.period, previous))
     return packets
+
+
+def _NextNumber(delay: Delay, time: float) -> int:
+    """Returns the number of the first packet that is due at a time in s, or later."""
+    return max(math.ceil((time - same_within(time)) / delay.period), 0)
 
 
 class _Sent(NamedTuple):
@@ -129,8 +135,7 @@ class PacketLine:
         number, packets = self._PacketsIn(context)
         jump = min((x.shown for x in packets[1:]), default=math.inf)
         # A run that begins after time 0 has not sent the earlier packets.
-        time = context.get_time()
-        number = max(number, math.ceil((time - same_within(time)) / self._delay.period))
+        number = max(number, _NextNumber(self._delay, context.get_time()))
         # The next packet may be sent and also arrive during the next step.
         if number * self._delay.period > self._delay.end:
             return jump
@@ -171,7 +176,7 @@ class PacketLine:
         """
         time = context.get_time()
         end = time - same_within(time)
-        sent = [x for x in PacketsUntil(self._delay, end) if x.sent > begin - SAME]
+        sent = PacketsBetween(self._delay, begin, end)
         values = signal(np.array([x.sent for x in sent]))
         earlier = signal(np.array([x.previous for x in sent]))
         packets = [self._nothing]

@@ -93,7 +93,8 @@ class CompiledDiagram:
         """Returns a new run, not begun yet, whose last possible time is `end` in s."""
         problem = self._problems.get(end)
         if problem is None:
-            problem = MakeProblem(self.evaluator.program, self.start.t, end)
+            program = self.evaluator.program
+            problem = MakeProblem(program, self.start.t, end, self.past)
             self._problems = {end: problem}
         draws: list[Draw] = []
         if self._random_sources:

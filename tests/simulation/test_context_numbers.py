@@ -116,9 +116,9 @@ def test_what_runs_of_a_compiled_system_share_is_made_once(monkeypatch):
     program = Compile(late_growth(), duration=0.8)
     ends = []
 
-    def MakeProblem(shared, start, end):
+    def MakeProblem(shared, start, end, past):
         ends.append(end)
-        return made(shared, start, end)
+        return made(shared, start, end, past)
 
     made = compiled_run.MakeProblem
     monkeypatch.setattr(compiled_run, "MakeProblem", MakeProblem)
