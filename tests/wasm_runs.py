@@ -14,7 +14,7 @@ import pytest
 import wasmtime
 
 from teleop_drake.engine.advance import FULL
-from teleop_drake.engine.problem import BREAKS, ROWS
+from teleop_drake.engine.problem import ROWS
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.step_polynomials import DEGREE, interpolate, part
 from teleop_drake.page.model import Model, ModelOf
@@ -103,15 +103,17 @@ class Instance:
 
         It may end sooner, but not before the time `enough`.
         """
+        self._TakeDraws()
         while self._draws and self._draws[0][0] < end - SAME:
-            time, first, *value = self._draws.pop(0)
-            self._Integrate(enough, time, accuracy, max_step)
-            self._Set("m", first, value)
-            counts = self.Read("counts").copy()
-            self._Set("breaks", 2 * counts[BREAKS], [time, 0.0])
-            counts[BREAKS] += 1
-            self._Set("counts", 0, counts)
+            self._Integrate(enough, self._draws[0][0], accuracy, max_step)
+            self._TakeDraws()
         return self._Integrate(enough, end, accuracy, max_step)
+
+    def _TakeDraws(self) -> None:
+        """Writes the outputs of random sources that change now."""
+        while self._draws and self._draws[0][0] < self.Read("clock")[0] + SAME:
+            _, first, *value = self._draws.pop(0)
+            self._Set("y", first, value)
 
     def _Integrate(self, enough: float, *numbers: float) -> int:
         status = FULL

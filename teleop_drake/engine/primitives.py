@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 from pydrake.symbolic import Expression, MakeVectorVariable, Variable
-from pydrake.systems.framework import Context, PortDataType, System
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, EventStatus, PortDataType, System
 from pydrake.systems.primitives import (
     AffineSystem,
     LinearSystem,
@@ -34,6 +35,12 @@ from teleop_drake.signals import VectorOutputs
 _FAR = 1e3
 _NUM_BISECTIONS = 100
 
+
+# Longer than the period of any random source, s.
+_LONG = 1e12
+
+DRAW = "draw"
+"""The name of the transition of a random source."""
 
 _NO_KERNEL = (
     "it offers no kernel; write it as a plain function of its inputs, or give it a "
@@ -269,12 +276,31 @@ def _WrapKernel(system: WrapToSystem) -> Kernel:
     )
 
 
+def _RandomKernel(source: RandomSource) -> Kernel:
+    """Returns the kernel of a random source, whose mode is its output.
+
+    Drake draws the numbers; see random_sources. pydrake does not bind the period, which
+    is the time of the second draw; the first one is at 0.
+    """
+    simulator = Simulator(source)
+
+    def EndAfterAStep(context: Context) -> EventStatus:
+        if context.get_time() > 0:
+            return EventStatus.ReachedTermination(source, "a step")
+        return EventStatus.DidNothing()
+
+    simulator.set_monitor(EndAfterAStep)
+    simulator.AdvanceTo(_LONG)
+    simulator.clear_monitor()
+    draw = Transition(mode=None, period=simulator.get_context().get_time())
+    return Kernel(outputs={"output": "mode"}, transitions={DRAW: draw})
+
+
 KERNELS: dict[type[System], Callable[[Any], Kernel]] = {
     AffineSystem: _AffineKernel,
     LinearSystem: _AffineKernel,
     MatrixGain: _AffineKernel,
-    # Its discrete state is its output; see random_sources.
-    RandomSource: lambda _: Kernel(outputs={"output": "mode"}),
+    RandomSource: _RandomKernel,
     WrapToSystem: _WrapKernel,
 }
 """Makers of the kernels that are written by hand, keyed by the exact class."""

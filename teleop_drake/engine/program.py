@@ -206,7 +206,11 @@ class Program:
                     Source(i, f"guard of {name}"), transition.guard, 1
                 )
             source = Source(i, f"mode after {name}")
-            mode = self._Compute(source, transition.mode, modes.stop - modes.start)
+            size = modes.stop - modes.start
+            if transition.mode is None:
+                self.signals[source] = mode = self._NewSignal(size)
+            else:
+                mode = self._Compute(source, transition.mode, size)
             self.transitions.append((transition, guard, mode, modes))
 
     def _Compute(self, output: Source, term: Term, size: int) -> slice:

@@ -1,7 +1,8 @@
 """Random sources of Drake in a compiled run.
 
 pydrake binds neither the period nor the random numbers of a RandomSource. Drake's
-Simulator therefore runs each source by itself, and the compiled run takes its draws.
+Simulator therefore runs each source by itself, and the compiled run takes its draws: a
+draw is an unrestricted update, whose new mode the caller of the run writes beforehand.
 """
 
 from itertools import pairwise
@@ -14,6 +15,8 @@ from pydrake.systems.primitives import RandomSource
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.flatten import Source
+from teleop_drake.engine.primitives import DRAW
 
 
 class Draw(NamedTuple):
@@ -21,7 +24,7 @@ class Draw(NamedTuple):
 
     Attributes:
         time: The time of the draw, s.
-        place: The source's slice of m, the discrete states of the program.
+        place: The slice of y of the source's new mode.
         value: The new output, which is the discrete state of the source (k).
     """
 
@@ -45,8 +48,9 @@ def TakeDraws(evaluator: Evaluator, context: Context, end: float) -> list[Draw]:
     """
     contexts = ContextsIn(evaluator.system, context)
     draws: list[Draw] = []
-    for block, place in zip(evaluator.blocks, evaluator.program.modes, strict=True):
+    for i, block in enumerate(evaluator.blocks):
         if type(block.system) is RandomSource:
+            place = evaluator.program.signals[Source(i, f"mode after {DRAW}")]
             own = contexts[block.system]
             draws += _DrawsOf(block.system, own, place, end)
     return sorted(draws, key=lambda draw: draw.time)

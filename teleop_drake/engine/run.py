@@ -164,7 +164,6 @@ class CompiledRun:
         transitions = self.problem.transitions
         ticks = range(len(self.memory.ticks))
         due = [next_time(k, transitions, self.memory) for k in ticks]
-        due += [draw.time for draw in self.draws]
         return min([self.time, *due])
 
     @property
@@ -186,10 +185,9 @@ class CompiledRun:
         if is_full(self.problem.delays, memory):
             memory = self._MakeRoom()
         first = int(memory.counts[ROWS])
+        self._TakeDraws()
         drawn = self.draws[0].time if self.draws else math.inf
-        is_drawn = drawn < end - SAME
-        stop = drawn if is_drawn else float(end)
-        numbers = stop, self._accuracy, self._max_step
+        numbers = min(drawn, float(end)), self._accuracy, self._max_step
         status = DONE
         try:
             function = self.evaluator.function
@@ -201,8 +199,6 @@ class CompiledRun:
         if len(rows):
             visited = self.time, memory.x.copy(), memory.m.copy(), rows[-1]
             self.visited[_MAX_VISITED - 1 :] = [Visited(*visited)]
-        if is_drawn and self.time > drawn - SAME:
-            self._TakeDraws(drawn)
         if status == STUCK:
             # The message of Drake.
             self.failure = (
@@ -219,20 +215,15 @@ class CompiledRun:
             values: The new value of the input.
         """
         self.memory.y[place] = values
-        self._AddBreak()
-
-    def _TakeDraws(self, time: float) -> None:
-        """Sets the random outputs that change now, at a time in s."""
-        while self.draws and self.draws[0].time < time + SAME:
-            draw = self.draws.popleft()
-            self.memory.m[draw.place] = draw.value
-        self._AddBreak()
-
-    def _AddBreak(self) -> None:
-        """Adds a break at the present time, at which signals jump."""
         counts = self.memory.counts
         self.memory.breaks[counts[BREAKS]] = self.time, 0.0
         counts[BREAKS] += 1
+
+    def _TakeDraws(self) -> None:
+        """Writes the random outputs that change now, before their updates execute."""
+        while self.draws and self.draws[0].time < self.time + SAME:
+            draw = self.draws.popleft()
+            self.memory.y[draw.place] = draw.value
 
     def Sample(self, time: float) -> Array:
         """Integrates until a time in s; returns the signals y at that time.

@@ -163,6 +163,7 @@ class EventBlock(LeafSystem):
 
         for name, transition in kernel.transitions.items():
             place = f"transitions.{name}"
+            assert transition.mode is not None
             mode = Read(transition.mode, f"{place}.mode")
             if transition.guard is None:
                 self._DeclarePeriodic(transition, mode)

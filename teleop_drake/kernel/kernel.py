@@ -49,7 +49,8 @@ class Transition:
     one.
 
     Attributes:
-        mode: The term of the new mode.
+        mode: The term of the new mode. None: the caller of a compiled run writes it;
+            not for a KernelBlock.
         guard: The term of the guard, one number that is continuous between jumps. None:
             the transition is periodic.
         period: In s, > 0; infinity: once.
@@ -59,7 +60,7 @@ class Transition:
             their results.
     """
 
-    mode: Term
+    mode: Term | None
     guard: Term | None = None
     period: float = math.inf
     offset: float = 0.0

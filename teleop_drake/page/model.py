@@ -94,7 +94,7 @@ class Model:
             computes them, see Task.page_metrics), `labels` (of the metrics, by name),
             `has_constant_command` (as in Recording), the names of `surfaces` and
             `materials`, and `draws` (of random sources: the time in s, the place in
-            Memory.m and the new values of each).
+            Memory.y and the new values of each).
         plants: The links of the MultibodyPlants to draw; see TreesIn().
     """
 

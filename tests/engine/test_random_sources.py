@@ -3,10 +3,15 @@
 import numpy as np
 import pytest
 from pydrake.common import RandomDistribution, RandomGenerator
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import FirstOrderLowPassFilter, RandomSource
+from pydrake.systems.primitives import (
+    FirstOrderLowPassFilter,
+    RandomSource,
+    ZeroOrderHold,
+)
 
-from teleop_drake import Compile, TransportDelay, simulate
+from teleop_drake import Compile, SampledSensor, TransportDelay, simulate
 from teleop_drake.kernel import Kernel, KernelBlock
 
 TIMES = np.linspace(0.0005, 0.9995, 300)
@@ -80,6 +85,82 @@ def test_the_draws_go_on_where_a_run_has_ended(split, latter):
         suppress_initialization_events=True,
     )
     check_equal(second, whole, TIMES[split + 1e-3 < TIMES])
+
+
+def held(period, hold_period):
+    """A source, the hold and the sensor that read it, and a filter of the hold."""
+    parts = {
+        "noise": RandomSource(RandomDistribution.kGaussian, 1, period),
+        "hold": ZeroOrderHold(hold_period, 1),
+        "sensor": SampledSensor(hold_period, [0.0]),
+        "filter": FirstOrderLowPassFilter(0.1, 1),
+    }
+    builder = DiagramBuilder()
+    for name, part in parts.items():
+        builder.AddNamedSystem(name, part)
+        builder.ExportOutput(part.get_output_port(0), name)
+    noise = parts["noise"].get_output_port()
+    builder.Connect(noise, parts["hold"].get_input_port())
+    builder.Connect(noise, parts["sensor"].get_input_port())
+    hold = parts["hold"].get_output_port()
+    builder.Connect(hold, parts["filter"].get_input_port())
+    return builder.Build()
+
+
+PERIODS = [(0.1, 0.1), (0.04, 0.05), (0.05, 0.1), (0.1, 0.05)]
+
+
+def in_plain_simulator(diagram, context, times):
+    """Returns the signals at times between ticks, in Drake's own Simulator."""
+    simulator = Simulator(diagram, context.Clone())
+    simulator.get_mutable_context().SetAccuracy(1e-4)
+    simulator.get_mutable_integrator().set_maximum_step_size(1e-3)
+    rows = {name: [] for name in ("noise", "hold", "sensor", "filter")}
+    for time in times:
+        simulator.AdvanceTo(time)
+        for name, values in rows.items():
+            port = diagram.GetOutputPort(name)
+            values.append(port.Eval(simulator.get_context()).copy())
+    return {name: np.array(values) for name, values in rows.items()}
+
+
+@pytest.mark.parametrize(("period", "hold_period"), PERIODS)
+def test_what_samples_a_draw_at_its_instant_reads_what_drake_does(period, hold_period):
+    """A hold reads the draw of the instant, also at the start; a sensor the one before.
+
+    Drake executes a draw and a sensor's sample together, and a hold after them.
+    """
+    diagram = held(period, hold_period)
+    context = begin(diagram, 1)
+    times = np.arange(0.003, 0.4, 0.01)
+    drake = in_plain_simulator(diagram, context, times)
+    for engine in ("compiled", "drake"):
+        run = simulate(diagram, context=context, duration=0.4, engine=engine)
+        assert run.solver.engine == engine
+        for name, values in drake.items():
+            found = run.Interpolate(name, times)
+            np.testing.assert_allclose(found, values, atol=1e-6, err_msg=name)
+    # The first sample, by its definition.
+    first = drake["noise"][0]
+    before = diagram.GetOutputPort("noise").Eval(context)
+    np.testing.assert_array_equal(drake["hold"][0], first)
+    np.testing.assert_array_equal(drake["sensor"][0], before)
+
+
+@pytest.mark.parametrize(("period", "hold_period"), PERIODS)
+@pytest.mark.parametrize("latter", ["compiled", "drake"])
+def test_two_halves_of_a_held_draw_are_the_whole(period, hold_period, latter):
+    """Both the source and the hold are due where the first half ends, at 0.2 s."""
+    diagram = held(period, hold_period)
+    context = begin(diagram, 1)
+    times = np.arange(0.203, 0.4, 0.01)
+    drake = in_plain_simulator(diagram, context, times)
+    half = simulate(diagram, context=context, duration=0.2)
+    rest = {"duration": 0.2, "engine": latter}
+    second = simulate(diagram, context=half.final_context, **rest)
+    for name, values in drake.items():
+        found = second.Interpolate(name, times)
+        np.testing.assert_allclose(found, values, atol=1e-6, err_msg=name)
 
 
 def squared(noise):

@@ -14,6 +14,7 @@ from pydrake.systems.primitives import (
     ConstantVectorSource,
     Gain,
     RandomSource,
+    ZeroOrderHold,
 )
 from wasm_runs import DataOf
 
@@ -83,7 +84,10 @@ def test_numbers_of_a_context_are_inputs(look, tmp_path):
 
 
 def test_a_page_goes_on_where_a_run_has_ended(look, tmp_path):
-    """The delay's signal and packets are under way; a random source draws on."""
+    """The delay's signal and packets are under way; a random source draws on.
+
+    The page begins with a draw, which is held at the same instant.
+    """
     builder = DiagramBuilder()
     pendulum = builder.AddNamedSystem("pendulum", MakePendulum())
     packets = builder.AddNamedSystem(
@@ -91,14 +95,17 @@ def test_a_page_goes_on_where_a_run_has_ended(look, tmp_path):
     )
     noise = RandomSource(RandomDistribution.kGaussian, 2, 0.03)
     builder.AddNamedSystem("noise", noise)
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.03, 2))
+    builder.Connect(noise.get_output_port(), hold.get_input_port())
     builder.Connect(pendulum.get_output_port(), packets.get_input_port())
     builder.ExportOutput(pendulum.get_output_port(), "state")
     builder.ExportOutput(packets.get_output_port(), "shown")
     builder.ExportOutput(noise.get_output_port(), "noise")
+    builder.ExportOutput(hold.get_output_port(), "held")
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     diagram.SetRandomContext(context, RandomGenerator(4))
-    first = simulate(diagram, context=context, duration=0.73)
+    first = simulate(diagram, context=context, duration=0.72)
     continued = {
         "context": first.final_context,
         "duration": 2.0,
@@ -107,18 +114,18 @@ def test_a_page_goes_on_where_a_run_has_ended(look, tmp_path):
     notes = WritePage(diagram, tmp_path / "page.html", **continued)
     (found,) = look(tmp_path / "page.html", "rows.js")
     second = simulate(diagram, **continued)
-    assert found["time"][0] == 0.73
-    assert found["time"][-1] == pytest.approx(2.73, abs=1e-12)
-    check_rows(found, second, np.linspace(0.73, 2.73, 200)[1:-1] + 1e-6)
+    assert found["time"][0] == 0.72
+    assert found["time"][-1] == pytest.approx(2.72, abs=1e-12)
+    check_rows(found, second, np.linspace(0.72, 2.72, 200)[1:-1] + 1e-6)
     reason = "sensor.delay = 0.005: must be 0.05 s while a signal is under way"
     assert notes == [f"pendulum/sensor.delay has no slider: {reason}"]
     shown = look(tmp_path / "page.html", "window.js")
-    assert shown["clock"] == pytest.approx([0.73, 2.73], abs=1e-12)
+    assert shown["clock"] == pytest.approx([0.72, 2.72], abs=1e-12)
     begin, end = shown["clock"]
     at_begin = {"window": [begin, end], "cursor": begin}
     assert shown["first"] == shown["again"] == at_begin
     assert shown["last"] == {"window": [begin, end], "cursor": end}
-    assert shown["near"]["window"] == pytest.approx([1.73, 2.73], abs=1e-12)
+    assert shown["near"]["window"] == pytest.approx([1.72, 2.72], abs=1e-12)
 
 
 def check_rows(found, expected, times):

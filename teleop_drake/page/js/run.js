@@ -10,7 +10,6 @@ import { bisect, powersOf, valueAt } from "./pieces.js";
 // have 64 bits in memory and are read as pairs of 32-bit numbers.
 const FULL = 1;
 const STUCK = 2;
-const BREAKS = 2 * 3;
 const SAME = 1e-12; // s
 const ROWS = 2 * 4;
 const TRIES = 2 * 5;
@@ -49,7 +48,7 @@ export class Run {
     this.first = this.array("counts", Int32Array)[ROWS];
     // The end of the rows that are known to be within the bounds.
     this.checked = this.first;
-    this.draws = [...loop.draws]; // For each: the time, the place in m and the new values.
+    this.draws = [...loop.draws]; // For each: the time, the place in y and the new values.
     this.take();
   }
 
@@ -75,17 +74,23 @@ export class Run {
 
   // Simulates until a time. Returns false if `isStale` has reported that the run is not needed.
   async advance(end, isStale = () => false) {
+    this.takeDraws();
     while (this.draws.length > 0 && this.draws[0][0] < end - SAME && !this.reason) {
-      const [time, place, ...value] = this.draws.shift();
-      if (!(await this.integrate(time, isStale))) return false;
-      this.array("m").set(value, place);
-      const counts = this.array("counts", Int32Array);
-      this.array("breaks").set([time, 0], 2 * counts[BREAKS]);
-      counts[BREAKS] += 1;
+      if (!(await this.integrate(this.draws[0][0], isStale))) return false;
+      this.takeDraws();
     }
     if (!(await this.integrate(end, isStale))) return false;
     this.take(end >= this.endTime || this.reason);
     return true;
+  }
+
+  // Writes the outputs of random sources that change now, before their updates execute.
+  takeDraws() {
+    const [now] = this.array("clock");
+    while (this.draws.length > 0 && this.draws[0][0] < now + SAME) {
+      const [, place, ...value] = this.draws.shift();
+      this.array("y").set(value, place);
+    }
   }
 
   // Integrates between two draws of random sources; see advance().
