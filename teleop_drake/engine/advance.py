@@ -321,10 +321,14 @@ def _locate(
 
 
 def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
-    """Records the signals at the start, and executes the events of the start time."""
-    clock = memory.clock
-    _evaluate(ALL, evaluate, clock[0], memory.x, problem, memory, memory.stages[0])
-    _record(clock[0], memory)
+    """Records the signals at the start, and executes the events of the start time.
+
+    They are the signals before the jumps that leave a delay at the start.
+    """
+    t = memory.clock[0]
+    rate = memory.stages[0]
+    _evaluate_beside(False, ALL, evaluate, t, memory.x, problem, memory, rate)
+    _record(t, memory)
     _settle(evaluate, 0, problem, memory)
 
 

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from teleop_drake.arrays import Array
-from teleop_drake.engine.problem import END, ROWS, Delays, Memory
+from teleop_drake.engine.problem import END, FIRST, ROWS, Delays, Memory
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.piecewise import NUM_COEFFICIENTS
 
@@ -67,13 +67,20 @@ def _add_past(
 
 def _add_sent(s: float, weight: float, d: int, delays: Delays, memory: Memory) -> None:
     """Adds the signal sent before the events of time s; see _add_past()."""
-    # The first row holds the signals before the events of the start.
+    # The first row, and the first one of the run, hold the signals before the events of
+    # their instants.
+    row = -1
+    first = memory.counts[FIRST]
     if abs(s - memory.clock[2]) <= SAME:
-        for i in range(delays.sizes[d]):
-            value = memory.rows[0, delays.signals[d] + i]
-            memory.y[delays.outputs[d] + i] += weight * value
-    else:
+        row = 0
+    elif first > 0 and abs(s - memory.row_times[first]) <= SAME:
+        row = first
+    if row < 0:
         _add_past(s, False, weight, d, delays, memory)
+        return
+    for i in range(delays.sizes[d]):
+        value = memory.rows[row, delays.signals[d] + i]
+        memory.y[delays.outputs[d] + i] += weight * value
 
 
 def evaluate_pieces(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, System
 
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn
@@ -70,18 +70,25 @@ def ReadPast(evaluator: Evaluator, context: Context, y: Array) -> Past | None:
     lines = list(_LinesIn(evaluator, context))
     if not any(line.IsUnderWay(own) for line, own, _ in lines):
         return None
+    # Several delays may have the same signal. A line of packets knows it at the times
+    # of its packets only, so that the other lines come later and replace its values.
+    lines.sort(key=lambda x: isinstance(x.line, DelayLine))
     sent = [line.Sent(own) for line, own, _ in lines]
     # A step of the past ends at each sample of any delay, and has five rows.
     ends = _Distinct(np.concatenate([each.times for each in sent]))
     if len(ends) < 2:
         return None
-    times = ends[:-1, np.newaxis] + np.diff(ends)[:, np.newaxis] * NODES
-    times[:, -1] = ends[1:]
-    rows = np.tile(y, (*times.shape, 1))
-    for each, (_, _, signal) in zip(sent, lines, strict=True):
-        for step, instants in enumerate(times):
-            for node, time in enumerate(instants):
-                rows[step, node, signal] = each.At(time, is_after=node == 0)
+    steps = ends[:-1, np.newaxis] + np.diff(ends)[:, np.newaxis] * NODES
+    steps[:, -1] = ends[1:]
+    times = np.append(ends[0], steps)
+    rows = np.tile(y, (len(times), 1))
+    for each, (line, _, signal) in zip(sent, lines, strict=True):
+        begin, end = each.times[[0, -1]]
+        for row, time in enumerate(times):
+            is_known = begin - CLOSE <= time <= end + CLOSE
+            if is_known or isinstance(line, PacketLine):
+                # A step begins after a jump, and ends before one.
+                rows[row, signal] = each.At(time, is_after=row % 5 == 1)
     # The arrivals of packets are known from the packets themselves.
     arrivals = _Distinct(
         [
@@ -91,7 +98,7 @@ def ReadPast(evaluator: Evaluator, context: Context, y: Array) -> Past | None:
             for time in line.JumpsAhead(own)
         ]
     )
-    return Past(times.ravel(), rows.reshape(-1, len(y)), arrivals)
+    return Past(times, rows, arrivals)
 
 
 def _Distinct(times: ArrayLike) -> Array:
@@ -121,3 +128,12 @@ def WritePast(evaluator: Evaluator, context: Context, memory: Memory) -> None:
             continue
         line.SetSent(own, times, rows, bends)
         bends = []
+    StoreSent(evaluator.system, context)
+
+
+def StoreSent(system: System, context: Context) -> None:
+    """Stores the signals at the time of a Context in the delays; see DelayLine."""
+    for block, own in ContextsIn(system, context).items():
+        for line in getattr(block, "delays", ()):
+            if isinstance(line, DelayLine):
+                line.Store(own)

@@ -85,10 +85,11 @@ class Memory(NamedTuple):
     Attributes:
         clock: The time, the length of the next step and the time of the first row, in
             s (3).
-        counts: Integers at the places STEPS to TRIES (6): the number of steps taken;
+        counts: Integers at the places STEPS to FIRST (7): the number of steps taken;
             the number of evaluations; the index of the last row that ends a step, 0 if
-            there is none; the number of breaks; the number of rows; and the number of
-            tries, which are accepted and rejected steps, and events without a step.
+            there is none; the number of breaks; the number of rows; the number of
+            tries, which are accepted and rejected steps, and events without a step; and
+            the index of the first row of the run, after those of the past.
         x: Continuous state.
         m: Discrete state.
         m_before: Discrete state before the transitions of the present instant.
@@ -136,8 +137,9 @@ class Past(NamedTuple):
     """The signals sent through the delays before a run.
 
     Attributes:
-        times: The times of the rows in s (r). Each step has five rows: one at either
-            end and three between.
+        times: The times of the rows in s (r). The first row has the signals before the
+            events of its instant. Each step has five rows: one at either end and three
+            between.
         rows: The signals y (r, y); only the inputs of delays are valid.
         arrivals: The times in s at which the jumps under way arrive (b).
     """
@@ -148,7 +150,7 @@ class Past(NamedTuple):
 
 
 # The places in Memory.counts.
-STEPS, EVALUATIONS, END, BREAKS, ROWS, TRIES = range(6)
+STEPS, EVALUATIONS, END, BREAKS, ROWS, TRIES, FIRST = range(7)
 
 
 def make_memory(
@@ -191,7 +193,7 @@ def make_memory(
     num_arrivals = 0 if past is None else len(past.arrivals)
     memory = Memory(
         clock=np.array([time, first_step, time]),
-        counts=np.zeros(6, np.int64),
+        counts=np.zeros(7, np.int64),
         x=x,
         m=m,
         m_before=m.copy(),
@@ -218,9 +220,11 @@ def _put_past(past: Past, memory: Memory) -> None:
     """Writes the rows before the start, and the jumps under way, into the memory."""
     num = len(past.times)
     memory.row_times[:num] = past.times
-    memory.row_ends[:num] = np.arange(num) % 5 == 4
+    memory.row_ends[:num] = np.arange(num) % 5 == 0
+    memory.row_ends[0] = 0
     memory.rows[:num] = past.rows
     memory.counts[ROWS] = num
+    memory.counts[FIRST] = num
     memory.counts[END] = num - 1
     memory.clock[2] = past.times[0]
     num_breaks = len(past.arrivals)

@@ -16,6 +16,7 @@ from teleop_drake.engine.past import ReadPast
 from teleop_drake.engine.problem import (
     BREAKS,
     END,
+    FIRST,
     ROWS,
     Delays,
     Memory,
@@ -310,6 +311,7 @@ class CompiledRun:
             array[: num - first] = array[first:num].copy()
         counts[ROWS] -= first
         counts[END] -= first
+        counts[FIRST] = max(0, counts[FIRST] - first)
         self._first_row = max(0, self._first_row - first)
 
 

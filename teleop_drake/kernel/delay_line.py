@@ -86,6 +86,11 @@ class DelayLine:
     MakeSimulator() does so if a block has periodic discrete updates of one period.
     Otherwise the jump is recorded at the end of the next step.
 
+    A sample is stored by the first events of the step that follows it. If an input, a
+    state or a parameter of the Context is changed before these events, the sample has
+    the value after the change. Store() takes the sample beforehand, so that the change
+    is a jump. In Drake's own Simulator, AdvancePendingEvents() before the change does.
+
     The samples are stored under ascending keys, which are times in s: the time of
     arrival if the delay is constant, else the time when the sample was taken. The
     delayed instants of a jump compare equal.
@@ -215,6 +220,14 @@ class DelayLine:
         longer = self._HistoryNow(context)
         if longer is not self._GetHistory(context):
             state.get_mutable_abstract_state(self._history).set_value(longer)
+
+    def Store(self, context: Context) -> None:
+        """Stores the signal at the time of a Context, if its events are still ahead."""
+        history = self._HistoryNow(context)
+        if history is not self._GetHistory(context):
+            # A jump that is delivered at this very instant is still ahead, too.
+            before = math.nextafter(history.now, -math.inf)
+            context.SetAbstractState(self._history, replace(history, now=before))
 
     def _HistoryNow(self, context: Context) -> SampleHistory:
         """Returns the history with a sample at the time of the Context.

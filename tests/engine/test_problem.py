@@ -5,6 +5,7 @@ import numpy as np
 from teleop_drake.engine import problem
 from teleop_drake.engine.problem import (
     BREAKS,
+    FIRST,
     Delays,
     Past,
     Problem,
@@ -14,9 +15,9 @@ from teleop_drake.engine.problem import (
 
 
 def test_the_counts_have_places_of_their_own():
-    names = "STEPS EVALUATIONS END BREAKS ROWS TRIES"
+    names = "STEPS EVALUATIONS END BREAKS ROWS TRIES FIRST"
     places = [getattr(problem, name) for name in names.split()]
-    assert sorted(places) == list(range(6))
+    assert sorted(places) == list(range(7))
 
 
 def test_there_is_room_for_what_is_kept():
@@ -60,7 +61,8 @@ def test_all_jumps_under_way_have_room():
     delays = Delays(empty, none, none, none, none, empty, none, empty, empty)
     delays = delays._replace(packet_ranges=np.empty((0, 2), np.int64))
     transitions = Transitions(*[none] * 4, empty, empty, none)
-    past = Past(np.arange(5.0), np.ones((5, 1)), np.arange(5.0, 3000.0))
+    times = np.array([0.0, 0.0, 1.0, 2.0, 3.0, 4.0])
+    past = Past(times, np.ones((6, 1)), np.arange(5.0, 3000.0))
     memory = make_memory(
         Problem(empty, delays, transitions),
         x=empty,
@@ -72,5 +74,6 @@ def test_all_jumps_under_way_have_room():
     num = memory.counts[BREAKS]
     assert memory.breaks[:num, 0].tolist() == past.arrivals.tolist()
     assert num < len(memory.breaks)
-    assert memory.row_ends[:5].tolist() == [0, 0, 0, 0, 1]
+    assert memory.row_ends[:6].tolist() == [0, 0, 0, 0, 0, 1]
+    assert memory.counts[FIRST] == 6
     assert memory.clock[2] == 0.0
