@@ -71,14 +71,19 @@ class PortModel(StateSpace):
     def Response(self, frequencies: ArrayLike) -> ComplexArray:
         """Returns the frequency response from u to y (M, size of y, size of u).
 
+        At the frequency of an undamped mode the entries in which it appears are
+        infinite, as that of an integrator at 0.
+
         Args:
-            frequencies: Frequencies in rad/s (M,), none of them that of an undamped
-                mode.
+            frequencies: Frequencies in rad/s (M,).
         """
         return self.frequency_response(frequencies)
 
     def bode(self, frequencies: ArrayLike | None = None) -> BodeDiagram:
         """Returns magnitude and phase of the response from u to y, in SciPy's units.
+
+        At the frequency of an undamped mode the magnitude is infinite, and the phase
+        that of a slightly higher frequency.
 
         Args:
             frequencies: Ascending frequencies in rad/s, > 0. By default they cover all
@@ -90,9 +95,8 @@ class PortModel(StateSpace):
         parts = np.ceil(np.diff(w) * sum(self.delays) / _TURN).astype(int).clip(1)
         ends = np.concatenate([[0], np.cumsum(parts)])
         dense = np.interp(np.arange(ends[-1] + 1), ends, w)
-        response = self.Response(dense)
-        phase = np.unwrap(np.angle(response), axis=0)[ends]
-        size = np.abs(response[ends])
+        phase = np.unwrap(np.angle(self.finite_response(dense)), axis=0)[ends]
+        size = np.abs(self.Response(w))
         if size.shape[1:] == (1, 1):
             phase = phase[:, 0, 0]
             size = size[:, 0, 0]

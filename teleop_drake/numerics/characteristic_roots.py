@@ -91,7 +91,7 @@ def _num_points(loop: StateSpace) -> int:
     if loop.num_states == 0 or highest == 0:
         return _FEWEST_POINTS
     w = np.geomspace(1e-3 * highest, highest, 200)
-    response = loop.opened.frequency_response(w) - loop.D
+    response = loop.opened.finite_response(w) - loop.D
     is_large = np.linalg.norm(response, ord=2, axis=(1, 2)) >= _LEAST_GAIN
     turn = w[is_large].max(initial=0.0) * max(loop.delays)
     return min(_FEWEST_POINTS + math.ceil(0.6 * turn), _MAX_POINTS)

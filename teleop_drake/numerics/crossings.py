@@ -65,11 +65,13 @@ class Crossing:
 def eigenloci(loop: StateSpace, frequencies: Array) -> ComplexArray:
     """Returns the eigenvalues of L(j w) by descending magnitude (K, m).
 
+    On a pole of L they are those just beside it.
+
     Args:
         loop: L, with m inputs and m outputs.
         frequencies: w in rad/s (K).
     """
-    response = loop.frequency_response(frequencies)
+    response = loop.finite_response(frequencies)
     values = np.linalg.eigvals(response).astype(complex)
     order = np.argsort(-np.abs(values), axis=1, kind="stable")
     return np.take_along_axis(values, order, axis=1)

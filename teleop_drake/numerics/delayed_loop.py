@@ -118,7 +118,7 @@ def _sweep(loop: StateSpace) -> Array:
     inner = loop.part(np.arange(loop.num_states), rest, rest)
     modes = characteristic_roots(replace(inner, delays=loop.delays))
     grid = sweep_frequencies(loop, modes)
-    sizes = np.abs(loop.opened.frequency_response(grid))
+    sizes = np.abs(loop.opened.finite_response(grid))
     # An upper bound of the gain around any loop of the signals, for all delays.
     largest = np.abs(np.linalg.eigvals(sizes)).max(axis=1, initial=0.0)
     is_heard = largest > _LEAST_GAIN

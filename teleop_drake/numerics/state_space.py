@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.validation import CheckNumber, Refuse
@@ -21,6 +21,9 @@ from teleop_drake.validation import CheckNumber, Refuse
 # tolerance is well above the error of blocks whose slopes are finite differences,
 # about 1e-10.
 _TOLERANCE = 1e-7
+
+# The relative distance from a pole at which a response is evaluated in its place.
+_BESIDE = 1e-8
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,16 +103,54 @@ class StateSpace:
     def frequency_response(self, frequencies: ArrayLike) -> ComplexArray:
         """Returns G(j w) between the open signals (K, p - k, m - k).
 
+        On a pole the entries in which it appears are infinite.
+
         Args:
-            frequencies: w in rad/s (K), none of them that of an undamped mode.
+            frequencies: w in rad/s (K).
         """
         s = 1j * np.asarray(frequencies, dtype=float).reshape(-1)
+        try:
+            return self._transfer(s)
+        except np.linalg.LinAlgError:
+            pass
+        near, is_pole = self._beside_poles(s, _BESIDE)
+        nearer, _ = self._beside_poles(s, _BESIDE / 2)
+        response = self._transfer(nearer)
+        # Towards a pole an entry in which it appears doubles at least.
+        grows = np.abs(response) > 1.5 * np.abs(self._transfer(near))
+        response[grows & is_pole[:, np.newaxis, np.newaxis]] = np.inf
+        return response
+
+    def finite_response(self, frequencies: ArrayLike) -> ComplexArray:
+        """Returns G(j w) as frequency_response() does, on a pole just beside it."""
+        s = 1j * np.asarray(frequencies, dtype=float).reshape(-1)
+        try:
+            return self._transfer(s)
+        except np.linalg.LinAlgError:
+            return self._transfer(self._beside_poles(s, _BESIDE)[0])
+
+    def _transfer(self, s: ComplexArray) -> ComplexArray:
+        """Returns G(s) (K, p - k, m - k); raises LinAlgError if an s is a pole."""
         y, u = (self.num_states + np.arange(count) for count in self.num_open)
         # M(s) z = by_u u, where z contains the states and the inputs of the delays.
         by_u = np.delete(self.matrix[:, u], y, axis=0)
         z = np.linalg.solve(self.characteristic_matrix(s), by_u[np.newaxis])
         seen = np.delete(self.matrix[y], u, axis=1) * self._lags(s)
         return (seen @ z + self.matrix[np.ix_(y, u)]).astype(complex)
+
+    def _beside_poles(
+        self, s: ComplexArray, distance: float
+    ) -> tuple[ComplexArray, NDArray[np.bool_]]:
+        """Returns points moved upwards from poles, and which of the points are poles.
+
+        Args:
+            s: Points in 1/s (K).
+            distance: The distance from a pole, relative to the pole or, at 0, to A.
+        """
+        is_pole = np.linalg.slogdet(self.characteristic_matrix(s))[0] == 0
+        unit = float(np.linalg.norm(self.A)) or 1.0
+        size = np.where(s == 0, unit, np.abs(s))
+        return s + 1j * distance * size * is_pole, is_pole
 
     def characteristic_matrix(self, s: ArrayLike) -> ComplexArray:
         """Returns M(s) of the states and the delayed signals (..., n + k, n + k).

@@ -185,6 +185,32 @@ def test_bode_is_scipys_and_follows_the_phase_of_a_delay():
     assert model.A.shape == (3, 3) and model.D.shape == (2, 2)
 
 
+@pytest.mark.parametrize(
+    ("stiffness", "gain", "inner"),
+    [(1.0, 0.3, 2.0), (4.0, 0.5, 1.0), (2.25, 1.0, 0.5), (1.0, 0.3, 0.0)],
+)
+def test_an_undamped_oscillator_that_a_delay_damps(stiffness, gain, inner):
+    """x'' + k x = g x(t - T) is stable for 0 < T < pi/sqrt(k + g), neutral at T = 0."""
+    plant = ([[0.0, 1.0], [-stiffness, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]])
+    diagram = MakeLoop(*plant, [[-gain]], inner=inner)
+    port = diagram.GetSubsystemByName("law").get_input_port()
+    margin = DelayMargin(diagram, diagram.CreateDefaultContext(), port)
+    expected = math.pi / math.sqrt(stiffness + gain) - inner
+    assert margin == pytest.approx(expected, rel=1e-8)
+
+
+def test_bode_at_the_frequency_of_an_undamped_mode():
+    """1/(s^2 + 1): the magnitude is infinite, the phase that just above."""
+    plant = ([[0.0, 1.0], [-1.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]])
+    diagram = MakeLoop(*plant, [[-1.0]])
+    model = ModelAt(diagram, diagram.GetSubsystemByName("plant").get_input_port())
+    bode = model.bode([0.5, 1.0, 2.0])
+    assert bode.magnitude[1] == math.inf
+    sizes = 20 * np.log10([1 / 0.75, 1 / 3])
+    np.testing.assert_allclose(bode.magnitude[[0, 2]], sizes)
+    np.testing.assert_allclose(np.abs(bode.phase), [0.0, 180.0, 180.0], atol=1e-6)
+
+
 def test_python_control_finds_the_margins_of_the_same_loop():
     control = pytest.importorskip("control")
     diagram = MakeLoop(*DOUBLE, [[4.0, 2.0]], inner=0.1)

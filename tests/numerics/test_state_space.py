@@ -22,6 +22,29 @@ def test_frequency_response_of_a_known_filter():
     )
 
 
+def test_on_a_pole_the_entries_in_which_it_appears_are_infinite():
+    """The outputs of x'' + x = u are x and, with 1/(s + 1) of u, another one."""
+    A = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    system = System(A, [[0.0], [1.0], [1.0]], [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    w = np.array([0.5, 1.0, 2.0])
+    response = system.frequency_response(w)[:, :, 0]
+    np.testing.assert_allclose(response[:, 1], 1 / (1j * w + 1), rtol=1e-7)
+    assert np.isinf(response[1, 0])
+    np.testing.assert_allclose(response[[0, 2], 0], 1 / (1 - w[[0, 2]] ** 2))
+    beside = system.finite_response(w)[:, :, 0]
+    assert np.isfinite(beside).all()
+    np.testing.assert_allclose(beside[[0, 2]], response[[0, 2]])
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_integrators_have_an_infinite_response_at_0(order):
+    B = np.eye(order)[:, -1:]
+    system = System(np.eye(order, k=1), B, np.eye(order)[:1], [[5.0]])
+    at_0, at_2 = system.frequency_response([0.0, 2.0])[:, 0, 0]
+    assert np.isinf(at_0)
+    assert at_2 == pytest.approx(5 + (2j) ** -order)
+
+
 def test_what_is_no_number_is_refused():
     with pytest.raises(ValueError, match=r"matrix = .*: must be a finite"):
         System([[np.nan]], [[1.0]], [[1.0]])
