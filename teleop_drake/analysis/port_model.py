@@ -50,12 +50,13 @@ class PortModel(StateSpace):
             is one, all slopes are central differences.
         held: Paths of the blocks whose discrete state, a mode or a layer, is held
             constant.
-        is_opened: Whether the loop is open at the input.
+        is_loop: Whether the model is the loop transfer function L at the input, with
+            the sign of negative feedback: the loop is closed by u = -y.
     """
 
     by_differences: tuple[str, ...]
     held: tuple[str, ...]
-    is_opened: bool
+    is_loop: bool
 
     def __repr__(self) -> str:
         """Returns sizes and delays on one line, without matrices."""
@@ -105,17 +106,13 @@ class PortModel(StateSpace):
         return BodeDiagram(w, magnitude, np.degrees(phase))
 
     def margins(self) -> Margins:
-        """Returns the margins of the loop that u = y closes, for all signals alike.
-
-        It is the diagram's own loop if the model is from the input port back to its
-        source: LinearizePorts(diagram, context, port, is_opened=True).
+        """Returns the margins of the loop, for all signals of the port alike.
 
         Raises:
-            ValueError: If the model is not opened, or u and y differ in size.
+            ValueError: If the model is not that of a loop.
         """
-        num_outputs, num_inputs = self.num_open
-        if not self.is_opened or num_inputs != num_outputs:
-            allowed = "opened, with as many inputs as outputs, to have margins"
+        if not self.is_loop:
+            allowed = "a loop, LinearizePorts(diagram, context, port, is_opened=True)"
             Refuse("model", repr(self), allowed)
         return margins_of(self)
 

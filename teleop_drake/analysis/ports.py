@@ -42,10 +42,14 @@ def LinearizePorts(
     """Linearises a diagram from one of its ports to another one, at any depth.
 
     A deviation is added to the signal that the input port receives, as in a closed
-    loop. With `is_opened` it replaces the signal, so that the loop is open there. Every
-    continuous state is a state of the model, including the estimates of an adaptive
-    law. A TransportDelay is an exact delay. The mode of an operator and the layer of an
-    environment are held constant.
+    loop. With `is_opened` it replaces the signal, so that the loop is open there.
+    Without `output_port` the model is then the loop transfer function L at the port,
+    with the sign of negative feedback: it is minus the signal that comes back, and the
+    loop has the closed-loop response L/(1 + L).
+
+    Every continuous state is a state of the model, including the estimates of an
+    adaptive law. A TransportDelay is an exact delay. The mode of an operator and the
+    layer of an environment are held constant.
 
     The operating point is a Context at its time; nothing is trimmed. The diagram's own
     inputs have the values of that Context, or are 0. The model is valid for small
@@ -58,7 +62,8 @@ def LinearizePorts(
         input_port: The port at which the deviation acts, of the diagram or of a system
             in it. For an output port, it acts at all ports that receive its signal.
         output_port: The port that is observed, of the diagram or of a system in it. By
-            default it is the source of the input port's signal.
+            default it is the source of the input port's signal, and with `is_opened`
+            the model is L.
         is_opened: Whether the deviation replaces the signal that the port receives.
         is_settled: Whether the output of each delay is set to its input, as at rest,
             instead of its value in the Context.
@@ -108,14 +113,15 @@ def LinearizePorts(
     n = sum(x.size for x in states)
     # The loop is closed: the input is the deviation plus the port's own signal.
     back = n + np.arange(input_port.size() if entering else 0)
-    return PortModel(
+    model = PortModel(
         matrix=np.delete(close_loops(slopes, back), back, axis=0),
         num_states=n,
         delays=TimesOf(delays),
         by_differences=function.by_differences,
         held=held,
-        is_opened=is_opened,
+        is_loop=is_opened and output_port is None,
     )
+    return -model if model.is_loop else model
 
 
 def DelayMargin(

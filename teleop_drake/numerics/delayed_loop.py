@@ -4,14 +4,14 @@ The loop is cut open between y and u. The open loop is a linear system with dela
 
     [y, e] = G(s) [u, d],    d_i(t) = e_i(t - T_i)
 
-With the response P(s) from u to y, the loop that is closed by u(t) = k y(t - T) has the
-characteristic equation det(I - k P(s) e^(-s T)) = 0. The actual loop has k = 1 and
+With the response L(s) from u to y, the loop that is closed by u(t) = -k y(t - T) has
+the characteristic equation det(I + k L(s) e^(-s T)) = 0. The actual loop has k = 1 and
 T = 0. Its stability is found by collocation (characteristic_roots). If it is stable, a
 root reaches the imaginary axis first
 
-* as T grows from 0: where an eigenvalue p(j w) of P(j w) has the magnitude 1, see
+* as T grows from 0: where an eigenvalue l(j w) of L(j w) has the magnitude 1, see
   delay_margin;
-* as k moves away from 1: where an eigenvalue is real and positive, and k = 1/p.
+* as k moves away from 1: where an eigenvalue is real and negative, and k = -1/l.
 """
 
 import math
@@ -74,26 +74,23 @@ class Margins:
     gain: tuple[float, float] = (1.0, 1.0)
 
 
-def margins_of(system: StateSpace) -> Margins:
+def margins_of(loop: StateSpace) -> Margins:
     """Returns the stability margins of a loop at a cut.
 
     Args:
-        system: The open loop from u to y, which have the same size, with its inner
-            delays T_i > 0.
+        loop: L, from u to y of the same size, with its inner delays T_i > 0.
     """
     # A loop of direct feedthrough with a gain of 1 or more would have infinitely many
     # roots near or right of the imaginary axis.
-    gains_at_once = np.linalg.eigvals(np.abs(system.D))
+    gains_at_once = np.linalg.eigvals(np.abs(loop.D))
     if np.abs(gains_at_once).max(initial=0.0) >= 1:
         return Margins(is_stable=False)
-    closed = system.closed(np.arange(system.num_open[0]))
+    closed = (-loop).closed(np.arange(loop.num_open[0]))
     slow = _NEUTRAL * float(np.linalg.norm(closed.A))
     # The two rightmost roots decide the stability.
     roots = characteristic_roots(closed, count=2)
     if np.any((np.abs(roots) > slow) & (roots.real > slow)):
         return Margins(is_stable=False)
-    # L = -P is the sign convention of crossings: det(I + L(s) e^(-s T)) = 0.
-    loop = -system
     grid = _sweep(loop)
     crossings = crossings_between(loop, grid)
     first = min(
@@ -107,7 +104,7 @@ def margins_of(system: StateSpace) -> Margins:
         delay=first.delay,
         frequency=first.frequency,
         phase=min((min(x, 2 * math.pi - x) for x in lags), default=math.inf),
-        gain=_gains_between(system, grid),
+        gain=_gains_between(loop, grid),
     )
 
 
@@ -129,15 +126,17 @@ def _sweep(loop: StateSpace) -> Array:
     return np.array(sorted({*grid, *even}))
 
 
-def _gains_between(system: StateSpace, grid: Array) -> tuple[float, float]:
+def _gains_between(loop: StateSpace, grid: Array) -> tuple[float, float]:
     """Returns the gains next to 1, below and above, at which a root is on the axis.
 
     Without such a gain the result is 0 or infinity.
 
     Args:
-        system: The open loop.
+        loop: L.
         grid: Ascending frequencies in rad/s, from far below the slowest mode.
     """
+    # The signal that comes back; its positive eigenvalues p belong to k = 1/p.
+    system = -loop
     # At the frequency 0 a locus ends on the real axis or at infinity. Finite, positive
     # ends belong to roots at 0.
     at_zero, slow = eigenloci(system, grid[0] * np.array([0.1, 1.0]))

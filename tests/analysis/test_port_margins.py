@@ -173,7 +173,7 @@ def test_runs_on_both_sides_of_the_margin(share, is_stable):
 def test_bode_is_scipys_and_follows_the_phase_of_a_delay():
     lags = [1.0], [1.0, 3.0, 3.0, 1.0]
     w, magnitude, phase = scipy.signal.bode(lags, np.geomspace(0.01, 100, 50))
-    diagram = MakeLoop(*THREE_LAGS, [[-1.0]], inner=0.7)
+    diagram = MakeLoop(*THREE_LAGS, [[1.0]], inner=0.7)
     plant = diagram.GetSubsystemByName("plant")
     model = ModelAt(diagram, plant.get_input_port())
     bode = model.bode(w)
@@ -202,7 +202,7 @@ def test_an_undamped_oscillator_that_a_delay_damps(stiffness, gain, inner):
 def test_bode_at_the_frequency_of_an_undamped_mode():
     """1/(s^2 + 1): the magnitude is infinite, the phase that just above."""
     plant = ([[0.0, 1.0], [-1.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]])
-    diagram = MakeLoop(*plant, [[-1.0]])
+    diagram = MakeLoop(*plant, [[1.0]])
     model = ModelAt(diagram, diagram.GetSubsystemByName("plant").get_input_port())
     bode = model.bode([0.5, 1.0, 2.0])
     assert bode.magnitude[1] == math.inf
@@ -220,13 +220,35 @@ def test_python_control_finds_the_margins_of_the_same_loop():
     w = np.array([0.1, 1.0, 5.0])
     response = converted(1j * w)
     np.testing.assert_allclose(response, model.Response(w)[:, 0, 0], rtol=1e-9)
-    # python-control assumes negative feedback.
-    _, phase, _, _ = control.margin(-converted)
+    gain, phase, _, _ = control.margin(converted)
     assert math.radians(phase) == pytest.approx(model.margins().phase, rel=1e-6)
+    assert gain == pytest.approx(model.margins().gain[1], rel=1e-6)
     undelayed = MakeLoop(*DOUBLE, [[4.0, 2.0]])
     port = undelayed.GetSubsystemByName("plant").get_input_port()
     model = ModelAt(undelayed, port)
     np.testing.assert_array_equal(model.to_control().A, model.A)
+
+
+def test_a_loop_has_the_sign_of_negative_feedback():
+    """L = 3/(s + 1)^3 e^(-0.1 s), and python-control closes the loop with L/(1 + L)."""
+    control = pytest.importorskip("control")
+    diagram = MakeLoop(*THREE_LAGS, [[3.0]], inner=0.1)
+    port = diagram.GetSubsystemByName("plant").get_input_port()
+    model = ModelAt(diagram, port)
+    w = np.array([0.2, 1.0, 2.0])
+    L = 3 / (1 + 1j * w) ** 3 * np.exp(-0.1j * w)
+    converted = model.to_control(order=6)
+    np.testing.assert_allclose(model.Response(w)[:, 0, 0], L, rtol=1e-9)
+    np.testing.assert_allclose(converted(1j * w), L, rtol=1e-9)
+    bode = model.bode(w)
+    degrees = np.degrees(np.unwrap(np.angle(L)))
+    np.testing.assert_allclose(bode.magnitude, 20 * np.log10(np.abs(L)), rtol=1e-9)
+    np.testing.assert_allclose(bode.phase, degrees, rtol=1e-9)
+    # A deviation that is added to the signal at the port comes back as -L/(1 + L).
+    closed = LinearizePorts(diagram, diagram.CreateDefaultContext(), port)
+    around = control.feedback(converted)(1j * w)
+    np.testing.assert_allclose(around, L / (1 + L), rtol=1e-9)
+    np.testing.assert_allclose(closed.Response(w)[:, 0, 0], -around, rtol=1e-9)
 
 
 def test_without_python_control_it_says_what_to_install(monkeypatch):
@@ -242,8 +264,17 @@ def test_what_is_no_loop_has_no_margins():
     context = diagram.CreateDefaultContext()
     plant = diagram.GetSubsystemByName("plant")
     closed = LinearizePorts(diagram, context, plant.get_input_port())
-    with pytest.raises(ValueError, match="must be opened"):
+    with pytest.raises(ValueError, match=r"must be a loop, .*is_opened=True"):
         closed.margins()
+    through = LinearizePorts(
+        diagram,
+        context,
+        plant.get_input_port(),
+        plant.get_output_port(),
+        is_opened=True,
+    )
+    with pytest.raises(ValueError, match=r"must be a loop"):
+        through.margins()
     builder = DiagramBuilder()
     alone = builder.AddNamedSystem("alone", Integrator(1))
     builder.ExportInput(alone.get_input_port())

@@ -40,7 +40,7 @@ def rightmost_root(system, more_delay=0.0, gain=1.0):
 @pytest.mark.parametrize("seed", range(12))
 def test_a_root_passes_the_axis_at_the_margins(seed):
     system = random_system(seed, gain=0.6)
-    margins = margins_of(system)
+    margins = margins_of(-system)
     assert margins.is_stable == (rightmost_root(system) < 0)
     if not margins.is_stable:
         assert (margins.delay, margins.phase, margins.gain) == (0.0, 0.0, (1.0, 1.0))
@@ -58,7 +58,7 @@ def test_a_root_passes_the_axis_at_the_margins(seed):
 
 
 def test_the_random_loops_are_of_all_sorts():
-    found = [margins_of(random_system(seed, gain=0.6)) for seed in range(12)]
+    found = [margins_of(-random_system(seed, gain=0.6)) for seed in range(12)]
     assert any(not margins.is_stable for margins in found)
     assert any(0 < margins.delay < math.inf for margins in found)
     assert any(margins.delay == math.inf for margins in found)
