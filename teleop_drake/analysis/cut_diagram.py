@@ -134,9 +134,12 @@ class Cut:
 
 
 def Split(entries: Sequence[States | Cut], values: Array) -> list[Array]:
-    """Returns the parts of a vector that belong to each of the states and cuts."""
-    sizes = [len(x.Get()) for x in entries]
-    return np.split(values, np.cumsum(sizes)[:-1])
+    """Returns the parts of a vector that belong to each of the states and cuts.
+
+    The vector may have further elements at its end.
+    """
+    ends = np.cumsum([len(x.Get()) for x in entries], dtype=int)
+    return np.split(values, ends)[:-1]
 
 
 def TimesOf(delays: Sequence[Cut]) -> tuple[float, ...]:

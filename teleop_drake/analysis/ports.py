@@ -17,17 +17,21 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.analysis.cut_diagram import CutDiagram, States, TimesOf
+from teleop_drake.analysis.cut_diagram import Cut, CutDiagram, Split, States, TimesOf
 from teleop_drake.analysis.port_model import PortModel
+from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.engine.flatten import Block
 from teleop_drake.kernel.linear_part import LinearPartOf
 from teleop_drake.numerics.state_space import close_loops
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import Refuse, ScenarioError
 
 # The longest step of central differences, relative to values of 1 and more. Surfaces
 # must be farther away.
 _STEP = 1e-4
+
+# The largest derivative at an equilibrium, as in Drake's Linearize().
+_AT_REST = 1e-6
 
 
 def LinearizePorts(
@@ -38,6 +42,7 @@ def LinearizePorts(
     *,
     is_opened: bool = False,
     is_settled: bool = False,
+    is_moving: bool = False,
 ) -> PortModel:
     """Linearises a diagram from one of its ports to another one, at any depth.
 
@@ -51,9 +56,9 @@ def LinearizePorts(
     adaptive law. A TransportDelay is an exact delay. The mode of an operator and the
     layer of an environment are held constant.
 
-    The operating point is a Context at its time; nothing is trimmed. The diagram's own
-    inputs have the values of that Context, or are 0. The model is valid for small
-    deviations from this point.
+    The operating point is a Context at its time, in general an equilibrium; nothing is
+    trimmed. The diagram's own inputs have the values of that Context, or are 0. The
+    model is valid for small deviations from this point.
 
     Args:
         diagram: Any diagram with at least one continuous state or delay.
@@ -67,13 +72,16 @@ def LinearizePorts(
         is_opened: Whether the deviation replaces the signal that the port receives.
         is_settled: Whether the output of each delay is set to its input, as at rest,
             instead of its value in the Context.
+        is_moving: Whether the operating point may be an instant of a motion. The model
+            then describes this instant, and no stability of the motion follows from it.
 
     Returns:
         The model.
 
     Raises:
         ValueError: If a port is not in the diagram, a block holds samples (a channel of
-            packets, a delay that varies), or a law bends at the operating point.
+            packets, a delay that varies), the operating point is no equilibrium and
+            `is_moving` is not set, or a law bends there.
     """
     function = CutDiagram(diagram, _CopyContext(diagram, context))
     blocks = function.blocks
@@ -104,9 +112,13 @@ def LinearizePorts(
     ]
     # The first output is the input port's own signal, if the loop stays closed.
     entering = [] if is_opened or entry.entering is None else [entry.entering]
-    late = [cut.entering for cut in delays if cut.entering is not None]
-    function.Choose(states, [entry, *delays], [*entering, seen, *late])
-    _, slopes = function.Evaluate(_STEP)
+    late = [cut for cut in delays if cut.entering is not None]
+    function.Choose(
+        states, [entry, *delays], [*entering, seen, *(cut.entering for cut in late)]
+    )
+    values, slopes = function.Evaluate(_STEP)
+    if not is_moving:
+        _CheckRest(function, states, late, values)
     if function.Bends(slopes):
         allowed = "where every law has one slope; one bends here, as at a surface"
         Refuse("context", f"at {context.get_time():g} s", allowed)
@@ -125,7 +137,11 @@ def LinearizePorts(
 
 
 def DelayMargin(
-    diagram: Diagram, context: Context, port: InputPort | OutputPort
+    diagram: Diagram,
+    context: Context,
+    port: InputPort | OutputPort,
+    *,
+    is_moving: bool = False,
 ) -> float:
     """Returns the additional delay in s that a loop tolerates at a port.
 
@@ -138,6 +154,8 @@ def DelayMargin(
             set to its input there. The Context is not changed.
         port: The port of a system in the diagram. For an output port, the delay acts on
             all ports that receive its signal.
+        is_moving: Whether the Context may be an instant of a motion; see
+            LinearizePorts().
 
     Returns:
         The margin; 0 if the loop is unstable without additional delay, infinity if it
@@ -147,8 +165,46 @@ def DelayMargin(
     Raises:
         ValueError: As in LinearizePorts().
     """
-    model = LinearizePorts(diagram, context, port, is_opened=True, is_settled=True)
+    model = LinearizePorts(
+        diagram, context, port, is_opened=True, is_settled=True, is_moving=is_moving
+    )
     return model.margins().delay
+
+
+def _CheckRest(
+    function: CutDiagram, states: list[States], delays: list[Cut], values: Array
+) -> None:
+    """Raises a ValueError if the operating point is no equilibrium.
+
+    There all rates are 0, and each delay delivers the signal that enters it.
+
+    Args:
+        function: The diagram.
+        states: The states.
+        delays: The delays, each with an input.
+        values: The values of CutDiagram.Evaluate(), which begin with the rates of the
+            states and end with the signals that enter the delays.
+    """
+    entering = values[len(values) - sum(len(cut.value) for cut in delays) :]
+    changes = [
+        (x.system, "a derivative of", rate)
+        for x, rate in zip(states, Split(states, values), strict=True)
+    ]
+    changes += [
+        (cut.delay, "an output that differs from its input by", u - cut.value)
+        for cut, u in zip(delays, Split(delays, entering), strict=True)
+    ]
+    largest = max(changes, key=lambda x: np.abs(x[2]).max(), default=None)
+    if largest is None or np.abs(largest[2]).max() <= _AT_REST:
+        return
+    system, name, change = largest
+    k = int(np.abs(change).argmax())
+    path = next(x.path for x in function.blocks if x.system is system)
+    raise ScenarioError(
+        f"context = {path!r} with {name} {change[k]:.4g} (element {k}): must be an "
+        "equilibrium, with each delay at its input (is_settled=True); is_moving=True "
+        "takes an instant of a motion"
+    )
 
 
 def _CopyContext(diagram: Diagram, context: Context) -> Context:

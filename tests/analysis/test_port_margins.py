@@ -6,11 +6,14 @@ import sys
 import numpy as np
 import pytest
 import scipy.signal
+from pydrake.examples import PendulumPlant
 from pydrake.symbolic import Variable
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import (
     Adder,
+    AffineSystem,
     Integrator,
+    Linearize,
     LinearSystem,
     SymbolicVectorSystem,
 )
@@ -99,6 +102,65 @@ def test_state_feedback_of_a_double_integrator():
         law.get_output_port(),
     ):
         assert DelayMargin(diagram, context, port) == pytest.approx(expected, rel=1e-7)
+
+
+def MakePendulum():
+    """Returns a pendulum with the law u = -(k1 (x1 - pi) + k2 x2), 0.05 s late."""
+    plant = PendulumPlant()
+    law = AffineSystem(D=[[-25.0, -5.0]], y0=[25.0 * math.pi])
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("plant", plant)
+    builder.AddNamedSystem("delay", TransportDelay(0.05, 2))
+    builder.AddNamedSystem("law", law)
+    delay = builder.GetSubsystemByName("delay")
+    builder.Connect(plant.get_output_port(), delay.get_input_port())
+    builder.Connect(delay.get_output_port(), law.get_input_port())
+    builder.Connect(law.get_output_port(), plant.get_input_port())
+    return builder.Build()
+
+
+def PendulumAt(diagram, angle):
+    context = diagram.CreateDefaultContext()
+    plant = diagram.GetSubsystemByName("plant")
+    plant.GetMyMutableContextFromRoot(context).SetContinuousState([angle, 0.0])
+    return context
+
+
+def test_a_point_that_is_no_equilibrium_is_refused_as_drake_refuses_it():
+    """The angular acceleration of the pendulum with m = 1, l = 0.5, g = 9.81."""
+    diagram = MakePendulum()
+    plant = diagram.GetSubsystemByName("plant")
+    port = plant.get_input_port()
+    upright = DelayMargin(diagram, PendulumAt(diagram, math.pi), port)
+    assert 0 < upright < 0.3
+    leaning = PendulumAt(diagram, math.pi - 0.5)
+    rate = (25.0 * 0.5 - 9.81 * 0.5 * math.sin(0.5)) / 0.25
+    refused = (
+        rf"'plant' with a derivative of {rate:.4g} \(element 1\): must be an equil"
+    )
+    with pytest.raises(ValueError, match=refused):
+        DelayMargin(diagram, leaning, port)
+    own = plant.GetMyContextFromRoot(leaning)
+    alone = plant.CreateDefaultContext()
+    alone.SetContinuousState(own.get_continuous_state_vector().CopyToVector())
+    alone_port = plant.get_input_port()
+    alone_port.FixValue(alone, [12.5])
+    with pytest.raises(RuntimeError, match="not an equilibrium"):
+        Linearize(plant, alone)
+    moving = DelayMargin(diagram, leaning, port, is_moving=True)
+    assert 0 < moving < 0.3 and moving != upright
+
+
+def test_a_delay_that_is_not_settled_is_no_equilibrium():
+    diagram = MakePendulum()
+    context = PendulumAt(diagram, math.pi)
+    port = diagram.GetSubsystemByName("law").get_output_port()
+    # The law receives 0, so that its torque is 25 pi N m.
+    refused = r"'plant' with a derivative of 314\.2 .*is_settled=True"
+    with pytest.raises(ValueError, match=refused):
+        LinearizePorts(diagram, context, port, is_opened=True)
+    model = LinearizePorts(diagram, context, port, is_opened=True, is_settled=True)
+    assert model.margins().is_stable
 
 
 def test_two_delays_of_which_one_is_left_as_it_is():
@@ -321,6 +383,7 @@ def test_a_teleoperator_has_the_margin_of_the_loop_analysis(kind):
     robot = diagram.GetSubsystemByName("robot").GetMyMutableContextFromRoot(context)
     robot.SetContinuousState([*point.position, *point.velocity])
     channel = diagram.GetSubsystemByName("forward_channel")
-    margin = DelayMargin(diagram, context, channel.get_output_port())
+    port = channel.get_output_port()
+    margin = DelayMargin(diagram, context, port, is_moving=True)
     expected = tissue.margin.delay - 0.04 if tissue.margin else math.inf
     assert margin == pytest.approx(expected, rel=1e-9)

@@ -104,6 +104,7 @@ def test_half_of_a_teleoperator_is_that_of_the_loop_analysis(kind):
         controller.GetInputPort("forward_packet"),
         controller.GetOutputPort("return_packet"),
         is_opened=True,
+        is_moving=True,
     )
     response = model.Response(W)
     assert len(slave.D) == response.shape[1]  # The slaves have no inner delay.
@@ -152,6 +153,7 @@ def test_a_context_with_an_accuracy_holds_the_layer_that_it_has():
             environment.GetInputPort("tool_velocity"),
             environment.GetOutputPort("environment_force"),
             is_opened=True,
+            is_moving=True,
         )
         return model.D[0, 0]
 
@@ -190,6 +192,12 @@ def test_what_a_delay_delivers_may_be_the_output_and_may_enter_a_delay():
     )
     expected = np.exp(-1j * W * (0.1 + T))
     np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-12)
+    context = diagram.CreateDefaultContext()
+    diagram.get_input_port().FixValue(context, [2.5])
+    with pytest.raises(ValueError, match=r"'first' with an output .* by 2\.5 "):
+        LinearizePorts(
+            diagram, context, diagram.get_input_port(), diagram.get_output_port()
+        )
 
 
 @pytest.mark.parametrize("is_opened", [True, False])
@@ -229,7 +237,7 @@ class Cubic(LeafSystem):
 
 
 def test_a_diagram_that_does_not_convert_is_linearised_by_differences():
-    """u -> delay -> Cubic -> y, at x = 0.5 and u = 0.25."""
+    """u -> delay -> Cubic -> y, at x = 0.5 and u = 0.25, which is no equilibrium."""
     builder = DiagramBuilder()
     delay = TransportDelay(delay=T, size=1, initial_value=[0.25])
     builder.AddNamedSystem("delay", delay)
@@ -243,6 +251,7 @@ def test_a_diagram_that_does_not_convert_is_linearised_by_differences():
         diagram.CreateDefaultContext(),
         diagram.get_input_port(),
         diagram.get_output_port(),
+        is_moving=True,
     )
     assert model.by_differences == ("cubic",)
     expected = (3 * 0.25**2 - 1 / (1j * W + 3 * 0.5**2)) * np.exp(-1j * W * T)
