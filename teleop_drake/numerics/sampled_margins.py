@@ -1,0 +1,151 @@
+"""Stability margins of a sampled loop at a port, and its response at the sampler.
+
+The loop that u(t) = k y(t - T) closes is stable if its lifted map has no root of a
+magnitude of 1 or more, neutral roots at 1 apart. The margins are searched from the
+actual loop, k = 1 and T = 0, on a grid, and located by bisection. A range of
+instability that lies between two neighbouring points of the grid is not found.
+"""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from teleop_drake.arrays import Array, ComplexArray
+from teleop_drake.numerics.delayed_loop import Margins
+from teleop_drake.numerics.sampled_loop import SampledLoop, common_period, lift
+
+# The gains that are searched, from 1 to this factor and to its inverse.
+_LARGEST_GAIN = 100.0
+_NUM_GAINS = 100
+_NUM_PHASES = 90
+
+# The delays that are searched: so many of the shortest periods, and points in a period.
+# The number of points is no integer, so that delays are no multiples of the period.
+NUM_PERIODS = 40
+_POINTS_IN_PERIOD = 5.83
+
+# A loop counts as unstable if a root has a magnitude of 1 and this more.
+_BEYOND = 1e-9
+
+# Two roots nearer than this count as the same root at 1.
+_NEUTRAL = 1e-6
+
+_ACCURACY = 1e-11
+
+
+class _Edge(NamedTuple):
+    """The value at which a loop becomes unstable, and the roots there."""
+
+    value: float
+    roots: ComplexArray
+
+
+class _Search:
+    """The search for the changes that make a loop unstable.
+
+    Args:
+        loop: The open loop.
+    """
+
+    def __init__(self, loop: SampledLoop):
+        self._loop = loop
+        shortest = min(clock.period for clock in loop.clocks)
+        # Roots at 1 that no gain and no delay moves stand for a set of equilibria.
+        others = (loop.closed(), loop.closed(0.93), loop.closed(1.0, 0.31 * shortest))
+        self._num_neutral = min(
+            int(np.sum(np.abs(other.roots() - 1) < _NEUTRAL)) for other in others
+        )
+
+    def Roots(self, gain: complex = 1.0, delay: float = 0.0) -> ComplexArray:
+        """Returns the roots of a changed loop except the neutral ones."""
+        roots = self._loop.closed(gain, delay).roots()
+        order = np.argsort(np.abs(roots - 1))
+        return roots[order[self._num_neutral :]]
+
+    def First(
+        self, grid: Array, change: Callable[[float], ComplexArray]
+    ) -> _Edge | None:
+        """Returns the first value on a grid at which a loop becomes unstable.
+
+        Args:
+            grid: Values, of which the loop is stable at the first one.
+            change: A function that returns the roots at a value.
+        """
+        for stable, unstable in zip(grid[:-1], grid[1:], strict=True):
+            if not _is_unstable(change(unstable)):
+                continue
+            inside = float(stable)
+            outside = float(unstable)
+            while abs(outside - inside) > _ACCURACY * max(abs(outside), 1e-3):
+                middle = (inside + outside) / 2
+                if _is_unstable(change(middle)):
+                    outside = middle
+                else:
+                    inside = middle
+            return _Edge(outside, change(outside))
+        return None
+
+
+def _is_unstable(roots: ComplexArray) -> bool:
+    return bool(np.abs(roots).max(initial=0.0) > 1 + _BEYOND)
+
+
+def sampled_margins(loop: SampledLoop) -> Margins:
+    """Returns the stability margins of a sampled loop at its port.
+
+    The delay is searched up to NUM_PERIODS of the shortest period; infinity: there is
+    no limit up to there. Its frequency is the lowest that its roots can mean.
+
+    Args:
+        loop: The open loop from u to y.
+
+    Raises:
+        ContinuousDelayLoop: If a delay is in a loop without a discrete state.
+        ScenarioError: If the periods are not commensurate.
+    """
+    search = _Search(loop)
+    if _is_unstable(search.Roots()):
+        return Margins(is_stable=False)
+    gains = np.geomspace(1.0, _LARGEST_GAIN, _NUM_GAINS)
+    upper = search.First(gains, lambda gain: search.Roots(gain))
+    lower = search.First(1 / gains, lambda gain: search.Roots(gain))
+    phases = np.linspace(0.0, math.pi, _NUM_PHASES)
+    ahead = search.First(phases, lambda phase: search.Roots(np.exp(1j * phase)))
+    # A real loop has the same margin against a phase of the other sign.
+    shortest = min(clock.period for clock in loop.clocks)
+    num_delays = math.ceil(NUM_PERIODS * _POINTS_IN_PERIOD)
+    delays = np.arange(num_delays) * shortest / _POINTS_IN_PERIOD
+    late = search.First(delays, lambda delay: search.Roots(delay=delay))
+    frequency = 0.0
+    if late is not None:
+        crossing = late.roots[np.argmax(np.abs(late.roots))]
+        frequency = abs(float(np.angle(crossing))) / common_period(loop.clocks)
+    return Margins(
+        is_stable=True,
+        delay=math.inf if late is None else late.value,
+        frequency=frequency,
+        phase=math.inf if ahead is None else ahead.value,
+        gain=(
+            0.0 if lower is None else lower.value,
+            math.inf if upper is None else upper.value,
+        ),
+    )
+
+
+def sampled_response(
+    loop: SampledLoop, sampled: list[int], frequencies: Array
+) -> ComplexArray:
+    """Returns the response L(exp(j w h)) of a loop that is cut at a sampled signal.
+
+    Args:
+        loop: The open loop. Its input enters the updates of the discrete states
+            `sampled` only, all of which have the period h, the common period of all.
+        frequencies: w in rad/s, up to pi/h (K).
+
+    Returns:
+        The response (K, p, p).
+    """
+    lifted = lift(loop, sampled)
+    return lifted.response(frequencies * lifted.period)
