@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 Record = dict[str, Any]
 """Values, keyed by name."""

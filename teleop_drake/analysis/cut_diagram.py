@@ -21,11 +21,12 @@ from pydrake.systems.framework import (
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import SurfacesOf
-from teleop_drake.contexts import ContextsIn
+from teleop_drake.contexts import ContextsIn, DiscreteState, SetDiscreteState
 from teleop_drake.engine.flatten import Flatten, OutputOf, Source
 from teleop_drake.kernel import KernelIn
 from teleop_drake.kernel.block import DualBlock
 from teleop_drake.numerics.differences import differentiate
+from teleop_drake.numerics.sampled_loop import Clock
 from teleop_drake.simulation.inputs import LeafInputs
 
 Port: TypeAlias = InputPort | OutputPort
@@ -88,6 +89,43 @@ class States:
         x[: self.size] = values
         context.SetContinuousState(x)
 
+    def NextIn(self, twins: Twins) -> Array:
+        """Returns the rates of the states in a diagram of any scalar type."""
+        system, context = twins[self.system]
+        rates = system.EvalTimeDerivatives(context).CopyToVector()
+        return np.asarray(rates[: self.size])
+
+
+@dataclass(frozen=True, eq=False)
+class HeldStates:
+    """The discrete states of a block with one periodic update.
+
+    Attributes:
+        system: The block.
+        context: The block's Context.
+        size: The number of these states.
+        clock: The instants of the update.
+    """
+
+    system: System
+    context: Context
+    size: int
+    clock: Clock
+
+    def Get(self) -> Array:
+        """Returns the values of the states."""
+        return DiscreteState(self.context)
+
+    def SetIn(self, twins: Twins, values: Array) -> None:
+        """Sets the values of the states in a diagram of any scalar type."""
+        SetDiscreteState(twins[self.system].context, values)
+
+    def NextIn(self, twins: Twins) -> Array:
+        """Returns the values after an update in a diagram of any scalar type."""
+        system, context = twins[self.system]
+        new = system.EvalUniquePeriodicDiscreteUpdate(context)
+        return np.concatenate([new.value(i) for i in range(new.num_groups())])
+
 
 @dataclass(eq=False)
 class Cut:
@@ -133,7 +171,11 @@ class Cut:
         self.Set(np.array(self.entering.Eval(twin.context)))
 
 
-def Split(entries: Sequence[States | Cut], values: Array) -> list[Array]:
+Entry: TypeAlias = States | HeldStates | Cut
+"""An argument of a CutDiagram."""
+
+
+def Split(entries: Sequence[Entry], values: Array) -> list[Array]:
     """Returns the parts of a vector that belong to each of the states and cuts.
 
     The vector may have further elements at its end.
@@ -151,6 +193,8 @@ class CutDiagram:
     """A diagram as a function of some of its states and of the values at its cuts.
 
         [rates of the states; observed signals] = f(states; values at the cuts)
+
+    A discrete state has its value after the next update in place of a rate.
 
     Choose() determines the states, cuts and observed signals.
 
@@ -178,7 +222,7 @@ class CutDiagram:
             for block in self.blocks
             for name, source in block.inputs.items()
         }
-        self._entries: list[States | Cut] = []
+        self._entries: list[Entry] = []
 
     def CutAt(self, port: Port, entering: Port | None = None) -> Cut:
         """Returns the cut at all ports of blocks that receive a signal.
@@ -217,6 +261,17 @@ class CutDiagram:
         cut.time = declared.time
         return cut
 
+    def CutAtSampler(self, sampler: System, delay: float) -> Cut:
+        """Returns the cut at the ports that receive the output of a sampling block.
+
+        Args:
+            delay: The delay of the block in s.
+        """
+        cut = self.CutAt(sampler.get_output_port(), sampler.get_input_port())
+        cut.delay = sampler
+        cut.time = delay
+        return cut
+
     def _Receivers(self, port: Port) -> list[InputPort]:
         """Returns the ports of blocks that receive a signal."""
         if isinstance(port, InputPort):
@@ -233,7 +288,10 @@ class CutDiagram:
         return OutputOf(self.blocks, port.get_system(), int(port.get_index()))
 
     def Choose(
-        self, states: Sequence[States], cuts: Sequence[Cut], seen: Sequence[Port]
+        self,
+        states: Sequence[States | HeldStates],
+        cuts: Sequence[Cut],
+        seen: Sequence[Port],
     ) -> None:
         """Chooses the arguments and the values of the function.
 
@@ -349,9 +407,7 @@ class CutDiagram:
             x.SetIn(twins, parts[x])
         values = []
         for states in self._states:
-            twin = twins[states.system]
-            rates = twin.system.EvalTimeDerivatives(twin.context)
-            values.append(rates.CopyToVector()[: states.size])
+            values.append(states.NextIn(twins))
         for port in self._seen:
             if isinstance(port, Cut):
                 values.append(parts[port])

@@ -35,6 +35,36 @@ class BodeDiagram(NamedTuple):
     magnitude: Array
     phase: Array
 
+    @classmethod
+    def Of(cls, frequencies: Array, response: ComplexArray) -> "BodeDiagram":
+        """Returns the diagram of a response (M, p, m) at frequencies in rad/s (M).
+
+        The phase turns by less than half a turn from one frequency to the next.
+        """
+        phase = np.unwrap(np.angle(response), axis=0)
+        size = np.abs(response)
+        if size.shape[1:] == (1, 1):
+            phase = phase[:, 0, 0]
+            size = size[:, 0, 0]
+        with np.errstate(divide="ignore"):
+            magnitude = 20 * np.log10(size)
+        return cls(frequencies, magnitude, np.degrees(phase))
+
+
+def ImportControl() -> Any:
+    """Imports and returns python-control.
+
+    Raises:
+        ModuleNotFoundError: If it is not installed.
+    """
+    try:
+        import control
+    except ModuleNotFoundError:
+        raise ModuleNotFoundError(
+            "to_control() needs python-control: `pip install 'teleop-drake[control]'`"
+        ) from None
+    return control
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PortModel(StateSpace):
@@ -128,13 +158,7 @@ class PortModel(StateSpace):
         Raises:
             ModuleNotFoundError: If python-control is not installed.
         """
-        try:
-            import control
-        except ModuleNotFoundError:
-            raise ModuleNotFoundError(
-                "to_control() needs python-control: "
-                "`pip install 'teleop-drake[control]'`"
-            ) from None
+        control = ImportControl()
         model = control.ss(self.A, self.B, self.C, self.D)
         if not self.delays:
             return model

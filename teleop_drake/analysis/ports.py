@@ -1,12 +1,14 @@
 """The linear model of any diagram between two of its ports, with its exact delays.
 
 Drake's Linearize() accepts only continuous states. LinearizePorts() holds modes
-constant and retains delays as exact delays. The slopes are computed by AutoDiffXd, or
-by central differences if a block does not convert; the model then contains the block's
-path. DelayMargin() returns the delay that a loop tolerates at one of its ports.
+constant, retains delays as exact delays, and lifts sampled loops exactly. The slopes
+are computed by AutoDiffXd, or by central differences if a block does not convert; the
+model then contains the block's path. DelayMargin() returns the delay that a loop
+tolerates at one of its ports.
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -17,8 +19,16 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.analysis.cut_diagram import Cut, CutDiagram, Split, States, TimesOf
+from teleop_drake.analysis.cut_diagram import (
+    Cut,
+    CutDiagram,
+    HeldStates,
+    Split,
+    States,
+    TimesOf,
+)
 from teleop_drake.analysis.port_model import PortModel
+from teleop_drake.analysis.sampled_model import HeldIn, MakeSampledLoop, SampledModel
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.engine.flatten import Block
@@ -43,7 +53,7 @@ def LinearizePorts(
     is_opened: bool = False,
     is_settled: bool = False,
     is_moving: bool = False,
-) -> PortModel:
+) -> Any:
     """Linearises a diagram from one of its ports to another one, at any depth.
 
     A deviation is added to the signal that the input port receives, as in a closed
@@ -76,12 +86,15 @@ def LinearizePorts(
             then describes this instant, and no stability of the motion follows from it.
 
     Returns:
-        The model.
+        The PortModel; a SampledModel if a discrete state of the diagram has a periodic
+        update, as that of a hold, a sampled law, or a SampledDelay. A SampledModel is
+        that of a loop only: with `is_opened` and without `output_port`.
 
     Raises:
-        ValueError: If a port is not in the diagram, a block holds samples (a channel of
-            packets, a delay that varies), the operating point is no equilibrium and
-            `is_moving` is not set, or a law bends there.
+        ValueError: If a port is not in the diagram, a block has other samples (a
+            channel of packets, a delay that varies, a discrete MultibodyPlant), the
+            operating point is no equilibrium and `is_moving` is not set, or a law bends
+            there.
     """
     function = CutDiagram(diagram, _CopyContext(diagram, context))
     blocks = function.blocks
@@ -89,15 +102,26 @@ def LinearizePorts(
     for port in (input_port, output_port or input_port):
         if port.get_system() not in contexts:
             Refuse("port", _PathOf(port), "one in the diagram")
-    held = _Held(blocks, contexts)
+    held, sampled = _Discrete(blocks, contexts)
     delays = [
         function.CutAtDelay(block.system)
         for block in blocks
         if LinearPartOf(block.system).delay
     ]
+    samplers = [
+        (function.CutAtSampler(block.system, sampling.delay), sampling)
+        for block in blocks
+        if (sampling := LinearPartOf(block.system).sampling) is not None
+    ]
+    samples = [x.system for x in sampled] + [cut.delay for cut, _ in samplers]
+    if samples and not (is_opened and output_port is None):
+        names = ", ".join(block.path for block in blocks if block.system in samples)
+        allowed = f"True, and output_port left out, because {names} takes samples"
+        Refuse("is_opened", is_opened, allowed)
+    cuts = [*delays, *(cut for cut, _ in samplers)]
     if is_settled:
         # In each round a value passes one more delay.
-        for cut in delays * len(delays):
+        for cut in cuts * len(cuts):
             cut.Settle()
     entry = function.CutAt(input_port)
     if not entry.ports:
@@ -112,16 +136,21 @@ def LinearizePorts(
     ]
     # The first output is the input port's own signal, if the loop stays closed.
     entering = [] if is_opened or entry.entering is None else [entry.entering]
-    late = [cut for cut in delays if cut.entering is not None]
-    function.Choose(
-        states, [entry, *delays], [*entering, seen, *(cut.entering for cut in late)]
-    )
+    late = [cut for cut in cuts if cut.entering is not None]
+    sources = [cut.entering for cut in late]
+    function.Choose([*states, *sampled], [entry, *cuts], [*entering, seen, *sources])
     values, slopes = function.Evaluate(_STEP)
     if not is_moving:
-        _CheckRest(function, states, late, values)
+        _CheckRest(function, states, sampled, late, values)
     if function.Bends(slopes):
         allowed = "where every law has one slope; one bends here, as at a surface"
         Refuse("context", f"at {context.get_time():g} s", allowed)
+    if samples:
+        return SampledModel(
+            loop=MakeSampledLoop(slopes, states, sampled, delays, samplers),
+            by_differences=function.by_differences,
+            held=held,
+        )
     n = sum(x.size for x in states)
     # The loop is closed: the input is the deviation plus the port's own signal.
     back = n + np.arange(input_port.size() if entering else 0)
@@ -160,10 +189,12 @@ def DelayMargin(
     Returns:
         The margin; 0 if the loop is unstable without additional delay, infinity if it
         is stable with every delay. LinearizePorts(..., is_opened=True).margins()
-        returns further margins.
+        returns further margins. Where a block samples, the delay is searched up to 40
+        of the shortest period; infinity: there is no limit up to there.
 
     Raises:
-        ValueError: As in LinearizePorts().
+        ValueError: As in LinearizePorts(), and if a delay is in a loop without a hold
+            while another loop has one.
     """
     model = LinearizePorts(
         diagram, context, port, is_opened=True, is_settled=True, is_moving=is_moving
@@ -172,23 +203,36 @@ def DelayMargin(
 
 
 def _CheckRest(
-    function: CutDiagram, states: list[States], delays: list[Cut], values: Array
+    function: CutDiagram,
+    states: list[States],
+    sampled: list[HeldStates],
+    delays: list[Cut],
+    values: Array,
 ) -> None:
     """Raises a ValueError if the operating point is no equilibrium.
 
-    There all rates are 0, and each delay delivers the signal that enters it.
+    There all rates are 0, an update changes no discrete state, and each delay delivers
+    the signal that enters it.
 
     Args:
         function: The diagram.
-        states: The states.
+        states: The continuous states.
+        sampled: The discrete states.
         delays: The delays, each with an input.
         values: The values of CutDiagram.Evaluate(), which begin with the rates of the
             states and end with the signals that enter the delays.
     """
     entering = values[len(values) - sum(len(cut.value) for cut in delays) :]
+    next_values = Split([*states, *sampled], values)
+    rates = next_values[: len(states)]
+    updated = next_values[len(states) :]
     changes = [
         (x.system, "a derivative of", rate)
-        for x, rate in zip(states, Split(states, values), strict=True)
+        for x, rate in zip(states, rates, strict=True)
+    ]
+    changes += [
+        (x.system, "a discrete state that changes by", new - x.Get())
+        for x, new in zip(sampled, updated, strict=True)
     ]
     changes += [
         (cut.delay, "an output that differs from its input by", u - cut.value)
@@ -224,24 +268,34 @@ def _PathOf(port: InputPort | OutputPort) -> str:
     return f"{port.get_system().GetSystemPathname()}:{port.get_name()}"
 
 
-def _Held(blocks: list[Block], contexts: Mapping[System, Context]) -> tuple[str, ...]:
-    """Returns the paths of blocks whose discrete state is held constant.
+def _Discrete(
+    blocks: list[Block], contexts: Mapping[System, Context]
+) -> tuple[tuple[str, ...], list[HeldStates]]:
+    """Returns the paths of blocks whose discrete state is constant, and other states.
+
+    The other states are those of blocks with one periodic update.
 
     Raises:
-        ValueError: If a block has another state that is not continuous.
+        ValueError: If a block has a state of another kind.
     """
     held = []
+    sampled = []
     for block in blocks:
         context = contexts[block.system]
         described = LinearPartOf(block.system)
         groups = context.num_discrete_state_groups() + context.num_abstract_states()
-        if groups == 0 or described.delay is not None:
+        is_cut = described.delay is not None or described.sampling is not None
+        if groups == 0 or is_cut:
             continue
-        if not described.has_modes and SurfacesOf(block.system) is None:
+        if described.has_modes or SurfacesOf(block.system) is not None:
+            held.append(block.path)
+            continue
+        states = HeldIn(block.system, context)
+        if states is None:
             allowed = (
-                "without samples: a block whose state is not continuous has no "
-                "linear model, exact delays apart"
+                "without packets, discrete plants and several updates: a discrete "
+                "state has a linear model if one periodic update changes it"
             )
             Refuse("diagram", block.path, allowed)
-        held.append(block.path)
-    return tuple(held)
+        sampled.append(states)
+    return tuple(held), sampled

@@ -12,6 +12,7 @@ linear model.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from pydrake.systems.framework import System
 
@@ -37,6 +38,18 @@ class HeldForce:
     force: Array
 
 
+class Sampling(NamedTuple):
+    """A block that samples its input and shows each sample later.
+
+    Attributes:
+        period: The time between two samples in s; the first one is taken at 0.
+        delay: The time in s after which a sample is shown, > 0.
+    """
+
+    period: float
+    delay: float
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LinearPart:
     """A block's contribution to the linear model.
@@ -51,6 +64,8 @@ class LinearPart:
             None: the block is not an operator, or the operator holds no force.
         delay: The constant time in s by which the block delays its input; None: the
             block is not a delay.
+        sampling: The sampling and delay of the block; None: it does not sample, or not
+            with one period and one delay.
         assumption: FROZEN_WEIGHTS or IDLE_PASSIVITY if the model rests on it.
     """
 
@@ -59,6 +74,7 @@ class LinearPart:
     has_modes: bool = False
     held_force: HeldForce | None = None
     delay: float | None = None
+    sampling: Sampling | None = None
     assumption: str = ""
 
 

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
-from teleop_drake.arrays import Array, ComplexArray
+from teleop_drake.arrays import Array, ComplexArray, Flags
 from teleop_drake.numerics.state_space import close_loops
 from teleop_drake.validation import Refuse
 
@@ -60,10 +60,10 @@ class ContinuousDelayLoop(ValueError):
 
 
 class _Lagged(NamedTuple):
-    """x_index(t - lag) or q_index(t - lag); the lag is a share of the common period."""
+    """x_number(t - lag) or q_number(t - lag), the lag a share of the common period."""
 
     is_held: bool
-    index: int
+    number: int
     lag: float
 
 
@@ -104,8 +104,7 @@ class SampledLoop:
 
     def closed(self, gain: complex = 1.0, delay: float = 0.0) -> "SampledLoop":
         """Returns the loop that u(t) = gain y(t - delay) closes."""
-        dtype = complex if isinstance(gain, complex) else float
-        matrix = self.matrix.astype(dtype)
+        matrix: Any = self.matrix.astype(np.result_type(self.matrix, gain))
         matrix[len(matrix) - self.num_ports :] *= gain
         delays = (*self.delays, *[delay] * self.num_ports)
         return replace(self, matrix=matrix, delays=delays)
@@ -227,7 +226,7 @@ def check_finite(loop: SampledLoop) -> None:
         )
 
 
-def _closure(edges: Array) -> Array:
+def _closure(edges: Flags) -> Flags:
     """Returns which nodes reach which others through edges, a boolean matrix."""
     reaches = edges
     for _ in range(max(len(edges), 1).bit_length()):
@@ -263,7 +262,7 @@ class _Terms:
             copy = missing.pop(0)
             if copy in self.rates:
                 continue
-            self.rates[copy] = self._Row(copy.index, copy.lag * period)
+            self.rates[copy] = self._Row(copy.number, copy.lag * period)
             missing += [term for term in self.rates[copy] if not term.is_held]
         held = {_Lagged(True, j, 0.0) for j in range(loop.num_held)}
         for terms in (*self.rates.values(), *self.updates, *self.outputs):
@@ -314,7 +313,7 @@ class _Schedule:
             _instant(instant + term.lag)
             for term in terms.held
             for instant, changed in self.updates.items()
-            if term.index in changed
+            if term.number in changed
         ]
         self.instants = _distinct([0.0, *self.updates, *arrivals])
         self.updates = {
@@ -322,7 +321,7 @@ class _Schedule:
         }
         longest = dict.fromkeys(range(loop.num_held), 0.0)
         for term in terms.held:
-            longest[term.index] = max(longest[term.index], term.lag)
+            longest[term.number] = max(longest[term.number], term.lag)
         self.lengths = [
             1 + math.ceil(lag / self._shares[j] - _SAME_INSTANT)
             for j, lag in longest.items()
@@ -342,8 +341,8 @@ class _Schedule:
             seen: The time at which the lagged state is read. It lies between two
                 instants.
         """
-        share = self._shares[term.index]
-        offset = self._offsets[term.index]
+        share = self._shares[term.number]
+        offset = self._offsets[term.number]
         newest = math.floor((now - offset) / share)
         return newest - math.floor((seen - term.lag - offset) / share)
 
@@ -459,7 +458,7 @@ class _Lifting:
 
     def _Held(self, term: _Lagged, now: float, seen: float) -> int:
         """Returns the place of a lagged discrete state; see _Schedule.Age()."""
-        return self._places[term.index] + self._schedule.Age(term, now, seen)
+        return self._places[term.number] + self._schedule.Age(term, now, seen)
 
     def _Read(
         self, terms: Mapping[_Lagged, Any], state: Array, sides: tuple[float, float]
@@ -482,9 +481,7 @@ class _Lifting:
             total += weight * state[place]
         return total
 
-    def _Update(
-        self, state: Array, instant: float, sides: tuple[float, float]
-    ) -> None:
+    def _Update(self, state: Array, instant: float, sides: tuple[float, float]) -> None:
         """Executes the updates of an instant in place; for `sides`, see _Read()."""
         changed = self._schedule.updates.get(instant, [])
         new = {j: self._Read(self._terms.updates[j], state, sides) for j in changed}

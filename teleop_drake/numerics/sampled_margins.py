@@ -6,6 +6,7 @@ actual loop, k = 1 and T = 0, on a grid, and located by bisection. A range of
 instability that lies between two neighbouring points of the grid is not found.
 """
 
+import itertools
 import math
 from collections.abc import Callable
 from typing import NamedTuple
@@ -27,7 +28,7 @@ NUM_PERIODS = 40
 _POINTS_IN_PERIOD = 5.83
 
 # A loop counts as unstable if a root has a magnitude of 1 and this more.
-_BEYOND = 1e-9
+_BEYOND = 1e-11
 
 # Two roots nearer than this count as the same root at 1.
 _NEUTRAL = 1e-6
@@ -65,7 +66,7 @@ class _Search:
         return roots[order[self._num_neutral :]]
 
     def First(
-        self, grid: Array, change: Callable[[float], ComplexArray]
+        self, grid: list[float], change: Callable[[float], ComplexArray]
     ) -> _Edge | None:
         """Returns the first value on a grid at which a loop becomes unstable.
 
@@ -73,11 +74,11 @@ class _Search:
             grid: Values, of which the loop is stable at the first one.
             change: A function that returns the roots at a value.
         """
-        for stable, unstable in zip(grid[:-1], grid[1:], strict=True):
+        for stable, unstable in itertools.pairwise(grid):
             if not _is_unstable(change(unstable)):
                 continue
-            inside = float(stable)
-            outside = float(unstable)
+            inside = stable
+            outside = unstable
             while abs(outside - inside) > _ACCURACY * max(abs(outside), 1e-3):
                 middle = (inside + outside) / 2
                 if _is_unstable(change(middle)):
@@ -109,15 +110,17 @@ def sampled_margins(loop: SampledLoop) -> Margins:
     if _is_unstable(search.Roots()):
         return Margins(is_stable=False)
     gains = np.geomspace(1.0, _LARGEST_GAIN, _NUM_GAINS)
-    upper = search.First(gains, lambda gain: search.Roots(gain))
-    lower = search.First(1 / gains, lambda gain: search.Roots(gain))
+    upper = search.First(gains.tolist(), lambda gain: search.Roots(gain))
+    lower = search.First((1 / gains).tolist(), lambda gain: search.Roots(gain))
     phases = np.linspace(0.0, math.pi, _NUM_PHASES)
-    ahead = search.First(phases, lambda phase: search.Roots(np.exp(1j * phase)))
+    ahead = search.First(
+        phases.tolist(), lambda phase: search.Roots(np.exp(1j * phase))
+    )
     # A real loop has the same margin against a phase of the other sign.
     shortest = min(clock.period for clock in loop.clocks)
     num_delays = math.ceil(NUM_PERIODS * _POINTS_IN_PERIOD)
     delays = np.arange(num_delays) * shortest / _POINTS_IN_PERIOD
-    late = search.First(delays, lambda delay: search.Roots(delay=delay))
+    late = search.First(delays.tolist(), lambda delay: search.Roots(delay=delay))
     frequency = 0.0
     if late is not None:
         crossing = late.roots[np.argmax(np.abs(late.roots))]

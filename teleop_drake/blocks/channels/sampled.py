@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels.base import (
     SHORTEST_TIME,
     ChannelBlock,
@@ -10,6 +11,7 @@ from teleop_drake.blocks.channels.base import (
     ConstantDelay,
 )
 from teleop_drake.kernel.events import DeclareTicks, Ticks
+from teleop_drake.kernel.linear_part import LinearPart, Sampling
 from teleop_drake.numerics.instants import TIE
 from teleop_drake.validation import REQUIRED, CheckNumber, Config, Refuse
 
@@ -59,6 +61,7 @@ class SampledDelay(ChannelBlock):
         ChannelBlock.__init__(self, delay=delay, size=size, initial_value=initial_value)
         CheckNumber("sample_period", sample_period, "s", above=0)
         _CheckAtMostDelay("sample_period", sample_period, delay)
+        self._sampling = Sampling(sample_period, delay)
         if delay == 0:
             self.DeclarePassThrough()
             return
@@ -72,6 +75,12 @@ class SampledDelay(ChannelBlock):
             shown=lambda k: offset + (k + num_periods) * sample_period,
         )
         DeclareTicks(self, Ticks(sample_period, offset), None)
+
+    def ForLinearModel(self, estimates: Array | None) -> LinearPart:
+        """Returns the sampling as a linear part."""
+        if self._sampling.delay == 0:
+            return LinearPart()
+        return LinearPart(sampling=self._sampling)
 
 
 MAX_PACKETS = 100_000
