@@ -3,12 +3,20 @@
 from collections.abc import Iterable
 
 import numpy as np
+from pydrake.systems.analysis import (
+    InitializeParams,
+    Simulator,
+    SimulatorStatus,
+)
 from pydrake.systems.framework import Context, PortDataType, System
 
 from teleop_drake.arrays import Array
-from teleop_drake.contexts import ContextsIn, SetDiscreteState
+from teleop_drake.contexts import ContextsIn, DiscreteState, SetDiscreteState
+from teleop_drake.engine.block_events import OwnContext
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.run import Visited
+from teleop_drake.kernel import KernelBlock
+from teleop_drake.kernel.events import Ticks
 
 # The largest difference between a kernel and its block, as a share of the largest
 # element (at least of 1). The order of their operations differs.
@@ -67,10 +75,19 @@ def CheckVisited(
                     block.system.GetInputPort(name).FixValue(own, y[part])
         try:
             context.SetContinuousState(x)
-            Compare(evaluator, system, context, y)
+            _CompareAll(evaluator, system, context, y)
         except KernelDisagrees:
+            context.SetTime(t)
             context.SetContinuousState(x + _BESIDE * (1 + np.abs(x)))
-            Compare(evaluator, system, context, y)
+            _CompareAll(evaluator, system, context, y)
+
+
+def _CompareAll(
+    evaluator: Evaluator, system: System, context: Context, delayed: Array
+) -> None:
+    """Compares outputs, rates and transitions; sets the time of the Context."""
+    Compare(evaluator, system, context, delayed)
+    CompareTransitions(evaluator, system, context, delayed)
 
 
 def Compare(
@@ -106,6 +123,106 @@ def Compare(
             continue  # Some of Drake's discrete systems refuse the next call.
         rate = block.system.EvalTimeDerivatives(contexts[block.system])
         _CompareVector(block.path, "rate", dx[part], rate.CopyToVector())
+
+
+def CompareTransitions(
+    evaluator: Evaluator, system: System, context: Context, delayed: Array
+) -> None:
+    """Compares the new modes of an Evaluator with those of blocks with a kernel.
+
+    The new modes and the guards of a KernelBlock are compared in the Context. Any other
+    block executes its events by itself in Drake's Simulator, at the next tick of each
+    periodic transition, with the states of the Context.
+
+    Args:
+        context: The Context of the system, of which the time is set.
+        delayed: As for Compare().
+
+    Raises:
+        KernelDisagrees: If a value differs; the message names the block.
+    """
+    y, _ = evaluator.Evaluate(context, delayed)
+    contexts = ContextsIn(system, context)
+    time = context.get_time()
+    for i, block in enumerate(evaluator.blocks):
+        kernel = evaluator.program.kernels[i]
+        if isinstance(block.system, KernelBlock):
+            _CompareTerms(evaluator, i, contexts[block.system], y)
+        elif hasattr(block.system, "Kernel") and not kernel.delays:
+            periodic = [x for x in kernel.transitions.values() if x.guard is None]
+            due = {Ticks(x.period, x.offset).After(time) for x in periodic}
+            for tick in sorted(due - {np.inf}):
+                context.SetTime(tick)
+                _CompareUpdate(evaluator, i, context, contexts[block.system], delayed)
+            context.SetTime(time)
+
+
+def _CompareTerms(evaluator: Evaluator, i: int, own: Context, y: Array) -> None:
+    """Compares the guards and the new modes of a KernelBlock.
+
+    Args:
+        i: The index of the block.
+        own: The Context of the block.
+        y: The signals in that Context.
+    """
+    block = evaluator.blocks[i]
+    program = evaluator.program
+    for name, functions in block.system.transitions.items():
+        for kind, value in zip(("guard", "mode"), functions, strict=True):
+            if value is not None:
+                found = y[program.SignalOf(i, kind, name)]
+                _CompareVector(block.path, f"{kind} of {name}", found, value(own))
+
+
+def _CompareUpdate(
+    evaluator: Evaluator, i: int, context: Context, own: Context, delayed: Array
+) -> None:
+    """Compares the states of a block after the events at the time of a Context.
+
+    Args:
+        i: The index of the block, whose transitions are periodic.
+        context: The Context of the diagram.
+        own: The Context of the block in it, which is not changed.
+    """
+    block = evaluator.blocks[i]
+    alone = OwnContext(block.system, own)
+    x = alone.get_continuous_state_vector().CopyToVector()
+    simulator = Simulator(block.system, alone)
+    simulator.Initialize(InitializeParams(suppress_initialization_events=True))
+    status = simulator.AdvancePendingEvents()
+    if status.reason() != SimulatorStatus.ReturnReason.kReachedBoundaryTime:
+        raise KernelDisagrees(
+            f"{block.path}: the block ends the run at {own.get_time():g} s, which its "
+            f"kernel does not: {status.message()}"
+        )
+    kept = alone.get_continuous_state_vector().CopyToVector()
+    _CompareVector(block.path, "state after its event", x, kept)
+    before = DiscreteState(own)
+    for is_discrete in (False, True):
+        y, _ = evaluator.Evaluate(context, delayed)
+        SetDiscreteState(own, _ModeAfter(evaluator, i, own, y, is_discrete))
+    mode = DiscreteState(own)
+    SetDiscreteState(own, before)
+    _CompareVector(block.path, "mode after its event", mode, DiscreteState(alone))
+
+
+def _ModeAfter(
+    evaluator: Evaluator, i: int, own: Context, y: Array, is_discrete: bool
+) -> Array:
+    """Returns the mode of a block after those periodic transitions that are due.
+
+    Args:
+        y: The signals.
+        is_discrete: Whether the transitions are discrete updates, or the others.
+    """
+    before = DiscreteState(own)
+    after = before.copy()
+    for name, x in evaluator.program.kernels[i].transitions.items():
+        is_due = Ticks(x.period, x.offset).At(own.get_time()) is not None
+        if is_due and x.is_discrete == is_discrete:
+            new = y[evaluator.program.SignalOf(i, "mode", name)]
+            after = np.where(new != before, new, after)
+    return after
 
 
 def _CompareVector(path: str, name: str, value: Array, expected: Array) -> None:

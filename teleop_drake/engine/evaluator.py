@@ -164,10 +164,10 @@ class Evaluator:
         for block in self.blocks:
             own = contexts[block.system]
             kernel = KernelOf(block.system, own)
-            if IsSink(block.system, own):
+            is_sink = IsSink(block.system, own)
+            if is_sink:
                 self.left_out.append(block.path)
-            else:
-                CheckEvents(block.system, kernel, own)
+            CheckEvents(block.system, kernel, own, is_sink=is_sink)
             if has_zero_delays or any(delay.time == 0 for delay in kernel.delays):
                 kernel = PassAtZero(block.system, kernel)
             kernels.append(kernel)

@@ -34,10 +34,10 @@ from teleop_drake.jit.scalar_code import RATE, Arrays, ScalarProgram, TraceProgr
 from teleop_drake.jit.symbols import Untraceable
 from teleop_drake.kernel import Delay, Kernel, KernelBlock, Name, Term, Transition
 from teleop_drake.kernel.kernel import Law
-from teleop_drake.kernel.terms import TermReader, ValueIn
+from teleop_drake.kernel.terms import WORDS, TermReader, ValueIn
 
-# The name by which a block's rate is treated as one of its outputs.
-_RATE = "rate"
+# The name of a block's rate among its outputs; no port is named by such a phrase.
+_RATE = "rate of the state"
 
 
 class Program:
@@ -183,6 +183,14 @@ class Program:
             except Untraceable as error:
                 raise UnsupportedSystem(system, str(error)) from error
 
+    def SignalOf(self, i: int, kind: str, transition: str) -> slice:
+        """Returns the slice of y of the `guard` or new `mode` of block i's transition.
+
+        Args:
+            transition: The name of the transition in the kernel.
+        """
+        return self.signals[_Changed(i, kind, transition)]
+
     def _Declare(self, i: int, kernel: Kernel) -> None:
         """Registers the terms of a block, and reserves space in y for their values."""
         system = self._blocks[i].system
@@ -202,10 +210,8 @@ class Program:
         for name, transition in kernel.transitions.items():
             guard = None
             if transition.guard is not None:
-                guard = self._Compute(
-                    Source(i, f"guard of {name}"), transition.guard, 1
-                )
-            source = Source(i, f"mode after {name}")
+                guard = self._Compute(_Changed(i, "guard", name), transition.guard, 1)
+            source = _Changed(i, "mode", name)
             size = modes.stop - modes.start
             if transition.mode is None:
                 self.signals[source] = mode = self._NewSignal(size)
@@ -229,9 +235,10 @@ class Program:
             return  # Drake's callbacks have the same terms.
         for name in block.inputs:
             if name not in self.kernels[i].unused and (i, name) not in self._taken:
-                raise UnsupportedSystem(
-                    block.system, f"its kernel takes nothing from the input {name}"
-                )
+                reason = f"its kernel takes nothing from the input {name}"
+                if name in (*WORDS, "rate", *self.kernels[i].parameters):
+                    reason += f', which in a term is ("input", "{name}")'
+                raise UnsupportedSystem(block.system, reason)
 
     def Add(self, output: Source) -> None:
         """Adds an output to the order of computation, after its arguments."""
@@ -246,28 +253,42 @@ class Program:
         self._values[output] = value
 
     def Slot(self, i: int, name: str) -> slice:
-        """Returns the slice of y of a block's input, or of one of its own outputs.
+        """Returns the slice of y of a block's input or, else, of its own output.
 
         If a term computes the value, it is added to the order of computation.
         """
+        system = self._blocks[i].system
+        source = Source(i, name)
+        if system.HasInputPort(name):
+            return self.InputSlot(i, name)
+        if source not in self.signals:
+            raise UnsupportedSystem(system, f"its kernel takes {name!r}")
+        self.Add(source)
+        return self.signals[source]
+
+    def InputSlot(self, i: int, name: str) -> slice:
+        """Returns the slice of y of a block's input; see Slot()."""
         block = self._blocks[i]
         self._taken.add((i, name))
-        source = block.inputs.get(name, Source(i, name))
-        if source in self.signals:
-            self.Add(source)
-            return self.signals[source]
-        if name in block.inputs:
+        source = block.inputs.get(name)
+        if source is None:
+            return self._FedSlot(i, name)
+        if source not in self.signals:
             raise UnsupportedSystem(
                 self._blocks[source.block].system,
                 f"its kernel has no output {source.port}",
             )
-        if not block.system.HasInputPort(name):
-            raise UnsupportedSystem(block.system, f"its kernel takes {name!r}")
+        self.Add(source)
+        return self.signals[source]
+
+    def _FedSlot(self, i: int, name: str) -> slice:
+        """Returns the slice of y of an input that is not connected."""
+        system = self._blocks[i].system
+        if not system.HasInputPort(name):
+            raise UnsupportedSystem(system, f"its kernel takes the input {name!r}")
+        source = Source(i, name)
         if source not in self.fed:
-            size = (
-                self.kernels[i].sizes.get(name)
-                or block.system.GetInputPort(name).size()
-            )
+            size = self.kernels[i].sizes.get(name) or system.GetInputPort(name).size()
             self.fed[source] = self._NewSignal(size)
         return self.fed[source]
 
@@ -283,6 +304,10 @@ class _Reader(TermReader):
         values = [self.Read(argument) for argument in arguments]
         return lambda arrays: arrays.follow(law)(*[value(arrays) for value in values])
 
+    def Input(self, name: str) -> ValueIn:
+        slot = self._program.InputSlot(self._i, name)
+        return lambda arrays: arrays.y[slot]
+
     def Named(self, name: str) -> ValueIn:
         program = self._program
         i = self._i
@@ -297,11 +322,16 @@ class _Reader(TermReader):
         if name in program.layouts[i]:
             layout = program.layouts[i][name]
             return lambda arrays: layout.In(arrays.p)
-        if name == _RATE and program.kernels[i].rate is not None:
+        if name == "rate" and program.kernels[i].rate is not None:
             program.Add(Source(i, _RATE))
             return lambda arrays: arrays.dx[state]
         slot = program.Slot(i, name)
         return lambda arrays: arrays.y[slot]
+
+
+def _Changed(i: int, kind: str, transition: str) -> Source:
+    """Returns the key of the `guard` or the new `mode` of block i's transition."""
+    return Source(i, f"{kind} of {transition}")
 
 
 def _IsCall(term: Term) -> bool:

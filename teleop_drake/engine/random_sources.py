@@ -15,7 +15,6 @@ from pydrake.systems.primitives import RandomSource
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.engine.flatten import Source
 from teleop_drake.engine.primitives import DRAW
 
 
@@ -50,7 +49,7 @@ def TakeDraws(evaluator: Evaluator, context: Context, end: float) -> list[Draw]:
     draws: list[Draw] = []
     for i, block in enumerate(evaluator.blocks):
         if type(block.system) is RandomSource:
-            place = evaluator.program.signals[Source(i, f"mode after {DRAW}")]
+            place = evaluator.program.SignalOf(i, "mode", DRAW)
             own = contexts[block.system]
             draws += _DrawsOf(block.system, own, place, end)
     return sorted(draws, key=lambda draw: draw.time)

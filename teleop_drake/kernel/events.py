@@ -10,9 +10,10 @@ import inspect
 import math
 import warnings
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -141,6 +142,8 @@ class EventBlock(LeafSystem):
 
     Attributes:
         has_guards: Whether a transition has a guard.
+        transitions: The functions that evaluate the guard (None: periodic) and the new
+            mode of each transition in a Context, by its name in the kernel.
         ticks: The instants of periodic unrestricted updates.
         discrete_ticks: The instants of periodic discrete updates.
     """
@@ -148,9 +151,9 @@ class EventBlock(LeafSystem):
     has_guards = False
     ticks: Sequence[Ticks] = ()
     discrete_ticks: Sequence[Ticks] = ()
-    # The guards with the new modes, their witness functions, and the functions to which
-    # Drake has weak references only.
-    _kernel_guards: Sequence[tuple[ValueIn, ValueIn]] = ()
+    transitions: Mapping[str, tuple[ValueIn | None, ValueIn]] = MappingProxyType({})
+    # The witness functions of the guards, and the functions to which Drake has weak
+    # references only.
     _kernel_witnesses: Sequence[WitnessFunction] = ()
     _kernel_callbacks: Sequence[Callable[..., Any]] = ()
     _has_warned = False
@@ -165,12 +168,14 @@ class EventBlock(LeafSystem):
             place = f"transitions.{name}"
             assert transition.mode is not None
             mode = Read(transition.mode, f"{place}.mode")
+            guard = None
             if transition.guard is None:
                 self._DeclarePeriodic(transition, mode)
             else:
                 guard = Read(transition.guard, f"{place}.guard")
                 self._DeclareGuard(name, guard, mode)
-        self.has_guards = bool(self._kernel_guards)
+            self.transitions = {**self.transitions, name: (guard, mode)}
+        self.has_guards = bool(self._kernel_witnesses)
         if self.has_guards:
             self.DeclarePerStepDiscreteUpdateEvent(Weakly(self._CheckGuards))
         if kernel.initial_mode is not None:
@@ -183,7 +188,11 @@ class EventBlock(LeafSystem):
 
     def Guards(self, context: Context) -> list[float]:
         """Returns the values of the transitions' guards, in their order."""
-        return [guard(context) for guard, _ in self._kernel_guards]
+        return [
+            float(guard(context)[0])
+            for guard, _ in self.transitions.values()
+            if guard is not None
+        ]
 
     def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
         """Returns the guards of the transitions, if events are to be located."""
@@ -214,7 +223,7 @@ class EventBlock(LeafSystem):
             self.ticks = (*self.ticks, ticks)
 
     def _DeclareGuard(self, name: str, guard: ValueIn, mode: ValueIn) -> None:
-        """Adds a transition's guard to the guards and to the witness functions."""
+        """Adds a transition's guard to the witness functions."""
 
         def Calc(context: Context) -> float:
             return float(guard(context)[0])
@@ -222,10 +231,9 @@ class EventBlock(LeafSystem):
         witness = self.MakeWitnessFunction(
             name,
             WitnessFunctionDirection.kNegativeThenNonNegative,
-            Weakly(Calc),
+            self._Keep(Calc),
             UnrestrictedUpdateEvent(self._Keep(partial(_Change, mode))),
         )
-        self._kernel_guards = (*self._kernel_guards, (Calc, mode))
         self._kernel_witnesses = (*self._kernel_witnesses, witness)
 
     def _CheckGuards(self, context: Context, values: DiscreteValues) -> EventStatus:
@@ -233,7 +241,11 @@ class EventBlock(LeafSystem):
         if context.get_accuracy() is None and not self._has_warned:
             self._has_warned = True
             self._WarnOfAccuracy()
-        due = [mode for guard, mode in self._kernel_guards if guard(context) >= 0]
+        due = [
+            mode
+            for guard, mode in self.transitions.values()
+            if guard is not None and guard(context)[0] >= 0
+        ]
         for mode in due:
             _Change(mode, context, values)
         return EventStatus.Succeeded() if due else EventStatus.DidNothing()

@@ -17,22 +17,25 @@ A term defines a vector:
                                  structure of the block, as sizes and indices do
     ["name", "name", ...]        the named vectors, one after another
     "name"                       the named vector
+    ("input", "name")            the input port of that name, whatever else has the
+                                 name; it can stand in the place of a name
     ("name", 3, 5)               the elements of the named vector from 3 to before 5;
                                  it can stand in the place of a name
 
-A name stands for one of the following: an input port, an output (a port or an
-intermediate result), a parameter, `rate`, `state` (the continuous state), `mode` (all
-discrete states one after another), or `time` (the time in s).
+A name stands for the first of the following that has this name: `time` (the time in s),
+`state` (the continuous state), `mode` (all discrete states one after another), a
+parameter, `rate` (if there is one), an input port, or an output (a port or an
+intermediate result).
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 Law = Callable[..., Any]
-Part = tuple[str, int, int]
-Name = str | Part
+Input = tuple[Literal["input"], str]
+Name = str | Input | tuple[str | Input, int, int]
 Term = tuple[Law | Name | int, ...] | list[Name] | Name
 
 

@@ -32,6 +32,10 @@ class TermReader:
         """Returns the function that evaluates a named vector; refuses unknown names."""
 
     @abstractmethod
+    def Input(self, name: str) -> ValueIn:
+        """Returns the function that evaluates an input port."""
+
+    @abstractmethod
     def Call(self, law: Law, arguments: Sequence[Name | int]) -> ValueIn:
         """Returns the function that evaluates a law and its arguments."""
 
@@ -49,6 +53,8 @@ class TermReader:
         first, *others = term
         if callable(first):
             return self.Call(first, others)  # type: ignore[arg-type]
+        if first == "input" and len(others) == 1:
+            return self.Input(str(others[0]))
         whole = self.Read(first)
         elements = slice(*others)
         return lambda place: whole(place)[elements]
@@ -142,7 +148,7 @@ class ContextReader(TermReader):
         if name == "rate" and kernel.rate is not None:
             return self.Read(kernel.rate)
         if block.HasInputPort(name):
-            return self._Input(name)
+            return self.Input(name)
         if name not in kernel.outputs:
             ports = map(block.get_input_port, range(block.num_input_ports()))
             inputs = [port.get_name() for port in ports]
@@ -161,7 +167,8 @@ class ContextReader(TermReader):
         initial = self.Read(self._kernel.initial_mode)
         return lambda x: initial(x) if x.get_accuracy() is None else mode(x)
 
-    def _Input(self, name: str) -> ValueIn:
+    def Input(self, name: str) -> ValueIn:
+        """Returns the function that evaluates an input port, and adds its ticket."""
         port = self._block.GetInputPort(name)
         self.tickets.add(port.ticket())
         evaluate = self._Dual(lambda context: port.Eval(context))

@@ -20,8 +20,10 @@ from pydrake.systems.primitives import (
     Gain,
     Integrator,
     LinearSystem,
+    LogVectorOutput,
     PassThrough,
     Saturation,
+    VectorLogSink,
     ZeroOrderHold,
 )
 
@@ -232,6 +234,122 @@ class Sampled(LeafSystem):
     def Kernel(self):
         takes = Transition(mode="u", period=0.1, is_discrete=True)
         return Kernel(outputs={"y": "mode"}, transitions={"takes": takes})
+
+
+class Counter(LeafSystem):
+    """m' = m + 1 each `period` from `offset` on, of which the kernel says otherwise."""
+
+    def __init__(self, period, offset, transition):
+        LeafSystem.__init__(self)
+        self._transition = transition
+        self.num_calls = 0
+        self.DeclareStateOutputPort("y", self.DeclareDiscreteState(1))
+        self.DeclarePeriodicDiscreteUpdateEvent(period, offset, self._Count)
+
+    def _Count(self, context, values):
+        self.num_calls += 1
+        values.set_value(0, context.get_discrete_state_vector().value() + 1.0)
+
+    def Kernel(self):
+        counts = Transition(
+            mode=(one_more, "mode"), is_discrete=True, **self._transition
+        )
+        return Kernel(outputs={"y": "mode"}, transitions={"counts": counts})
+
+
+def one_more(mode):
+    return mode + 1.0
+
+
+@pytest.mark.parametrize(
+    ("period", "offset", "transition", "count"),
+    [
+        (0.2, 0.0, {"period": 0.1}, 6),
+        (0.1, 0.0, {"period": 0.2}, 11),
+        (0.1, 0.05, {"period": 0.1}, 10),
+        (0.1, 0.0, {"period": 0.1, "offset": 0.05}, 11),
+        (0.1, 0.1, {"period": 0.1}, 10),
+    ],
+)
+def test_an_event_at_other_times_than_in_the_kernel_runs_in_drake(
+    period, offset, transition, count
+):
+    recording = simulate(Counter(period, offset, transition), duration=1.02)
+    assert recording.solver.engine == "drake"
+    assert recording["y"][-1] == count
+
+
+def test_a_kernel_with_the_events_of_its_block_is_compiled():
+    block = Counter(0.1, 0.05, {"period": 0.1, "offset": 0.05})
+    recording = simulate(block, duration=1.02)
+    assert recording.solver.engine == "compiled"
+    assert recording["y"][-1] == 10
+    assert block.num_calls < 20  # It has some 1000 ticks in its trial run.
+
+
+def bare():
+    """Returns a LeafSystem that is no instance of a subclass, with an input."""
+    block = LeafSystem()
+    block.DeclareVectorInputPort("u", 1)
+    return block
+
+
+SINKS = {"LeafSystem": bare, "VectorLogSink": lambda: VectorLogSink(1)}
+
+# The kinds of events that end a run, each with its period and offset.
+ENDINGS = {
+    "DeclarePeriodicPublishEvent": (0.01, 0.0),
+    "DeclarePerStepPublishEvent": (),
+    "DeclarePerStepDiscreteUpdateEvent": (),
+    "DeclarePeriodicUnrestrictedUpdateEvent": (0.01, 0.0),
+}
+
+
+@pytest.mark.parametrize("declaration", ENDINGS)
+@pytest.mark.parametrize("sink", SINKS)
+def test_an_event_of_a_system_that_nothing_depends_on_is_executed(sink, declaration):
+    builder = DiagramBuilder()
+    source = builder.AddNamedSystem("source", Integrator(1))
+    one = builder.AddNamedSystem("one", ConstantVectorSource([1.0]))
+    watch = builder.AddNamedSystem("watch", SINKS[sink]())
+    builder.Connect(one.get_output_port(), source.get_input_port())
+    builder.Connect(source.get_output_port(), watch.get_input_port(0))
+
+    def EndAbove(context, *_):
+        if watch.get_input_port(0).Eval(context)[0] > 0.5:
+            return EventStatus.ReachedTermination(watch, "above 0.5")
+        return EventStatus.DidNothing()
+
+    getattr(watch, declaration)(*ENDINGS[declaration], EndAbove)
+    recording = simulate(builder.Build(), duration=1.0)
+    assert recording.termination == "terminated"
+    assert recording.time[-1] == pytest.approx(0.5, abs=0.11)
+
+
+def test_a_log_without_an_event_of_a_user_is_left_out():
+    builder = DiagramBuilder()
+    source = builder.AddNamedSystem("source", Integrator(1))
+    one = builder.AddNamedSystem("one", ConstantVectorSource([1.0]))
+    builder.Connect(one.get_output_port(), source.get_input_port())
+    for period in (0.0, 0.01):
+        LogVectorOutput(source.get_output_port(), builder, period)
+    assert simulate(builder.Build(), duration=1.0).solver.engine == "compiled"
+
+
+@pytest.mark.parametrize("declaration", DECLARATIONS)
+def test_a_handler_is_not_called_before_the_run(declaration):
+    *place, _ = DECLARATIONS[declaration]
+    calls = []
+
+    def Handle(*arguments):
+        calls.append(arguments)
+
+    def Declare(block):
+        getattr(block, declaration)(*place, Handle)
+
+    with pytest.raises(UnsupportedSystem, match=r"does not know the event Handle\(\)"):
+        Check(FilledLeaf(Declare))
+    assert calls == []
 
 
 def test_a_second_event_at_the_instants_of_the_kernel_is_noticed():
