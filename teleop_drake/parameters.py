@@ -20,8 +20,9 @@ from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn
+from teleop_drake.kernel import KernelBlock
 from teleop_drake.signals import PathsIn
-from teleop_drake.validation import CheckNumber, Choices, Refuse
+from teleop_drake.validation import Choices, Range, Refuse
 
 
 class ParameterValue(NamedTuple):
@@ -43,6 +44,7 @@ class Scalar(NamedTuple):
         paths: The paths of the systems that have this number.
         is_delay: Whether it is a constant delay of a signal.
         is_state: Whether it is an initial state, not a parameter.
+        range: The values that it may have; None: any finite number.
     """
 
     value: float
@@ -50,13 +52,14 @@ class Scalar(NamedTuple):
     paths: list[str]
     is_delay: bool = False
     is_state: bool = False
+    range: Range | None = None
 
 
 class _Parameter(NamedTuple):
     """A numeric parameter or initial state of one system, a number or an array.
 
     The functions `read` and `write` access its value in a Context. `elements` contains
-    the names of its elements, if they have names.
+    the names of its elements, if they have names. `range` is as in Scalar.
     """
 
     name: str
@@ -67,11 +70,17 @@ class _Parameter(NamedTuple):
     is_delay: bool = False
     is_state: bool = False
     path: str = ""
+    range: Range | None = None
 
     @property
     def value(self) -> Array:
         """The present value as an array."""
         return np.array(self.read(), dtype=float)
+
+    def Check(self, name: str, value: Array) -> None:
+        """Refuses a value that is out of the range; `name` is its full name."""
+        if self.range is not None:
+            self.range.Check(name, value)
 
     @property
     def places(self) -> dict[str, tuple[int, ...]]:
@@ -115,7 +124,7 @@ def SetNumbers(
             or an array of its shape.
 
     Raises:
-        ScenarioError: If there is no such number, or the value does not fit.
+        ScenarioError: If there is no such number, or the value is not allowed.
     """
     known = _NumbersIn(diagram, context)
     delays = [name for name, parameter in known.items() if parameter.is_delay]
@@ -125,6 +134,30 @@ def SetNumbers(
             Refuse(name, value, "finite")
         for each in delays if name == "delay" and delays else [name]:
             _Set(known, each, number)
+    CheckNumbers(diagram, context)
+
+
+def CheckNumbers(diagram: System, context: Context) -> None:
+    """Refuses parameters of a Context that are not allowed, by their full names.
+
+    They are those of this package's blocks, and of MultibodyPlants.
+
+    Args:
+        diagram: A Diagram, or a system by itself.
+        context: The Context of the diagram.
+
+    Raises:
+        ScenarioError: If a parameter is out of its range.
+    """
+    contexts = ContextsIn(diagram, context)
+    for system, path in PathsIn(diagram):
+        own = contexts[system]
+        if isinstance(system, MultibodyPlant):
+            for number in _ParametersOfPlant(system, own):
+                name = f"{path}.{number.name}" if path else number.name
+                number.Check(name, number.value)
+        elif isinstance(system, KernelBlock):
+            system.kernel_parameters.Check(own, path)
 
 
 def ScalarsIn(diagram: System, context: Context) -> dict[str, Scalar]:
@@ -148,6 +181,7 @@ def ScalarsIn(diagram: System, context: Context) -> dict[str, Scalar]:
                 [parameter.path],
                 parameter.is_delay,
                 parameter.is_state,
+                parameter.range and parameter.range.Of(place),
             )
     delays = [number for number in scalars.values() if number.is_delay]
     if len({delay.value for delay in delays}) == 1:
@@ -178,6 +212,7 @@ def _Set(known: Mapping[str, _Parameter], name: str, number: Array) -> None:
                 allowed += f", or one of {', '.join(parameter.elements)}"
             Refuse("parameter", name, allowed)
         value[place] = number
+    parameter.Check(whole, value)
     parameter.write(value)
 
 
@@ -264,11 +299,12 @@ def _ParametersOf(system: System, context: Context) -> Iterator[_Parameter]:
 def _ParametersOfKernel(block: Any, context: Context) -> Iterator[_Parameter]:
     """Yields the parameters of one of this package's blocks."""
     delays = block.Kernel().delays
-    for name, number, unit, shape in block.kernel_parameters.named:
+    for name, number, unit, own_range, shape in block.kernel_parameters.named:
         vector = partial(context.get_mutable_numeric_parameter, number)
         yield _InVector(name, unit, vector, slice(None), shape)._replace(
             elements=tuple(block.element_names.get(name, ())),
             is_delay=bool(delays) and name.partition(".")[0] == "delay",
+            range=own_range,
         )
 
 
@@ -306,27 +342,34 @@ def _ParametersOfPlant(plant: MultibodyPlant, context: Context) -> Iterator[_Par
     """Yields the mass of each body and the damping of each joint.
 
     A new mass does not change the centre of mass and the unit inertia of the body.
+    Drake would end the process for a negative damping.
     """
     for number in range(1, plant.num_bodies()):  # 0 is the world.
         body = plant.get_body(BodyIndex(number))
 
         def WriteMass(value: Array, body: Any = body) -> None:
-            CheckNumber("mass", value.item(), "kg", minimum=0)  # Drake would exit.
             body.SetMass(context, value.item())
 
-        read = partial(body.get_mass, context)
-        yield _Parameter(f"{body.name()}.mass", "kg", read, WriteMass)
+        yield _Parameter(
+            f"{body.name()}.mass",
+            "kg",
+            partial(body.get_mass, context),
+            WriteMass,
+            range=Range("kg", minimum=0),
+        )
     for joint_index in plant.GetJointIndices():
         joint = plant.get_joint(joint_index)
         if joint.num_velocities() == 0:
             continue
 
         def WriteDamping(value: Array, joint: Any = joint) -> None:
-            for number in value:
-                CheckNumber("damping", float(number), "", minimum=0)
             joint.SetDampingVector(context, value)
 
-        name = f"{joint.name()}.damping"
         unit = "N m s/rad" if joint.type_name() == "revolute" else "N s/m"
-        read = partial(joint.GetDampingVector, context)
-        yield _Parameter(name, unit, read, WriteDamping)
+        yield _Parameter(
+            f"{joint.name()}.damping",
+            unit,
+            partial(joint.GetDampingVector, context),
+            WriteDamping,
+            range=Range(unit, minimum=0),
+        )

@@ -220,6 +220,76 @@ def CheckVector(path: str, value: Any, size: int, unit: str) -> None:
         Refuse(path, value, f"a list of {entries} ({unit})")
 
 
+@dataclass(frozen=True)
+class Range:
+    """The unit of a number, or of an array of numbers, and the values that it may have.
+
+    Attributes:
+        unit: The SI unit; empty for numbers without a unit.
+        above, minimum, maximum: The bounds, as for CheckNumber().
+    """
+
+    unit: str = ""
+    above: float = -math.inf
+    minimum: float = -math.inf
+    maximum: float = math.inf
+
+    def Check(self, path: str, value: ArrayLike) -> None:
+        """Refuses a number, or an array with an element, that is out of bounds."""
+        array = np.asarray(value, dtype=float)
+        for place in np.ndindex(array.shape):
+            inside = f"({','.join(map(str, place))})" if array.size > 1 else ""
+            CheckNumber(
+                f"{path}{inside}",
+                array[place].item(),
+                self.unit,
+                above=self.above,
+                minimum=self.minimum,
+                maximum=self.maximum,
+            )
+
+    def Of(self, place: tuple[int, ...]) -> "Range":
+        """Returns the range of one element of an array, by its indices."""
+        return self
+
+
+@dataclass(frozen=True)
+class GainRange(Range):
+    """The unit of a gain; the gain is a matrix as CheckGain() allows it.
+
+    Attributes:
+        may_be_zero: Whether the matrix may be positive semidefinite; else it must be
+            positive definite.
+    """
+
+    may_be_zero: bool = False
+
+    def Check(self, path: str, value: ArrayLike) -> None:
+        """Refuses a matrix that is not symmetric and positive (semi)definite."""
+        CheckGain(path, value, len(np.atleast_1d(value)), may_be_zero=self.may_be_zero)
+
+
+@dataclass(frozen=True)
+class RangeOfEach(Range):
+    """The ranges of an array whose elements have different ones.
+
+    Attributes:
+        elements: The range of each element.
+    """
+
+    elements: tuple[Range, ...] = ()
+
+    def Check(self, path: str, value: ArrayLike) -> None:
+        """Refuses an array with an element that is out of its bounds."""
+        numbers = np.asarray(value, dtype=float).tolist()
+        for i, (element, number) in enumerate(zip(self.elements, numbers, strict=True)):
+            element.Check(f"{path}({i})", number)
+
+    def Of(self, place: tuple[int, ...]) -> Range:
+        """Returns the range of one element."""
+        return self.elements[place[0]]
+
+
 def GainMatrix(gain: ArrayLike, num_axes: int) -> Array:
     """Returns a gain as an n x n matrix; a number x means x times the identity."""
     matrix = np.asarray(gain, dtype=float)

@@ -1,5 +1,6 @@
 """The names of the blocks, their signatures, and what their docstrings tell."""
 
+import functools
 import importlib
 import inspect
 import pkgutil
@@ -18,6 +19,7 @@ from teleop_drake.kernel import KernelBlock
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.signals import PathsIn
 from teleop_drake.simulation import MakeDiagram
+from teleop_drake.validation import Range
 
 
 def PublicBlocks():
@@ -90,6 +92,7 @@ def test_help_of_a_block_shows_its_own_methods_first():
     assert hasattr(LeafSystem, declare.__name__)
 
 
+@functools.cache
 def KernelBlocks():
     """Returns a block of each class that has parameters, from built diagrams."""
     found = {}
@@ -113,3 +116,13 @@ def test_docstrings_name_the_parameters_of_the_contexts():
     }
     assert tables == expected
     assert sum(len(rows) > 0 for rows in tables.values()) >= 15
+
+
+def test_every_parameter_of_a_block_has_a_range():
+    ranges = [
+        number.range
+        for block in KernelBlocks().values()
+        for number in block.kernel_parameters.named
+    ]
+    assert len(ranges) > 50
+    assert all(isinstance(x, Range) for x in ranges)

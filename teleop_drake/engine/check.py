@@ -13,7 +13,7 @@ from pydrake.systems.framework import Context, PortDataType, System
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn, DiscreteState, SetDiscreteState
 from teleop_drake.engine.block_events import OwnContext
-from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.evaluator import Evaluator, IsDelayed
 from teleop_drake.engine.run import Visited
 from teleop_drake.kernel import KernelBlock
 from teleop_drake.kernel.events import Ticks
@@ -60,19 +60,12 @@ def CheckVisited(
     """
     program = evaluator.program
     contexts = ContextsIn(system, context)
-    delayed = {part.start for _, _, part in program.delays}
     for t, x, m, y in visited:
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             continue
         context.SetTime(t)
         for block, mode in zip(evaluator.blocks, program.modes, strict=True):
-            own = contexts[block.system]
-            SetDiscreteState(own, m[mode])
-            # An input from a delay is set to the delay's output in the run.
-            for name, source in block.inputs.items():
-                part = program.signals.get(source)
-                if part is not None and part.start in delayed:
-                    block.system.GetInputPort(name).FixValue(own, y[part])
+            SetDiscreteState(contexts[block.system], m[mode])
         try:
             context.SetContinuousState(x)
             _CompareAll(evaluator, system, context, y)
@@ -85,7 +78,17 @@ def CheckVisited(
 def _CompareAll(
     evaluator: Evaluator, system: System, context: Context, delayed: Array
 ) -> None:
-    """Compares outputs, rates and transitions; sets the time of the Context."""
+    """Compares outputs, rates and transitions in a Context, which is changed.
+
+    The inputs from delays are fixed to the outputs of these.
+    """
+    y, _ = evaluator.Evaluate(context, delayed)
+    contexts = ContextsIn(system, context)
+    for block in evaluator.blocks:
+        for name, source in block.inputs.items():
+            if IsDelayed(evaluator.program.kernels[source.block], source.port):
+                value = y[evaluator.program.signals[source]]
+                block.system.GetInputPort(name).FixValue(contexts[block.system], value)
     Compare(evaluator, system, context, delayed)
     CompareTransitions(evaluator, system, context, delayed)
 
@@ -108,11 +111,13 @@ def Compare(
     y, dx = evaluator.Evaluate(context, delayed)
     program = evaluator.program
     contexts = ContextsIn(system, context)
-    given = {part.start for _, _, part in program.delays if delayed is not None}
     for output, part in program.signals.items():
         block = evaluator.blocks[output.block]
+        kernel = program.kernels[output.block]
+        if delayed is not None and IsDelayed(kernel, output.port):
+            continue
         # A signal without a port is a guard, a new mode or an intermediate result.
-        if part.start in given or not block.system.HasOutputPort(output.port):
+        if not block.system.HasOutputPort(output.port):
             continue
         port = block.system.GetOutputPort(output.port)
         if port.get_data_type() == PortDataType.kVectorValued:

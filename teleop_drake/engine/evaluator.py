@@ -122,6 +122,13 @@ def PassAtZero(system: System, kernel: Kernel) -> Kernel:
     return replace(kernel, outputs=outputs, parameters=parameters, delays=delays)
 
 
+def IsDelayed(kernel: Kernel, output: str) -> bool:
+    """Returns whether an output comes from a delay, see also PassAtZero()."""
+    term = kernel.outputs.get(output)
+    is_passed = isinstance(term, tuple) and term[0] is pass_at_zero
+    return is_passed or output in [delay.output for delay in kernel.delays]
+
+
 class Evaluator:
     """Evaluates the time derivatives and the outputs of a diagram, without Drake.
 

@@ -27,13 +27,25 @@ from teleop_drake.kernel.kernel import Delay, Kernel
 from teleop_drake.kernel.packet_line import PacketLine
 from teleop_drake.kernel.parameters import BlockParameters
 from teleop_drake.kernel.terms import ContextReader, ValueIn
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import Range, Refuse
 
 
 class _Rated:
     """A base class with the time derivatives of a block whose kernel has a rate."""
 
     _kernel_rate: ValueIn | None = None
+
+    def CheckParameters(self, values: Mapping[str, Any]) -> None:
+        """Refuses parameters that are not allowed together.
+
+        Each parameter by itself is within its range, see KernelBlock.
+
+        Args:
+            values: The parameters of the kernel by their names.
+
+        Raises:
+            ScenarioError: Naming a parameter, its value and what is allowed.
+        """
 
     def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
         """Evaluates the rate; called by Drake several times in every step."""
@@ -68,8 +80,8 @@ class DualBlock(_Rated, LeafSystem_[AutoDiffXd]):
         for i in range(context.num_abstract_states()):
             self.DeclareAbstractState(context.get_abstract_state(i))
         ports = [other.get_output_port(i) for i in range(other.num_output_ports())]
-        units = getattr(other, "numeric_parameters", {})
-        self.kernel_parameters = _MakeParameters(self, kernel, units)
+        ranges = getattr(other, "numeric_parameters", {})
+        self.kernel_parameters = _MakeParameters(self, kernel, ranges)
         path = other.GetSystemPathname()
 
         def RefuseDelay(context: Context) -> Any:
@@ -149,8 +161,8 @@ class KernelBlock(_Rated, EventBlock):
         other_events: The declarations of periodic and per-step events besides those
             of the kernel. A block with such events runs in Drake's Simulator only.
         kernel_parameters: The parameters of the kernel in Drake's Contexts.
-        numeric_parameters: The units of the numbers that a Context can change, by the
-            names of parameters of the kernel or of fields of them.
+        numeric_parameters: The ranges, or only the units, of the numbers that a Context
+            can change, by the names of parameters of the kernel or of fields of them.
         element_names: Names of the elements of a parameter that is an array, by the
             name of the parameter.
     """
@@ -161,7 +173,7 @@ class KernelBlock(_Rated, EventBlock):
     longest_step = math.inf
     optional_inputs: tuple[str, ...] = ()
     is_compiled = False
-    numeric_parameters: ClassVar[Mapping[str, str]] = {}
+    numeric_parameters: ClassVar[Mapping[str, Range | str]] = {}
     element_names: Mapping[str, Sequence[str]] = MappingProxyType({})
 
     def __init__(self) -> None:
@@ -269,9 +281,9 @@ def _DelayName(kernel: Kernel, delay: Delay) -> str:
 
 
 def _MakeParameters(
-    block: Any, kernel: Kernel, units: Mapping[str, str]
+    block: Any, kernel: Kernel, ranges: Mapping[str, Range | str]
 ) -> BlockParameters:
-    """Declares a block's numeric parameters: those with a unit, and constant delays."""
+    """Declares a block's numeric parameters: those with a range, and its delays."""
     delays = {
         _DelayName(kernel, delay): delay.time
         for delay in kernel.delays
@@ -280,7 +292,7 @@ def _MakeParameters(
     return BlockParameters(
         block,
         replace(kernel, parameters={**kernel.parameters, **delays}),
-        {**units, **dict.fromkeys(delays, "s")},
+        {**ranges, **dict.fromkeys(delays, Range("s", minimum=0))},
     )
 
 

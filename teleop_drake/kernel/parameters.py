@@ -1,15 +1,19 @@
 """The numbers of a kernel as numeric parameters of a block's Context.
 
 Each parameter of a kernel is a number, an array, or a (named) tuple of numbers and
-arrays. A block lists in `numeric_parameters` the parameters that a user may change.
-Each of these becomes one numeric parameter of Drake, in the order of the list: a vector
-with the elements of the array, row by row. All other parameters are constants, or are
-computed from these.
+arrays. A block lists in `numeric_parameters` the parameters that a user may change,
+each with its unit and range. Each of these becomes one numeric parameter of Drake, in
+the order of the list: a vector with the elements of the array, row by row. All other
+parameters are constants, or are computed from these.
+
+Values that are not allowed are refused wherever the numbers of a Context are used: in
+either engine, in Drake's plain Simulator, in pages and in linear models.
 """
 
 import functools
 import weakref
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -27,6 +31,7 @@ from teleop_drake.arrays import Array
 from teleop_drake.jit.compiled import CompiledLaw
 from teleop_drake.kernel.events import Weakly
 from teleop_drake.kernel.kernel import Kernel
+from teleop_drake.validation import Range, Within
 
 
 class NamedParameter(NamedTuple):
@@ -36,12 +41,14 @@ class NamedParameter(NamedTuple):
         name: The name of a parameter of the kernel, or of a field of one.
         number: The index of the parameter in the block's Context.
         unit: The unit of its elements, empty for numbers without a unit.
+        range: The values that they may have; None: any.
         shape: The shape of the array that the parameter holds.
     """
 
     name: str
     number: int
     unit: str
+    range: Range | None
     shape: tuple[int, ...]
 
 
@@ -79,26 +86,29 @@ class BlockParameters:
     Args:
         block: A LeafSystem of float or of AutoDiffXd.
         kernel: The block's kernel, with the default values.
-        units: The unit of each number that becomes a numeric parameter, by the name of
-            a parameter of the kernel, or of a field of a named tuple among them.
+        ranges: The range, or only the unit, of each number that becomes a numeric
+            parameter, by the name of a parameter of the kernel, or of a field of a
+            named tuple among them.
 
     Attributes:
         named: The numeric parameters, in the order of their numbers.
         ticket: The prerequisite of every value that depends on a parameter.
     """
 
-    def __init__(self, block: Any, kernel: Kernel, units: Mapping[str, str]):
+    def __init__(self, block: Any, kernel: Kernel, ranges: Mapping[str, Range | str]):
         self._kernel = kernel
         self._last = Numbers(kernel.parameters)
         self._last_key: tuple[bytes, ...] | None = None
         scalar = AutoDiffXd if isinstance(block, LeafSystem_[AutoDiffXd]) else float
         leaves = _Leaves(kernel.parameters)
         self.named: list[NamedParameter] = []
-        for name, unit in units.items():
+        for name, range_or_unit in ranges.items():
             leaf = np.asarray(leaves[name])
             default = BasicVector_[scalar](leaf.ravel())
             number = int(block.DeclareNumericParameter(default))
-            self.named.append(NamedParameter(name, number, unit, leaf.shape))
+            own = range_or_unit if isinstance(range_or_unit, Range) else None
+            unit = str(range_or_unit) if own is None else own.unit
+            self.named.append(NamedParameter(name, number, unit, own, leaf.shape))
         self.ticket = block.all_parameters_ticket()
         # A reference to the entry would keep the block alive, unknown to the garbage
         # collector; its index does not.
@@ -112,8 +122,24 @@ class BlockParameters:
             {self.ticket},
         ).cache_index()
 
+    def Check(self, context: Context, path: str) -> None:
+        """Refuses values of a Context that are not allowed.
+
+        Args:
+            path: The path of the block, for messages.
+
+        Raises:
+            ScenarioError: Naming the parameter, its value and what is allowed.
+        """
+        arrays = {x.name: _ArrayIn(context, x) for x in self.named}
+        self._CheckValues(arrays, path)
+
     def In(self, context: Context) -> Numbers:
-        """Returns the parameters of the kernel with their values in a Context."""
+        """Returns the parameters of the kernel with their values in a Context.
+
+        Raises:
+            ScenarioError: If a value is not allowed, see Check().
+        """
         block = self._block()
         assert block is not None
         entry = block.get_cache_entry(self._index)
@@ -131,9 +157,26 @@ class BlockParameters:
             return
         key = tuple(array.tobytes() for array in arrays.values())
         if key != self._last_key:
-            self._last = self._With(arrays)
+            self._last = self._CheckValues(arrays)
             self._last_key = key
         result.set_value(self._last)
+
+    def _CheckValues(
+        self, arrays: Mapping[str, Array], path: str | None = None
+    ) -> Numbers:
+        """Returns the kernel's parameters with arrays whose values are allowed."""
+        block = self._block()
+        assert block is not None
+        place = block.get_name() if path is None else path
+        prefix = f"{place}." if place else ""
+        for parameter in self.named:
+            if parameter.range is not None:
+                array = arrays[parameter.name]
+                parameter.range.Check(f"{prefix}{parameter.name}", array)
+        numbers = self._With(arrays)
+        with Within(place) if place else nullcontext():
+            block.CheckParameters(numbers.values)
+        return numbers
 
     def _With(self, arrays: Mapping[str, Array]) -> Numbers:
         """Returns the kernel's parameters with some arrays replaced."""

@@ -77,7 +77,11 @@ def _Ranges(number: Scalar, factor: float) -> list[Sequence[float]]:
         return [DelayRange(value)]
     if value == 0:
         return [(-1.0, 1.0), (0.0, 1.0)]
-    return [sorted((value / factor, value * factor))]
+    low, high = sorted((value / factor, value * factor))
+    if number.range is not None:
+        low = max(low, number.range.minimum)
+        high = min(high, number.range.maximum)
+    return [(low, high)]
 
 
 def _MakeInput(

@@ -42,7 +42,7 @@ from teleop_drake.simulation.simulator import (
 )
 from teleop_drake.simulation.stale_cache_guard import HasOwnBlocks
 from teleop_drake.simulation.stepping import LongestStepOf
-from teleop_drake.validation import ScenarioError
+from teleop_drake.validation import Refuse, ScenarioError
 
 # The most steps that a block may force on a run. Each takes some milliseconds.
 _MOST_FORCED_STEPS = 100_000
@@ -134,6 +134,12 @@ def _CheckSteps(job: Job) -> None:
     """Refuses a run that a delay or an operator forces to take too many steps."""
     for system, context in ContextsIn(job.diagram, job.context).items():
         step = LongestStepOf(system, context)
+        if step == 0:
+            allowed = (
+                "above 0 s in Drake's Simulator: a block made with a delay of 0, or a "
+                "compiled run, passes the signal on"
+            )
+            Refuse(f"{system.get_name()}.delay", 0.0, allowed)
         num_steps = job.duration / step
         if num_steps > _MOST_FORCED_STEPS:
             raise ScenarioError(

@@ -11,6 +11,7 @@ from teleop_drake.blocks.channels.network import NetworkDelay
 from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
 from teleop_drake.blocks.environments import Surface, SurfacesOf
 from teleop_drake.numerics.step_polynomials import finite_part
+from teleop_drake.parameters import CheckNumbers
 from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
 from teleop_drake.scenario.config import DefaultSimulator
@@ -253,8 +254,8 @@ def MakeJob(
     """Returns the specification of a System's run; None stands for a default.
 
     Raises:
-        ScenarioError: If there is no duration, or the Context is that of another
-            System.
+        ScenarioError: If there is no duration, if the Context is that of another
+            System, or if it has a number that is not allowed.
     """
     CheckNumber("duration", duration, "s", above=0)
     assert duration is not None
@@ -264,6 +265,7 @@ def MakeJob(
         system.ValidateContext(context)
     except (RuntimeError, SystemExit):
         Refuse("context", "a Context", f"one of {NameOf(system)}")
+    CheckNumbers(system, context)
     return Job(
         diagram=system,
         context=context,

@@ -29,9 +29,11 @@ from teleop_drake.validation import (
     Config,
     FixedFields,
     GainMatrix,
+    GainRange,
     Gains,
     IsGiven,
     Number,
+    Range,
     Refuse,
     ScenarioError,
     Show,
@@ -122,18 +124,18 @@ class AdaptiveBackstepping(LawBlock):
     )
 
     numeric_parameters: ClassVar = {
-        "Lambda": "m/(N s)",
-        "G1": "1/s",
-        "G2": "1/s",
-        "P": "",
-        "beta1": "",
-        "beta2": "",
-        "beta3": "",
-        "nu1": "",
-        "nu3": "",
-        "Upsilon": "",
-        "Psi0": "1/kg",
-        "Psi_min": "1/kg",
+        "Lambda": Range("m/(N s)"),
+        "G1": Range("1/s"),
+        "G2": GainRange("1/s"),
+        "P": GainRange(),
+        "beta1": Range(minimum=0),
+        "beta2": Range(minimum=0),
+        "beta3": Range(minimum=0),
+        "nu1": Range(minimum=0),
+        "nu3": Range(minimum=0),
+        "Upsilon": Range(minimum=0, maximum=1),
+        "Psi0": Range("1/kg"),
+        "Psi_min": Range("1/kg", above=0),
     }
 
     def __init__(
@@ -188,6 +190,10 @@ class AdaptiveBackstepping(LawBlock):
             weights_3=n * N,
             state=pack_state(initial_state(gains, N)),
         )
+
+    def CheckParameters(self, values: Mapping[str, Any]) -> None:
+        """Refuses gains that BacksteppingGains() refuses; see KernelBlock."""
+        BacksteppingGains(**values["gains"]._asdict())
 
     def RunNotes(self, time: Array, signals: Mapping[str, Array]) -> list[str]:
         """Returns a note for the recording if Psi came to its limit in a run."""

@@ -14,6 +14,7 @@ from teleop_drake.validation import (
     CheckGain,
     Config,
     GainField,
+    GainRange,
     Gains,
 )
 
@@ -70,7 +71,7 @@ class DampedForce(LawBlock):
         ScenarioError: If an argument is not allowed.
     """
 
-    numeric_parameters: ClassVar = {"damping": "N s/m"}
+    numeric_parameters: ClassVar = {"damping": GainRange("N s/m", may_be_zero=True)}
 
     def __init__(self, num_axes: int, damping: ArrayLike, *, against: str = "ground"):
         B = CheckGain("damping", damping, num_axes, may_be_zero=True)

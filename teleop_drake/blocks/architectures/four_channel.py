@@ -20,17 +20,19 @@ from teleop_drake.validation import (
     Config,
     FixedFields,
     GainField,
+    GainRange,
     Gains,
     Number,
+    Range,
 )
 
-_STATION_UNITS = {
-    "local_stiffness": "N/m",
-    "local_damping": "N s/m",
-    "damping": "N s/m",
-    "motion": "",
-    "force": "",
-    "local_force": "",
+_STATION_NUMBERS = {
+    "local_stiffness": GainRange("N/m", may_be_zero=True),
+    "local_damping": GainRange("N s/m", may_be_zero=True),
+    "damping": GainRange("N s/m", may_be_zero=True),
+    "motion": Range(),
+    "force": Range(),
+    "local_force": Range(),
 }
 
 
@@ -83,7 +85,7 @@ class FourChannelMaster(MasterSide):
         start: x_m at time 0 in m (n).
     """
 
-    numeric_parameters: ClassVar = {"mass": "kg", **_STATION_UNITS}
+    numeric_parameters: ClassVar = {"mass": GainRange("kg"), **_STATION_NUMBERS}
 
     def __init__(self, config: "FourChannelConfig", *, start: ArrayLike):
         station = config.MakeStation("master", start)
@@ -152,7 +154,7 @@ class FourChannelSlave(SlaveSide):
         start: p_WT at time 0 in m (n).
     """
 
-    numeric_parameters: ClassVar = _STATION_UNITS
+    numeric_parameters: ClassVar = _STATION_NUMBERS
 
     def __init__(self, config: "FourChannelConfig", *, start: ArrayLike):
         station = config.MakeStation("slave", start)

@@ -20,6 +20,7 @@ from teleop_drake.validation import (
     Config,
     GainField,
     GainMatrix,
+    GainRange,
     Gains,
     Number,
     Refuse,
@@ -69,9 +70,9 @@ class ProportionalMaster(MasterSide):
     """
 
     numeric_parameters: ClassVar = {
-        "mass": "kg",
-        "stiffness": "N/m",
-        "damping": "N s/m",
+        "mass": GainRange("kg"),
+        "stiffness": GainRange("N/m", may_be_zero=True),
+        "damping": GainRange("N s/m", may_be_zero=True),
     }
 
     def __init__(self, config: "ProportionalDampingConfig", *, start: ArrayLike):
@@ -140,8 +141,8 @@ class ProportionalSlave(SlaveSide):
     """
 
     numeric_parameters: ClassVar = {
-        "stiffness": "N/m",
-        "damping": "N s/m",
+        "stiffness": GainRange("N/m", may_be_zero=True),
+        "damping": GainRange("N s/m", may_be_zero=True),
     }
 
     def __init__(self, config: "ProportionalDampingConfig", *, num_axes: int):

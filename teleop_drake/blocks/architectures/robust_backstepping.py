@@ -17,7 +17,14 @@ from teleop_drake.laws.robust_backstepping import (
     robust_errors,
     robust_rate,
 )
-from teleop_drake.validation import CheckNumber, Config, FixedFields, Number, Refuse
+from teleop_drake.validation import (
+    CheckNumber,
+    Config,
+    FixedFields,
+    Number,
+    Range,
+    Refuse,
+)
 
 
 class RobustBackstepping(AdaptiveBackstepping):
@@ -61,10 +68,10 @@ class RobustBackstepping(AdaptiveBackstepping):
 
     numeric_parameters: ClassVar = {
         **AdaptiveBackstepping.numeric_parameters,
-        "rho1": "m/s^2",
-        "eps1": "",
-        "rho3": "N/s",
-        "eps3": "",
+        "rho1": Range("m/s^2", minimum=0),
+        "eps1": Range(above=0),
+        "rho3": Range("N/s", minimum=0),
+        "eps3": Range(above=0),
     }
 
     def __init__(

@@ -24,8 +24,10 @@ from teleop_drake.validation import (
     CheckNumber,
     Config,
     GainField,
+    GainRange,
     Gains,
     Number,
+    Range,
     Refuse,
 )
 
@@ -93,7 +95,7 @@ class PassivityMaster(_Idle, MasterSide):
     """
 
     numeric_parameters: ClassVar = {
-        "maximum_mobility": "m/(N s)",
+        "maximum_mobility": Range("m/(N s)", above=0),
     }
 
     def __init__(self, config: "TimeDomainPassivityConfig", *, num_axes: int):
@@ -214,8 +216,8 @@ class PassivitySlave(_Idle, SlaveSide):
     """
 
     numeric_parameters: ClassVar = {
-        "maximum_damping": "N s/m",
-        "local_damping": "N s/m",
+        "maximum_damping": Range("N s/m", above=0),
+        "local_damping": GainRange("N s/m", may_be_zero=True),
     }
 
     def __init__(self, config: "TimeDomainPassivityConfig", *, num_axes: int):

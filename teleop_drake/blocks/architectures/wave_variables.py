@@ -1,10 +1,11 @@
 """Wave variables: the channels carry waves, and stay passive under constant delays."""
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 
-from teleop_drake.arrays import ArrayLike
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.architectures.base import (
     Architecture,
     ArchitectureConfig,
@@ -26,8 +27,10 @@ from teleop_drake.validation import (
     CheckNumber,
     Config,
     GainField,
+    GainRange,
     Gains,
     Number,
+    Range,
     Refuse,
 )
 
@@ -78,9 +81,9 @@ class WaveMaster(MasterSide):
     """
 
     numeric_parameters: ClassVar = {
-        "impedance": "N s/m",
-        "damping": "N s/m",
-        "scaling": "",
+        "impedance": GainRange("N s/m"),
+        "damping": GainRange("N s/m", may_be_zero=True),
+        "scaling": Range(above=0, maximum=1),
     }
 
     def __init__(self, config: "WaveVariablesConfig", *, start: ArrayLike):
@@ -89,10 +92,11 @@ class WaveMaster(MasterSide):
         b = config.Gain("impedance", n)
         D = config.Gain("master_damping", n)
         CheckNumber("return_scaling", config.return_scaling, above=0, maximum=1)
-        is_matched = np.allclose(D, b, rtol=1e-12, atol=0)
+        is_matched = IsMatched(D, b)
         # If no wave is reflected, the outgoing wave must not depend on the arriving one
         # even formally: without delay, that would be an algebraic loop.
         seen = "nothing" if is_matched else "received"
+        self._is_matched = is_matched
         MasterSide.__init__(
             self,
             "wave_master",
@@ -130,6 +134,20 @@ class WaveMaster(MasterSide):
             state=start.tolist(),
         )  # fmt: skip
 
+    def CheckParameters(self, values: Mapping[str, Any]) -> None:
+        """Refuses a damper that reflects waves if none was reflected at first.
+
+        The outgoing wave does not depend on the arriving one then; see KernelBlock.
+        """
+        if self._is_matched and not IsMatched(values["damping"], values["impedance"]):
+            allowed = "equal to impedance, as it was when the block was made"
+            Refuse("damping", values["damping"], allowed)
+
+
+def IsMatched(damping: Array, impedance: Array) -> bool:
+    """Returns whether a damper at the end of a line of waves reflects none of them."""
+    return np.allclose(damping, impedance, rtol=1e-12, atol=0)
+
 
 class WaveSlave(SlaveSide):
     """Computes the force and the returning wave from arriving wave and velocity.
@@ -166,8 +184,8 @@ class WaveSlave(SlaveSide):
     """
 
     numeric_parameters: ClassVar = {
-        "impedance": "N s/m",
-        "scaling": "",
+        "impedance": GainRange("N s/m"),
+        "scaling": Range(above=0, maximum=1),
     }
 
     def __init__(self, config: "WaveVariablesConfig", *, num_axes: int):
@@ -234,7 +252,7 @@ class WaveVariablesConfig(ArchitectureConfig):
         """Makes both sides; refuses waves that form an algebraic loop."""
         line = self.Resolve(facts, path)
         facts.CheckStrictlyProper(self.kind)
-        is_open = np.allclose(line.master_damping, line.impedance, rtol=1e-12, atol=0)
+        is_open = IsMatched(line.master_damping, line.impedance)
         if facts.has_no_delay and not is_open:
             Refuse(
                 f"{path}.master_damping",

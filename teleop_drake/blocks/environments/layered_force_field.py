@@ -32,6 +32,7 @@ from teleop_drake.validation import (
     Config,
     FixedFields,
     Number,
+    Range,
     Refuse,
 )
 
@@ -162,10 +163,10 @@ class LayeredForceField(FixedBlock):
     is_compiled = True
 
     numeric_parameters: ClassVar = {
-        "stiffness": "N/m",
-        "damping": "N s/m",
-        "reference": "m",
-        "lateral_stiffness": "N/m",
+        "stiffness": Range("N/m", minimum=0),
+        "damping": Range("N s/m", minimum=0),
+        "reference": Range("m"),
+        "lateral_stiffness": Range("N/m", minimum=0),
     }
 
     def __init__(

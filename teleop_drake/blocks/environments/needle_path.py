@@ -17,7 +17,7 @@ from teleop_drake.blocks.environments.surface import PlaneSurface, Surface, Unit
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.kernel.linear_part import LinearPart
 from teleop_drake.laws.needle import NeedlePath, needle_wrench
-from teleop_drake.validation import REQUIRED, CheckVector, Config, Number, Refuse
+from teleop_drake.validation import REQUIRED, CheckVector, Config, Number, Range, Refuse
 
 
 @Config
@@ -105,8 +105,8 @@ class NeedleInTissue(FixedBlock):
     is_compiled = True
 
     numeric_parameters: ClassVar = {
-        "stiffness": "N/m^2",
-        "drag": "N s/m^2",
+        "stiffness": Range("N/m^2", minimum=0),
+        "drag": Range("N s/m^2", minimum=0),
     }
 
     def __init__(self, config: NeedlePathConfig, start: ArrayLike):

@@ -16,7 +16,7 @@ from teleop_drake.blocks.environments.surface import (
 )
 from teleop_drake.kernel import FixedBlock, Kernel, Term
 from teleop_drake.laws.contact import creep_rate, solid_force, wall_force
-from teleop_drake.validation import REQUIRED, Config, Number
+from teleop_drake.validation import REQUIRED, Config, Number, Range, RangeOfEach
 
 
 @Config
@@ -149,8 +149,14 @@ class ContactWall(Wall):
     is_compiled = True
 
     numeric_parameters: ClassVar = {
-        "normal_law": "",
-        "friction_law": "",
+        "normal_law": RangeOfEach(
+            elements=(
+                Range("N/m^exponent", above=0),
+                Range(minimum=1),
+                Range("s/m", minimum=0),
+            )
+        ),
+        "friction_law": RangeOfEach(elements=(Range(minimum=0), Range("m/s", above=0))),
     }
     element_names = MappingProxyType(
         {
@@ -216,7 +222,13 @@ class RelaxingTissue(Wall):
     """
 
     numeric_parameters: ClassVar = {
-        "solid": "",
+        "solid": RangeOfEach(
+            elements=(
+                Range("N/m", minimum=0),
+                Range("N/m", above=0),
+                Range("s", above=0),
+            )
+        ),
     }
     element_names = MappingProxyType(
         {

@@ -20,7 +20,7 @@ from teleop_drake.laws.operator import (
     rate_to_velocity,
 )
 from teleop_drake.numerics.transfer_function import all_pass_of_delay
-from teleop_drake.validation import CheckChoice, Config, Number, Refuse
+from teleop_drake.validation import CheckChoice, Config, Number, Range, Refuse
 from teleop_drake.wiring import Wire
 
 GOALS = ("position", "velocity")
@@ -73,12 +73,12 @@ class HumanHand(ModalOperator):
     """
 
     numeric_parameters: ClassVar = {
-        "velocity": "m/s",
-        "contact_force": "N",
-        "crossover": "rad/s",
-        "mass": "kg",
-        "damping": "N s/m",
-        "stiffness": "N/m",
+        "velocity": Range("m/s"),
+        "contact_force": Range("N"),
+        "crossover": Range("rad/s", above=0),
+        "mass": Range("kg", above=0),
+        "damping": Range("N s/m", minimum=0),
+        "stiffness": Range("N/m", minimum=0),
     }
 
     def __init__(

@@ -3,6 +3,7 @@
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+from pydrake.systems.framework import Context
 
 from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.channels.base import SHORTEST_TIME
@@ -10,7 +11,7 @@ from teleop_drake.blocks.environments import Surface
 from teleop_drake.blocks.operators.base import ModalOperator, OperatorConfig
 from teleop_drake.kernel import Transition
 from teleop_drake.laws.operator import operator_mode
-from teleop_drake.validation import CheckVector, Config, Number, Refuse
+from teleop_drake.validation import CheckVector, Config, Number, Range, Refuse
 
 # The operator's phases: a move is commanded and the tool is not yet seen to move; the
 # tool is seen to move; the tool is seen at rest; the tool has reached the goal.
@@ -97,14 +98,14 @@ class MoveAndWaitOperator(ModalOperator):
     """
 
     numeric_parameters: ClassVar = {
-        "contact_force": "N",
-        "goal": "m",
-        "speed": "m/s",
-        "share": "",
-        "tolerance": "m",
-        "reaction_time": "s",
-        "shortest_move": "s",
-        "rest_speed": "m/s",
+        "contact_force": Range("N"),
+        "goal": Range("m"),
+        "speed": Range("m/s", above=0),
+        "share": Range(above=0, maximum=1),
+        "tolerance": Range("m", above=0),
+        "reaction_time": Range("s", minimum=SHORTEST_TIME),
+        "shortest_move": Range("s", minimum=SHORTEST_TIME),
+        "rest_speed": Range("m/s", above=0),
     }
 
     def __init__(
@@ -138,6 +139,11 @@ class MoveAndWaitOperator(ModalOperator):
             **config.Modes(contact_surface),
         )
         self.longest_step = config.LongestStep()
+
+    def LongestStep(self, context: Context) -> float:
+        """Returns a quarter of the shortest move of a Context in s."""
+        habits: Habits = self.kernel_parameters.In(context).values["habits"]
+        return habits.shortest_move / 4
 
 
 def _move(mode: Array, habits: Habits) -> tuple[Array, float]:

@@ -20,7 +20,7 @@ from teleop_drake.numerics.piecewise_polynomial import (
     linear_pieces,
     minimum_jerk_pieces,
 )
-from teleop_drake.validation import CheckVector, Config, Number, Refuse
+from teleop_drake.validation import CheckVector, Config, Number, Range, Refuse
 
 MAX_FREQUENCY = 1000.0
 """Highest frequency of a sine in rad/s."""
@@ -162,8 +162,8 @@ class ConstantVelocityOperator(PlannedOperator):
     has_constant_command = True
 
     numeric_parameters: ClassVar = {
-        "velocity": "m/s",
-        "contact_force": "N",
+        "velocity": Range("m/s"),
+        "contact_force": Range("N"),
     }
 
     def __init__(

@@ -7,7 +7,7 @@ import numpy as np
 from teleop_drake.arrays import ArrayLike
 from teleop_drake.kernel import FixedBlock, Kernel, Term
 from teleop_drake.laws.tracking import coupled_disturbance, linear_disturbance
-from teleop_drake.validation import CheckChoice, Refuse
+from teleop_drake.validation import CheckChoice, Range, Refuse
 
 _LAWS: dict[str, Term] = {
     "linear": (linear_disturbance, "gain", "tool_position"),
@@ -42,7 +42,7 @@ class DisturbanceForce(FixedBlock):
     """
 
     numeric_parameters: ClassVar = {
-        "gain": "N/m",
+        "gain": Range("N/m"),
     }
 
     def __init__(self, kind: str, gain: ArrayLike):
