@@ -96,7 +96,8 @@ def NamedParameters(
     """Returns the numeric parameters of all systems in a diagram, by name.
 
     Drake's own systems are included. The parameters of a MultibodyPlant are the mass of
-    each body and the damping of each joint.
+    each body, the damping of each joint, and the gear ratio and the rotor inertia of
+    each actuator.
 
     Args:
         diagram: A Diagram, or a system by itself.
@@ -115,7 +116,7 @@ def NamedParameters(
 
 def SetNumbers(
     diagram: System, context: Context, numbers: Mapping[str, ArrayLike]
-) -> None:
+) -> set[System]:
     """Sets parameters, elements of parameters, or initial states in a Context.
 
     Args:
@@ -123,18 +124,27 @@ def SetNumbers(
             `delay`. A parameter of several elements takes one number for all of them,
             or an array of its shape.
 
+    Returns:
+        The systems that have these numbers.
+
     Raises:
         ScenarioError: If there is no such number, or the value is not allowed.
     """
     known = _NumbersIn(diagram, context)
     delays = [name for name, parameter in known.items() if parameter.is_delay]
+    paths = set()
     for name, value in numbers.items():
         number = np.asarray(value, dtype=float)
         if not np.isfinite(number).all():
             Refuse(name, value, "finite")
         for each in delays if name == "delay" and delays else [name]:
-            _Set(known, each, number)
-    CheckNumbers(diagram, context)
+            paths.add(_Set(known, each, number))
+    changed = {system for system, path in PathsIn(diagram) if path in paths}
+    contexts = ContextsIn(diagram, context)
+    for system, path in PathsIn(diagram):
+        if path in paths and isinstance(system, KernelBlock):
+            system.kernel_parameters.Check(contexts[system], path)
+    return changed
 
 
 def CheckNumbers(diagram: System, context: Context) -> None:
@@ -190,8 +200,8 @@ def ScalarsIn(diagram: System, context: Context) -> dict[str, Scalar]:
     return scalars
 
 
-def _Set(known: Mapping[str, _Parameter], name: str, number: Array) -> None:
-    """Sets one parameter, or one element of it."""
+def _Set(known: Mapping[str, _Parameter], name: str, number: Array) -> str:
+    """Sets one parameter, or one element of it; returns the path of its system."""
     whole, bracket, inside = (name, "", "") if name in known else name.partition("(")
     if whole not in known:
         Refuse("parameter", name, Choices(name, list(known)))
@@ -214,6 +224,7 @@ def _Set(known: Mapping[str, _Parameter], name: str, number: Array) -> None:
         value[place] = number
     parameter.Check(whole, value)
     parameter.write(value)
+    return parameter.path
 
 
 def _AsNumber(array: Array) -> float | Array:
@@ -339,7 +350,7 @@ def _FieldsOf(vector: Any) -> dict[str, int]:
 
 
 def _ParametersOfPlant(plant: MultibodyPlant, context: Context) -> Iterator[_Parameter]:
-    """Yields the mass of each body and the damping of each joint.
+    """Yields the mass of each body, the damping of each joint, and the gears of motors.
 
     A new mass does not change the centre of mass and the unit inertia of the body.
     Drake would end the process for a negative damping.
@@ -373,3 +384,27 @@ def _ParametersOfPlant(plant: MultibodyPlant, context: Context) -> Iterator[_Par
             WriteDamping,
             range=Range(unit, minimum=0),
         )
+    for actuator_index in plant.GetJointActuatorIndices():
+        yield from _ParametersOfMotor(plant.get_joint_actuator(actuator_index), context)
+
+
+def _ParametersOfMotor(motor: Any, context: Context) -> Iterator[_Parameter]:
+    """Yields the gear ratio and the rotor inertia of a joint's actuator."""
+
+    def WriteRatio(value: Array) -> None:
+        motor.SetGearRatio(context, value.item())
+
+    def WriteInertia(value: Array) -> None:
+        motor.SetRotorInertia(context, value.item())
+
+    name = motor.name()
+    ratio = partial(motor.gear_ratio, context)
+    yield _Parameter(f"{name}.gear_ratio", "", ratio, WriteRatio)
+    unit = "kg m^2" if motor.joint().type_name() == "revolute" else "kg"
+    yield _Parameter(
+        f"{name}.rotor_inertia",
+        unit,
+        partial(motor.rotor_inertia, context),
+        WriteInertia,
+        range=Range(unit, minimum=0),
+    )

@@ -3,7 +3,8 @@
 It is the function `evaluate` of a program; see teleop_drake.engine.program.
 """
 
-from collections.abc import Callable
+import copy
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -164,6 +165,8 @@ class Evaluator:
     ):
         self.blocks = Flatten(system)
         self.system = system
+        self._as_machine_code = as_machine_code
+        self._has_zero_delays = has_zero_delays
         contexts = ContextsIn(system, context)
         self.left_out: list[str] = []
         # The kernels, with the parameter values of the blocks' Contexts.
@@ -175,17 +178,62 @@ class Evaluator:
             if is_sink:
                 self.left_out.append(block.path)
             CheckEvents(block.system, kernel, own, is_sink=is_sink)
-            if has_zero_delays or any(delay.time == 0 for delay in kernel.delays):
-                kernel = PassAtZero(block.system, kernel)
-            kernels.append(kernel)
-        self.program = Program(self.blocks, kernels)
-        # The program, interpreted or compiled.
-        self.function: Callable[..., Any] = self.program.Evaluate
-        if like is not None and self.program.HasCodeOf(like.program):
-            self.function = like.function
-        elif as_machine_code:
-            code = MakeCode(self.program.Trace())
-            self.function = Evaluate(Library(Kept("evaluate", code), "evaluate"))
+            kernels.append(self._Extended(block.system, kernel))
+        self._SetProgram(Program(self.blocks, kernels), [like] if like else [])
+
+    def With(
+        self,
+        context: Context,
+        changed: Collection[System],
+        kept: "Sequence[Evaluator]" = (),
+    ) -> "Evaluator":
+        """Returns an evaluator with the numbers of another Context.
+
+        Args:
+            context: The Context of `system`.
+            changed: The blocks of which the numbers differ.
+            kept: Further evaluators whose machine code is reused if it is the same.
+
+        Raises:
+            UnsupportedSystem: If a block cannot be compiled with its numbers.
+            AlgebraicLoop: If a signal depends on itself, see Evaluator.
+        """
+        contexts = ContextsIn(self.system, context)
+        kernels = list(self.program.kernels)
+        for i, block in enumerate(self.blocks):
+            if block.system in changed:
+                kernel = KernelOf(block.system, contexts[block.system])
+                kernels[i] = self._Extended(block.system, kernel)
+        other = copy.copy(self)
+        program = self.program.With(kernels)
+        if program is not None:
+            other.program = program
+            other.function = program.Evaluate
+            if self._as_machine_code:
+                other.function = self.function
+        else:
+            other._SetProgram(Program(self.blocks, kernels), [self, *kept])
+        return other
+
+    def _Extended(self, system: System, kernel: Kernel) -> Kernel:
+        """Returns a kernel whose delays may be 0, if they have to."""
+        has_zero = any(delay.time == 0 for delay in kernel.delays)
+        if self._has_zero_delays or has_zero:
+            return PassAtZero(system, kernel)
+        return kernel
+
+    def _SetProgram(self, program: Program, kept: "Sequence[Evaluator]") -> None:
+        """Sets the program, and its function, interpreted or compiled."""
+        self.program = program
+        self.function: Callable[..., Any] = program.Evaluate
+        if not self._as_machine_code:
+            return
+        for other in kept:
+            if program.HasCodeOf(other.program):
+                self.function = other.function
+                return
+        code = MakeCode(program.Trace())
+        self.function = Evaluate(Library(Kept("evaluate", code), "evaluate"))
 
     def Evaluate(
         self, context: Context, delayed: Array | None = None

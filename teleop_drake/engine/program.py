@@ -15,6 +15,7 @@ The terms are evaluated on arrays of floats. For compilation they are evaluated 
 arrays of symbolic Numbers, which record the operations (jit).
 """
 
+import copy
 import itertools
 from collections.abc import Iterable, Sequence
 from functools import partial
@@ -29,7 +30,7 @@ from teleop_drake.engine.flatten import (
     Source,
     UnsupportedSystem,
 )
-from teleop_drake.jit.packing import Parameters
+from teleop_drake.jit.packing import Layout, Parameters, repack
 from teleop_drake.jit.scalar_code import RATE, Arrays, ScalarProgram, TraceProgram
 from teleop_drake.jit.symbols import Untraceable
 from teleop_drake.kernel import Delay, Kernel, KernelBlock, Name, Term, Transition
@@ -132,6 +133,41 @@ class Program:
     def HasCodeOf(self, other: "Program") -> bool:
         """Returns whether another program has the same code; its floats may differ."""
         return self.laws == other.laws and self.structure == other.structure
+
+    def With(self, kernels: Sequence[Kernel]) -> "Program | None":
+        """Returns this program with the numbers of other kernels of its blocks.
+
+        Returns:
+            The program, which has the same code; None if the kernels have other terms,
+            or numbers that differ in a place of p that they share.
+        """
+        pairs = list(zip(self.kernels, kernels, strict=True))
+        if not all(a is b or _HasTermsOf(a, b) for a, b in pairs):
+            return None
+        layouts: list[Layout] = []
+        values: list[Any] = []
+        for own, kernel in zip(self.layouts, kernels, strict=True):
+            layouts += own.values()
+            values += [kernel.parameters[name] for name in own]
+        p = repack(layouts, values, len(self.p))
+        if p is None:
+            return None
+        other = copy.copy(self)
+        other.kernels = kernels
+        other.p = p
+        delays = [delay for kernel in kernels for delay in kernel.delays]
+        steps = [x for kernel in kernels for x in kernel.transitions.values()]
+        other.delays = [
+            (delay, signal, output)
+            for delay, (_, signal, output) in zip(delays, self.delays, strict=True)
+        ]
+        other.transitions = [
+            (step, guard, source, target)
+            for step, (_, guard, source, target) in zip(
+                steps, self.transitions, strict=True
+            )
+        ]
+        return other
 
     def Evaluate(
         self,
@@ -332,6 +368,20 @@ class _Reader(TermReader):
 def _Changed(i: int, kind: str, transition: str) -> Source:
     """Returns the key of the `guard` or the new `mode` of block i's transition."""
     return Source(i, f"{kind} of {transition}")
+
+
+def _HasTermsOf(one: Kernel, other: Kernel) -> bool:
+    """Returns whether two kernels of a block differ only in numbers and delays."""
+    return _TermsOf(one) == _TermsOf(other)
+
+
+def _TermsOf(kernel: Kernel) -> tuple[Any, ...]:
+    """Returns what a program's code takes from a kernel, besides its parameters."""
+    return (
+        *(kernel.outputs, kernel.rate, kernel.sizes, kernel.parameters.keys()),
+        [(name, x.guard, x.mode) for name, x in kernel.transitions.items()],
+        [(x.signal, x.output, len(x.initial_value)) for x in kernel.delays],
+    )
 
 
 def _IsCall(term: Term) -> bool:

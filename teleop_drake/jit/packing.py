@@ -6,6 +6,7 @@ the code, and floats in p may change without a new compilation.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,6 +61,56 @@ class Group:
 
 Layout = Place | Whole | Group
 """The place of a value in p."""
+
+
+def repack(layouts: Sequence[Layout], values: Sequence[Any], size: int) -> Any:
+    """Returns the vector p of other values in the same layouts.
+
+    Args:
+        layouts: The layouts from Parameters.Add().
+        values: The other values, in the order of the layouts.
+        size: The length of p.
+
+    Returns:
+        p (size,); None if a value does not fit its layout, or if two values that share
+        a place differ.
+    """
+    p = np.zeros(size)
+    is_set = np.zeros(size, bool)
+    for layout, value in zip(layouts, values, strict=True):
+        if not _put(layout, value, p, is_set):
+            return None
+    return p
+
+
+def _put(layout: Layout, value: Any, p: Any, is_set: Any) -> bool:
+    """Writes a value to its place in p; returns whether it fits.
+
+    Args:
+        is_set: Whether each element of p has been written, which is noted.
+    """
+    if isinstance(layout, Group):
+        kind: type = value.__class__
+        if kind is not layout.kind or len(value) != len(layout.fields):
+            return False
+        return all(
+            _put(field, x, p, is_set)
+            for field, x in zip(layout.fields, value, strict=True)
+        )
+    if isinstance(value, tuple):
+        return False
+    array = np.asarray(value)
+    if isinstance(layout, Whole) or array.dtype.kind in "iub":
+        return layout == Parameters().Add(array)
+    if array.shape != layout.shape:
+        return False
+    part = slice(layout.first, layout.first + array.size)
+    numbers = array.ravel().astype(float)
+    if is_set[part].any():
+        return bool(p[part].tobytes() == numbers.tobytes())
+    p[part] = numbers
+    is_set[part] = True
+    return True
 
 
 class Parameters:

@@ -1,7 +1,7 @@
 """Runs a diagram as machine code."""
 
 import time as clock
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
@@ -10,7 +10,7 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, OutputPort, System
 from pydrake.systems.primitives import RandomSource
 
-from teleop_drake.arrays import Array
+from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.contexts import ContextsIn, SetDiscreteState
 from teleop_drake.engine.check import CheckVisited, HoldsOwnCode
 from teleop_drake.engine.evaluator import Evaluator
@@ -22,6 +22,7 @@ from teleop_drake.engine.run import CompiledRun, MakeProblem, Visited
 from teleop_drake.jit.native import Packed
 from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.step_polynomials import Series
+from teleop_drake.parameters import SetNumbers
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import SystemsByPath
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
@@ -37,7 +38,7 @@ from teleop_drake.simulation.run import (
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import TaskOf
-from teleop_drake.validation import ScenarioError
+from teleop_drake.validation import ScenarioError, Show
 
 
 class CannotCompile(ScenarioError):
@@ -125,6 +126,50 @@ class CompiledDiagram:
         self.Check(run.visited)
         return outcome
 
+    def WithNumbers(
+        self,
+        context: Context,
+        numbers: Mapping[str, ArrayLike],
+        *,
+        suppress_initialization_events: bool = False,
+        kept: Sequence[Evaluator] = (),
+    ) -> "CompiledDiagram":
+        """Returns the same diagram with other numbers in a Context.
+
+        The program is kept unless the numbers need another one, for example for a delay
+        of 0 s, or if numbers differ that were equal and share a place of the program.
+
+        Args:
+            context: The Context where runs begin, before its initialization events; it
+                is not changed.
+            numbers: New values by name, see SetNumbers().
+            suppress_initialization_events: As in Job.
+            kept: Further evaluators whose machine code is reused if it is the same.
+
+        Raises:
+            ScenarioError: If there is no such number, or the value is not allowed.
+            CannotCompile: If the diagram has no program with these numbers.
+        """
+        changed_context = context.Clone()
+        changed = SetNumbers(self.diagram, changed_context, numbers)
+        start = StartOf(
+            self.diagram,
+            changed_context,
+            suppress_initialization_events=suppress_initialization_events,
+        )
+        places = self.places
+        try:
+            evaluator = self.evaluator.With(start, changed, kept)
+            if evaluator.program.signals is not self.evaluator.program.signals:
+                places = SignalPlaces(evaluator, self.diagram)
+        except UnsupportedSystem as error:
+            named = ", ".join(f"{key} = {Show(x)}" for key, x in numbers.items())
+            raise CannotCompile(
+                f"{named}: {error}; simulate(system, context=...) runs a Context with "
+                "these numbers in Drake's Simulator, if that can"
+            ) from error
+        return _StartingAt(start, self.diagram, evaluator, places)
+
     def _FinalContext(self, run: CompiledRun) -> Context:
         """Returns the Context at the end of a run."""
         context: Context = self.context.Clone()
@@ -189,6 +234,19 @@ def CompileDiagram(
         places = SignalPlaces(evaluator, signals)
     except UnsupportedSystem as error:
         raise CannotCompile(str(error)) from error
+    return _StartingAt(context, diagram, evaluator, places)
+
+
+def _StartingAt(
+    context: Context, diagram: System, evaluator: Evaluator, places: dict[str, slice]
+) -> CompiledDiagram:
+    """Returns a compiled diagram of which runs begin at a Context.
+
+    Args:
+        context: The Context, after its initialization events; it is kept.
+        evaluator: The evaluator with the numbers of the Context.
+        places: As in CompiledDiagram.
+    """
     start = Visited(context.get_time(), *evaluator.ReadContext(context))
     return CompiledDiagram(
         diagram=diagram,

@@ -1,17 +1,18 @@
 """Compiles a System of Drake's once, and runs it with different parameters."""
 
+from collections.abc import Mapping
+
 from numpy.typing import ArrayLike
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
 from teleop_drake.engine.evaluator import Evaluator
-from teleop_drake.parameters import SetNumbers
 from teleop_drake.recording import Recording
 from teleop_drake.signals import Signals
 from teleop_drake.simulation.compiled_run import CompiledDiagram, CompileDiagram
 from teleop_drake.simulation.inputs import CheckInputs
 from teleop_drake.simulation.simulate import MakeJob, NotesOnSinks, RecordingOf
-from teleop_drake.validation import CheckNumber, Refuse
+from teleop_drake.validation import CheckNumber
 
 
 class CompiledSystem:
@@ -51,7 +52,15 @@ class CompiledSystem:
         )
         self._job = self._job._replace(context=self._job.context.Clone())
         CheckInputs(system, self._job.context)
-        self._compiled = self._Compiled(self._job.context)
+        self._compiled = CompileDiagram(
+            system,
+            self._job.config,
+            self._job.signals,
+            self._job.context,
+            suppress_initialization_events=suppress_initialization_events,
+        )
+        # Evaluators of other programs, which some numbers need.
+        self._others: list[Evaluator] = []
 
     def Run(self, duration: float | None = None, **numbers: ArrayLike) -> Recording:
         """Simulates the System with other numbers.
@@ -64,38 +73,26 @@ class CompiledSystem:
                 or `delay` for all delays.
 
         Raises:
-            ScenarioError: If there is no such parameter, or if a value does not fit or
-                needs another program.
+            ScenarioError: If there is no such number, or the value is not allowed.
+            CannotCompile: If the System has no program with these numbers.
         """
         job = self._job
-        compiled = self._compiled
-        if numbers:
-            job = job._replace(context=job.context.Clone())
-            SetNumbers(job.diagram, job.context, numbers)
-            known = self._compiled.evaluator
-            compiled = self._Compiled(job.context, known)
-            if compiled.evaluator.program.structure != known.program.structure:
-                allowed = "without an influence on the structure of the program"
-                Refuse(", ".join(numbers), list(numbers.values()), allowed)
         if duration is not None:
             CheckNumber("duration", duration, "s", above=0)
             job = job._replace(duration=duration)
+        compiled = self._With(numbers) if numbers else self._compiled
         notes = NotesOnSinks(compiled.evaluator.left_out)
         return RecordingOf(job, compiled.Run(job), notes)
 
-    def _Compiled(
-        self, context: Context, like: Evaluator | None = None
-    ) -> CompiledDiagram:
-        """Returns the compiled System with the numbers of a Context.
-
-        Args:
-            like: An earlier evaluator, whose machine code is reused if it is the same.
-        """
-        return CompileDiagram(
-            self._job.diagram,
-            self._job.config,
-            self._job.signals,
-            context,
-            like=like,
+    def _With(self, numbers: Mapping[str, ArrayLike]) -> CompiledDiagram:
+        """Returns the compiled System with other numbers; keeps its program."""
+        compiled = self._compiled.WithNumbers(
+            self._job.context,
+            numbers,
             suppress_initialization_events=self._job.suppress_initialization_events,
+            kept=self._others,
         )
+        known = [self._compiled.evaluator, *self._others]
+        if compiled.evaluator.function not in [each.function for each in known]:
+            self._others.append(compiled.evaluator)
+        return compiled

@@ -2,15 +2,19 @@
 
 import numpy as np
 import pytest
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import PrismaticJoint, SpatialInertia
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import Integrator
+from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, Integrator
 
 from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.parameters import ScalarsIn, SetNumbers
+from teleop_drake.engine.program import Program
+from teleop_drake.parameters import NamedParameters, ScalarsIn, SetNumbers
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.signals import NamedSignals
 from teleop_drake.simulation import MakeDiagram, compiled_run, simulate
 from teleop_drake.simulation.compile import Compile
+from teleop_drake.simulation.compiled_run import CannotCompile
 
 # The tool leaves the tissue and reaches the bone within the run.
 NEAR = {
@@ -162,3 +166,155 @@ def test_states_of_several_groups_are_those_of_the_first():
     states = ScalarsIn(system, system.CreateDefaultContext())
     values = {name: state.value for name, state in states.items()}
     assert values == {"x0(0)": 1.0, "x1(0)": 2.0}
+
+
+@pytest.fixture
+def traced(monkeypatch):
+    """A list to which each program that is traced is added."""
+    programs = []
+    trace = Program.Trace
+
+    def Trace(program):
+        programs.append(program)
+        return trace(program)
+
+    monkeypatch.setattr(Program, "Trace", Trace)
+    return programs
+
+
+def same_rows(one, other):
+    assert one.solver.engine == other.solver.engine == "compiled"
+    assert one.time.tobytes() == other.time.tobytes()
+    assert list(one) == list(other)
+    for name in one:
+        assert one[name].tobytes() == other[name].tobytes(), name
+
+
+# Numbers that share a place of the program with equal numbers of other blocks.
+SHARED = {
+    "one_dof": ["robot/plant.carriage.mass", "robot/plant.rail.damping"],
+    "four_channel": [
+        "controller.local_damping",
+        "master/four_channel_master.local_stiffness",
+        "robot/plant.tool.mass",
+    ],
+    "two_dof_collision": [],
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "takes_all"),
+    [
+        *(("one_dof", False), ("four_channel", False)),
+        *(pytest.param(name, True, marks=pytest.mark.slow) for name in SHARED),
+    ],
+)
+def test_any_number_of_a_context_runs_in_a_kept_program(name, takes_all):
+    scenario = LoadScenario(name if name != "four_channel" else "one_dof")
+    if name == "four_channel":
+        scenario.controller.kind = name
+    diagram = MakeDiagram(scenario)
+    options = {"duration": 0.05, "simulator": scenario.simulator}
+    program = Compile(diagram, **options)
+    values = NamedParameters(diagram)
+    for key in values if takes_all else SHARED[name]:
+        value = values[key].value
+        number = np.multiply(value, 0.97) + (0.0 if np.any(value) else 0.01)
+        context = diagram.CreateDefaultContext()
+        SetNumbers(diagram, context, {key: number})
+        expected = simulate(diagram, context=context, **options)
+        same_rows(program.Run(**{key: number}), expected)
+    # No number of an earlier run is left.
+    same_rows(program.Run(), simulate(diagram, **options))
+
+
+def motor():
+    """Returns a cart of 2 kg on a rail that a motor pushes with 3 N."""
+    plant = MultibodyPlant(0.0)
+    inertia = SpatialInertia.SolidSphereWithMass(2.0, 0.1)
+    cart = plant.AddRigidBody("cart", inertia)
+    rail = PrismaticJoint("rail", plant.world_frame(), cart.body_frame(), [1, 0, 0])
+    plant.AddJointActuator("motor", plant.AddJoint(rail))
+    plant.Finalize()
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("plant", plant)
+    push = builder.AddNamedSystem("push", ConstantVectorSource([3.0]))
+    builder.Connect(push.get_output_port(), plant.get_actuation_input_port())
+    builder.ExportOutput(plant.get_state_output_port(), "state")
+    return builder.Build()
+
+
+def test_the_gears_of_a_motor_are_numbers():
+    """The motor has the apparent mass ratio^2 inertia at the cart."""
+    program = Compile(motor(), duration=1.0)
+    for ratio, inertia in ((1.0, 0.0), (3.0, 0.5), (-3.0, 0.5)):
+        numbers = {
+            "plant.motor.gear_ratio": ratio,
+            "plant.motor.rotor_inertia": inertia,
+        }
+        position, speed = program.Run(**numbers)["state"][-1]
+        acceleration = 3.0 / (2.0 + ratio**2 * inertia)
+        assert position == pytest.approx(acceleration / 2)
+        assert speed == pytest.approx(acceleration)
+    with pytest.raises(ScenarioError, match=r"rotor_inertia = -1\.0: must be .* >= 0"):
+        program.Run(**{"plant.motor.rotor_inertia": -1.0})
+
+
+def test_numbers_that_become_equal_need_no_other_program(traced):
+    scenario = LoadScenario("one_dof", {"controller.kind": "four_channel"})
+    diagram = MakeDiagram(scenario)
+    context = diagram.CreateDefaultContext()
+    SetNumbers(diagram, context, {"controller.local_damping": 3.0})
+    program = Compile(diagram, context=context, duration=0.05)
+    # The damping of the controller is 3, too.
+    numbers = {"master/four_channel_master.local_damping": 3.0}
+    recording = program.Run(**numbers)
+    assert len(traced) == 1
+    SetNumbers(diagram, context, numbers)
+    same_rows(recording, simulate(diagram, context=context, duration=0.05))
+
+
+def test_a_program_for_other_numbers_is_kept(traced):
+    diagram = MakeDiagram(LoadScenario("one_dof"))
+    program = Compile(diagram, duration=0.05)
+    for mass in (0.6, 0.7, 0.8):
+        program.Run(**{"robot/plant.carriage.mass": mass})
+    assert len(traced) == 2
+
+
+def relay_loop():
+    """Returns x = 2 - x(t - T), which has no program at T = 0."""
+    builder = DiagramBuilder()
+    one = builder.AddNamedSystem("one", ConstantVectorSource([2.0]))
+    late = builder.AddNamedSystem("late", TransportDelay(0.5, 1))
+    difference = builder.AddNamedSystem("difference", Adder(2, 1))
+    minus = builder.AddNamedSystem("minus", Gain(-1.0, 1))
+    builder.Connect(one.get_output_port(), difference.get_input_port(0))
+    builder.Connect(late.get_output_port(), minus.get_input_port())
+    builder.Connect(minus.get_output_port(), difference.get_input_port(1))
+    builder.Connect(difference.get_output_port(), late.get_input_port())
+    builder.ExportOutput(difference.get_output_port(), "x")
+    return builder.Build()
+
+
+def test_a_number_without_a_program_is_refused_in_plain_words():
+    program = Compile(relay_loop(), duration=1.2)
+    assert program.Run(**{"late.delay": 0.4})["x"][-1] == 2.0
+    with pytest.raises(CannotCompile) as error:
+        program.Run(**{"late.delay": 0.0})
+    (line,) = str(error.value).splitlines()
+    assert line.startswith("late.delay = 0.0: ")
+    assert "depends on itself" in line
+    assert "simulate(system, context=...)" in line
+
+
+def test_a_delay_of_0_runs_in_a_kept_program_of_a_system():
+    """x' = x(t - T) is exp(t) without a delay."""
+    diagram = late_growth()
+    context = diagram.CreateDefaultContext()
+    context.SetContinuousState([2.0])
+    program = Compile(diagram, context=context, duration=0.8)
+    for delay in (0.0, 0.7, 0.0):
+        x = program.Run(**{"late.delay": delay})["x"][-1, 0]
+        expected = exact(2.0, delay, 0.8) if delay else 2 * np.exp(0.8)
+        assert x == pytest.approx(expected, rel=1e-6)
