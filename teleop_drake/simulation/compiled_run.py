@@ -53,6 +53,7 @@ class CompiledDiagram:
         diagram: The System that was compiled.
         context: The Context where its runs begin.
         evaluator: Evaluates the rates, outputs and transitions of the blocks.
+        signals: The output port of each recorded signal, by name.
         places: The columns of each recorded signal in a row, by its name.
         start: The time, states and signals at the start of a run.
         past: The signals sent through delays before the start; None: no signals.
@@ -65,6 +66,7 @@ class CompiledDiagram:
     diagram: System
     context: Context
     evaluator: Evaluator
+    signals: Mapping[str, OutputPort]
     places: dict[str, slice]
     start: Visited
     past: Past | None
@@ -161,14 +163,14 @@ class CompiledDiagram:
         try:
             evaluator = self.evaluator.With(start, changed, kept)
             if evaluator.program.signals is not self.evaluator.program.signals:
-                places = SignalPlaces(evaluator, self.diagram)
+                places = SignalPlaces(evaluator, self.signals)
         except UnsupportedSystem as error:
             named = ", ".join(f"{key} = {Show(x)}" for key, x in numbers.items())
             raise CannotCompile(
                 f"{named}: {error}; simulate(system, context=...) runs a Context with "
                 "these numbers in Drake's Simulator, if that can"
             ) from error
-        return _StartingAt(start, self.diagram, evaluator, places)
+        return _StartingAt(start, self.diagram, evaluator, self.signals, places)
 
     def _FinalContext(self, run: CompiledRun) -> Context:
         """Returns the Context at the end of a run."""
@@ -234,17 +236,22 @@ def CompileDiagram(
         places = SignalPlaces(evaluator, signals)
     except UnsupportedSystem as error:
         raise CannotCompile(str(error)) from error
-    return _StartingAt(context, diagram, evaluator, places)
+    return _StartingAt(context, diagram, evaluator, signals, places)
 
 
 def _StartingAt(
-    context: Context, diagram: System, evaluator: Evaluator, places: dict[str, slice]
+    context: Context,
+    diagram: System,
+    evaluator: Evaluator,
+    signals: Mapping[str, OutputPort],
+    places: dict[str, slice],
 ) -> CompiledDiagram:
     """Returns a compiled diagram of which runs begin at a Context.
 
     Args:
         context: The Context, after its initialization events; it is kept.
         evaluator: The evaluator with the numbers of the Context.
+        signals: As in CompiledDiagram.
         places: As in CompiledDiagram.
     """
     start = Visited(context.get_time(), *evaluator.ReadContext(context))
@@ -252,6 +259,7 @@ def _StartingAt(
         diagram=diagram,
         context=context,
         evaluator=evaluator,
+        signals=signals,
         places=places,
         start=start,
         past=ReadPast(evaluator, context, start.y),
