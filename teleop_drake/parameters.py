@@ -184,7 +184,9 @@ def ScalarsIn(diagram: System, context: Context) -> dict[str, Scalar]:
         value = parameter.value
         # An element's own name comes last, and replaces its indices.
         places = {place: f"({inside})" for inside, place in parameter.places.items()}
-        for place, inside in places.items() if value.size > 1 else [((), "")]:
+        if value.size == 1:
+            places = {(): ""}
+        for place, inside in places.items():
             scalars[f"{name}{inside}"] = Scalar(
                 value[place].item(),
                 parameter.unit,

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pydrake.systems.framework import Diagram, OutputPort, PortDataType, System
 
 from teleop_drake.validation import CheckChoice, CheckNames, Refuse
+from teleop_drake.wiring import OutputPorts
 
 # Signals whose name differs from the name of their port, by system and port.
 _NAMES = {
@@ -97,6 +98,11 @@ _LOOP = (
 # The name that Drake gives to a system without one, as drake/systems/Adder@0000a1b2.
 _ADDRESS = re.compile(r"@[0-9a-f]{8,}$")
 
+# Characters that XML does not allow, or that break a line or a label, and the pictures
+# of those that have one.
+_CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ufffe\uffff]")
+_PICTURES = {chr(code): chr(0x2400 + code) for code in range(32)} | {"\x7f": "\u2421"}
+
 
 def SignalsOf(system: System) -> dict[str, OutputPort]:
     """Returns the output ports that are recorded for a system, by signal name.
@@ -150,9 +156,25 @@ def SelectSignals(system: System, signals: Signals | None) -> Mapping[str, Outpu
     return {name: known[name] for name in signals}
 
 
+def Visible(name: str) -> str:
+    """Returns a name in which each control character is replaced by its picture."""
+    return _CONTROL.sub(lambda found: _PICTURES.get(found[0], "\ufffd"), name)
+
+
 def NameOf(system: System) -> str:
     """Returns the name of a system, or the name of its class if it has none."""
-    return str(system.get_name()) if _HasName(system) else type(system).__name__
+    return Visible(system.get_name()) if _HasName(system) else ClassOf(system)
+
+
+def ClassOf(system: System) -> str:
+    """Returns the name of a system's class, also of one that pydrake does not define.
+
+    An example is the InertiaVisualizer of AddDefaultVisualization().
+    """
+    if type(system) is not System:
+        return type(system).__name__
+    of_cpp: str = system.GetSystemType()
+    return of_cpp.partition("<")[0].rpartition("::")[2]
 
 
 def PathsIn(system: System, path: str = "") -> Iterator[tuple[System, str]]:
@@ -195,7 +217,7 @@ def NamesOf(systems: Sequence[System]) -> list[str]:
 
 def VectorOutputs(system: System) -> list[OutputPort]:
     """Returns the vector-valued output ports of a system."""
-    ports = map(system.get_output_port, range(system.num_output_ports()))
+    ports = OutputPorts(system)
     return [x for x in ports if x.get_data_type() == PortDataType.kVectorValued]
 
 

@@ -9,7 +9,16 @@ table of connections has the place of each input, and of the output connected to
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.symbolic import Expression
+from pydrake.systems.framework import (
+    Diagram,
+    DiagramBuilder,
+    InputPort,
+    OutputPort,
+    System,
+    System_,
+)
 
 Connections = dict[str, str]
 """The place of the output that is connected to each input, by the input's place."""
@@ -70,7 +79,28 @@ def _Output(systems: Mapping[str, System], place: str) -> Any:
     return system.GetOutputPort(port) if port else system.get_output_port()
 
 
+def InputPorts(system: Any) -> list[InputPort]:
+    """Returns the input ports of a System of any scalar type, in their order.
+
+    A subclass may define a get_input_port() with other arguments, as Drake's
+    ConcatenateImages does.
+    """
+    get = _BaseOf(system).get_input_port
+    return [get(system, i) for i in range(system.num_input_ports())]
+
+
+def OutputPorts(system: Any) -> list[OutputPort]:
+    """Returns the output ports of a System of any scalar type, in their order."""
+    get = _BaseOf(system).get_output_port
+    return [get(system, i) for i in range(system.num_output_ports())]
+
+
+def _BaseOf(system: Any) -> Any:
+    """Returns Drake's class System of the scalar type of a system."""
+    bases = (System_[scalar] for scalar in (float, AutoDiffXd, Expression))
+    return next(base for base in bases if isinstance(system, base))
+
+
 def OutputNames(system: System) -> list[str]:
     """Returns the names of a system's output ports in their order."""
-    ports = map(system.get_output_port, range(system.num_output_ports()))
-    return [port.get_name() for port in ports]
+    return [port.get_name() for port in OutputPorts(system)]

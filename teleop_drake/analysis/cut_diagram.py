@@ -1,13 +1,14 @@
 """A diagram that is cut open at some input ports, as a differentiable function.
 
-Slopes, that is partial derivatives, come from the diagram that Drake converts to
-AutoDiffXd. If a block does not convert, they are central differences of the original
-diagram.
+Slopes, that is partial derivatives, come from a diagram of the blocks that Drake has
+converted to AutoDiffXd. If a block does not convert, they are central differences of
+the original diagram. Blocks on which nothing of the model depends, such as logs and
+visualizers, are left out.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
@@ -19,12 +20,14 @@ from pydrake.systems.framework import (
     System,
 )
 
+from teleop_drake.analysis.dual_diagram import DualDiagram, NotConverted, Twin
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.contexts import ContextsIn, DiscreteState, SetDiscreteState
-from teleop_drake.engine.flatten import Flatten, OutputOf, Source
+from teleop_drake.engine.flatten import Block, Flatten, OutputOf, Reached, Source
 from teleop_drake.kernel import KernelIn
 from teleop_drake.kernel.block import DualBlock
+from teleop_drake.kernel.linear_part import LinearPartOf
 from teleop_drake.numerics.differences import differentiate
 from teleop_drake.numerics.sampled_loop import Clock
 from teleop_drake.simulation.inputs import LeafInputs
@@ -37,26 +40,7 @@ _NEAR = 1e-7
 _BEND = 1e-4
 
 
-class _Twin(NamedTuple):
-    """A system of a diagram or its counterpart in the converted diagram.
-
-    Attributes:
-        system: The system, of any scalar type.
-        context: Its Context.
-    """
-
-    system: Any
-    context: Any
-
-    def PortOf(self, port: Port) -> Any:
-        """Returns the port that corresponds to a port of the original system."""
-        index = int(port.get_index())
-        if isinstance(port, OutputPort):
-            return self.system.get_output_port(index)
-        return self.system.get_input_port(index)
-
-
-Twins = Mapping[System, _Twin]
+Twins = Mapping[System, Twin]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +64,7 @@ class States:
 
     def Set(self, values: Array) -> None:
         """Sets the values of the states."""
-        self.SetIn({self.system: _Twin(self.system, self.context)}, values)
+        self.SetIn({self.system: Twin(self.system, self.context)}, values)
 
     def SetIn(self, twins: Twins, values: Array) -> None:
         """Sets the values of the states in a diagram of any scalar type."""
@@ -161,8 +145,9 @@ class Cut:
     def SetIn(self, twins: Twins, value: Array) -> None:
         """Fixes the ports at a value in a diagram of any scalar type."""
         for port in self.ports:
-            twin = twins[port.get_system()]
-            twin.PortOf(port).FixValue(twin.context, value)
+            twin = twins.get(port.get_system())
+            if twin is not None:  # A log, for example, has no counterpart.
+                twin.PortOf(port).FixValue(twin.context, value)
 
     def Settle(self) -> None:
         """Fixes the ports at the present value of `entering`."""
@@ -205,18 +190,19 @@ class CutDiagram:
     Attributes:
         blocks: The blocks of the diagram, at all depths.
         contexts: The Context of every system in the diagram.
-        by_differences: Paths of the blocks that do not convert to AutoDiffXd. If there
-            is one, all slopes are central differences.
+        needed: The blocks on which the function depends.
+        by_differences: Paths of the needed blocks that do not convert to AutoDiffXd. If
+            there is one, all slopes are central differences.
     """
 
     def __init__(self, diagram: Diagram, root: Context):
         self.blocks = Flatten(diagram)
         self.contexts = ContextsIn(diagram, root)
+        self.needed: list[Block] = []
         self.by_differences: tuple[str, ...] = ()
-        self._diagram = diagram
         self._root = root
-        self._originals = {x: _Twin(x, own) for x, own in self.contexts.items()}
-        self._duals: dict[System, _Twin] = {}
+        self._dual: DualDiagram | None = None
+        self._originals = {x: Twin(x, own) for x, own in self.contexts.items()}
         self._sources = {
             (block.system, name): source
             for block in self.blocks
@@ -306,14 +292,51 @@ class CutDiagram:
         self._seen = [self._CutOrPort(port, cuts) for port in seen]
         sizes = [x.size for x in states] + [port.size() for port in seen]
         self._value_ends = np.cumsum(sizes)[:-1]
-        dual = self._diagram.ToAutoDiffXdMaybe()
-        if dual is None:
-            self._UseDifferences()
-            return
-        self._dual_root = dual.CreateDefaultContext()
-        twins = map(_Twin._make, ContextsIn(dual, self._dual_root).items())
-        self._duals = dict(zip(self.contexts, twins, strict=True))
-        dual.FixInputPortsFrom(self._diagram, self._root, self._dual_root)
+        systems = {x.system for x in states}
+        systems |= {x.get_system() for x in self._seen if not isinstance(x, Cut)}
+        self.needed = self._Upstream(systems, cuts)
+        self._dual = DualDiagram(self.blocks, self.needed, self.contexts)
+
+    def BlocksFor(self, ports: Sequence[Port]) -> list[Block]:
+        """Returns the blocks that belong to a model with some ports.
+
+        They are those on which a port, a continuous state or a delay depends.
+        """
+        systems = {
+            block.system
+            for block in self.blocks
+            if block.system.num_continuous_states() or LinearPartOf(block.system).delay
+        }
+        for port in ports:
+            if isinstance(port, OutputPort):
+                sources = [self._SourceOf(port)]
+            else:
+                leaves = [(x.get_system(), x.get_name()) for x in LeafInputs(port)]
+                sources = [self._sources[x] for x in leaves if x in self._sources]
+            systems |= {self.blocks[source.block].system for source in sources}
+        return self._Upstream(systems)
+
+    def _Upstream(
+        self, systems: Collection[System], cuts: Sequence[Cut] = ()
+    ) -> list[Block]:
+        """Returns the blocks of some systems, and those on which they depend.
+
+        Args:
+            cuts: The cuts, which interrupt connections.
+        """
+        is_cut = {
+            (port.get_system(), port.get_name()) for cut in cuts for port in cut.ports
+        }
+        sources = {
+            i: [
+                source.block
+                for name, source in block.inputs.items()
+                if (block.system, name) not in is_cut
+            ]
+            for i, block in enumerate(self.blocks)
+        }
+        starts = [i for i, x in enumerate(self.blocks) if x.system in systems]
+        return [self.blocks[i] for i in sorted(Reached(starts, sources))]
 
     def Evaluate(self, step: float) -> tuple[Array, Array]:
         """Returns the function's values at the operating point, and their slopes.
@@ -343,6 +366,8 @@ class CutDiagram:
             slopes: The slopes at the point, from Evaluate().
         """
         point = self._Point()
+        if point.size == 0:  # A plant without joints.
+            return False
         # A direction with different elements, which hardly lies in a surface on which a
         # law bends. It is not random, because numpy.random would have to be imported.
         shares = 0.5 + (0.309 * np.arange(1, len(point) + 1)) % 0.5
@@ -377,15 +402,15 @@ class CutDiagram:
 
     def _Exact(self, point: Array) -> tuple[Array, Array] | None:
         """Returns values and slopes by AutoDiffXd; None if a block does not convert."""
-        if not self._duals:
+        if self._dual is None or not self._dual.twins:
             return None
-        self._dual_root.SetTimeStateAndParametersFrom(self._root)
+        self._dual.SetFrom(self._root)
         seeds = InitializeAutoDiff(point, np.eye(len(point))).ravel()
         try:
-            y = self._Evaluate(self._duals, seeds)
-        except TypeError:
-            # A function does not accept AutoDiffXd, perhaps on a branch that is taken
-            # for the first time.
+            y = self._Evaluate(self._dual.twins, seeds)
+        except (TypeError, KeyError, NotConverted):
+            # A block does not convert, or a function does not accept AutoDiffXd,
+            # perhaps on a branch that is taken for the first time.
             self._UseDifferences()
             if not self.by_differences:
                 raise
@@ -420,17 +445,21 @@ class CutDiagram:
         """Returns the source of an observed signal: the cut at a delay, or a port."""
         if isinstance(port, InputPort):
             return LeafInputs(port)[0]
-        system = self.blocks[self._SourceOf(port).block].system
-        return next((cut for cut in cuts if cut.delay is system), port)
+        source = self._SourceOf(port)
+        system = self.blocks[source.block].system
+        cut = next((cut for cut in cuts if cut.delay is system), None)
+        return cut or system.GetOutputPort(source.port)
 
     def _UseDifferences(self) -> None:
         """Switches to central differences and lists the blocks that do not convert."""
+        assert self._dual is not None
         self.by_differences = tuple(
             block.path
-            for block in self.blocks
-            if not _Converts(block.system, self.contexts[block.system])
+            for block in self.needed
+            if block.system in self._dual.mismatched
+            or not _Converts(block.system, self.contexts[block.system])
         )
-        self._duals = {}
+        self._dual = None
 
 
 def _Converts(system: System, context: Context) -> bool:

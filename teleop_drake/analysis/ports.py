@@ -97,11 +97,11 @@ def LinearizePorts(
             there.
     """
     function = CutDiagram(diagram, _CopyContext(diagram, context))
-    blocks = function.blocks
     contexts = function.contexts
     for port in (input_port, output_port or input_port):
         if port.get_system() not in contexts:
             Refuse("port", _PathOf(port), "one in the diagram")
+    blocks = function.BlocksFor([input_port, output_port or input_port])
     held, sampled = _Discrete(blocks, contexts)
     delays = [
         function.CutAtDelay(block.system)
@@ -134,6 +134,7 @@ def LinearizePorts(
         for block in blocks
         if (size := block.system.num_continuous_states())
     ]
+    _CheckFinite(blocks, [*states, *sampled])
     # The first output is the input port's own signal, if the loop stays closed.
     entering = [] if is_opened or entry.entering is None else [entry.entering]
     late = [cut for cut in cuts if cut.entering is not None]
@@ -200,6 +201,14 @@ def DelayMargin(
         diagram, context, port, is_opened=True, is_settled=True, is_moving=is_moving
     )
     return model.margins().delay
+
+
+def _CheckFinite(blocks: list[Block], states: list[States | HeldStates]) -> None:
+    """Raises a ValueError if a state is not finite, as that of a block before a run."""
+    paths = {block.system: block.path for block in blocks}
+    for x in states:
+        if not np.isfinite(x.Get()).all():
+            Refuse(f"context: state of {paths[x.system]}", x.Get(), "finite")
 
 
 def _CheckRest(

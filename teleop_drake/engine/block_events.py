@@ -41,6 +41,7 @@ from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.kernel.events import Ticks
 from teleop_drake.numerics.instants import same_within
+from teleop_drake.wiring import InputPorts
 
 # The length of a block's trial run, s; in practice, periods and offsets are shorter.
 _HORIZON = 1e9
@@ -119,8 +120,7 @@ def OwnContext(system: System, context: Context) -> Context:
     """
     own = system.CreateDefaultContext()
     own.SetTimeStateAndParametersFrom(context)
-    for i in range(system.num_input_ports()):
-        port = system.get_input_port(i)
+    for port in InputPorts(system):
         if port.get_data_type() == PortDataType.kVectorValued:
             port.FixValue(own, np.zeros(port.size()))
     if hasattr(system, "Kernel"):

@@ -4,7 +4,7 @@ It is the function `evaluate` of a program; see teleop_drake.engine.program.
 """
 
 import copy
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,6 +13,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
     Context,
     NumericParameterIndex,
+    OutputPort,
     PortDataType,
     System,
 )
@@ -22,12 +23,14 @@ from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.engine.block_events import CheckEvents
 from teleop_drake.engine.flatten import Flatten, UnsupportedSystem
+from teleop_drake.engine.left_out import EmptyKernel, FindLeftOut
 from teleop_drake.engine.plant_kernel import PlantKernel
-from teleop_drake.engine.primitives import IsSink, PrimitiveKernel
+from teleop_drake.engine.primitives import IsOfDrake, PrimitiveKernel
 from teleop_drake.engine.program import Program
 from teleop_drake.jit.native import Evaluate, Kept, Library
 from teleop_drake.jit.scalar_code import ALL, MakeCode
 from teleop_drake.kernel import Delay, Kernel, KernelBlock, KernelIn
+from teleop_drake.signals import SignalsOf
 from teleop_drake.wiring import OutputNames
 
 
@@ -140,13 +143,17 @@ class Evaluator:
         like: An Evaluator whose machine code is reused if it is the same.
         has_zero_delays: Whether every constant delay may be 0 in the program.
             Otherwise, only the delays of a block that has a delay of 0 in `context`.
+        recorded: The output ports of the recorded signals; None: those of SignalsOf().
+        needs_states: Whether a block of Drake's with a state must have a kernel even if
+            no recorded signal depends on it.
 
     Attributes:
         system: The diagram.
         blocks: The blocks of the diagram.
         program: The program of the diagram.
         function: The function `evaluate`: Program.Evaluate() or its machine code.
-        left_out: The paths of the blocks without effect, such as logs and visualizers.
+        left_out: The paths of the blocks without effect, such as logs and visualizers;
+            see FindLeftOut().
 
     Raises:
         UnsupportedSystem: If a block cannot be compiled; the message names it.
@@ -162,24 +169,33 @@ class Evaluator:
         as_machine_code: bool = False,
         like: "Evaluator | None" = None,
         has_zero_delays: bool = False,
+        recorded: Iterable[OutputPort] | None = None,
+        needs_states: bool = True,
     ):
         self.blocks = Flatten(system)
         self.system = system
         self._as_machine_code = as_machine_code
         self._has_zero_delays = has_zero_delays
         contexts = ContextsIn(system, context)
-        self.left_out: list[str] = []
         # The kernels, with the parameter values of the blocks' Contexts.
-        kernels = []
-        for block in self.blocks:
+        kernels, obstacles = self._ReadKernels(contexts)
+        self._left_out = FindLeftOut(
+            self.blocks,
+            contexts,
+            obstacles,
+            recorded=SignalsOf(system).values() if recorded is None else recorded,
+            needs_states=needs_states,
+        )
+        self.left_out = [self.blocks[i].path for i in sorted(self._left_out)]
+        for i, block in enumerate(self.blocks):
+            is_left_out = i in self._left_out
+            if is_left_out:
+                kernels[i] = EmptyKernel(block.system)
             own = contexts[block.system]
-            kernel = KernelOf(block.system, own)
-            is_sink = IsSink(block.system, own)
-            if is_sink:
-                self.left_out.append(block.path)
-            CheckEvents(block.system, kernel, own, is_sink=is_sink)
-            kernels.append(self._Extended(block.system, kernel))
-        self._SetProgram(Program(self.blocks, kernels), [like] if like else [])
+            CheckEvents(block.system, kernels[i], own, is_sink=is_left_out)
+            kernels[i] = self._Extended(block.system, kernels[i])
+        in_order = [kernels[i] for i, _ in enumerate(self.blocks)]
+        self._SetProgram(Program(self.blocks, in_order), [like] if like else [])
 
     def With(
         self,
@@ -201,7 +217,7 @@ class Evaluator:
         contexts = ContextsIn(self.system, context)
         kernels = list(self.program.kernels)
         for i, block in enumerate(self.blocks):
-            if block.system in changed:
+            if block.system in changed and i not in self._left_out:
                 kernel = KernelOf(block.system, contexts[block.system])
                 kernels[i] = self._Extended(block.system, kernel)
         other = copy.copy(self)
@@ -234,6 +250,21 @@ class Evaluator:
                 return
         code = MakeCode(program.Trace())
         self.function = Evaluate(Library(Kept("evaluate", code), "evaluate"))
+
+    def _ReadKernels(
+        self, contexts: Mapping[System, Context]
+    ) -> tuple[dict[int, Kernel], dict[int, UnsupportedSystem]]:
+        """Returns the kernels of the blocks, or why one of Drake's has none."""
+        kernels = {}
+        obstacles = {}
+        for i, block in enumerate(self.blocks):
+            try:
+                kernels[i] = KernelOf(block.system, contexts[block.system])
+            except UnsupportedSystem as error:
+                if not IsOfDrake(block.system):
+                    raise
+                obstacles[i] = error
+        return kernels, obstacles
 
     def Evaluate(
         self, context: Context, delayed: Array | None = None

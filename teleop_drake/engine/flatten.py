@@ -1,6 +1,7 @@
 """Flattens a nested Diagram to a list of its blocks and their connections."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from pydrake.systems.framework import (
@@ -10,7 +11,11 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.signals import NameOf, PathsIn
+from teleop_drake.signals import ClassOf, NameOf, PathsIn
+
+# The force with which a person draws a body in Meshcat. AddDefaultVisualization() of
+# newer Drake connects it to every plant; pydrake has no class for it.
+_MOUSE = "drake::multibody::meshcat::MeshcatMouseSpring"
 
 
 class UnsupportedSystem(ValueError):
@@ -22,7 +27,7 @@ class UnsupportedSystem(ValueError):
     """
 
     def __init__(self, system: System, reason: str):
-        name = f"{type(system).__name__} {system.get_name()!r}"
+        name = f"{ClassOf(system)} {system.get_name()!r}"
         super().__init__(f"{name} cannot be compiled: {reason}")
 
 
@@ -50,11 +55,14 @@ class Block:
         system: The system.
         path: Its path in the Diagram, such as `robot/plant`, for messages.
         inputs: The source of each connected input port, keyed by the port's name.
+        idle: The names of the input ports that are connected to the mouse in Meshcat,
+            and that count as not connected.
     """
 
     system: System
     path: str
     inputs: dict[str, Source]
+    idle: set[str] = field(default_factory=set)
 
 
 def Flatten(system: System, path: str = "") -> list[Block]:
@@ -76,12 +84,31 @@ def Flatten(system: System, path: str = "") -> list[Block]:
             continue
         for (target, i), (part, o) in diagram.connection_map().items():
             source, output = _OutputPort(part, int(o))
+            is_idle = source.GetSystemType() == _MOUSE
             for block, name in InputsOf(target, int(i)):
-                blocks[block].inputs[name] = Source(places[source], output)
+                if is_idle:
+                    blocks[block].idle.add(name)
+                else:
+                    blocks[block].inputs[name] = Source(places[source], output)
     return list(blocks.values())
 
 
-def OutputOf(blocks: list[Block], system: System, index: int) -> Source:
+def Reached(starts: Iterable[int], steps: Mapping[int, Iterable[int]]) -> set[int]:
+    """Returns some blocks and all blocks that can be reached from them, by index.
+
+    Args:
+        starts: The blocks to start from.
+        steps: The blocks that follow each block directly.
+    """
+    found: set[int] = set()
+    new = set(starts)
+    while new:
+        found |= new
+        new = {k for i in new for k in steps[i]} - found
+    return found
+
+
+def OutputOf(blocks: Sequence[Block], system: System, index: int) -> Source:
     """Returns the block and the port that compute an output of a system.
 
     Args:
@@ -96,7 +123,7 @@ def OutputOf(blocks: list[Block], system: System, index: int) -> Source:
 def _OutputPort(system: System, index: int) -> tuple[System, str]:
     """Returns the block that computes an output, and the name of the block's port."""
     if not isinstance(system, Diagram):
-        return system, system.get_output_port(index).get_name()
+        return system, System.get_output_port(system, index).get_name()
     inner, i = system.get_output_port_locator(OutputPortIndex(index))
     return _OutputPort(inner, int(i))
 
@@ -104,6 +131,6 @@ def _OutputPort(system: System, index: int) -> tuple[System, str]:
 def InputsOf(system: System, index: int) -> list[tuple[System, str]]:
     """Returns the blocks that an input port leads to, and the names of their ports."""
     if not isinstance(system, Diagram):
-        return [(system, system.get_input_port(index).get_name())]
+        return [(system, System.get_input_port(system, index).get_name())]
     inner = system.GetInputPortLocators(InputPortIndex(index))
     return [found for part, i in inner for found in InputsOf(part, int(i))]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.multibody import tree as multibody
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, PortDataType
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.systems.plant_tree import NoTree, ReadPlantTree
@@ -15,6 +15,7 @@ from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.numerics import rigid_body
 from teleop_drake.numerics.rigid_body import RigidBodyTree
+from teleop_drake.wiring import InputPorts
 
 
 def net_efforts(
@@ -121,9 +122,21 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
         parameters={**parameters, **kernel.parameters},
         outputs={"commands of instances": [*commands], **kernel.outputs},
         sizes={"commands of instances": len(actuators), **kernel.sizes},
-        # The outputs do not depend on it, since no bodies can collide.
-        unused=("geometry_query",),
+        # No bodies can collide, so that the plant needs no geometry.
+        unused=("geometry_query", *_IdleInputs(plant, instances)),
     )
+
+
+def _IdleInputs(
+    plant: MultibodyPlant, instances: Iterable[multibody.ModelInstanceIndex]
+) -> Iterator[str]:
+    """Yields the inputs that have no effect where no motor has a controller."""
+    for i in instances:
+        yield plant.get_desired_state_input_port(i).get_name()
+    for port in InputPorts(plant):
+        is_vector = port.get_data_type() == PortDataType.kVectorValued
+        if is_vector and port.size() == 0:
+            yield port.get_name()
 
 
 def _Obstacles(plant: MultibodyPlant, context: Context) -> Iterator[str]:

@@ -29,6 +29,7 @@ from teleop_drake.engine.expression_tape import MakeTape, UnknownExpression
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.signals import VectorOutputs
+from teleop_drake.wiring import InputPorts
 
 # A distance greater than the length of a WrapToSystem's intervals of angles, and the
 # number of bisections that locate the end of an interval.
@@ -65,7 +66,7 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel:
         return Kernel(unused=_InputNames(system))
     if type(system) in KERNELS:
         return KERNELS[type(system)](system)
-    symbolic = system.ToSymbolicMaybe() if _IsOfDrake(system) else None
+    symbolic = system.ToSymbolicMaybe() if IsOfDrake(system) else None
     if symbolic is None:
         raise UnsupportedSystem(system, _NO_KERNEL)
     if context.num_abstract_states() > 0 or context.num_abstract_parameters() > 0:
@@ -90,15 +91,14 @@ def IsSink(system: System, context: Context) -> bool:
         or context.num_continuous_states() > 0
         or context.num_discrete_state_groups() > 0
     )
-    return _IsOfDrake(system) and not has_numbers
+    return IsOfDrake(system) and not has_numbers
 
 
 def _InputNames(system: System) -> tuple[str, ...]:
-    ports = map(system.get_input_port, range(system.num_input_ports()))
-    return tuple(port.get_name() for port in ports)
+    return tuple(port.get_name() for port in InputPorts(system))
 
 
-def _IsOfDrake(system: System) -> bool:
+def IsOfDrake(system: System) -> bool:
     """Returns whether pydrake defines a system's class; false for a user's subclass."""
     return type(system).__module__.partition(".")[0] == "pydrake"
 

@@ -8,13 +8,12 @@ wheel graphviz-pure.
 """
 
 import io
-import itertools
 import os
 import re
 import shutil
 import subprocess
 from collections import defaultdict
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import metadata
@@ -24,10 +23,12 @@ from typing import Any, NamedTuple
 
 from pydrake.systems.framework import Diagram, InputPortIndex, OutputPortIndex, System
 
+from teleop_drake.figures.dot_fragments import NUMBERED, Fragment, FragmentOf, Rows
 from teleop_drake.files import Replacing
 from teleop_drake.signals import PathsIn
 from teleop_drake.upper import UpperFunction
 from teleop_drake.validation import Refuse
+from teleop_drake.wiring import InputPorts, OutputPorts
 
 _SUFFIXES = (".svg", ".png", ".pdf", ".dot", ".html")
 
@@ -65,12 +66,7 @@ _WIDTH = "fontsize=10, fontcolor=grey40, labeldistance=1.2, labelangle=30"
 # Dot's frame of a diagram fits the boxes only; the margin is for lines around them.
 _FRAME = "margin=40"
 
-# Names with the process-wide number of a system or, for LCM, an address.
-_NUMBERED = re.compile(r"(^subgraph clusters?|^s|drakelcminterface)(\d+)", re.M)
-# The text with which Drake begins the parts of a diagram.
-_PARTS = 'color=white\nlabel=""\n'
 _CELL = re.compile(r'^<TD PORT="([uy]\d+)"[^>]*>(.+)</TD>$', re.M)
-_PYTHON_CLASS = re.compile(r"^<B>[^<]*\.(\w+)</B>", re.M)
 
 
 def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
@@ -111,9 +107,10 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
     shown = [level for k, level in levels if max_depth is None or k < max_depth]
     numbers: dict[str, int] = {}
     if not shown:
-        box = _Draw(system, numbers, is_open=False)
+        box = _Draw(FragmentOf(system, is_open=False), numbers)
         return _Graph("_0", [_WithoutIdlePorts(box, set())])
-    drawings = [_Draw(level, numbers, is_open=True).text for level in shown]
+    opened = [FragmentOf(level, is_open=True) for level in shown]
+    drawings = [_Draw(level, numbers).text for level in opened]
     if len(drawings) == 1:
         return _Graph("_0", drawings)
     return _Graph("levels", [_BELOW_EACH_OTHER, *reversed(drawings)])
@@ -156,13 +153,13 @@ def _Graph(name: str, drawings: Iterable[str]) -> str:
     """Returns the DOT text of a graph with the given systems in it."""
     text = "\n".join([f"digraph {name} {{", "rankdir=LR", _STYLE, *drawings])
     # Drake may draw no box for an LCM interface.
-    for node in dict.fromkeys(re.findall(r"-> (drakelcminterface\w+)", text)):
+    for node in dict.fromkeys(re.findall(r"drakelcminterface\w+", text)):
         if f"\n{node} [" not in text:
             text += f"\n{node} [label=LCM]"
     return text + "\n}\n"
 
 
-def _Draw(system: System, numbers: dict[str, int], *, is_open: bool) -> _Drawn:
+def _Draw(fragment: Fragment, numbers: dict[str, int]) -> _Drawn:
     """Returns a system as a box or, if it is opened, a frame with its parts as boxes.
 
     Args:
@@ -172,24 +169,25 @@ def _Draw(system: System, numbers: dict[str, int], *, is_open: bool) -> _Drawn:
     def Number(found: re.Match[str]) -> str:
         return f"{found[1]}{numbers.setdefault(found[2], len(numbers))}"
 
-    Numbered = partial(_NUMBERED.sub, Number)
-    drake = system.GetGraphvizFragment(max_depth=int(is_open))
-    # Drake's text up to its parts, with reproducible numbers.
-    head, parts, _ = "".join(drake.fragments).partition(_PARTS)
-    text = _PYTHON_CLASS.sub(r"<B>\1</B>", Numbered(head + parts)).rstrip()
-    (number,) = re.findall(r"\d+", text)[:1]
+    Numbered = partial(NUMBERED.sub, Number)
+    number = numbers.setdefault(fragment.number, len(numbers))
 
-    def Ports(names: Sequence[str], get: Callable[[int], Any]) -> list[_Port]:
-        places = enumerate(map(Numbered, names))
-        return [_Port(int(number), i, name, get(i).size()) for i, name in places]
+    def Ports(names: Sequence[str], ports: Sequence[Any]) -> list[_Port]:
+        return [
+            _Port(number, i, Numbered(name), port.size())
+            for i, (name, port) in enumerate(zip(names, ports, strict=True))
+        ]
 
-    inputs = Ports(drake.input_ports, system.get_input_port)
-    outputs = Ports(drake.output_ports, system.get_output_port)
-    drawn = _Drawn(text, inputs, outputs)
-    if isinstance(system, Diagram) and is_open:
-        # The parts as closed boxes, and their connections.
-        parts = system.GetSystems()
-        boxes = {x.get_name(): _Draw(x, numbers, is_open=False) for x in parts}
+    system = fragment.system
+    inputs = Ports(fragment.inputs, InputPorts(system))
+    outputs = Ports(fragment.outputs, OutputPorts(system))
+    # The numbers of the parts precede those of LCM interfaces that are no part.
+    parts = [FragmentOf(part, is_open=False) for part in fragment.parts]
+    for part in parts:
+        numbers.setdefault(part.number, len(numbers))
+    drawn = _Drawn(Numbered(fragment.text), inputs, outputs)
+    if parts:
+        boxes = {part.system.get_name(): _Draw(part, numbers) for part in parts}
         edges = _Edges(system, drawn, boxes)
         used = {port.name for edge in edges for port in (edge.tail, edge.head)}
         texts = [_WithoutIdlePorts(box, used) for box in boxes.values()]
@@ -261,16 +259,9 @@ def _WithoutIdlePorts(drawn: _Drawn, used: Container[str]) -> str:
             count = f"{rest} more" if shown else f"{rest} ports"
             cells.append(f'BORDER="1"><FONT COLOR="grey">{count}</FONT></TD>')
         columns.append(cells)
-    # On the side with fewer cells, the last one spans the remaining rows.
-    height = max(map(len, columns))
-    for cells in filter(None, columns):
-        cells[-1] = f'ROWSPAN="{height - len(cells) + 1}" {cells[-1]}'
-    rows = []
-    for row in itertools.zip_longest(*columns):
-        rows += ["<TR>", *(f"<TD {cell}" for cell in row if cell), "</TR>"]
     head, _, rest_of_text = drawn.text.partition("<TR>\n")
     _, end, tail = rest_of_text.rpartition("</TABLE>")
-    return head + "\n".join([*rows, end + tail])
+    return head + "\n".join([*Rows(columns), end + tail])
 
 
 def _Edges(system: Diagram, own: _Drawn, parts: Mapping[str, _Drawn]) -> list[_Edge]:

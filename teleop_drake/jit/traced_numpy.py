@@ -163,8 +163,8 @@ def _Solve(A: Any, B: Any) -> Any:
     n = len(A)
     if A.ndim != 2 or n != A.shape[1]:
         raise Untraceable("np.linalg of a matrix that is not square")
-    # The augmented matrix [A B].
-    rows = AsNumbers(np.hstack((A, B.reshape(n, -1))))
+    # The augmented matrix [A B]. A plant without joints has n = 0.
+    rows = AsNumbers(np.hstack((A, B.reshape(n, math.prod(B.shape[1:])))))
     for i in range(n):
         # Exchanges move the largest element of column i at or below row i to row i.
         for j in range(i + 1, n):

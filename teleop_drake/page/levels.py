@@ -9,7 +9,8 @@ from typing import Any
 from pydrake.systems.framework import Diagram, System
 
 from teleop_drake.figures.block_diagram import DiagramDot, LayOut
-from teleop_drake.signals import PathsIn
+from teleop_drake.signals import ClassOf, PathsIn, Visible
+from teleop_drake.wiring import InputPorts, OutputPorts
 
 _AT = re.compile(r'data-(at|wire)="(\d+)(?::([uy])(\d+))?"')
 # The class and the name of a system, as Drake writes them.
@@ -93,14 +94,12 @@ def _PortAttributes(box: dict[str, Any], port: str, kind: str) -> str:
 def _Box(system: System, path: str) -> dict[str, Any]:
     """Returns path, class, first paragraph of the docstring, and ports of a system."""
     text = "" if isinstance(system, Diagram) else inspect.getdoc(type(system)) or ""
-    inputs = [system.get_input_port(i) for i in range(system.num_input_ports())]
-    outputs = [system.get_output_port(i) for i in range(system.num_output_ports())]
     return {
         "path": path,
-        "kind": type(system).__name__,
+        "kind": ClassOf(system),
         "says": " ".join(text.partition("\n\n")[0].split()),
-        "u": [port.get_name() for port in inputs],
-        "y": [port.get_name() for port in outputs],
+        "u": [Visible(port.get_name()) for port in InputPorts(system)],
+        "y": [Visible(port.get_name()) for port in OutputPorts(system)],
     }
 
 

@@ -33,6 +33,7 @@ from teleop_drake.signals import (
     SystemsByPath,
     UnitOf,
     VectorOutputs,
+    Visible,
 )
 from teleop_drake.simulation.compiled_run import StartOf
 from teleop_drake.simulation.ending import BoundsOf
@@ -45,6 +46,7 @@ from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.metrics import MetricUnits
 from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.wiring import InputPorts
 
 # A row of the port table in a block's docstring: the port's name and its unit.
 _ROW = re.compile(r"^\s*\|\s*(?:in|out)\s*\|\s*(\w+)\s*\|[^|]*\|\s*([^|]*?)\s*\|", re.M)
@@ -176,18 +178,18 @@ class Model:
             for port in VectorOutputs(system):
                 source = OutputOf(blocks, system, int(port.get_index()))
                 places[port] = program.signals.get(source)
-            for k in range(system.num_input_ports()):
-                leaf, name = InputsOf(system, k)[0]
+            for port in InputPorts(system):
+                leaf, name = InputsOf(system, int(port.get_index()))[0]
                 i = numbers[leaf]
                 source = blocks[i].inputs.get(name, Source(i, name))
                 place = program.signals.get(source, program.fed.get(source))
-                places[system.get_input_port(k)] = place
+                places[port] = place
             for port, place in places.items():
                 if place is not None:
                     name = port.get_name()
                     size = place.stop - place.start
                     unit = Unit(system, name, port.size())
-                    result[f"{path}:{name}"] = (place.start, size, unit)
+                    result[f"{path}:{Visible(name)}"] = (place.start, size, unit)
         return result
 
     def Feed(self) -> tuple[int, int] | None:
@@ -203,7 +205,7 @@ class Model:
         """Returns the port of each recorded signal as `path:port`, keyed by signal."""
         paths = dict(PathsIn(self.diagram))
         return {
-            name: f"{paths[port.get_system()]}:{port.get_name()}"
+            name: f"{paths[port.get_system()]}:{Visible(port.get_name())}"
             for name, port in self.signals.items()
         }
 
@@ -365,12 +367,23 @@ def MakeModel(
         context,
         suppress_initialization_events=suppress_initialization_events,
     )
+    shown = SignalsOf(diagram) if signals is None else signals
+
+    def Read(*, has_zero_delays: bool) -> Evaluator:
+        return Evaluator(
+            diagram,
+            context,
+            has_zero_delays=has_zero_delays,
+            recorded=shown.values(),
+            needs_states=False,
+        )
+
     # Delays may be 0 unless an algebraic loop would result.
     try:
-        evaluator = Evaluator(diagram, context, has_zero_delays=True)
+        evaluator = Read(has_zero_delays=True)
         has_zero_delays = True
     except AlgebraicLoop:
-        evaluator = Evaluator(diagram, context)
+        evaluator = Read(has_zero_delays=False)
         has_zero_delays = False
     end = context.get_time() + duration
     max_step = min(config.max_step_size, LongestStep(diagram, context, of_delays=False))
@@ -394,7 +407,7 @@ def MakeModel(
     }
     return Model(
         diagram=diagram,
-        signals=SignalsOf(diagram) if signals is None else signals,
+        signals=shown,
         run=run,
         has_zero_delays=has_zero_delays,
         numbers=_Flat(numbers),
@@ -408,5 +421,5 @@ def MakeModel(
             "surfaces": [surface.name for surface in surfaces],
             "materials": [getattr(x.material, "name", "") for x in surfaces],
         },
-        plants=TreesIn(diagram, context),
+        plants=TreesIn(diagram, context, evaluator.left_out),
     )

@@ -233,10 +233,16 @@ def _OfDiagram(job: Job, vary: Ranges | None, notes: list[str]) -> dict[str, Any
     title = NameOf(system)
     runs = Runs({(title,): Make}, notes)
     model = runs.models[(title,)]
-    left_out = ", ".join(model.run.evaluator.left_out)
+    left_out = model.run.evaluator.left_out
     if left_out:
-        notes.append(f"{left_out}: left out, as nothing depends on them")
-    inputs = MakeDiagramInputs(ScalarsIn(system, job.context), runs, vary, notes)
+        paths = ", ".join(left_out)
+        notes.append(f"{paths}: left out, as nothing depends on them")
+    numbers = {
+        name: number
+        for name, number in ScalarsIn(system, job.context).items()
+        if not set(number.paths) <= set(left_out)
+    }
+    inputs = MakeDiagramInputs(numbers, runs, vary, notes)
     return {
         **_Data(title.replace("_", " "), inputs, {}, runs),
         "view": ViewOf(model.plants.values()),

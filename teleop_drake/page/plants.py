@@ -1,6 +1,6 @@
 """The MultibodyPlants of a diagram as a page draws them: frames and links."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import Any
 
 import numpy as np
@@ -20,13 +20,19 @@ _OBLIQUE = [[0.866, -0.5, 0.0], [0.25, 0.433, 0.866]]
 _PARALLEL = 1e-6
 
 
-def TreesIn(diagram: System, context: Context) -> dict[str, RigidBodyTree]:
-    """Returns the links of each MultibodyPlant, keyed by the plant's path."""
+def TreesIn(
+    diagram: System, context: Context, left_out: Collection[str] = ()
+) -> dict[str, RigidBodyTree]:
+    """Returns the links of each MultibodyPlant, keyed by the plant's path.
+
+    Args:
+        left_out: The paths of plants that do not move in the page.
+    """
     contexts = ContextsIn(diagram, context)
     return {
         path: ReadPlantTree(system, contexts[system]).tree
         for system, path in PathsIn(diagram)
-        if isinstance(system, MultibodyPlant)
+        if isinstance(system, MultibodyPlant) and path not in left_out
     }
 
 

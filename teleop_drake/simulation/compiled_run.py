@@ -232,7 +232,13 @@ def CompileDiagram(
         suppress_initialization_events=suppress_initialization_events,
     )
     try:
-        evaluator = Evaluator(diagram, context, as_machine_code=True, like=like)
+        evaluator = Evaluator(
+            diagram,
+            context,
+            as_machine_code=True,
+            like=like,
+            recorded=signals.values(),
+        )
         places = SignalPlaces(evaluator, signals)
     except UnsupportedSystem as error:
         raise CannotCompile(str(error)) from error

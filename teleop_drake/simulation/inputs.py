@@ -9,6 +9,7 @@ from teleop_drake.contexts import ContextsIn
 from teleop_drake.engine.flatten import Flatten, InputsOf
 from teleop_drake.signals import NameOf
 from teleop_drake.validation import Refuse
+from teleop_drake.wiring import InputPorts
 
 _ALLOWED = "connected to a source, or fixed: port.FixValue(context, value)"
 
@@ -39,8 +40,7 @@ def _CheckPorts(
         name: The name of the system, for messages.
         connected: The names of the inputs that have a source in the Diagram.
     """
-    for i in range(system.num_input_ports()):
-        port = system.get_input_port(i)
+    for port in InputPorts(system):
         has_value = port.get_name() in connected or port.HasValue(context)
         if not (has_value or _IsOptional(port)):
             Refuse(f"input of {name}", port.get_name(), _ALLOWED)

@@ -2,8 +2,23 @@
 
 import numpy as np
 import pytest
+from drake_systems import FinishArm, TheMeshcat
+from pydrake.common.value import Value
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    ExternallyAppliedSpatialForce,
+)
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import Adder, Gain, LinearSystem
+from pydrake.systems.primitives import (
+    Adder,
+    ConstantValueSource,
+    Gain,
+    LinearSystem,
+    VectorLogSink,
+    ZeroOrderHold,
+)
+from pydrake.visualization import AddDefaultVisualization
 
 from teleop_drake.analysis.loop import Linearizer
 from teleop_drake.analysis.operating_point import OperatingPoints
@@ -256,3 +271,103 @@ def test_a_diagram_that_does_not_convert_is_linearised_by_differences():
     assert model.by_differences == ("cubic",)
     expected = (3 * 0.25**2 - 1 / (1j * W + 3 * 0.5**2)) * np.exp(-1j * W * T)
     np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=1e-9)
+
+
+def _MakeArm(add):
+    """Returns a diagram with a hinged ball of 0.004 kg m^2, and the ball's plant.
+
+    Args:
+        add: A function that adds further systems to the builder and the plant.
+    """
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, 0.0)
+    FinishArm(plant)
+    add(builder, plant)
+    return builder.Build(), plant
+
+
+def _CheckArm(diagram, plant, by_differences):
+    """Checks the response from torque to angle, 1 / (I s^2)."""
+    model = LinearizePorts(
+        diagram,
+        diagram.CreateDefaultContext(),
+        plant.get_actuation_input_port(),
+        plant.get_state_output_port(),
+    )
+    expected = -1 / (0.004 * W**2)
+    rtol = 1e-8 if by_differences else 1e-12
+    np.testing.assert_allclose(model.Response(W)[:, 0, 0], expected, rtol=rtol)
+    assert model.by_differences == by_differences
+
+
+def test_the_default_visualization_is_left_out():
+    diagram, plant = _MakeArm(
+        lambda builder, _: AddDefaultVisualization(builder, TheMeshcat())
+    )
+    _CheckArm(diagram, plant, ())
+
+
+def test_a_block_that_does_not_convert_is_left_out_where_nothing_depends_on_it():
+    """A sampled law of Python whose result only a log receives."""
+
+    def Add(builder, plant):
+        law = builder.AddNamedSystem("law", Cubic())
+        hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.1, 1))
+        log = builder.AddNamedSystem("log", VectorLogSink(1))
+        builder.Connect(plant.get_net_actuation_output_port(), law.get_input_port())
+        builder.Connect(law.get_output_port(), hold.get_input_port())
+        builder.Connect(hold.get_output_port(), log.get_input_port())
+
+    diagram, plant = _MakeArm(Add)
+    law = diagram.GetSubsystemByName("law")
+    with pytest.raises(ValueError, match="because hold takes samples"):
+        LinearizePorts(
+            diagram,
+            diagram.CreateDefaultContext(),
+            plant.get_actuation_input_port(),
+            diagram.GetSubsystemByName("hold").get_output_port(),
+        )
+    assert law.num_continuous_states() == 1
+    model = LinearizePorts(
+        diagram,
+        diagram.CreateDefaultContext(),
+        plant.get_actuation_input_port(),
+        plant.get_state_output_port(),
+        is_moving=True,
+    )
+    # Its state is a state of the model.
+    assert model.by_differences == ("law",)
+    assert model.held == ()
+
+
+@pytest.mark.parametrize("is_fixed", [True, False])
+def test_a_constant_force_that_drake_does_not_convert_is_named(is_fixed):
+    """Left out of the converted diagram, the spring at the ball would have no force."""
+    force = ExternallyAppliedSpatialForce()
+    force.F_Bq_W = SpatialForce(tau=[0.0, 0.3, 0.0], f=[0.0, 0.0, 0.0])
+
+    def Add(builder, plant):
+        force.body_index = plant.GetBodyByName("link0").index()
+        port = plant.get_applied_spatial_force_input_port()
+        if is_fixed:
+            builder.ExportInput(port, "forces")
+            return
+        source = ConstantValueSource(
+            Value[list[ExternallyAppliedSpatialForce]]([force])
+        )
+        builder.AddNamedSystem("force", source)
+        builder.Connect(source.get_output_port(), port)
+
+    diagram, plant = _MakeArm(Add)
+    context = diagram.CreateDefaultContext()
+    if is_fixed:
+        diagram.get_input_port().FixValue(context, [force])
+    model = LinearizePorts(
+        diagram,
+        context,
+        plant.get_actuation_input_port(),
+        plant.get_generalized_acceleration_output_port(),
+        is_moving=True,
+    )
+    assert model.by_differences == ("plant" if is_fixed else "force",)
+    np.testing.assert_allclose(model.D, [[1 / 0.004]], rtol=1e-8)

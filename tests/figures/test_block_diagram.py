@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from drake import lcmt_scope
 from pydrake.geometry import (
     DrakeVisualizer,
     Meshcat,
@@ -21,7 +22,7 @@ from pydrake.geometry import (
 from pydrake.lcm import DrakeLcm
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
-from pydrake.systems.lcm import LcmInterfaceSystem
+from pydrake.systems.lcm import LcmInterfaceSystem, LcmSubscriberSystem
 from pydrake.systems.primitives import Adder, Gain, Integrator, MatrixGain, PassThrough
 
 from teleop_drake.figures import block_diagram as rendering
@@ -232,6 +233,73 @@ def test_labels_that_look_like_markup_stay_labels():
         builder.ExportInput(system.get_input_port(), f"in {name}")
     labels = _Labels(RenderSvg(builder.Build()))
     assert labels >= set(names) | {f"in {name}" for name in names}
+
+
+@pytest.mark.parametrize(
+    ("control", "shown"),
+    [
+        ("\x00", "␀"),
+        ("\x01", "␁"),
+        ("\n", "␊"),
+        ("\t", "␉"),
+        ("\x1b", "␛"),
+        ("\x7f", "␡"),
+        ("\x85", "\ufffd"),
+        ("\uffff", "\ufffd"),
+    ],
+)
+def test_a_control_character_in_a_name_is_drawn(control, shown):
+    builder = DiagramBuilder()
+    # More ports than a box shows, so that their labels are read from Drake's text.
+    system = builder.AddNamedSystem(f"a<{control}s3 [b", Adder(12, 1))
+    builder.ExportInput(system.get_input_port(0), f"in{control}put")
+    svg = RenderSvg(builder.Build())
+    assert {f"a<{shown}s3 [b", f"in{shown}put", "11 more"} <= _Labels(svg)
+
+
+class Undrawn(LeafSystem):
+    """A system whose text for Graphviz lacks a box."""
+
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorInputPort("a<b", 1)
+        self.DeclareVectorOutputPort("y", 1, lambda context, output: None)
+
+    def DoGetGraphvizFragment(self, params):
+        fragment = LeafSystem.DoGetGraphvizFragment(self, params)
+        fragment.fragments = []
+        return fragment
+
+
+def test_a_system_without_a_box_of_its_own_has_one():
+    builder = DiagramBuilder()
+    first, second = (builder.AddNamedSystem(name, Undrawn()) for name in ("p", "q"))
+    builder.Connect(first.get_output_port(), second.get_input_port())
+    diagram = builder.Build()
+    assert first.GetGraphvizFragment().fragments == []
+    dot = DiagramDot(diagram)
+    assert "s1:y0:e -> s2:u0:w [weight=10]" in dot
+    assert {"p", "q", "Undrawn", "a<b", "y"} <= _Labels(RenderSvg(diagram))
+
+
+def test_a_system_after_an_interface_of_lcm_keeps_its_number():
+    """A level of a page finds the k-th system of a diagram by the number k."""
+    builder = DiagramBuilder()
+    interface = builder.AddNamedSystem("lcm", LcmInterfaceSystem(DrakeLcm("memq://")))
+    other = DrakeLcm("memq://")
+    for lcm in (interface, other):
+        subscriber = LcmSubscriberSystem.Make("CHANNEL", lcmt_scope, lcm)
+        builder.AddNamedSystem("own" if lcm is other else "shared", subscriber)
+    builder.AddNamedSystem("last", Gain(1.0, 1))
+    dot = DiagramDot(builder.Build())
+    assert re.findall(r"^(\w+) \[shape=none", dot, re.M) == [
+        *("drakelcminterface1in", "drakelcminterface1out", "s2", "s3", "s4")
+    ]
+    assert re.findall(r"^(\w+) -> (\w+):w", dot, re.M) == [
+        ("drakelcminterface1out", "s2"),
+        ("drakelcminterface5out", "s3"),
+    ]
+    assert "\ndrakelcminterface5out [label=LCM]" in dot
 
 
 def test_svg_shows_every_name(dot_on_path):

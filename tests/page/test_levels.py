@@ -35,14 +35,26 @@ def MakeArm():
     return diagram
 
 
+def MakeOdd():
+    """Returns a diagram with control characters in its names."""
+    builder = DiagramBuilder()
+    gain = builder.AddNamedSystem("one\x00two\n", PassThrough(1))
+    builder.ExportInput(gain.get_input_port(), "in\rput")
+    builder.ExportOutput(gain.get_output_port(), "out\x01put")
+    diagram = builder.Build()
+    diagram.set_name("odd\x0b")
+    return diagram
+
+
 @pytest.mark.parametrize(
     ("make", "boxes", "port", "crumbs"),
     [
         (MakeUnnamed, {"Diagram", "Gain1", "Gain2"}, "u0", "Diagram"),
         (MakeArm, {"plant", "source"}, "generalized_acceleration", "arm"),
         (PendulumPlant, {""}, "tau", "PendulumPlant"),
+        (MakeOdd, {"one␀two␊"}, "y", "odd␋"),
     ],
-    ids=["unnamed", "many ports", "no diagram"],
+    ids=["unnamed", "many ports", "no diagram", "control characters"],
 )
 def test_boxes_have_names_and_tell_all_their_ports(
     look, tmp_path, make, boxes, port, crumbs
