@@ -189,10 +189,12 @@ class Evaluator:
         self.left_out = [self.blocks[i].path for i in sorted(self._left_out)]
         for i, block in enumerate(self.blocks):
             is_left_out = i in self._left_out
+            own = contexts[block.system]
+            # A user may have added an event to a block that is left out, too.
+            if i not in obstacles:
+                CheckEvents(block.system, kernels[i], own, is_sink=is_left_out)
             if is_left_out:
                 kernels[i] = EmptyKernel(block.system)
-            own = contexts[block.system]
-            CheckEvents(block.system, kernels[i], own, is_sink=is_left_out)
             kernels[i] = self._Extended(block.system, kernels[i])
         in_order = [kernels[i] for i, _ in enumerate(self.blocks)]
         self._SetProgram(Program(self.blocks, in_order), [like] if like else [])
