@@ -261,6 +261,24 @@ def test_the_page_has_the_table_and_the_sentences():
     assert parts == {name: page.Section(name) for name in ("table", "sentences")}
 
 
+def test_each_row_of_the_table_has_its_cells_in_the_columns_of_the_header():
+    shares = {}
+    for row in ReadTable():
+        if row["runs"] == "all":
+            shares[row["architecture"], row["member"]] = row["at_rest"]
+    architecture = ""
+    found = []
+    for row in page.TableRows():
+        assert len(row) == len(page.HEADER)
+        cells = dict(zip(page.HEADER, row, strict=True))
+        architecture = cells["architecture"] or architecture
+        share = cells["runs that come to rest (share)"]
+        for member in cells["gains"].split(", "):
+            assert share.startswith(f"{shares[architecture, member]:.1%}"[:-1])
+            found.append((architecture, member))
+    assert found == [key for key in shares if key[1] in page.SHOWN]
+
+
 @pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.text[:40])
 def test_a_sentence_is_right(claim):
     assert claim.holds(claim.Rows())

@@ -144,6 +144,23 @@ def test_tables_and_diagrams_are_shown(monkeypatch):
     assert diagram.startswith('<svg style="max-width: 100%; height: auto" width=')
 
 
+def test_a_row_that_does_not_fit_its_head_is_refused():
+    with pytest.raises(ValueError, match=r"row \('x',\): must have 2 cells, and has 1"):
+        ShowTable(("a", "b"), ("x",))
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_tables_come_from_data(path):
+    """No notebook takes cells out of a text that was printed."""
+    for cell in CodeCells(Read(path)):
+        called = [
+            node.func.attr
+            for node in ast.walk(ast.parse(cell.source))
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
+        ]
+        assert {*called}.isdisjoint({"split", "strip", "splitlines", "getvalue"})
+
+
 @pytest.mark.parametrize("path", [*NOTEBOOKS, FAILING], ids=lambda path: path.stem)
 def test_is_committed_clean(path):
     notebook = Read(path)

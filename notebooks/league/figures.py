@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
 from league.entries import OneAxis, ReadEntries
@@ -14,7 +13,7 @@ from league.statistics import Row, Values
 from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.transparency import FeltStiffness
 from teleop_drake.figures.analysis import PlotFeltStiffness
-from teleop_drake.figures.style import COLORS, GREY
+from teleop_drake.figures.style import COLORS, GREY, Figure
 
 SHOWN = (
     "damper to command",
@@ -53,7 +52,7 @@ def Draw(table: Sequence[Row], runs: Sequence[Row], felt: Sequence[Row]) -> Figu
         runs: The rows of league_runs.csv.
         felt: The rows of league_felt.csv.
     """
-    figure = Figure(figsize=(13, 4.6), layout="constrained")
+    figure = Figure(figsize=(13, 4.6))
     left, middle, right = figure.subplots(1, 3)
     names = dict.fromkeys(str(row["architecture"]) for row in table)
     for name in sorted(names, key=lambda name: name in SHOWN):

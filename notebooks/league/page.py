@@ -26,8 +26,8 @@ SHOWN = ("compromise", "gentlest", "quickest")
 """The members in the table; that of the rule is in the files only."""
 
 
-def TableLines() -> list[str]:
-    """Returns the lines of the table."""
+def TableRows() -> list[list[str]]:
+    """Returns the cells of each row of the table, in the order of HEADER."""
     felt = {
         (row["architecture"], row["member"]): row for row in ReadTable("league_felt")
     }
@@ -37,12 +37,12 @@ def TableLines() -> list[str]:
         if row["runs"] == "all" and row["member"] in SHOWN:
             cells = _Cells(row, felt[row["architecture"], row["member"]])
             names.setdefault(cells, []).append(row["member"])
-    lines = [HEADER, ["---"] * len(HEADER)]
+    rows = []
     for (architecture, *cells, passive), members in names.items():
         is_first = members[0] == SHOWN[0]
         ends = (architecture, passive) if is_first else ("", "")
-        lines.append([ends[0], ", ".join(members), *cells, ends[1]])
-    return ["| " + " | ".join(line) + " |" for line in lines]
+        rows.append([ends[0], ", ".join(members), *cells, ends[1]])
+    return rows
 
 
 def _Cells(row: Row, felt: Row) -> tuple[str, ...]:
@@ -80,7 +80,8 @@ def _Text(value: float, form: str) -> str:
 def Section(name: str) -> str:
     """Returns the text of a part of the page: `table` or `sentences`."""
     if name == "table":
-        return "\n".join(TableLines())
+        lines = [HEADER, ["---"] * len(HEADER), *TableRows()]
+        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
     return "\n".join(f"* {claim.Sentence()}" for claim in CLAIMS)
 
 

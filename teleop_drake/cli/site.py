@@ -245,6 +245,8 @@ def _OutputHtml(output: Any) -> str:
     rich = data.get("text/html") or data.get("image/svg+xml")
     if rich is None and "image/png" in data:
         rich = f'<img src="data:image/png;base64,{data["image/png"]}" alt="">'
+    if rich is None and "text/markdown" in data:
+        rich = _Markdown(data["text/markdown"], "latex")
     if rich is None:
         text = output.get("text") or data.get("text/plain", "")
         rich = f"<pre>{html.escape(text)}</pre>"

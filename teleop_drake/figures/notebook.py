@@ -24,10 +24,19 @@ _SIGNALS = ("tool_velocity", "environment_force")
 
 
 def ShowTable(head: Sequence[str], *body: Sequence[Any]) -> None:
-    """Shows rows of cells as a table; cells may have Markdown."""
+    """Shows rows of cells as a table; cells may have Markdown.
+
+    Raises:
+        ValueError: If a row does not have as many cells as the head.
+    """
     display = importlib.import_module("IPython.display")
+    for row in body:
+        if len(row) != len(head):
+            allowed = f"must have {len(head)} cells, and has {len(row)}"
+            raise ValueError(f"row {tuple(row)}: {allowed}")
     rows = [head, ["---"] * len(head), *body]
-    lines = ["| " + " | ".join(map(str, row)) + " |" for row in rows]
+    texts = [[str(cell).replace("|", r"\|") for cell in row] for row in rows]
+    lines = ["| " + " | ".join(row) + " |" for row in texts]
     display.display(display.Markdown("\n".join(lines)))
 
 

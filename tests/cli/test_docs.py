@@ -5,12 +5,15 @@ import re
 import sys
 from pathlib import Path
 
+import IPython.display
 import pytest
+from IPython.core.formatters import DisplayFormatter
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_output
 
 import teleop_drake
 from teleop_drake.cli import main
 from teleop_drake.cli.site import PAGES, Site, _CellHtml
+from teleop_drake.figures.notebook import ShowTable
 
 
 def Broken(folder: Path) -> list[str]:
@@ -83,6 +86,23 @@ def test_a_cell_of_a_notebook_has_its_outputs():
     assert 'src="data:image/png;base64,QUJD"' in _CellHtml(code)
     code.outputs = [new_output("display_data", {"text/html": "<b>x</b>"})]
     assert "<b>x</b>" in _CellHtml(code)
+
+
+def test_a_table_of_a_notebook_is_a_table_of_the_site(monkeypatch):
+    """Cells that are empty or have a bar in them stay in their columns."""
+    shown = []
+    monkeypatch.setattr(IPython.display, "display", shown.append)
+    ShowTable(("", "b", "c"), ("", "x", "$1$"), ("|v|", "", "*y*"))
+    (table,) = shown
+    data, _ = DisplayFormatter().format(table)
+    code = new_code_cell("ShowTable(...)")
+    code.outputs = [new_output("display_data", data)]
+    rows = re.findall(r"<tr>(.*?)</tr>", _CellHtml(code), re.S)
+    cells = [re.findall(r"<t[hd]>(.*?)</t[hd]>", row, re.S) for row in rows]
+    assert [row[:2] for row in cells] == [["", "b"], ["", "x"], ["|v|", ""]]
+    assert cells[0][2] == "c"
+    assert "<math" in cells[1][2]
+    assert cells[2][2] == "<em>y</em>"
 
 
 def test_links_of_notebooks_are_those_of_the_site(tmp_path):
