@@ -15,6 +15,7 @@ from teleop_drake.blocks.environments import Surface
 from teleop_drake.page.colors import PageColor
 from teleop_drake.page.diagram_inputs import MakeDiagramInputs
 from teleop_drake.page.document import Page
+from teleop_drake.page.hand import HandData
 from teleop_drake.page.inputs import Input, Maker
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf
@@ -25,7 +26,6 @@ from teleop_drake.scenario import (
     AnyScenario,
     AsTeleoperation,
     LoadOverridden,
-    Scenario,
 )
 from teleop_drake.scenario.overrides import Overrides
 from teleop_drake.signals import NameOf
@@ -41,9 +41,6 @@ DURATION = 10.0
 
 # The longest drive, s.
 _LONGEST_DRIVE = 600.0
-
-# The largest speed that a hand commands, in multiples of |surgeon.velocity|.
-_FULL_SPEED = 2.0
 
 
 # A scenario, its name or file; a system; or a function that makes one.
@@ -183,6 +180,14 @@ def MakePage(
         scenario, _ = LoadOverridden(scenario_or_diagram, overrides)
         story = scenario.story
         data = _OfScenario(scenario, controllers, vary or {}, has_hand, notes)
+        if has_hand:
+            data["hand"] = HandData(
+                AsTeleoperation(scenario),
+                scenario_or_diagram,
+                overrides,
+                list(dict.fromkeys(loop["kind"] for loop in data["controllers"])),
+                [one["name"] for one in data["inputs"]],
+            )
     # A signal may exist with some controllers only.
     known = set().union(*(loop["signals"] for loop in data["controllers"]))
     CheckNames("signals", signals)
@@ -274,7 +279,7 @@ def _OfScenario(
     return {
         **_Data(scenario.title or scenario.name, inputs, choices, runs),
         "view": _View(scenario, first.surfaces),
-        "hand": _Hand(AsTeleoperation(scenario), kinds) if has_hand else None,
+        "hand": None,
         "isDiagram": False,
     }
 
@@ -294,30 +299,6 @@ def _Story(source: System | Callable[[], System]) -> str:
     if documented.__module__.startswith("pydrake."):
         return ""
     return " ".join((inspect.getdoc(documented) or "").partition("\n\n")[0].split())
-
-
-def _Hand(scenario: Scenario, kinds: Sequence[str]) -> dict[str, Any]:
-    """Returns the data of a drive by the user's hand for the page's script.
-
-    A drive begins with the adaptive controller if it is among the kinds.
-    """
-    v_d = np.asarray(scenario.surgeon.velocity, float)
-    force = getattr(scenario.surgeon, "contact_force", None)
-    return {
-        "scenario": scenario.name,
-        "first": "adaptive_backstepping"
-        if "adaptive_backstepping" in kinds
-        else kinds[0],
-        "seed": getattr(scenario.forward_channel, "seed", None),
-        "num_axes": v_d.size,
-        "full_speed": _FULL_SPEED * float(np.linalg.norm(v_d)),
-        # The force at which a gamepad rumbles most: twice the force held on contact.
-        "newtons": 2 * float(np.linalg.norm(0.0 if force is None else force)),
-        "command": f"teleop-drake compare {scenario.name} --controllers all "
-        "--set surgeon.kind=recorded --set surgeon.file=hand.csv "
-        # On contact a hand still commands a velocity.
-        "--set surgeon.contact_force=null",
-    }
 
 
 def _Choices(

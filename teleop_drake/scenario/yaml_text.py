@@ -3,6 +3,7 @@
 A tree consists of the types of YAML: dict, list, str, float, int, bool and None.
 """
 
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -76,6 +77,15 @@ def DumpYaml(tree: Any, *, is_compact: bool = False) -> str:
     style = None if is_compact else False
     text = yaml.dump(tree, Dumper=Dumper, sort_keys=False, default_flow_style=style)
     return str(text)
+
+
+def DumpValue(tree: Any) -> str:
+    """Returns YAML text on one line that ParseYaml() converts back to the tree."""
+    text = yaml.dump(
+        tree, Dumper=Dumper, sort_keys=False, default_flow_style=True, width=math.inf
+    )
+    # A value that is neither a mapping nor a list has a mark of its end.
+    return str(text).removesuffix("...\n").strip()
 
 
 def ParseYaml(text: str, origin: str) -> Any:

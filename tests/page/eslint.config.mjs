@@ -59,6 +59,7 @@ const page = [
   "armAt",
   "axe",
   "chosen",
+  "endDrive",
   "errors",
   "linkOfState",
   "make",

@@ -1,8 +1,10 @@
 """The living diagram in a real browser: it opens, simulates, and answers to clicks."""
 
 import dataclasses
+import json
 import math
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -224,6 +226,39 @@ def ByHand():
     builder.Connect(x.get_output_port(), gain.get_input_port())
     builder.Connect(gain.get_output_port(), x.get_input_port())
     return builder.Build()
+
+
+def test_the_printed_command_repeats_a_drive(look, tmp_path, monkeypatch, capsys):
+    """Every metric, with sliders that were moved after the page was written."""
+    monkeypatch.chdir(tmp_path)
+    more = ["surgeon.contact_force=[0.02]", "controller.adaptation_rate=12"]
+    options = ["--accuracy", "1e-7", *(x for one in more for x in ("--set", one))]
+    page = ["drive", "one_dof", *options, "--vary", f"{STIFFNESS}=50:400"]
+    assert main([*page, "--output", "drive.html", "--quiet"]) == 0
+    seen = look(tmp_path / "drive.html", "repeat.js")
+    Path("hand.csv").write_text(seen["csv"], "utf-8")
+    program, *words = shlex.split(seen["command"])
+    assert program == "teleop-drake"
+    capsys.readouterr()
+    assert main([*words, "--json", "-", "--quiet"]) == 0
+    records = json.loads(capsys.readouterr().out)
+    assert len(records) == len(seen["metrics"]) == 2
+    for record, metrics in zip(records, seen["metrics"], strict=True):
+        assert "collision.time" in metrics
+        expected = FlattenMetrics(record["metrics"])
+        known = {name: x for name, x in expected.items() if x is not None}
+        assert metrics.keys() == known.keys() - {"diverged", "diverged_at"}
+        for name, value in metrics.items():
+            assert value == pytest.approx(known[name], rel=1e-5, abs=1e-9), name
+    # The whole drive is shown.
+    assert seen["shown"] == [0, 9]
+    assert seen["cursor"] == 9
+    assert seen["score"].startswith(
+        "one_dof, direct force, forward delay 0.05 s, return delay 0.07 s, bone "
+        "stiffness 111 N/m, simulator.accuracy=1.0e-07, controller.adaptation_rate=12, "
+        "gentle hand; seed 0; bone after 7.48 s; largest force 0.015"
+    )
+    assert "--delay 0.1 --set" in seen["later"]
 
 
 @pytest.mark.slow

@@ -101,7 +101,9 @@ def test_a_drive_starts_by_itself_and_tells_how_it_ended(look, tmp_path):
     late = f"{seen['end'] - seen['push']:.1f}"
     start = f"Direct force ran away {late} s after you pushed: the tool exceeds its"
     assert seen["banner"].startswith(start)
-    begin = "two_dof_collision, direct force, 0.4 s there, 0.4 s back; seed 0; "
+    begin = (
+        "two_dof_collision, direct force, delay each way 0.4 s, gentle hand; seed 0; "
+    )
     assert seen["score"] == begin + "bone not reached"
     assert seen["whole"] == (
         begin + "bone after 1.25 s; largest force 0.83 N; at rest after 2.00 s"
@@ -120,7 +122,7 @@ def test_a_delay_of_zero_can_be_driven(look, tmp_path, capsys):
     assert main(["drive", "one_dof", "--delay", "0", "--output", str(path)]) == 0
     assert not capsys.readouterr().err
     seen = look(path, "nodelay.js")
-    assert "0 s there, 0 s back" in seen["score"]
+    assert "delay each way 0 s" in seen["score"]
     assert min(seen["moved"]) > 0.4
 
 

@@ -4,7 +4,7 @@ import { $ } from "./elements.js";
 import { clamp } from "./numbers.js";
 import { state, wholeTime } from "./state.js";
 
-// The time window that a drive shows, s, and the time around an event that plays slowly, s.
+// The shortest time window of a drive, s, and the time around an event that plays slowly, s.
 const SHOWN = 8;
 const NEAR = 0.1;
 
@@ -28,6 +28,13 @@ export function setCursor(t) {
 export function showLast(t) {
   state.window = [Math.max(0, t - SHOWN), Math.max(SHOWN, t)];
   setCursor(t);
+}
+
+// Shows the whole of the runs, and moves the cursor to their end.
+export function showWhole() {
+  const [first, last] = wholeTime();
+  state.window = [first, Math.max(first + SHOWN, last)];
+  setCursor(last);
 }
 
 // Whether one of the runs has an event at the cursor.

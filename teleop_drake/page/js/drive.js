@@ -6,8 +6,9 @@ import { $, make, nextFrame, say } from "./elements.js";
 import { clamp } from "./numbers.js";
 import { Run } from "./run.js";
 import { hideBanner, showEnd } from "./score.js";
-import { refresh } from "./simulate.js";
-import { chosen, shownLoop, state, values } from "./state.js";
+import { onRuns, refresh } from "./simulate.js";
+import { chosen, settings, shownLoop, state, values } from "./state.js";
+import { AXES } from "./units.js";
 
 // The keys of each axis: backwards and forwards.
 const KEYS = [
@@ -91,6 +92,7 @@ export async function drive() {
   state.hand = [[0, ...command().fill(0)]];
   state.runs = [run];
   $("drive").textContent = "End (Esc)";
+  $("strength").disabled = true;
   $("metrics").replaceChildren();
   const begin = performance.now();
   const hasTime = () => run.endTime - state.hand.at(-1)[0] > PICTURE;
@@ -102,11 +104,15 @@ export async function drive() {
     rumble(run, now);
     await nextFrame();
   }
+  await endDrive(loop.kind);
+}
+
+// Repeats the drive with every controller, and shows how the drive of one of them ended.
+async function endDrive(kind) {
   offerHand();
-  // All controllers repeat the drive.
   state.runs = [];
   await refresh();
-  showEnd(loop.kind, { again: drive, withController });
+  showEnd(kind, { again: drive, withController });
 }
 
 // Drives another controller.
@@ -130,13 +136,34 @@ function watchHand() {
   }, WATCH);
 }
 
+// Offers a text as a file.
+function offer(id, type, text) {
+  $(id).href = URL.createObjectURL(new Blob([text], { type }));
+}
+
 // Offers the commands of the drive as a file.
 function offerHand() {
+  const { num_axes: n, yaml } = state.data.hand;
   $("drive").textContent = "Drive again";
-  const head = ["time", "v_x", "v_y", "v_z"].slice(0, 1 + state.data.hand.num_axes);
-  const lines = [head, ...state.hand].join("\n");
-  $("save").href = URL.createObjectURL(new Blob([lines], { type: "text/csv" }));
+  $("strength").disabled = false;
+  const head = ["time", ...AXES.slice(0, n).map((axis) => `v_${axis}`)];
+  offer("save", "text/csv", [head, ...state.hand].join("\n"));
+  if (yaml) offer("save-scenario", "application/yaml", yaml);
   $("saved").hidden = false;
+}
+
+// The command that repeats the drive with the current values of the inputs.
+export function commandOfDrive() {
+  const { command, options, surgeon } = state.data.hand;
+  const set = settings().map(({ name, value }) => options[name] + value);
+  return [command, ...set, `--duration ${state.hand.at(-1)[0]}`, surgeon].join(" ");
+}
+
+// Shows the command that repeats the drive. It breaks between words, never within one.
+function showCommand() {
+  if (!state.hand.length) return;
+  const words = commandOfDrive().split(" ");
+  $("repeat").replaceChildren(...words.flatMap((word) => [make("nobr", {}, word), " "]));
 }
 
 // Makes the hand's part of the page. A pointer on the picture commands a velocity in proportion to
@@ -163,8 +190,8 @@ export function makeHand() {
   chooseTab(Math.max(0, first));
   document.body.classList.add("driven");
   watchHand();
-  // The command breaks between words, never within one.
-  const words = state.data.hand.command.split(" ");
-  $("repeat").append(...words.flatMap((word) => [make("nobr", {}, word), " "]));
+  onRuns(showCommand);
+  $("save-scenario").hidden = !state.data.hand.yaml;
+  $("save-scenario").download = `${state.data.hand.scenario}.yaml`;
   $("hand").hidden = false;
 }

@@ -3,7 +3,7 @@
 import { $, make, makeButton, say } from "./elements.js";
 import { setInput } from "./inputs.js";
 import { show } from "./numbers.js";
-import { chosen, state } from "./state.js";
+import { chosen, settings, state } from "./state.js";
 
 // The time of the first command that is not zero, s.
 function firstPush() {
@@ -24,15 +24,24 @@ export function scoreOf(run) {
   };
 }
 
+// An input's value in words, as in "bone stiffness 300 N/m".
+function valueInWords({ label, value, unit, choices }) {
+  if (choices) return `${label} ${value}`;
+  return `${label.replace(/ \[.*/, "")} ${show(value)} ${unit}`.trim();
+}
+
+// The strength of the hand in words.
+function strengthInWords() {
+  return `${$("strength").selectedOptions[0].textContent} hand`;
+}
+
 // The score in a line with all settings that are needed to repeat the drive.
 export function scoreLine(run) {
-  const { scenario, seed } = state.data.hand;
-  const { forward_delay: forward, return_delay: back, delay } = state.inputs;
-  const there = show((forward ?? delay)?.value ?? 0);
-  const home = show((back ?? delay)?.value ?? 0);
+  const { scenario, seed, settings: given } = state.data.hand;
   const { bone, force, rest } = scoreOf(run);
+  const inputs = settings().map(valueInWords);
   const parts = [
-    `${scenario}, ${run.loop.title}, ${there} s there, ${home} s back`,
+    [scenario, run.loop.title, ...inputs, ...given, strengthInWords()].join(", "),
     seed === null ? "" : `seed ${seed}`,
     `bone ${after(bone, "not reached")}`,
     force === undefined ? "" : `largest force ${show(force)} N`,

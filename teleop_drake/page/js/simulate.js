@@ -1,8 +1,8 @@
 // Runs of all controllers at the values of the inputs.
 
-import { setCursor, showLast } from "./clock.js";
+import { setCursor, showWhole } from "./clock.js";
 import { nextFrame, say } from "./elements.js";
-import { chosen, state, values, wholeTime } from "./state.js";
+import { chosen, state, values } from "./state.js";
 import { showMetrics } from "./table.js";
 
 // Simulates with the current values and shows the runs; repeats it if values change meanwhile.
@@ -60,7 +60,7 @@ export function onRuns(listen) {
 // Shows runs that took some milliseconds.
 function showRuns(runs, wall) {
   state.runs = runs;
-  if (state.data.hand) showLast(wholeTime()[1]);
+  if (state.data.hand) showWhole();
   else setCursor(state.cursor);
   showMetrics();
   for (const listen of listeners) listen();

@@ -70,3 +70,15 @@ export function wholeTime() {
 export function values() {
   return Object.fromEntries(Object.values(state.inputs).map(({ name, value }) => [name, value]));
 }
+
+// The inputs that set the current state: one for both delays where they are equal.
+export function settings() {
+  const inputs = Object.values(state.inputs);
+  const isCommon = ({ parts }) =>
+    parts?.every((part) => state.inputs[part].value === state.inputs[parts[0]].value);
+  const common = inputs.filter(isCommon);
+  const replaced = common.flatMap(({ parts }) => parts);
+  return inputs.filter((input) =>
+    input.parts ? common.includes(input) : !replaced.includes(input.name),
+  );
+}
