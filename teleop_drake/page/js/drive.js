@@ -154,9 +154,9 @@ function offerHand() {
 
 // The command that repeats the drive with the current values of the inputs.
 export function commandOfDrive() {
-  const { command, options, surgeon } = state.data.hand;
+  const { command: first, options, surgeon } = state.data.hand;
   const set = settings().map(({ name, value }) => options[name] + value);
-  return [command, ...set, `--duration ${state.hand.at(-1)[0]}`, surgeon].join(" ");
+  return [first, ...set, `--duration ${state.hand.at(-1)[0]}`, surgeon].join(" ");
 }
 
 // Shows the command that repeats the drive. It breaks between words, never within one.
