@@ -97,16 +97,35 @@ def AddRunOptions(
 
 
 def Names(text: str) -> list[str]:
-    """Returns the names in a text such as A,B; for argparse."""
+    """Returns the names in a text such as A,B."""
     return [name.strip() for name in text.split(",")]
+
+
+class _Collect(argparse.Action):
+    """Appends names to those of the same option before, or replaces its default."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        before = getattr(namespace, self.dest)
+        known = [] if before is self.default else before
+        setattr(namespace, self.dest, [*known, *values])
+
+
+NAMES: dict[str, Any] = {"action": _Collect, "type": Names, "metavar": "A,B,..."}
+"""Keywords of add_argument() for an option with names, which may be repeated."""
 
 
 def AddFormatOption(parser: argparse.ArgumentParser, default: str = "png") -> None:
     """Adds --format."""
     parser.add_argument(
         "--format",
+        **NAMES,
         default=default,
-        metavar="A,B,...",
         help=f"of figures: png, svg, pdf or several of them (default: {default})",
     )
 
@@ -123,8 +142,7 @@ def AddFigureOptions(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--signals",
-        type=Names,
-        metavar="A,B,...",
+        **NAMES,
         help="what figures show, for example tool_velocity,environment_force",
     )
     parser.add_argument(
@@ -152,11 +170,10 @@ def FormatsOf(args: argparse.Namespace) -> list[str]:
     """
     from teleop_drake.files import FIGURE_FORMATS
 
-    formats = Names(args.format)
-    for name in formats:
+    for name in args.format:
         if name not in FIGURE_FORMATS:
-            Refuse("--format", args.format, Choices(name, FIGURE_FORMATS))
-    return list(dict.fromkeys(formats))
+            Refuse("--format", ",".join(args.format), Choices(name, FIGURE_FORMATS))
+    return list(dict.fromkeys(args.format))
 
 
 def FigureOptionsOf(args: argparse.Namespace) -> dict[str, Any]:
@@ -208,10 +225,10 @@ def ControllersOf(args: argparse.Namespace) -> list[str]:
     if one is not None:
         Refuse("--controller", one, "left out with --controllers")
     names: list[str] = []
-    for name in Names(several):
+    for name in several:
         names += ARCHITECTURES if name == "all" else [name]
     if len(set(names)) < len(names):
-        Refuse("--controllers", several, "different controllers")
+        Refuse("--controllers", ",".join(several), "different controllers")
     return names
 
 
@@ -222,7 +239,7 @@ def AddGridOptions(
     if has_controllers:
         parser.add_argument(
             "--controllers",
-            metavar="A,B,...",
+            **NAMES,
             help="controller.kind, the baseline first, or module:Law of your own; "
             "`all`: every architecture (default: the thesis's two)",
         )

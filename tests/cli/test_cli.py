@@ -30,7 +30,28 @@ from teleop_drake.scenario import (
 
 pytestmark = pytest.mark.usefixtures("in_an_empty_folder")
 
+NAMES = [
+    ("compare one_dof", "--controllers"),
+    ("compare one_dof", "--signals"),
+    ("run one_dof", "--format"),
+    ("sweep one_dof", "--controllers"),
+    ("sweep one_dof", "--metrics"),
+    ("tune one_dof --minimize a", "--gains"),
+    ("page one_dof", "--controllers"),
+    ("replay one_dof", "--controllers"),
+    ("reproduce", "--only"),
+    ("docs", "--parts"),
+]
+
 SHORT = ["--duration", "0.3", "--accuracy", "1e-5", "--quiet"]
+
+
+@pytest.mark.parametrize(("command", "option"), NAMES)
+def test_names_of_a_repeated_option_are_added(command, option):
+    """They replace the default only."""
+    words = [*command.split(), option, "a,b", option, "c"]
+    args = vars(MakeParser().parse_args(words))
+    assert args[option.removeprefix("--")] == ["a", "b", "c"]
 
 
 def test_import_is_light():

@@ -208,3 +208,43 @@ def test_the_command(capsys, tmp_path, fake_runs):
     text = (tmp_path / "gains.yaml").read_text(encoding="utf-8")
     assert text.startswith("controller.kind: damped_force\ncontroller.damped_force.d")
     assert STIFFNESS_LOSS not in out
+    # What was asked for is printed: the held-out runs, those of the table.
+    head, own, best = (line.split() for line in out.splitlines()[3:6])
+    assert head == [
+        "held",
+        "out",
+        "scenario",
+        "bounded",
+        FORCE,
+        "[N]:",
+        "mean",
+        "largest",
+    ]
+    assert own == ["own", "two_dof_combined", "1", "of", "1", "8", "8"]
+    assert best[:5] == ["best", "two_dof_combined", "1", "of", "1"]
+    gains = ParseFile(tmp_path / "gains.yaml")
+    assert float(best[5]) == pytest.approx(1 + abs(gains[B] - 2), rel=1e-3)
+
+
+def test_held_out_runs_that_diverge_have_no_mean(capsys, tmp_path, fake_runs):
+    fake_runs(lambda x: None if x["delay"] > 0.1 else Contact(1.0, 1.0))
+    options = ["--gains", "damping=1:4", "--minimize", FORCE, "--delay", "0.05,0.1"]
+    options += ["--held-out", "delay=0.2,0.3", "--evaluations", "8", "--quiet"]
+    assert main([*COMMAND, *options, "--out", str(tmp_path)]) == 0
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()[4:6]]
+    assert [row[2:] for row in rows] == 2 * [["0", "of", "2", "-", "-"]]
+
+
+def test_each_option_gains_adds_to_those_before(capsys, tmp_path, fake_runs):
+    fake_runs(lambda x: Contact(1.0, 1.0))
+    law = "controller.four_channel"
+    options = ["--controller", "four_channel", "--gains", "C2=1:2", "--gains", "C3=2:3"]
+    options += ["--minimize", FORCE, "--evaluations", "16", "--quiet"]
+    assert main([*COMMAND[:2], *options, "--out", str(tmp_path)]) == 0
+    gains = ParseFile(tmp_path / "gains.yaml")
+    head = capsys.readouterr().out.splitlines()[0].split()
+    assert head[:2] == ["C2", "C3"]
+    with open(tmp_path / "tuning.csv", encoding="utf-8", newline="") as file:
+        row = next(csv.DictReader(file))
+    assert {f"{law}.C2", f"{law}.C3"} <= {*row}
+    assert {*gains} >= {"controller.kind"}

@@ -4,6 +4,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+from teleop_drake.cli.options import NAMES
 from teleop_drake.cli.output import PrepareFolder
 from teleop_drake.cli.progress import TellLine
 from teleop_drake.cli.site import PAGES, PARTS, Site, Title
@@ -21,7 +22,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--parts",
-        metavar="A,B,...",
+        **NAMES,
         default=",".join(PARTS),
         help="what the site has beside its pages (default: %(default)s)",
     )
@@ -35,7 +36,7 @@ def Execute(args: argparse.Namespace) -> int:
         for page in PAGES:
             print(f"{page!s:<{width}}  {Title(page)}")
         return 0
-    parts = [part for part in args.parts.split(",") if part]
+    parts = [part for part in args.parts if part]
     for part in parts:
         CheckChoice("--parts", part, PARTS)
     PrepareFolder(args.out, "index.html")

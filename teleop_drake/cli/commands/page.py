@@ -21,7 +21,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--controllers",
-        metavar="A,B,...",
+        **options.NAMES,
         help="controllers side by side; `all`: every architecture (default: those that "
         "the task compares)",
     )

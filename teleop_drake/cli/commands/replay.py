@@ -29,7 +29,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--controllers",
-        metavar="A,B,...",
+        **options.NAMES,
         help="simulate with each of these controllers, four at most, and show them one "
         "below the other",
     )

@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from teleop_drake.cli.exit_codes import DONE, FAILED, BadInput, Fail
-from teleop_drake.cli.options import AddFormatOption, FormatsOf, Names
+from teleop_drake.cli.options import NAMES, AddFormatOption, FormatsOf
 from teleop_drake.cli.output import PrepareFolder
 from teleop_drake.cli.progress import TellLine
 from teleop_drake.cli.tables import Align
@@ -23,8 +23,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     AddFormatOption(parser, default="png,svg")
     parser.add_argument(
         "--only",
-        type=Names,
-        metavar="A,B,...",
+        **NAMES,
         help="only these figures, for example 4.1,5.7: no ledger and no report; with "
         "--check only these claims, for example 4-settling",
     )

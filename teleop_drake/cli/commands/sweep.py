@@ -45,8 +45,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     options.AddGridOptions(parser)
     parser.add_argument(
         "--metrics",
-        type=options.Names,
-        metavar="A,B,...",
+        **options.NAMES,
         help="metrics to draw, for example collision.peak_force or a whole group such "
         "as puncture (default: a few; runs.csv has all)",
     )

@@ -30,10 +30,9 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add(
         "--gains",
-        type=options.Names,
+        **options.NAMES,
         required=True,
-        metavar="A,B,...",
-        help="one to six fields to search, for example G1,Lambda=0.1:2 or "
+        help="one to six fields to search, repeatable; for example G1,Lambda=0.1:2 or "
         "controller.four_channel.C2; without a range a tenth to ten times the "
         "scenario's own value",
     )
@@ -113,7 +112,10 @@ def Execute(args: argparse.Namespace) -> int:
     except KeyboardInterrupt:
         raise Interrupted(f"interrupted; --resume goes on with {args.out}") from None
     written = result.Write(Path(args.out))
-    Tell(args, result.Table(), _Table(result), written=written)
+    tables = [_Table(result)]
+    if result.held_out:
+        tables.append(_HeldOutTable(result))
+    Tell(args, result.Table(), *tables, written=written)
     return DONE
 
 
@@ -143,3 +145,32 @@ def _Table(result: "TuningResult") -> str:
     if result.own.reason:
         table += f"\nown: not accepted ({result.own.reason})"
     return table
+
+
+def _HeldOutTable(result: "TuningResult") -> str:
+    """Returns a table of the held-out runs, a row for each set of gains and scenario.
+
+    Mean and largest value are those over the bounded runs: these reach their end and
+    have every metric.
+    """
+    from teleop_drake.tasks.metrics import MetricUnits
+
+    units: dict[str, str] = {}
+    for sweep in result.plan.held_out.values():
+        units |= MetricUnits(sweep.scenario)
+    titles = []
+    for metric in result.plan.weights:
+        unit = f" [{units[metric]}]" if units.get(metric) else ""
+        titles += [f"{metric}{unit}: mean", "largest"]
+    lines = [["held out", "scenario", "bounded", *titles]]
+    for row in result.Table():
+        if row["runs"] != "held out":
+            continue
+        bounded = f"{row['bounded']} of {row['count']}"
+        cells = [str(row["gains"]), str(row["scenario"]), bounded]
+        for metric in result.plan.weights:
+            for statistic in ("mean", "worst"):
+                value = row[f"{metric} {statistic}"]
+                cells.append("-" if value is None else f"{value:.4g}")
+        lines.append(cells)
+    return Align(lines)
