@@ -89,6 +89,5 @@ def _Criterion(claim: Claim) -> Mapping[str, Any]:
         "measure": getattr(measure, "func", measure).__name__,
         "key": claim.key,
         "printed": claim.printed,
-        "width": None if claim.printed is None else claim.width,
-        "is_fitted": claim.fitted,
+        "in_kind": claim.in_kind,
     }

@@ -213,13 +213,13 @@ _ROW = (
     '<tr id="{key}" data-verdict="{verdict}"><td>{place}</td>'
     "<td>{claim}<br><small>{criterion}</small></td>"
     "<td>{thesis}</td><td>{ours}</td><td>{tolerance}</td>"
-    '<td class="{style}">{verdict}</td><td>{reason}{commands}</td></tr>'
+    '<td class="{style}">{judged}</td><td>{reason}{commands}</td></tr>'
 )
 """A claim in the ledger."""
 
 _CLAIM = (
     '<li id="claim-{key}" data-verdict="{verdict}">{claim} '
-    '<b class="{style}">{verdict}</b><br>'
+    '<b class="{style}">{judged}</b><br>'
     '<small>Thesis: {thesis}. Ours: {ours}. <a href="#{key}">Why</a></small>'
     '<p class="now"></p></li>'
 )
@@ -232,8 +232,14 @@ def _Claims(template: str, rows: Sequence[Row]) -> str:
     for row in rows:
         texts = {name: escape(x) for name, x in dataclasses.asdict(row).items()}
         texts |= {"style": row.verdict.split()[-1], "commands": _RunsHtml(row.runs)}
+        texts["judged"] = escape(_Judged(row))
         items.append(template.format_map(texts))
     return "\n".join(items)
+
+
+def _Judged(row: Row) -> str:
+    """Returns a verdict, with the difference of our number from the thesis's."""
+    return f"{row.verdict} ({row.difference})" if row.difference else row.verdict
 
 
 def _LiveFigure(figure: ThesisFigure, rows: Sequence[Row], commands: str) -> str:

@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import math
 import shlex
 from importlib import resources
 
@@ -95,8 +96,11 @@ def test_every_row_is_complete(rows, ledger):
         fields = dataclasses.asdict(row)
         assert all(isinstance(value, str) for value in fields.values())
         assert all(
-            value for name, value in fields.items() if name not in ("reason", "runs")
+            value
+            for name, value in fields.items()
+            if name not in ("reason", "runs", "difference")
         )
+        assert bool(row.difference) == (row.thesis != "no number")
         assert row.verdict in VERDICTS
         assert "nan" not in row.ours.split()
 
@@ -208,6 +212,35 @@ def test_tolerances():
     assert Verdict(float("nan"), False) == "refuted"
     assert Verdict(2.101, False, tolerance="100 points") == "refuted"
     assert Verdict("", None, printed=None) == "not determinable"
+
+
+@pytest.mark.parametrize(
+    ("key", "difference"),
+    [
+        ("4-direct-overshoot", "-0.57 %"),
+        ("4-adaptive-overshoot", "-2.9 %, fitted"),
+        ("4-direct-rebound", "+71 %"),
+        ("4-rebound-reduction", "+37 points"),
+        ("4-smooth", ""),
+    ],
+)
+def test_the_ledger_has_how_far_a_number_is_off(rows, key, difference):
+    assert rows[key].difference == difference
+
+
+@pytest.mark.parametrize(
+    ("ours", "difference"),
+    [
+        (5.0, "5 times the thesis's"),
+        (0.25, "0.25 times the thesis's"),
+        (-1.0, "of the other sign"),
+        (math.inf, "no number"),
+        (1.03, "+3 %"),
+    ],
+)
+def test_a_difference_in_words(ours, difference):
+    claim = Claim(key="", place="", claim="", measure=None, printed=1.0, unit="N")
+    assert claim.Difference(ours) == difference
 
 
 def test_as_many_fields_are_fitted_as_the_rows_say(rows):

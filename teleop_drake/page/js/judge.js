@@ -1,12 +1,14 @@
-// Verdicts on the thesis's claims from the current runs, by the definitions of thesis/claims.
+// Measures of the thesis's claims on the current runs, by the definitions of thesis/claims.
 //
 // Each measure has the name of the Python function that measures the claim. It takes the evidence
-// and the claim, and returns whether the claim holds and the numbers that decide it.
+// and the claim, and returns whether the claim holds and the numbers that decide it. It throws a
+// RangeError if the runs cannot decide, because one ended before or lacks an event.
 
 import { measure } from "./metrics.js";
 import { dot, range, show } from "./numbers.js";
 import { powersOf, valueAt } from "./pieces.js";
 import { AXES } from "./units.js";
+import { endInWords } from "./words.js";
 
 const CASE_I = "two_dof_puncture";
 const WORKSPACE_END = 1.4; // m, the position x at which runs of case I are cut; see thesis/runs.py
@@ -16,7 +18,7 @@ const SETTLING = "collision.settling_time";
 
 // A number in a unit.
 function inUnit(x, unit) {
-  return Number.isFinite(x) ? show((SCALES[unit] ?? 1) * x, 4) : "none";
+  return Number.isFinite(x) ? show((SCALES[unit] ?? 1) * x, 4) : "never";
 }
 
 // Both controllers' numbers as text.
@@ -33,24 +35,45 @@ function inside(run) {
   if (first < 0) return run;
   const ends = run.ends.slice(0, first + 1);
   const time = run.time.slice(0, ends.at(-1) + 1);
-  const part = Object.assign(Object.create(run), { ends, time });
+  const part = Object.assign(Object.create(run), { ends, time, isPart: true });
   return Object.assign(part, measure(part));
 }
 
 // The runs of both controllers, from which the claims of their task are judged.
 export class Evidence {
   constructor([direct, adaptive], { name, network }) {
-    const isCut = name === CASE_I;
+    const partOf = name === CASE_I ? inside : (run) => run;
     this.network = network;
     this.whole = direct;
-    this.direct = isCut ? inside(direct) : direct;
-    this.adaptive = isCut ? inside(adaptive) : adaptive;
+    this.parts = { direct: partOf(direct), adaptive: partOf(adaptive) };
     this.speed = direct.z.command[0];
   }
 
-  // A metric of both runs; NaN if a run does not have it.
+  // The run with direct force.
+  get direct() {
+    return this.intact("direct");
+  }
+
+  // The run with the adaptive controller.
+  get adaptive() {
+    return this.intact("adaptive");
+  }
+
+  // A run that did not end early, within its part that is judged.
+  intact(which) {
+    const run = this.parts[which];
+    if (run.reason && !run.isPart) throw new RangeError(`${run.loop.title} ${endInWords(run)}`);
+    return run;
+  }
+
+  // A metric of both runs.
   both(name) {
-    return [this.direct, this.adaptive].map(({ metrics }) => metrics[name] ?? NaN);
+    return this.each(({ metrics }) => known(metrics[name]));
+  }
+
+  // A metric of both runs; infinite if a run does not have it.
+  bothOrNever(name) {
+    return this.each(({ metrics }) => metrics[name] ?? Infinity);
   }
 
   // A quantity of both runs.
@@ -78,10 +101,10 @@ function largestJump(run) {
   return largestOf(jumps.flatMap((i) => columns.map((k) => change(i, k))));
 }
 
-// The time of an event; throws a RangeError if it is undefined, as no claim can be judged then.
-function known(time) {
-  if (time === undefined) throw new RangeError("the tool does not get there");
-  return time;
+// A value; throws a RangeError if it is undefined, as no claim can be judged then.
+function known(value) {
+  if (value === undefined) throw new RangeError("the tool does not get there");
+  return value;
 }
 
 // The times of events of a name.
@@ -96,6 +119,7 @@ function riseTime(run) {
 // The largest force of each contact with the bone.
 function impactForces(run) {
   const contacts = timesOf(run, "contact");
+  known(contacts[0]);
   const forces = (time, i) => valuesOfPart(run, "environment_force", 0, time, contacts[i + 1]);
   return contacts.map((time, i) => largestOf(forces(time, i)));
 }
@@ -149,7 +173,7 @@ function unlearnedShare(run, { centres, widths }) {
 // Quantities that are no metrics.
 const QUANTITIES = {
   "largest jump": largestJump,
-  contacts: (run) => timesOf(run, "contact").length,
+  contacts: (run) => impactForces(run).length,
 };
 
 // The values of a quantity or a metric of a run, one for each of its axes.
@@ -219,8 +243,8 @@ const MEASURES = {
   _NoOvershoot: noStartOvershoot,
   // The adaptive controller settles in half the time.
   _Settling(evidence) {
-    const [direct, adaptive] = evidence.both(SETTLING);
-    const holds = adaptive <= (Number.isNaN(direct) ? Infinity : direct / 2);
+    const [direct, adaptive] = evidence.bothOrNever(SETTLING);
+    const holds = Number.isFinite(adaptive) && adaptive <= direct / 2;
     return { holds, ours: pairOf([direct, adaptive], "s") };
   },
   // The adaptive controller's force does not jump.
@@ -250,7 +274,7 @@ const MEASURES = {
     return { holds: both[0] > both[1] + 0.05 * evidence.speed, ours: pairOf(both, "m/s") };
   },
   // Direct force diverges, and its velocity along y already grows inside the workspace.
-  _DirectDiverges({ direct, whole }) {
+  _DirectDiverges({ parts: { direct }, whole }) {
     const puncture = known(direct.metrics["puncture.time"]);
     const end = direct.time.at(-1);
     const early = amplitude(direct, 1, puncture, puncture + 1);
@@ -260,8 +284,8 @@ const MEASURES = {
   },
   // The adaptive controller settles, and direct force does not.
   _NeverConverges(evidence) {
-    const both = evidence.both(SETTLING);
-    return { holds: Number.isNaN(both[0]) && both[1] >= 0, ours: pairOf(both, "s") };
+    const both = evidence.bothOrNever(SETTLING);
+    return { holds: both[0] === Infinity && both[1] < Infinity, ours: pairOf(both, "s") };
   },
   // The adaptive controller's first impact is weaker by a quarter.
   _LowerFirstImpact(evidence) {
@@ -321,24 +345,37 @@ const MEASURES = {
   },
 };
 
-// Whether a claim can be judged from the current runs.
-export const isJudged = ({ measure: name }) => name in MEASURES;
+// Whether a claim has a measure here. Others take more than the runs of the sliders.
+const hasMeasure = ({ measure: name }) => name in MEASURES;
 
-// The verdict of a claim and the numbers that decide it.
-export function judge(evidence, claim) {
-  let found;
+// Whether a claim holds in the current runs, and the numbers that decide it. If the runs cannot
+// decide, `holds` is null and `why` tells the reason.
+export function measureClaim(evidence, claim) {
+  if (!hasMeasure(claim)) return { holds: null, why: "" };
   try {
-    found = MEASURES[claim.measure](evidence, claim);
+    return MEASURES[claim.measure](evidence, claim);
   } catch (error) {
     if (!(error instanceof RangeError)) throw error;
-    return { verdict: "not determinable", ours: error.message };
+    return { holds: null, why: error.message };
   }
-  const { holds, ours } = found;
-  if (claim.printed === null) return { verdict: holds ? "reproduced" : "refuted", ours };
-  const { printed, unit, width, is_fitted: isFitted } = claim;
-  const number = (SCALES[unit] ?? 1) * ours;
-  const isNear = Math.abs(number - printed) <= width;
-  const best = isFitted ? "reproduced in kind" : "reproduced";
-  const verdict = isNear ? best : holds ? "reproduced in kind" : "refuted";
-  return { verdict, ours: `${inUnit(ours, unit)} ${unit}` };
+}
+
+// The words on a claim, by whether it held at the thesis's settings and holds now.
+const WORDS = {
+  "true true": "still holds",
+  "true false": "no longer holds",
+  "false true": "holds here",
+  "false false": "does not hold here either",
+};
+
+// What to say about a claim at other settings than the thesis's: words on its order, and the text
+// before and after them. A number of the thesis is for its settings only: it is not judged.
+export function judge(claim, now, published, settings) {
+  const words = WORDS[`${published.holds} ${now.holds}`] ?? "";
+  if (!hasMeasure(claim)) return { before: `judged at ${settings} only`, words: "", after: "" };
+  if (now.holds === null) return { before: `cannot be judged: ${now.why}`, words, after: "" };
+  if (claim.printed === null) return { before: "", words, after: ` (${now.ours})` };
+  const { unit, in_kind: order } = claim;
+  const [here, there] = [now, published].map(({ ours }) => `${inUnit(ours, unit)} ${unit}`);
+  return { before: `${here} here, ${there} at ${settings}; ${order}: `, words, after: "" };
 }

@@ -1,9 +1,10 @@
 // The laboratory of a task: its sliders, its runs, and the figures and claims of these runs.
 
 import { $, keyOf, make, makeButton } from "./elements.js";
-import { Evidence, isJudged, judge } from "./judge.js";
+import { Evidence, judge, measureClaim } from "./judge.js";
 import { Loop } from "./loop.js";
 import { MOST_LINES, placeOf, plot, samplesOf } from "./plot.js";
+import { show } from "./numbers.js";
 import { makeSlider } from "./slider.js";
 
 const BEFORE = 0.6; // s, shown before an event
@@ -49,12 +50,14 @@ export class Lab {
   // Makes the sliders and buttons.
   makeControls() {
     const controls = this.section.querySelector(".controls");
+    // The first runs are those at the thesis's numbers.
+    controls.inert = true;
     const rows = this.inputs.map((input) => {
       const fields = makeSlider(input, (value) => this.set({ [input.name]: value }));
       return make("div", { className: "row" }, make("label", {}, input.label), ...fields);
     });
     const first = Object.fromEntries(this.inputs.map(({ name, value }) => [name, value]));
-    this.back = makeButton("As in the thesis", () => this.set(first), { disabled: true });
+    this.back = makeButton("The thesis's numbers", () => this.set(first), { disabled: true });
     this.windows = ["whole", "puncture", "contact"].map((shown) =>
       makeButton(shown === "whole" ? "whole run" : shown, () => this.look(shown), { value: shown }),
     );
@@ -122,6 +125,7 @@ export class Lab {
     this.published ??= runs;
     this.pinned = this.isAsPublished() ? [] : this.published;
     this.back.disabled = this.isAsPublished();
+    this.section.querySelector(".controls").inert = false;
     this.status.textContent = `${runs.length} runs simulated in ${wall.toFixed(0)} ms`;
     this.look(this.shown);
     this.judge();
@@ -169,27 +173,37 @@ export class Lab {
     const keys = this.runs.filter((run) => run.columns(port)).map(({ loop }) => keyOf(loop));
     const components = size <= MOST_LINES ? samplesOf(port, size) : [];
     const title = signal.replaceAll("_", " ");
-    const pale = this.pinned.length ? "pale: as in the thesis" : "";
+    const pale = this.pinned.length ? "pale: our run at the thesis's numbers" : "";
     head.replaceChildren(make("b", {}, unit ? `${title} [${unit}]` : title));
     head.append(...components, ...keys, pale);
   }
 
-  // Judges the claims from the current runs; shows the verdicts if a slider has moved.
+  // What has other settings than the thesis's, as in "0.1 s" for the delay alone.
+  settingsOfThesis() {
+    const first = Object.fromEntries(this.all.map(({ name, value }) => [name, value]));
+    const moved = this.inputs.filter(({ name, value }) => value !== first[name]);
+    const isDelay = moved.length === 1 && moved[0].name === "delay";
+    return isDelay ? `${show(first.delay)} s` : "the thesis's settings";
+  }
+
+  // Measures the claims on the current runs; shows what has changed if a slider has moved.
   judge() {
     const evidence = new Evidence(this.runs, this);
+    const found = this.claims.map((claim) => [claim.key, measureClaim(evidence, claim)]);
+    this.found = Object.fromEntries(found);
+    this.foundFirst ??= this.found;
+    const isMoved = !this.isAsPublished();
     for (const claim of this.claims) {
+      const now = this.found[claim.key];
+      const published = this.foundFirst[claim.key];
+      const said = judge(claim, now, published, this.settingsOfThesis());
       const item = $(`claim-${claim.key}`);
-      const now = item.querySelector(".now");
-      now.hidden = this.isAsPublished();
-      if (!isJudged(claim)) {
-        now.textContent = "Judged at the thesis's own numbers only.";
-        continue;
-      }
-      const { verdict, ours } = judge(evidence, claim);
-      const word = make("b", { className: verdict.split(" ").at(-1) }, verdict);
-      now.replaceChildren("With these sliders: ", word, ` (${ours})`);
-      item.classList.toggle("turned", verdict !== item.dataset.verdict);
-      item.dataset.now = verdict;
+      const line = item.querySelector(".now");
+      line.hidden = !isMoved;
+      const words = make("b", {}, said.words);
+      line.replaceChildren(`With these sliders: ${said.before}`, words, said.after);
+      const hasTurned = now.holds !== null && now.holds !== published.holds;
+      item.classList.toggle("turned", isMoved && hasTurned);
     }
   }
 }

@@ -32,6 +32,7 @@ class Row:
         criterion: The condition on measured values under which the claim holds.
         thesis: The thesis's value, or "no number".
         ours: Our value.
+        difference: How far our number is from the thesis's; empty without a number.
         tolerance: The allowed difference of our value; "as stated" for a criterion.
         verdict: One of VERDICTS.
         reason: An explanation, where the numbers are not enough.
@@ -44,6 +45,7 @@ class Row:
     criterion: str
     thesis: str
     ours: str
+    difference: str
     tolerance: str
     verdict: str
     reason: str
@@ -100,6 +102,7 @@ class Claim:
         criterion = self.criterion
         thesis = "no number"
         ours = str(found.ours)
+        difference = ""
         # If the thesis prints a number, its tolerance is decisive before `holds`.
         if self.printed is not None:
             number = _SCALES[self.unit] * float(found.ours)
@@ -111,6 +114,7 @@ class Claim:
             criterion += f"; in kind: {self.in_kind}"
             thesis = f"{self.printed:.4g} {self.unit}"
             ours = f"{number:.4g} {self.unit}" if math.isfinite(number) else "none"
+            difference = self.Difference(number) + ", fitted" * self.fitted
         return Row(
             key=self.key,
             place=self.place,
@@ -118,11 +122,26 @@ class Claim:
             criterion=criterion,
             thesis=thesis,
             ours=ours,
+            difference=difference,
             tolerance=self.tolerance,
             verdict=verdict,
             reason=" ".join(filter(None, (self.reason, found.reason))),
             runs="\n".join(runs.used),
         )
+
+    def Difference(self, number: float) -> str:
+        """Returns how far a number in `unit` is from the thesis's, in words."""
+        assert self.printed is not None
+        if not math.isfinite(number):
+            return "no number"
+        if self.unit == "%":
+            return f"{number - self.printed:+.2g} points"
+        ratio = number / self.printed
+        if ratio <= 0:
+            return "of the other sign"
+        if 0.5 < ratio < 2:
+            return f"{100 * (ratio - 1):+.2g} %"
+        return f"{ratio:.2g} times the thesis's"
 
     @property
     def width(self) -> float:
