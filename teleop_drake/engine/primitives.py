@@ -129,7 +129,7 @@ class _SymbolicReader:
             self._parameters[name] = numbers
             vector = own.get_mutable_numeric_parameter(i)
             vector.SetFromVector(self._New(name, len(numbers)))
-        for name in _InputNames(symbolic):
+        for name in _InputNames(system):
             port = symbolic.GetInputPort(name)
             if port.get_data_type() == PortDataType.kVectorValued:
                 port.FixValue(own, self._New(name, port.size()))

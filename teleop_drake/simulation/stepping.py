@@ -52,11 +52,12 @@ def LongestStep(diagram: System, context: Context, *, of_delays: bool = True) ->
         context: The Context of the diagram, which has the lengths of delays.
         of_delays: Whether blocks with delays are considered.
     """
-    return min(
+    steps = [
         LongestStepOf(system, own)
         for system, own in ContextsIn(diagram, context).items()
         if of_delays or not getattr(system, "delays", ())
-    )
+    ]
+    return min(steps, default=math.inf)
 
 
 def LongestStepOf(system: System, context: Context) -> float:
