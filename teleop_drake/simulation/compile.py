@@ -99,7 +99,8 @@ def Compile(
 
     Args:
         scenario: The scenario, or its name or file; or a System.
-        context: The Context where runs of a System begin; None: the default Context.
+        context: The Context where runs of a System begin; None: the default Context at
+            the solver's start_time.
         duration: The duration of the runs of a System, s.
         simulator: The solver for a System; None: DefaultSimulator().
         signals: The signals of a System to record, as for simulate().

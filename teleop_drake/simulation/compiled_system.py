@@ -21,7 +21,7 @@ class CompiledSystem:
     Args:
         system: The System to compile.
         context: The Context where runs begin, which is copied; None: the default
-            Context.
+            Context at the solver's start_time.
         duration: The duration of the runs, s.
         simulator: The solver; None: DefaultSimulator().
         signals: As for simulate().

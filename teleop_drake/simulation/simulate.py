@@ -129,7 +129,7 @@ def simulate(
         scenario: The scenario, or its name or file; or a System.
         duration: The duration, s; None: the scenario's. A System needs a duration.
         context: The Context where the run of a System begins, which is not changed;
-            None: the default Context.
+            None: the default Context at the solver's start_time.
         simulator: The solver; None: the scenario's, for a System DefaultSimulator().
         teleoperator: The Diagram to simulate, made by MakeTeleoperator for this
             scenario with a user's systems; None: the scenario's Diagram.
@@ -259,8 +259,11 @@ def MakeJob(
     """
     CheckNumber("duration", duration, "s", above=0)
     assert duration is not None
+    config = simulator or DefaultSimulator()
     if context is None:
+        CheckNumber("simulator.start_time", config.start_time, "s")
         context = system.CreateDefaultContext()
+        context.SetTime(config.start_time)
     try:
         system.ValidateContext(context)
     except (RuntimeError, SystemExit):
@@ -269,7 +272,7 @@ def MakeJob(
     return Job(
         diagram=system,
         context=context,
-        config=simulator or DefaultSimulator(),
+        config=config,
         duration=duration,
         signals=SelectSignals(system, signals),
         progress=progress,
@@ -284,6 +287,12 @@ def RecordingOf(job: Job, run: Outcome, notes: list[str]) -> Recording:
         notes: Notes on the run; one may be appended.
     """
     _EndWhereFinite(run)
+    start = job.config.start_time
+    if start not in (0.0, job.start):
+        notes.append(
+            f"simulator.start_time = {start:g} has no effect: the run begins at the "
+            f"time of its Context, {job.start:g} s."
+        )
     make_final = run.make_final_context
     if make_final is None:
         notes.append(_NO_FINAL_CONTEXT)
