@@ -102,8 +102,8 @@ class Delay:
         end: The time until which T(t), or the arrival of the packets, is known, s.
         max_sample_interval: Longest time between two samples in Drake, s; infinity: one
             sample for each step. None: 0.01 s, or the shortest delay if that is less.
-        period: The period of the packets in s. Packet k is taken at k period and has
-            the signal's value before the events of that instant.
+        period: The period of the packets in s. Packet k = 0, 1, ... is taken at
+            k period and has the signal's value before the events of that instant.
         shown: A function that returns the time in s from which packet k is shown, which
             is infinity if it is lost. The packet is not shown if a newer packet has
             been shown by then. None: there are no packets, and the signal itself is

@@ -172,10 +172,13 @@ class Stepping:
 
     def NextStop(self, root_context: Context) -> float:
         """Returns the time at which the simulator should stop next, s, or infinity."""
+        time = root_context.get_time()
         self._next_jump = self._FindNextJump(root_context)
-        self._stop = min(
-            self._next_jump, root_context.get_time() + self._ApproachTime()
-        )
+        self._stop = min(self._next_jump, time + self._ApproachTime())
+        # Drake's periodic events, which end the steps of a diagram without continuous
+        # states, begin at time 0.
+        if self._has_delay_lines and time < 0:
+            self._stop = min(self._stop, time + self.longest_step)
         return self._stop
 
     def _LimitStep(

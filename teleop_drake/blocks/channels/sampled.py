@@ -33,8 +33,9 @@ class SampledDelay(ChannelBlock):
     State and treatment of jumps: those of PacketLine. A step also ends at each delivery
     of a packet.
 
-    Initial value: `initial_value` is delivered until the first packet, sent at
-    t = 0, arrives.
+    Initial value: `initial_value` is delivered until the first packet arrives. It is
+    sent at t = 0, or at the first multiple of h in a run that begins later; before
+    t = 0 nothing is sent.
 
     Direct feedthrough: none, unless delay is 0. Then the block is a pass-through
     with neither state nor events, which does not sample the signal.

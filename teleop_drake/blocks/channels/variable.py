@@ -99,7 +99,8 @@ class DelayProfile:
         self.duration = float(self._times[-1] if duration is None else duration)
         if not self.duration > 0:
             Refuse("duration", duration, "a number > 0 (s)")
-        bends = self._times[1:]
+        # Before 0, a trace has its first delay.
+        bends = self._times[1:] if trace is None else self._times
         self.nonsmooth_times: list[float] = bends[bends < self.duration].tolist()
         # The bounds of T and of its slope are the sums of the bounds of their parts.
         self.minimum = self.delay - sinusoid.amplitude + float(self._delays.min())
@@ -153,13 +154,19 @@ class DelayProfile:
         """Returns T(t) in s.
 
         Args:
-            t: A time in s, or an array of times (N,), 0 to `duration`.
+            t: A time in s, or an array of times (N,), at most `duration`. Before 0, the
+                trace has its first value.
 
         Raises:
-            ValueError: If a time is beyond the duration.
+            ValueError: If a time is beyond the duration, or before 0 where a drift
+                makes the delay shorter than `minimum`.
         """
         if np.any(t > self.duration * (1 + 1e-9)):
             Refuse("t", t, f"at most {self.duration:g} s, the duration of the delay")
+        if self._drift > 0 and np.any(t < 0):
+            Refuse(
+                "t", t, "at least 0 s, because a delay with a drift > 0 begins there"
+            )
         result = self.delay + self._drift * t
         if self._sinusoid.amplitude:
             phase = self._sinusoid.frequency * t + self._sinusoid.phase

@@ -18,6 +18,8 @@ from sources import Step
 
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid, VariableDelay
+from teleop_drake.scenario import ScenarioError
+from teleop_drake.simulation import simulate
 
 # dT/dt is between -0.75 and 0.75; below -1 nothing changes.
 WAVE = DelayProfile(
@@ -189,3 +191,50 @@ def test_what_cannot_be_continuous(arguments, message):
     profile = DelayProfile(**({"delay": 0.1} | arguments))
     with pytest.raises(ValueError, match=message):
         profile.CheckContinuous()
+
+
+BEFORE = {
+    "sinusoid": DelayProfile(delay=0.3, sinusoid=Sinusoid(amplitude=0.1, frequency=2)),
+    "trace": DelayProfile(delay=0.1, trace=([5.0, 6.0, 8.0], [0.1, 0.3, 0.2])),
+    "shrinking trace": DelayProfile(
+        delay=0.1, drift=-0.01, trace=([0.0, 1.0, 3.0], [0.1, 0.3, 0.2])
+    ),
+}
+
+
+# Drake's Simulator takes samples every 10 ms.
+ACCURACY = {"drake": 1e-9, "compiled": 1e-11}
+
+
+def late_sine(profile):
+    """Returns a Diagram of sin(3 t + 0.7) behind a delay."""
+    builder = DiagramBuilder()
+    source = builder.AddSystem(Sine(1.0, 3.0, 0.7, 1))
+    delay = builder.AddSystem(VariableDelay(profile, 1))
+    builder.Connect(source.get_output_port(0), delay.get_input_port())
+    builder.ExportOutput(delay.get_output_port(), "late")
+    return builder.Build()
+
+
+@pytest.mark.parametrize("profile", BEFORE.values(), ids=BEFORE)
+@pytest.mark.parametrize("engine", ["drake", "compiled"])
+def test_a_run_that_begins_before_time_0_has_the_delay_of_the_profile(profile, engine):
+    """Before 0 a trace has its first delay, so that T bends at 0."""
+    diagram = late_sine(profile)
+    context = diagram.CreateDefaultContext()
+    context.SetTime(-0.3)
+    recording = simulate(diagram, context=context, duration=1.2, engine=engine)
+    times = np.linspace(-0.29, 0.89, 200)
+    sent = times - profile(times)
+    right = np.where(sent > -0.3, np.sin(3.0 * sent + 0.7), 0.0)
+    late = recording.Interpolate("late", times)[:, 0]
+    np.testing.assert_allclose(late, right, atol=ACCURACY[engine])
+
+
+@pytest.mark.parametrize("engine", ["drake", "compiled"])
+def test_a_delay_that_grows_does_not_begin_before_time_0(engine):
+    diagram = late_sine(DelayProfile(delay=0.3, drift=0.4, duration=10.0))
+    context = diagram.CreateDefaultContext()
+    context.SetTime(-1.0)
+    with pytest.raises(ScenarioError, match=r"^t = -1.0: must be at least 0 s, becau"):
+        simulate(diagram, context=context, duration=2.0, engine=engine)
