@@ -39,8 +39,8 @@ class NetworkDelay(ChannelBlock):
         delayed_signal(t) = signal(k h)                          newest, playout
                           = signal(k h) + slope (t - arrival)    extrapolate
 
-    The first packet is sent at t = 0, or at the first multiple of h in a run that begins
-    later. Before t = 0 nothing is sent.
+    The first packet is sent at t = 0, or at the first multiple of h in a run that
+    begins later. Before t = 0 nothing is sent.
 
     See Receiver for the policies. With a constant delay and no loss, the policy
     `newest` gives the output of SampledDelay.
