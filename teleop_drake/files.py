@@ -15,9 +15,9 @@ from teleop_drake.validation import ScenarioError, Show
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """File formats of figures, listed here to avoid the import of Matplotlib."""
 
-# The longest text that is read: a trace of ten million packets is shorter. Without a
-# limit, a device such as /dev/zero would be read for ever.
-_MAX_CHARACTERS = 300_000_000
+MAX_CHARACTERS = 300_000_000
+"""The longest text that is read: a trace of ten million packets is shorter. Without a
+limit, a device such as /dev/zero would be read for ever."""
 
 
 @contextmanager
@@ -139,10 +139,10 @@ def ReadText(path: str | os.PathLike[str], origin: str) -> str:
     """
     try:
         with open(path, encoding="utf-8-sig") as stream:
-            text = stream.read(_MAX_CHARACTERS + 1)
+            text = stream.read(MAX_CHARACTERS + 1)
     except (OSError, ValueError) as e:
         reason = getattr(e, "strerror", None) or "not UTF-8 text"
         raise ScenarioError(f"{origin}: must be readable ({reason})") from None
-    if len(text) > _MAX_CHARACTERS:
-        raise ScenarioError(f"{origin}: must have at most {_MAX_CHARACTERS} characters")
+    if len(text) > MAX_CHARACTERS:
+        raise ScenarioError(f"{origin}: must have at most {MAX_CHARACTERS} characters")
     return text

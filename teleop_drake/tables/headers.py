@@ -1,0 +1,109 @@
+"""Names of columns: the quantity that a header names, and its unit.
+
+time_s   Time [ms]   RTT (us)   timeMs   v_m_s   x_mm   linear.x   tool position (mm)
+"""
+
+import re
+from typing import NamedTuple
+
+
+class Unit(NamedTuple):
+    """A unit of measurement.
+
+    Attributes:
+        quantity: The quantity that it measures.
+        factor: The value of one unit in SI.
+    """
+
+    quantity: str
+    factor: float
+
+
+_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+_ANGLES = {"rad": 1.0, "deg": 0.017453292519943295}
+_PER_SECOND = ("{}/s", "{}_s", "{}_per_s", "{}.s-1", "{} s-1")
+
+_TIMES = {
+    1.0: ("s", "sec", "secs", "second", "seconds"),
+    1e-3: ("ms", "msec", "msecs", "millis", "milliseconds", "millisecond"),
+    1e-6: ("us", "usec", "usecs", "micros", "microseconds", "microsecond"),
+    1e-9: ("ns", "nsec", "nsecs", "nanos", "nanoseconds", "nanosecond"),
+}
+
+UNITS = {
+    **{name: Unit("time", x) for x, names in _TIMES.items() for name in names},
+    **{name: Unit("length", x) for name, x in _LENGTHS.items()},
+    **{name: Unit("angle", x) for name, x in _ANGLES.items()},
+    **{
+        form.format(name): Unit("speed", x)
+        for name, x in _LENGTHS.items()
+        for form in _PER_SECOND
+    },
+    **{
+        form.format(name): Unit("turning speed", x)
+        for name, x in _ANGLES.items()
+        for form in _PER_SECOND
+    },
+    "mps": Unit("speed", 1.0),
+    "N": Unit("force", 1.0),
+    "mN": Unit("force", 1e-3),
+}
+"""The known units, by their names."""
+
+_BRACKETS = re.compile(r"(.*?)[\s_]*(?:\[([^\[\]]*)\]|\(([^()]*)\)|/ ?(\w+))\s*")
+# The longest name first: `v_mm_s` is in mm/s, not in s.
+_SUFFIX = re.compile(
+    r"(.+?)[_ .-]+("
+    + "|".join(sorted(map(re.escape, UNITS), key=len, reverse=True))
+    + ")"
+)
+# `timeMs`
+_CAMEL = re.compile(r"(.*[a-z])(Ms|Us|Ns|Sec|Millis|Seconds)")
+
+
+class Header(NamedTuple):
+    """What the name of a column tells.
+
+    Attributes:
+        words: The words of the name without the unit, in lower case.
+        unit: The name of the unit; empty if there is none.
+    """
+
+    words: tuple[str, ...]
+    unit: str
+
+    @property
+    def key(self) -> str:
+        """Returns the words, joined by `_`."""
+        return "_".join(self.words)
+
+
+def ParseHeader(name: str) -> Header:
+    """Returns the words and the unit of a column's name.
+
+    Text in square brackets is a unit, known or not. Text in parentheses, behind a `/`
+    or behind a `_` is one only if it is a known unit.
+    """
+    name = name.strip().strip("\"'")
+    found = _BRACKETS.fullmatch(name)
+    if found and found[1]:
+        unit = CleanUnit(next(x for x in found.groups()[1:] if x is not None))
+        if unit in UNITS or found[2] is not None:
+            return Header(_Words(found[1]), unit)
+    for form in (_SUFFIX, _CAMEL):
+        found = form.fullmatch(name)
+        if found:
+            return Header(_Words(found[1]), CleanUnit(found[2]))
+    return Header(_Words(name), "")
+
+
+def CleanUnit(unit: str) -> str:
+    """Returns the name of a unit in the spelling of UNITS, if it is known."""
+    unit = unit.strip().replace("µ", "u").replace("μ", "u").replace("·", ".")
+    return unit if unit in UNITS else unit.lower()
+
+
+def _Words(name: str) -> tuple[str, ...]:
+    # `sendTime` has two words.
+    name = re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", name)
+    return tuple(re.findall(r"[^\W_]+", name.lower()))

@@ -1,0 +1,53 @@
+"""Reads measured packets: when each was sent, and how long it took."""
+
+from teleop_drake.tables.json_reports import PacketsOfReport
+from teleop_drake.tables.measured import Packets as Packets
+from teleop_drake.tables.packet_table import ROLES, PacketsOfTable
+from teleop_drake.tables.ping import IsPing, PacketsOfPing
+from teleop_drake.tables.reader import (
+    IsBinary,
+    OfRecords,
+    OfText,
+    ParseJson,
+    ReadAnyText,
+    ReadTable,
+)
+from teleop_drake.tables.source import TableSource
+from teleop_drake.validation import ScenarioError
+
+
+def ReadPackets(path: str, given: object) -> Packets:
+    """Reads measured packets from a file.
+
+    The file is a table (see reader), the output of `ping` (see ping), or JSON of a tool
+    that measures networks (see json_reports).
+
+    Args:
+        path: The field that names the file, for messages.
+        given: The path of the file, or a mapping {file, columns: {role: column},
+            units: {role: unit}, interval: s}; roles are packet_table.ROLES.
+
+    Raises:
+        ScenarioError: If the file cannot be read, or leaves anything unclear.
+    """
+    source = TableSource.Of(path, given, ROLES, ("interval",))
+    packets = _Read(source)
+    if len(packets.times) < 2:
+        raise ScenarioError(
+            f"{source.origin}: must have two packets, and has {len(packets.times)}"
+        )
+    return packets
+
+
+def _Read(source: TableSource) -> Packets:
+    origin = source.origin
+    if IsBinary(source.file):
+        return PacketsOfTable(ReadTable(source.path, source.file), source)
+    text = ReadAnyText(source.file, origin)
+    contents = ParseJson(text)
+    if contents is not None:
+        packets = PacketsOfReport(contents, origin)
+        return packets or PacketsOfTable(OfRecords(contents, origin), source)
+    if IsPing(text):
+        return PacketsOfPing(text, source)
+    return PacketsOfTable(OfText(text, origin), source)
