@@ -123,7 +123,6 @@ def _Roles(table: Table, given: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _Line(
-    table: Table,
     roles: Mapping[str, str],
     units: Mapping[str, str] = MappingProxyType({}),
 ) -> str:
@@ -149,9 +148,7 @@ def _AskForColumns(table: Table, what: str, roles: Mapping[str, str]) -> NoRetur
     hint = ""
     if unclear:
         hint = f"; {Show(delay)} may be one way or there and back"
-    either = _Line(
-        table, {**line, "rtt": delay}, _UnknownUnits(table, line["time"], delay)
-    )
+    either = _Line({**line, "rtt": delay}, _UnknownUnits(table, line["time"], delay))
     raise ScenarioError(
         f"{table.origin}: columns {shown}: must have {what}{hint}; {either}, or with "
         "delay for rtt if it is one way"
