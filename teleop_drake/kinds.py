@@ -25,14 +25,30 @@ KIND_KEYS = ("kind", "model")
 """The keys of a scenario that name a kind; a robot's is `model`."""
 
 
+GivenFile = str | dict[str, Any]
+"""The type of a field that names a file: its path, or a mapping {file: path, ...}."""
+
+
+def FileOf(given: Any) -> str | None:
+    """Returns the path of a file that a field names; None: it names none."""
+    path = given.get("file") if isinstance(given, dict) else given
+    return path if isinstance(path, str) else None
+
+
+def WithFile(given: GivenFile, path: str) -> GivenFile:
+    """Returns what names a file, with another path."""
+    return {**given, "file": path} if isinstance(given, dict) else path
+
+
 class KindConfig(FixedFields):
     """Base of the config dataclasses of all seams.
 
     Attributes:
         kind: The name of the kind in a scenario; `module:Class` if the class does not
             set it.
-        file_fields: Names of the fields that contain the path of a file or null. In a
-            scenario file such a path is relative to that file.
+        file_fields: Names of the fields that contain the path of a file, a mapping
+            with the key `file`, or null. In a scenario file such a path is relative to
+            that file.
     """
 
     kind: ClassVar[str] = ""

@@ -365,7 +365,7 @@ def ChannelOverrides(
     if given is None:
         return []
     from teleop_drake.blocks.channels import CHANNEL_KINDS
-    from teleop_drake.kinds import IsOwn
+    from teleop_drake.kinds import FileOf, IsOwn, WithFile
     from teleop_drake.scenario.yaml_text import ParseFile
 
     path = Path(given)
@@ -380,8 +380,9 @@ def ChannelOverrides(
         kind = fields.get("kind", "transport")
         if imports or not IsOwn(kind):
             for name in CHANNEL_KINDS.Find(kind, "kind").file_fields:
-                if isinstance(fields.get(name), str):
-                    fields[name] = str(folder / fields[name])
+                file = FileOf(fields.get(name))
+                if file is not None:
+                    fields[name] = WithFile(fields[name], str(folder / file))
     except ValueError as e:
         reason = e if path.exists() or not path.suffix else "no such file"
         Refuse("--channel", given, f"a YAML file, a trace or a kind ({reason})")

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from teleop_drake.arrays import Record
-from teleop_drake.kinds import KIND_KEYS, IsOwn
+from teleop_drake.kinds import KIND_KEYS, IsOwn, WithFile
 from teleop_drake.scenario.overrides import (
     CHANNELS,
     DELAYS,
@@ -208,7 +208,9 @@ def _CompleteTree(path: Path) -> Record:
     # The paths of files are relative to the folder of the scenario's file.
     for dotted, file in ScenarioFiles(scenario).items():
         section, key = dotted.split(".")
-        setattr(getattr(scenario, section), key, str(path.parent / file))
+        config = getattr(scenario, section)
+        given = WithFile(getattr(config, key), str(path.parent / file))
+        setattr(config, key, given)
     complete: Record = ToTree(scenario)
     return complete
 

@@ -47,7 +47,7 @@ from teleop_drake.blocks.robots import (
 from teleop_drake.blocks.systems.actuator import ActuatorConfig
 from teleop_drake.blocks.systems.haptic_device import HapticDeviceConfig
 from teleop_drake.blocks.systems.sampled_sensor import SensorConfig
-from teleop_drake.kinds import KindConfig
+from teleop_drake.kinds import FileOf, KindConfig
 from teleop_drake.scenario.config import (
     CheckSimulatorConfig,
     ControllerConfig,
@@ -317,7 +317,7 @@ def ScenarioFiles(scenario: _ScenarioBase) -> dict[str, str]:
     Fields that are null are left out.
     """
     files = {
-        f"{name}.{key}": getattr(config, key)
+        f"{name}.{key}": FileOf(getattr(config, key))
         for name, config in vars(scenario).items()
         if isinstance(config, KindConfig)
         for key in config.file_fields

@@ -109,11 +109,15 @@ def _Build(value: Any, schema: Any, path: str) -> Any:
     if value is None and _MayBeNull(schema):
         return None
     if isinstance(schema, types.UnionType):
-        # A union is a gain (a number or a matrix, perhaps also auto), or one type that
-        # may be null.
+        # A union is a gain (a number or a matrix, perhaps also auto), a file (a path or
+        # a mapping), or one type that may be null.
         options = [x for x in typing.get_args(schema) if x is not type(None)]
         if len(options) > 1 and np.ndarray in options:
             return _BuildGain(value, path, allow_text=str in options)
+        if len(options) > 1:  # GivenFile
+            if isinstance(value, dict):
+                return copy.deepcopy(value)
+            options.remove(dict[str, Any])
         (schema,) = options
     if schema in _BUILDERS:
         return _BUILDERS[schema](value, path)

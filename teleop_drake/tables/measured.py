@@ -35,7 +35,7 @@ class Packets:
         """Returns a line that tells what was read."""
         is_lost = np.isnan(self.delays)
         parts = [
-            f"{len(self.times)} packets in {self.times[-1]:.4g} s",
+            f"{len(self.times)} packets in {ShowTime(self.times[-1])}",
             f"{int(is_lost.sum())} lost",
         ]
         arrived = self.delays[~is_lost] * 1e3
@@ -45,6 +45,11 @@ class Packets:
                 f"{arrived.max():.4g} ms ({self.kind})"
             )
         return ", ".join([*parts, f"clock: {self.clock}", *self.remarks])
+
+
+def ShowTime(seconds: float) -> str:
+    """Returns a time with its unit; without an exponent where it is long."""
+    return f"{seconds:.0f} s" if seconds >= 1e4 else f"{seconds:.4g} s"
 
 
 def InOrder(

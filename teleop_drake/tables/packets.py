@@ -36,6 +36,10 @@ def ReadPackets(path: str, given: object) -> Packets:
         raise ScenarioError(
             f"{source.origin}: must have two packets, and has {len(packets.times)}"
         )
+    if packets.times[-1] == 0:
+        raise ScenarioError(
+            f"{source.origin}: must have packets that were sent at different times"
+        )
     return packets
 
 

@@ -127,15 +127,18 @@ def _SplitLines(lines: Sequence[str], separator: str) -> list[list[str]]:
         return [
             [x.strip('"') for x in re.findall(r'"[^"]*"|\S+', line)] for line in lines
         ]
-    # Each line by itself: a quote that is never closed spoils one line only.
-    rows = []
-    for line in lines:
-        try:
-            (row,) = csv.reader([line], delimiter=separator, skipinitialspace=True)
-        except (csv.Error, ValueError):
-            row = line.split(separator)
-        rows.append([cell.strip() for cell in row])
-    return rows
+    return [[cell.strip() for cell in _SplitLine(x, separator)] for x in lines]
+
+
+def _SplitLine(line: str, separator: str) -> list[str]:
+    """Returns the cells of a line; a quote that is never closed spoils only this."""
+    if '"' not in line:
+        return line.split(separator)
+    try:
+        (row,) = csv.reader([line], delimiter=separator, skipinitialspace=True)
+    except (csv.Error, ValueError):
+        return line.split(separator)
+    return row
 
 
 def _CheckWidths(

@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -165,6 +165,7 @@ class ChannelBlock(FixedBlock):
 
     Attributes:
         initial_value: The output before the first sample arrives (size).
+        notes: What a recording should tell of it, such as what was read from a file.
 
     Args:
         delay: The delay in s, finite and >= 0.
@@ -181,6 +182,11 @@ class ChannelBlock(FixedBlock):
         if initial_value is not None and len(initial_value) != size:
             Refuse("initial_value", initial_value, f"{size} numbers or null")
         self.initial_value = [0.0] * size if initial_value is None else initial_value
+        self.notes: list[str] = []
+
+    def RunNotes(self, time: Array, signals: Mapping[str, Array]) -> list[str]:
+        """Returns the notes for the recording of a run."""
+        return [f"{self.get_name()}: {note}" for note in self.notes]
 
     def DeclarePassThrough(self) -> None:
         """Declares the ports of a block whose output is the signal itself."""

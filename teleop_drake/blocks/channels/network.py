@@ -20,7 +20,8 @@ from teleop_drake.blocks.channels.packet_statistics import (
     PacketStatistics,
 )
 from teleop_drake.blocks.channels.sampled import CheckSamplePeriod
-from teleop_drake.blocks.channels.variable import VaryingDelayConfig
+from teleop_drake.blocks.channels.trace import Trace
+from teleop_drake.blocks.channels.variable import DelayProfile, VaryingDelayConfig
 from teleop_drake.validation import (
     REQUIRED,
     Config,
@@ -28,6 +29,9 @@ from teleop_drake.validation import (
     ScenarioError,
     Within,
 )
+
+# From this number of packets on for each entry of a trace, a note tells of losses.
+_MANY = 2
 
 
 class NetworkDelay(ChannelBlock):
@@ -134,15 +138,20 @@ class NetworkChannelConfig(VaryingDelayConfig):
         """
         profile, trace = self.Read(duration, path)
         with Within(path):
-            return PacketNetwork(
-                profile=profile,
-                is_lost=None if trace is None else trace.IsLost,
-                sample_period=self.sample_period,
-                jitter=self.jitter,
-                loss=self.loss,
-                seed=self.seed,
-                stream=stream,
-            )
+            return self._Network(profile, trace, stream)
+
+    def _Network(
+        self, profile: DelayProfile, trace: Trace | None, stream: str
+    ) -> PacketNetwork:
+        return PacketNetwork(
+            profile=profile,
+            is_lost=None if trace is None else trace.IsLost,
+            sample_period=self.sample_period,
+            jitter=self.jitter,
+            loss=self.loss,
+            seed=self.seed,
+            stream=stream,
+        )
 
     def MakeChannel(
         self,
@@ -153,12 +162,30 @@ class NetworkChannelConfig(VaryingDelayConfig):
         stream: str = "",
     ) -> NetworkDelay:
         """Makes the block; see ChannelConfig.MakeChannel."""
-        return NetworkDelay(
-            network=self.Network(duration, stream=stream),
+        profile, trace = self.Read(duration)
+        block = NetworkDelay(
+            network=self._Network(profile, trace, stream),
             receiver=self.receiver,
             size=size,
             initial_value=initial_value,
         )
+        block.notes = self._Notes(trace)
+        return block
+
+    def _Notes(self, trace: Trace | None) -> list[str]:
+        """Returns what was read, and for how many packets a loss in it stands."""
+        if trace is None:
+            return []
+        notes = [trace.summary]
+        step = float(np.median(np.diff(trace.times)))
+        count = round(step / self.sample_period)
+        if trace.is_lost.any() and count >= _MANY:
+            notes.append(
+                f"a packet that was lost in the trace stands for about {count} "
+                f"packets, because its entries are {step:.4g} s apart and the packets "
+                f"{self.sample_period:g} s; `loss` loses packets one by one"
+            )
+        return notes
 
     def PacketPeriod(self) -> float:
         """Returns the sample period in s."""

@@ -15,9 +15,11 @@ _PERCENTS = {"minimum": 0, "median": 50, "p95": 95, "p99": 99, "maximum": 100}
 class PacketStatistics:
     """Statistics of the packets of one channel until the end of a run.
 
-    The delays are those of the packets received, and are None if there are none. The
-    age of information is the time since the packet that is shown was sent. Its mean and
-    maximum begin with the first packet shown, and are None if no packet is shown.
+    The delays are those of the packets that were not lost, also of those that were
+    still under way at the end: without them the largest delays would be left out. They
+    are None if there are none. The age of information is the time since the packet that
+    is shown was sent. Its mean and maximum begin with the first packet shown, and are
+    None if no packet is shown.
 
     Attributes:
         sent: Number of packets sent.
@@ -70,14 +72,15 @@ def ComputePacketStatistics(
     # Packets that arrive together count as being in order.
     received = received[np.argsort(arrivals[received], kind="stable")]
     is_newest = received == np.maximum.accumulate(received)
-    delays = (arrivals - stamps)[received]
+    delays = arrivals - stamps
     due = network.profile.delay + receiver.depth + TIE * network.sample_period
-    is_late = (delays > due) & (receiver.policy == "playout")
+    is_late = (delays[received] > due) & (receiver.policy == "playout")
     measured: dict[str, Any] = {}
-    if delays.size:
+    known = delays[np.isfinite(delays)]
+    if known.size:
         for name, percent in _PERCENTS.items():
-            measured[f"delay_{name}"] = float(np.percentile(delays, percent))
-        measured["delay_mean"] = float(delays.mean())
+            measured[f"delay_{name}"] = float(np.percentile(known, percent))
+        measured["delay_mean"] = float(known.mean())
     shown, stamps = network.ShownUntil(receiver, end_time)
     if shown.size:
         # Between two packets the age grows with slope 1.

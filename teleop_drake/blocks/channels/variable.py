@@ -18,6 +18,7 @@ from teleop_drake.blocks.channels.base import (
     ConstantDelay,
 )
 from teleop_drake.blocks.channels.trace import ENDS, ReadTrace, Trace
+from teleop_drake.kinds import FileOf, GivenFile
 from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,
@@ -47,6 +48,14 @@ class Sinusoid(FixedFields):
     phase: float = Number(0.0, "rad", minimum=-1000, maximum=1000)
 
 
+def _Slopes(times: Array, delays: Array) -> Array:
+    """Returns the slopes between entries; infinite where the delay jumps."""
+    steps = np.diff(times)
+    rises = np.diff(delays)
+    jumps = np.where(rises != 0, math.inf, 0.0)
+    return np.divide(rises, steps, out=jumps, where=steps > 0)
+
+
 class DelayProfile:
     """A delay that varies with time but not at random.
 
@@ -67,9 +76,9 @@ class DelayProfile:
         delay: Constant part in s, >= 0.
         drift: Change per time, s/s.
         sinusoid: Periodic part.
-        trace: Measured (times, delays) in s, at least two of each; the times ascend
-            and the delays are not negative. The last delay is held to the end. None: no
-            such part.
+        trace: Measured (times, delays) in s, at least two of each; the times do not
+            descend and the delays are not negative. The last delay is held to the end.
+            None: no such part.
         duration: The time until which T is needed, in s, > 0; None: the length of the
             trace, or infinity without a trace.
 
@@ -100,13 +109,13 @@ class DelayProfile:
         if not self.duration > 0:
             Refuse("duration", duration, "a number > 0 (s)")
         # Before 0, a trace has its first delay.
-        bends = self._times[1:] if trace is None else self._times
+        bends = np.unique(self._times[1:] if trace is None else self._times)
         self.nonsmooth_times: list[float] = bends[bends < self.duration].tolist()
         # The bounds of T and of its slope are the sums of the bounds of their parts.
         self.minimum = self.delay - sinusoid.amplitude + float(self._delays.min())
         if self._drift < 0:
             self.minimum += self._drift * self.duration
-        slopes = np.diff(self._delays) / np.diff(self._times)
+        slopes = _Slopes(self._times, self._delays)
         # The largest slope of each part; behind the trace, whose last delay is held, it
         # is 0.
         self._slopes = {
@@ -185,10 +194,12 @@ class VaryingDelayConfig(ChannelConfig):
     # Growth of the delay, s/s.
     drift: float = 0.0
     sinusoid: Sinusoid = field(default_factory=Sinusoid)
-    # A file of measured delays, which are added: CSV with the header time_s,delay_s, or
-    # the output of ping; see channels.trace. They are interpolated linearly. Null: no
-    # trace. In a scenario file the path is relative to that file.
-    trace: str | None = None
+    # A file of measured delays, which are added: a table, the output of ping, or the
+    # JSON of a tool. A mapping {file, columns: {role: column}, units: {role: unit},
+    # interval} names what the file does not tell; see tables.ReadPackets(). The delays
+    # are interpolated linearly. Null: no trace. In a scenario file the path is relative
+    # to that file.
+    trace: GivenFile | None = None
     # The treatment of a trace that is shorter than the simulation, one of ENDS: refuse,
     # hold, repeat.
     trace_end: str = "refuse"
@@ -324,7 +335,7 @@ class VariableChannelConfig(VaryingDelayConfig):
                 "are lost, kind must be network",
             )
         with Within(path):
-            profile.CheckContinuous(self.trace or "")
+            profile.CheckContinuous(FileOf(self.trace) or "")
 
     def MakeChannel(
         self,
@@ -335,13 +346,16 @@ class VariableChannelConfig(VaryingDelayConfig):
         stream: str = "",
     ) -> VariableDelay:
         """Makes the block; see ChannelConfig.MakeChannel."""
-        return VariableDelay(
-            profile=self.Profile(duration),
+        profile, trace = self.Read(duration)
+        block = VariableDelay(
+            profile=profile,
             size=size,
             initial_value=initial_value,
             # LongestStep() limits the steps of the solver instead.
             max_sample_interval=math.inf,
         )
+        block.notes = [] if trace is None else [trace.summary]
+        return block
 
     def LongestStep(self, duration: float) -> float:
         """Returns a lower bound of the delay in s."""
