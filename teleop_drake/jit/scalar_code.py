@@ -24,6 +24,7 @@ from teleop_drake.jit.symbols import (
     Ref,
     Untraceable,
 )
+from teleop_drake.jit.tables import SEARCH
 from teleop_drake.jit.tracing import Graph, Node
 
 # The value, a node or a constant, of elements of arrays: by the array's name and index.
@@ -232,7 +233,7 @@ def TraceLaw(
 
 
 def _Given(graph: Graph, name: str, size: int) -> Numbers:
-    return AsNumbers([graph.Add("load", name, i) for i in range(size)])
+    return AsNumbers(graph.Given(name, size))
 
 
 def _Changes(graph: Graph, arrays: Arrays) -> Stores:
@@ -287,7 +288,8 @@ def MakeCode(program: ScalarProgram) -> str:
     ]
     writer.StoreAll(more)
     writer.lines += ["  br label %done", "done:", "  ret void", "}"]
-    return "\n".join([*Declarations(), _HEAD, *writer.lines, ""])
+    searches = [SEARCH] if writer.has_searches else []
+    return "\n".join([*Declarations(), *searches, _HEAD, *writer.lines, ""])
 
 
 _HEAD = """
@@ -297,10 +299,15 @@ entry:"""
 
 
 class _GraphWriter(CodeWriter):
-    """Writes the operations of a graph, each where it is first needed."""
+    """Writes the operations of a graph, each where it is first needed.
+
+    Attributes:
+        has_searches: Whether the code searches a table.
+    """
 
     def __init__(self, nodes: Sequence[Node]):
         super().__init__()
+        self.has_searches = False
         self._nodes = nodes
         # The names of the nodes that are written so far.
         self._names: dict[int, str] = {}
@@ -341,6 +348,10 @@ class _GraphWriter(CodeWriter):
 
     def _Node(self, operation: str, arguments: Sequence[Any]) -> str:
         """Writes an operation and returns the name of its value."""
+        if operation == "lookup":
+            return self._Lookup(*arguments)
+        if operation in ("search_left", "search_right"):
+            return self._Search(operation == "search_right", *arguments)
         if operation != "load":
             values = [self._Operand(argument) for argument in arguments]
             return self.Do(Instruction(operation, FLOAT, values))
@@ -348,3 +359,33 @@ class _GraphWriter(CodeWriter):
         if array == "t":
             return "%t"
         return self.Do(f"load double, ptr {self._Pointer(array, i)}")
+
+    def _Search(self, is_right: bool, first: int, count: int, x: Any) -> str:
+        """Writes the search of a table, which begins at p[first]."""
+        self.has_searches = True
+        operands = (
+            f"ptr {self._Pointer('p', first)}",
+            f"{INTEGER} {count}",
+            f"{FLOAT} {self._Operand(x)}",
+            f"{BOOLEAN} {ConstantText(is_right)}",
+        )
+        return self.Do(f"call double @search({', '.join(operands)})")
+
+    def _Lookup(self, first: int, distance: int, count: int, index: Any) -> str:
+        """Writes p[first + distance index]; nan unless the table has the index."""
+        index = self._Operand(index)
+        is_low = self.Do(f"fcmp oge double {index}, {ConstantText(0.0)}")
+        is_high = self.Do(f"fcmp olt double {index}, {ConstantText(float(count))}")
+        is_inside = self.Do(f"and i1 {is_low}, {is_high}")
+        zero = ConstantText(0.0)
+        safe = self.Do(f"select i1 {is_inside}, double {index}, double {zero}")
+        row = self.Do(f"fptosi double {safe} to i64")
+        whole = self.Do(f"sitofp i64 {row} to double")
+        is_whole = self.Do(f"fcmp oeq double {whole}, {safe}")
+        step = self.Do(f"mul i64 {row}, {distance}")
+        begin = self._Pointer("p", first)
+        place = self.Do(f"getelementptr double, ptr {begin}, i64 {step}")
+        value = self.Do(f"load double, ptr {place}")
+        nan = ConstantText(float("nan"))
+        is_good = self.Do(f"and i1 {is_inside}, {is_whole}")
+        return self.Do(f"select i1 {is_good}, double {value}, double {nan}")

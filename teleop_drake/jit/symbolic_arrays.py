@@ -16,6 +16,7 @@ from teleop_drake.jit.symbols import (
     Number,
     Untraceable,
 )
+from teleop_drake.jit.tables import SHORTEST, Lookup
 
 
 class Table(np.ndarray):
@@ -40,9 +41,13 @@ class Table(np.ndarray):
         plain = np.asarray(self)
         if plain.dtype.kind in "iu" and plain.dtype != np.int64:
             raise Untraceable("an element of whole numbers of a few bits")
-        rows = [self[(i, *others)] for i in range(len(self))]
         index = AsReal(index)
         index = Where(index < 0.0, index + float(len(self)), index)
+        if len(self) >= SHORTEST and plain.dtype == object:
+            found = Lookup(plain[(slice(None), *others)], index)
+            if found is not None:
+                return Result(found)
+        rows = [self[(i, *others)] for i in range(len(self))]
         result: Any = np.nan
         for i in reversed(range(len(rows))):
             result = Where(index == float(i), rows[i], result)

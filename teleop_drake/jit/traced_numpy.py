@@ -35,6 +35,7 @@ from teleop_drake.jit.symbols import (
     Number,
     Untraceable,
 )
+from teleop_drake.jit.tables import Search
 
 # Functions of single numbers.
 
@@ -149,6 +150,9 @@ def _Clip(a: Any, lower: Any, upper: Any) -> Any:
 
 
 def _SearchSorted(a: Any, x: Any, side: str = "left") -> Any:
+    found = Search(a, x, side)
+    if found is not None:
+        return found
     count: Any = 0.0
     for item in a:
         is_before = item <= x if side == "right" else item < x

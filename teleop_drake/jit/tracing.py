@@ -66,8 +66,9 @@ class Node(NamedTuple):
     """An operation.
 
     Attributes:
-        operation: The name of the operation. "load" reads an argument, and "select"
-            selects one of two numbers by a condition.
+        operation: The name of the operation. "load" reads an argument, "select" selects
+            one of two numbers by a condition, and "search_left", "search_right" and
+            "lookup" read tables in p; see tables.
         arguments: Numbers and nodes. For "load" they are the array's name and the index
             in it.
     """
@@ -113,18 +114,37 @@ class Graph:
         nodes: The operations, each after its arguments.
         followed: The replacements of traced functions, keyed by the functions.
         codes: The code of the traced functions, which may operate on Numbers.
+        given: The places in `nodes` of the elements of each array of Given().
     """
 
     is_given_finite: bool = True
     nodes: list[Node] = field(default_factory=list)
     followed: dict[Any, Any] = field(default_factory=dict)
     codes: set[CodeType] = field(default_factory=set)
+    given: dict[str, range] = field(default_factory=dict)
     _places: dict[Node, Ref] = field(default_factory=dict)
     _infinite: set[int] = field(default_factory=set)
     # Whether the function that is being traced is one of the package.
     _is_of_package: bool = True
     # None while no function is being traced.
     _assumed: _Assumed | None = None
+
+    def Given(self, name: str, size: int) -> list["Number"]:
+        """Returns the elements of an array that is an argument of the traced function.
+
+        Args:
+            name: The name of the array, which is given once.
+            size: Its length.
+        """
+        first = len(self.nodes)
+        self.given[name] = range(first, first + size)
+        for i in range(size):
+            node = Node("load", (name, i))
+            self._places[node] = Ref(first + i)
+            self.nodes.append(node)
+        if not self.is_given_finite:
+            self._infinite.update(self.given[name])
+        return [Number(self, Ref(place)) for place in self.given[name]]
 
     def Add(self, operation: str, *arguments: Any) -> "Number":
         """Adds an operation to the graph, unless it is there; returns its value.
@@ -153,7 +173,8 @@ class Graph:
         return Number(self, place, kind)
 
     def _Append(self, node: Node) -> Ref:
-        if len(self.nodes) >= _MAX_NODES:
+        num_given = sum(map(len, self.given.values()))
+        if len(self.nodes) - num_given >= _MAX_NODES:
             raise Untraceable("there are too many operations")
         place = len(self.nodes)
         self.nodes.append(node)
