@@ -27,7 +27,16 @@ _TIMES = {
     1.0: ("s", "sec", "secs", "second", "seconds"),
     1e-3: ("ms", "msec", "msecs", "millis", "milliseconds", "millisecond"),
     1e-6: ("us", "usec", "usecs", "micros", "microseconds", "microsecond"),
-    1e-9: ("ns", "nsec", "nsecs", "nanos", "nanoseconds", "nanosecond"),
+    1e-9: (
+        "ns",
+        "nsec",
+        "nsecs",
+        "nanosec",
+        "nanosecs",
+        "nanos",
+        "nanoseconds",
+        "nanosecond",
+    ),
 }
 
 UNITS = {
@@ -61,6 +70,15 @@ _SUFFIX = re.compile(
 _CAMEL = re.compile(r"(.*[a-z])(Ms|Us|Ns|Sec|Millis|Seconds)")
 
 
+# The last words of the name of a time.
+TIME_WORDS = "t|time|times|timestamp|stamp|datetime|date|ts|epoch|elapsed"
+
+
+def IsTime(key: str) -> bool:
+    """Returns whether a Header.key is that of a time."""
+    return re.fullmatch(rf"(.+_)?({TIME_WORDS})", key) is not None
+
+
 class Header(NamedTuple):
     """What the name of a column tells.
 
@@ -85,6 +103,10 @@ def ParseHeader(name: str) -> Header:
     or behind a `_` is one only if it is a known unit.
     """
     name = name.strip().strip("\"'")
+    # `seconds`, `nanosec`, `millis` alone are times; `s` and `ms` may be anything.
+    alone = CleanUnit(name)
+    if len(alone) > 2 and alone in UNITS and UNITS[alone].quantity == "time":
+        return Header(("time",), alone)
     found = _BRACKETS.fullmatch(name)
     if found and found[1]:
         unit = CleanUnit(next(x for x in found.groups()[1:] if x is not None))

@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from teleop_drake.arrays import Array, Flags
-from teleop_drake.tables.headers import UNITS, ParseHeader
+from teleop_drake.tables.headers import TIME_WORDS, UNITS, ParseHeader
 from teleop_drake.tables.losses import AreLost, Unwrapped
 from teleop_drake.tables.measured import (
     BETWEEN_STAMPS,
@@ -24,15 +24,15 @@ from teleop_drake.validation import ScenarioError, Show
 
 # What names of columns mean, in the order in which they are tried: a `round_trip_time`
 # is no time of sending. The names are those of ParseHeader().
-_TIME = "t|time|times|timestamp|stamp|datetime|date|ts|epoch|elapsed"
 _MEANINGS = {
     "rtt": r"(.+_)?(rtt|round_?trips?)(_.+)?",
     "delay": r"(.+_)?(delay|owd|one_way)(_time)?|(one_way_|network_)latency",
     "lost": r"(is_|was_)?(lost|dropped|loss)",
     "number": r"((icmp_)?seq(uence)?|packet)(_?(no|nr|num|number|id))?",
     "received": rf"((t|time|timestamp|stamp)_)?(received?|recv|rx|arrival|arrived)"
-    rf"(_(at|{_TIME}))?",
-    "time": rf"(.+_)?({_TIME})|(({_TIME})_)?(sent|send|tx)(_(at|{_TIME}))?",
+    rf"(_(at|{TIME_WORDS}))?",
+    "time": rf"(.+_)?({TIME_WORDS})"
+    rf"|(({TIME_WORDS})_)?(sent|send|tx)(_(at|{TIME_WORDS}))?",
 }
 ROLES = ("time", *(role for role in _MEANINGS if role != "time"))
 """The roles of columns that a user may name."""

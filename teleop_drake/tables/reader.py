@@ -22,6 +22,7 @@ import numpy as np
 
 from teleop_drake.files import MAX_CHARACTERS
 from teleop_drake.tables.arrays_of_files import ReadArrays
+from teleop_drake.tables.split_stamps import JoinStamps
 from teleop_drake.tables.table import Table
 from teleop_drake.tables.text import SplitText
 from teleop_drake.validation import ScenarioError, Show
@@ -66,7 +67,11 @@ def ReadTable(path: str, file: str) -> Table:
         return OfFrame(_ReadFrame(file, suffix, origin), origin)
     if suffix in _ARRAYS:
         return OfRecords(ReadArrays(file, suffix, origin), origin)
-    text = ReadAnyText(file, origin)
+    return TableOfText(ReadAnyText(file, origin), origin)
+
+
+def TableOfText(text: str, origin: str) -> Table:
+    """Returns the table of a text, or of JSON."""
     records = ParseJson(text)
     if records is not None:
         return OfRecords(records, origin)
@@ -124,13 +129,15 @@ def OfText(text: str, origin: str) -> Table:
     names = cells.header or [str(i + 1) for i in range(len(cells.rows[0]))]
     names = [name or str(i + 1) for i, name in enumerate(names)]
     _CheckNames(names, origin)
+    frame = pandas.DataFrame(cells.rows, columns=names, dtype=object)
+    frame, units = JoinStamps(frame)
     return Table(
         origin=origin,
-        frame=pandas.DataFrame(cells.rows, columns=names, dtype=object),
+        frame=frame,
         lines=np.array(cells.lines),
         has_header=bool(cells.header),
         comments=cells.comments,
-        units={names[i]: unit for i, unit in cells.units.items()},
+        units={names[i]: unit for i, unit in cells.units.items()} | units,
     )
 
 
@@ -174,11 +181,13 @@ def OfFrame(frame: "pandas.DataFrame", origin: str) -> Table:
             names.append(f"{name}_{i}" if len(parts) > 1 else str(name))
             columns[names[-1]] = part
     _CheckNames(names, origin)
+    joined, units = JoinStamps(pandas.DataFrame(columns).reset_index(drop=True))
     return Table(
         origin=origin,
-        frame=pandas.DataFrame(columns).reset_index(drop=True),
+        frame=joined,
         lines=np.arange(len(frame)) + 1,
         has_header=True,
+        units=units,
     )
 
 

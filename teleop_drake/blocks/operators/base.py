@@ -25,8 +25,8 @@ from teleop_drake.validation import (
     Within,
 )
 
-# Largest velocity that is allowed on each axis, m/s; no hand is as fast.
-_MOST_VELOCITY = 1000.0
+MOST_VELOCITY = 1000.0
+"""The largest velocity that is allowed on each axis, m/s; no hand is as fast."""
 
 
 @Config
@@ -52,11 +52,11 @@ class OperatorConfig(KindConfig, ABC):
         """Checks every field; refuses the first bad one by a ScenarioError."""
         with Within(path):
             CheckVector("velocity", self.velocity, num_axes, "m/s")
-            if np.abs(self.velocity).max() > _MOST_VELOCITY:
+            if np.abs(self.velocity).max() > MOST_VELOCITY:
                 Refuse(
                     "velocity",
                     self.velocity,
-                    f"at most {_MOST_VELOCITY:g} m/s on each axis",
+                    f"at most {MOST_VELOCITY:g} m/s on each axis",
                 )
             if not np.any(self.velocity):
                 Refuse("velocity", self.velocity, "non-zero on at least one axis")

@@ -43,6 +43,7 @@ class Plan:
         ends: The times at which steps have to end, each entry as (first, period) in s;
             an infinite period means once.
         longest_step: The longest step that the solver may take, s.
+        notes: What a recording should tell of it, such as what was read from a file.
     """
 
     velocity: Term
@@ -50,6 +51,7 @@ class Plan:
     jump_times: Sequence[float] = ()
     ends: Sequence[Interval] = ()
     longest_step: float = math.inf
+    notes: Sequence[str] = ()
 
 
 def PlanOfPieces(
@@ -58,6 +60,7 @@ def PlanOfPieces(
     bends: Sequence[float] = (),
     ends: Sequence[Interval] | None = None,
     longest_step: float = math.inf,
+    notes: Sequence[str] = (),
 ) -> Plan:
     """Returns the plan of a velocity that is a piecewise polynomial of time.
 
@@ -71,6 +74,7 @@ def PlanOfPieces(
         bends: The times at which v_d is not smooth, s; short steps follow.
         ends: The times at which steps have to end; see Plan. None: at the bends.
         longest_step: The longest step that the solver may take, s.
+        notes: What a recording should tell of it.
 
     Raises:
         ScenarioError: If a value is not allowed.
@@ -85,6 +89,7 @@ def PlanOfPieces(
         jump_times=bends,
         ends=ends,
         longest_step=longest_step,
+        notes=notes,
     )
 
 
@@ -128,6 +133,19 @@ class PlannedOperator(ModalOperator):
         )
         self.jump_times = [*plan.jump_times, *self.jump_times]
         self.longest_step = plan.longest_step
+        self._plan = plan
+
+    def RunNotes(self, time: Array, signals: Mapping[str, Array]) -> list[str]:
+        """Returns the notes of the plan, and whether a run has missed all of it."""
+        breaks = self._plan.parameters.get("breaks")
+        notes = [f"{self.get_name()}: {note}" for note in self._plan.notes]
+        if breaks is None or (breaks[0] < time[-1] and breaks[-1] > time[0]):
+            return notes
+        missed = (
+            f"{self.get_name()}: nothing of its velocity, from {breaks[0]:g} to "
+            f"{breaks[-1]:g} s, falls into the run, {time[0]:g} to {time[-1]:g} s"
+        )
+        return [*notes, missed]
 
 
 class ConstantVelocityOperator(PlannedOperator):

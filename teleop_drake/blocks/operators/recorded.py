@@ -1,18 +1,15 @@
-"""An operator who repeats a recorded velocity."""
+"""An operator who repeats a recorded motion."""
 
 import math
 
 import numpy as np
 
-from teleop_drake.arrays import Array
-from teleop_drake.blocks.channels.base import SHORTEST_TIME
+from teleop_drake.blocks.operators.base import MOST_VELOCITY
 from teleop_drake.blocks.operators.planned import Plan, PlannedConfig, PlanOfPieces
-from teleop_drake.files import ReadNumbers, ReadRows
+from teleop_drake.kinds import FileOf, GivenFile
 from teleop_drake.numerics.piecewise_polynomial import linear_pieces
-from teleop_drake.validation import REQUIRED, Config, Refuse, ScenarioError, Show
-
-MAX_UNEVEN = 100
-"""Largest number of rows of a file that are not at equal distances in time."""
+from teleop_drake.tables.motion import Motion, ReadMotion
+from teleop_drake.validation import REQUIRED, Config, Refuse
 
 
 @Config
@@ -22,76 +19,38 @@ class RecordedConfig(PlannedConfig):
     kind = "recorded"
     file_fields = ("file",)
 
-    # CSV file of time (s, ascending) and v_d (m/s, n entries); a header line is
-    # allowed. A file of more than MAX_UNEVEN rows must have them at equal distances in
-    # time, except for the last one.
-    file: str | None = REQUIRED
+    # A table of times and a velocity or a position for each axis; see
+    # tables.motion. A mapping {file, columns: {time: ..., velocity: [...]}, units,
+    # quantity, bandwidth} names what the file does not tell.
+    file: GivenFile | None = REQUIRED
 
     def Check(self, path: str, num_axes: int) -> None:
         """Checks every field; reads the file."""
         super().Check(path, num_axes)
-        if self.file is None:
-            Refuse(f"{path}.file", self.file, "the path of a CSV file of time and v_d")
-        ReadCommand(f"{path}.file", self.file, num_axes)
+        if FileOf(self.file) is None:
+            allowed = "a table of time and v_d, or a mapping {file: ...}"
+            Refuse(f"{path}.file", self.file, allowed)
+        motion = ReadMotion(f"{path}.file", self.file, num_axes)
+        largest = float(np.abs(motion.velocities).max())
+        if largest > MOST_VELOCITY:
+            allowed = f"of velocities up to {MOST_VELOCITY:g} m/s, not {largest:g} m/s"
+            Refuse(f"{path}.file", self.file, allowed)
 
     def MakePlan(self) -> Plan:
         """Returns the plan that is linear between the rows; steps end at each row."""
-        assert self.file is not None
-        n = np.size(self.velocity)
-        times, velocities = ReadCommand("surgeon.file", self.file, n)
+        motion = ReadMotion("surgeon.file", self.file, np.size(self.velocity))
+        times = motion.times
         return PlanOfPieces(
-            *linear_pieces(times, velocities),
-            ends=_Ends(times),
-            longest_step=float(np.diff(times).min()),
+            *linear_pieces(times, motion.velocities),
+            ends=_Ends(motion),
+            longest_step=motion.period or float(np.diff(times).min()),
+            notes=[motion.summary],
         )
 
 
-def ReadCommand(path: str, file: str, num_axes: int) -> tuple[Array, Array]:
-    """Returns times (N,) in s and velocities (N, n) in m/s of a CSV file; N >= 2.
-
-    Its first line may be a header. Empty lines and those that begin with # are skipped.
-
-    Args:
-        path: The field that names the file, for messages.
-
-    Raises:
-        ScenarioError: If the file cannot be read or a line is not allowed.
-    """
-    origin = f"{path} = {Show(file)}"
-    numbered = ReadRows(file, origin)
-    if numbered and _IsHeader(numbered[0][1]):
-        del numbered[0]
-    columns = ["time", *(f"v{i + 1}" for i in range(num_axes))]
-    table = ReadNumbers(numbered, origin, columns, least_step=SHORTEST_TIME)
-    if len(table) < 2:
-        raise ScenarioError(f"{origin}: must have at least two rows, not {len(table)}")
-    if table[0, 0] < 0:
-        raise ScenarioError(f"{origin}: must begin at a time >= 0 (s)")
-    if len(table) > MAX_UNEVEN and not _IsEven(table[:, 0]):
-        raise ScenarioError(
-            f"{origin}: must have rows at equal distances in time, except for the last "
-            f"one, or at most {MAX_UNEVEN} rows, not {len(table)}"
-        )
-    return table[:, 0], table[:, 1:]
-
-
-def _IsEven(times: Array) -> bool:
-    """Returns whether the times are equidistant; the last distance may be shorter."""
-    distances = np.diff(times)
-    even = np.allclose(distances[:-1], distances[0], rtol=1e-6, atol=0)
-    return bool(even and distances[-1] <= distances[0] * (1 + 1e-6))
-
-
-def _Ends(times: Array) -> list[tuple[float, float]]:
+def _Ends(motion: Motion) -> list[tuple[float, float]]:
     """Returns the times of the rows, where the velocity bends; see Plan.ends."""
-    if not _IsEven(times):
+    times = motion.times
+    if motion.period is None:
         return [(time, math.inf) for time in times.tolist()]
-    period = float(times[1] - times[0])
-    return [(float(times[0]), period), (float(times[-1]), math.inf)]
-
-
-def _IsHeader(line: str) -> bool:
-    """Returns whether every column begins with a letter."""
-    names = [name.strip(' "').lower() for name in line.split(",")]
-    numbers = {"nan", "inf", "infinity"}
-    return all(name[:1].isalpha() and name not in numbers for name in names)
+    return [(float(times[0]), motion.period), (float(times[-1]), math.inf)]
