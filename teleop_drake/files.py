@@ -1,16 +1,12 @@
 """Reads text files with one-line error messages, and writes files atomically."""
 
-import math
 import os
 import re
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
-
-from teleop_drake.arrays import Array
-from teleop_drake.validation import ScenarioError, Show
+from teleop_drake.validation import ScenarioError
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """File formats of figures, listed here to avoid the import of Matplotlib."""
@@ -67,67 +63,6 @@ def IsDevice(path: Path) -> bool:
 def TemporaryPath(path: Path) -> Path:
     """Returns a path in the folder of `path` for its incomplete contents."""
     return path.with_name(f".{path.name}.{os.getpid()}{path.suffix}")
-
-
-def ReadRows(path: str | os.PathLike[str], origin: str) -> list[tuple[int, str]]:
-    """Returns the numbered lines of a text file without empty lines and comments."""
-    lines = enumerate(ReadText(path, origin).splitlines(), 1)
-    return [(i, line) for i, line in lines if line.strip() and line[0] != "#"]
-
-
-def ReadNumbers(
-    rows: Sequence[tuple[int, str]],
-    origin: str,
-    columns: Sequence[str],
-    *,
-    missing: Collection[str] = (),
-    least_step: float = -math.inf,
-) -> Array:
-    """Returns lines of comma-separated numbers as a table (N, k).
-
-    Args:
-        rows: The numbered lines, as ReadRows() returns them.
-        origin: The beginning of messages, which says whose file it is.
-        columns: The names of the k columns, for messages.
-        missing: Texts in lower case that stand for NaN, except in the first column.
-        least_step: The least increase of the first column from line to line.
-
-    Raises:
-        ScenarioError: If a line has another number of cells, has a cell that is not a
-            finite number, or increases the first column too little.
-    """
-    table: list[list[float]] = []
-    for number, line in rows:
-        row = _NumbersOf(line, missing)
-        allowed = ""
-        if len(row) != len(columns):
-            allowed = f"{','.join(columns)}, finite numbers"
-        elif table and row[0] < table[-1][0] + least_step:
-            allowed = f"later than the line before, {table[-1][0]:g}"
-        if allowed:
-            raise ScenarioError(
-                f"{origin}: line {number}, {Show(line)}: must be {allowed}"
-            )
-        table.append(row)
-    return np.array(table).reshape(-1, len(columns))
-
-
-def _NumbersOf(line: str, missing: Collection[str]) -> list[float]:
-    """Returns the numbers of a line; an empty list if a cell is no finite number."""
-    numbers = []
-    for k, cell in enumerate(line.split(",")):
-        text = cell.strip().lower()
-        if k > 0 and text in missing:
-            numbers.append(math.nan)
-            continue
-        try:
-            number = float(text)
-        except ValueError:
-            return []
-        if not math.isfinite(number):
-            return []
-        numbers.append(number)
-    return numbers
 
 
 def ReadText(path: str | os.PathLike[str], origin: str) -> str:

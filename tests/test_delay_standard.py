@@ -338,7 +338,7 @@ def test_the_fault_of_a_simulator_is_named(key, name, signal, fault):
     [
         ("0.2,", "0.2001,", "time = 0.2 s: must be there"),
         ("0.2,", "0.1,", "time: must ascend"),
-        ("ramp_echo", "ramp", "column 'ramp_echo': must be there: time, "),
+        ("ramp_echo", "ramp", "must have 'ramp_echo'; the header that --template"),
     ],
 )
 def test_a_file_that_cannot_be_compared(old, new, message, tmp_path, capsys):

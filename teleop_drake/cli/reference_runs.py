@@ -5,11 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from teleop_drake import tables
 from teleop_drake.arrays import Array
 from teleop_drake.cli.exit_codes import BadInput
-from teleop_drake.files import ReadNumbers, ReadRows, ReadText
 from teleop_drake.scenario.yaml_text import ParseFile
-from teleop_drake.validation import Refuse
+from teleop_drake.tables.headers import Header, IsTime, ParseHeader
+from teleop_drake.validation import ScenarioError, Show
 
 FOLDER = Path(__file__).parents[1] / "references"
 TIME = "time"
@@ -102,8 +103,12 @@ def Compare(name: str, run: Table, origin: str) -> dict[str, Difference]:
     reference = _ReadReference(name)
     for column in reference.columns:
         if column not in run.columns:
-            allowed = ", ".join(reference.columns)
-            raise BadInput(f"{origin}: column {column!r}: must be there: {allowed}")
+            allowed = ",".join(reference.columns)
+            found = ", ".join(map(Show, run.columns))
+            raise BadInput(
+                f"{origin}: columns {found}: must have {column!r}; the header that "
+                f"--template prints: {allowed}"
+            )
     at_times = _AtInstants if "instants" in reference.notes else _Between
     signals = dict(reference.columns)
     times = signals.pop(TIME)
@@ -187,20 +192,53 @@ def _ReadReference(name: str) -> Table:
 
 
 def ReadTable(path: Path) -> Table:
-    """Returns the contents of a file of a run.
+    """Returns the contents of a file of a run, in SI.
+
+    A unit in the brackets of a header is converted. Times of a clock that shows dates
+    or the time of day count from the first row, which the note `clock` tells.
 
     Raises:
-        ScenarioError: If there is no column `time` or no row, or if a row does not
+        ScenarioError: If there is no column of times or no row, or if a row does not
             consist of finite numbers.
     """
-    lines = ReadText(path, str(path)).splitlines()
-    comments = [line[1:].partition(":") for line in lines if line.startswith("#")]
-    rows = ReadRows(path, str(path))
-    header = [name.strip() for name in rows[0][1].split(",")] if rows else []
-    if TIME not in header or len(rows) < 2:
-        Refuse(f"{path}: columns", header, "names, `time` among them")
-    table = ReadNumbers(rows[1:], str(path), header)
-    return Table(
-        notes={name.strip(): text.strip() for name, _, text in comments},
-        columns=dict(zip(header, table.T, strict=True)),
+    table = tables.ReadTable("FILE", str(path))
+    comments = [comment.partition(":") for comment in table.comments]
+    notes = {name.strip(): text.strip() for name, _, text in comments}
+    time = _TimeOf(table)
+    times = table.Times(time)
+    if times.is_date:
+        notes["clock"] = f"{times.clock}, counted from the first row"
+    columns = {TIME: times.seconds}
+    for name in table.names:
+        if name != time:
+            header = ParseHeader(name) if name.endswith(("]", ")")) else Header((), "")
+            columns[header.key or name] = _Finite(table, name, header.unit)
+    return Table(notes=notes, columns=columns)
+
+
+def _TimeOf(table: tables.Table) -> str:
+    """Returns the column of times: `time`, or the only one with such a name."""
+    found = [x for x in table.names if IsTime(ParseHeader(x).key)]
+    if TIME in table.names:
+        found = [TIME]
+    if len(found) == 1:
+        return found[0]
+    shown = ", ".join(map(Show, table.names))
+    if not table.has_header:
+        shown += " (no header)"
+    raise ScenarioError(
+        f"{table.origin}: columns {shown}: must have one named {TIME!r} and one for "
+        "each signal, in the header that --template NAME prints"
     )
+
+
+def _Finite(table: tables.Table, column: str, unit: str) -> Array:
+    """Returns the numbers of a column; refuses a missing one."""
+    values = table.Values(column, unit)
+    for i in np.flatnonzero(np.isnan(values))[:1]:
+        cell = table.Texts(column)[i]
+        raise ScenarioError(
+            f"{table.Place(column)}: line {table.lines[i]}, {Show(cell)}: must be a "
+            "finite number"
+        )
+    return values

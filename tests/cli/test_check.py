@@ -21,15 +21,16 @@ from runs import Run
 from teleop_drake.cli.main import main
 
 NAME, NEEDLE = "two_dof_puncture_direct_force", "needle_insertion_adaptive_backstepping"
+DELAYS = FOLDER / "delays"
 CASES = [(name, "auto") for name in REFERENCES]
 # In Drake's Simulator, which is slow, not each task with both controllers.
 CASES += [(name, "drake") for i, name in enumerate(REFERENCES) if i in (0, 3, 4, 6, 7)]
 
 
-def Reference(name):
-    lines = (FOLDER / f"{name}.csv").read_text("utf-8").splitlines()
-    table = np.array([line.split(",") for line in lines[3:]], float)
-    return dict(zip(lines[2].split(","), table.T, strict=True))
+def Reference(name, folder=FOLDER):
+    lines = (folder / f"{name}.csv").read_text("utf-8").splitlines()
+    header, *rows = [line.split(",") for line in lines if not line.startswith("#")]
+    return dict(zip(header, np.array(rows, float).T, strict=True))
 
 
 def Check(path, capsys):
@@ -96,10 +97,13 @@ def test_a_difference_is_found_where_it_is(tmp_path, capsys):
     ("old", "new", "message"),
     [
         (f"reference: {NAME}", "reference: mine", "reference = 'mine': must be one of"),
-        ("tool_velocity_1", "v", "column 'tool_velocity_1': must be there: time, "),
-        ("time,", "t,", "must be names, `time` among them"),
+        ("tool_velocity_1", "v", "'v', 'environment_force_0'"),
+        ("tool_velocity_1", "v", "must have 'tool_velocity_1'; the header that --te"),
+        ("time,", "u,", "columns 'u', 'tool_position_0',"),
+        ("time,", "u,", "must have one named 'time' and one for each signal, in the "),
         ("\n0.0", "\nnan,0.0", "'nan,0.0"),
-        (",-", ",x", "finite numbers"),
+        (",-", ",x", "must be a finite number, or a word for a missing one"),
+        ("0.849988864126", "NA", "line 4, 'NA': must be a finite number"),
         ("\n0.0", "\n0.3", "must ascend and cover"),
     ],
 )
@@ -109,6 +113,38 @@ def test_bad_input(old, new, message, tmp_path, capsys):
     code, (printed, error) = Check(tmp_path / "own.csv", capsys)
     assert code == 2 and printed == ""
     assert message in error and error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("header", "first", "scale", "clock"),
+    [
+        ("header.stamp [ns]", 1_700_000_000_000_000_000, 1e9, "ns since 1970"),
+        ("stamp", 1_700_000_000_000, 1e3, "ms since 1970"),
+        ("time", 0, 1, ""),
+        ("Time [ms]", 0, 1e3, ""),
+    ],
+)
+def test_stamps_of_a_clock_count_from_the_first_row(
+    header, first, scale, clock, tmp_path, capsys
+):
+    """As ROS and others write them: the run begins at its first row."""
+    columns = Reference("delay_echo", DELAYS)
+    lines = [f"# reference: delay_echo\n{header},ramp_echo,step_echo"]
+    rows = zip(columns["time"], columns["ramp_echo"], columns["step_echo"], strict=True)
+    lines += [f"{first},0,0"]
+    lines += [f"{first + round(t * scale, 6):.15g},{a},{b}" for t, a, b in rows]
+    (tmp_path / "own.csv").write_text("\n".join(lines))
+    code, (printed, told) = Check(tmp_path / "own.csv", capsys)
+    assert code == 0 and printed.endswith("inside of the tubes\n")
+    shift = f"teleop-drake: time: {clock}, counted from the first row\n"
+    assert told == (shift if clock else "")
+
+
+def test_units_in_brackets_are_converted(tmp_path, capsys):
+    columns = Reference(NAME)
+    columns["tool_velocity_0 [mm/s]"] = columns.pop("tool_velocity_0") * 1e3
+    write(tmp_path / "own.csv", NAME, columns)
+    assert Check(tmp_path / "own.csv", capsys)[0] == 0
 
 
 def test_a_file_that_is_not_there(tmp_path, capsys):

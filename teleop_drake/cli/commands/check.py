@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from teleop_drake.cli.exit_codes import DONE, FAILED
+from teleop_drake.cli.progress import Notice
 from teleop_drake.validation import CheckChoice
 
 if TYPE_CHECKING:
@@ -50,6 +51,8 @@ def Execute(args: argparse.Namespace) -> int:
         print(reference_runs.Template(args.template))
         return DONE
     run = reference_runs.ReadTable(Path(args.file))
+    if "clock" in run.notes:
+        Notice(f"time: {run.notes['clock']}")
     name = run.notes.get("reference", "")
     CheckChoice(f"{args.file}: # reference", name, names)
     differences = reference_runs.Compare(name, run, args.file)
