@@ -71,7 +71,7 @@ _CAMEL = re.compile(r"(.*[a-z])(Ms|Us|Ns|Sec|Millis|Seconds)")
 
 
 # The last words of the name of a time.
-TIME_WORDS = "t|time|times|timestamp|stamp|datetime|date|ts|epoch|elapsed"
+TIME_WORDS = "t|time|times|time_of_day|timestamp|stamp|datetime|date|ts|epoch|elapsed"
 
 
 def IsTime(key: str) -> bool:

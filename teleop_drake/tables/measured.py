@@ -11,6 +11,9 @@ ONE_WAY = "one way"
 HALVED = "half of rtt"
 BETWEEN_STAMPS = "from sent to received"
 
+SET_BACK = "if a clock was set back there, split the file"
+"""What to do with a file whose times descend."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Packets:
@@ -79,6 +82,5 @@ def InOrder(
     i = int(np.argmin(np.diff(times))) + 1
     raise ScenarioError(
         f"{origin}: line {lines[i]}: must not be earlier than the line before, and is "
-        f"by {times[i - 1] - times[i]:.4g} s; if a clock was set back there, split the "
-        "file"
+        f"by {ShowTime(times[i - 1] - times[i])}; {SET_BACK}"
     )

@@ -97,6 +97,11 @@ def PacketsOfPing(text: str, source: TableSource) -> Packets:
     answers = [x for x in found if not x.is_lost]
     if not answers:
         number = summary.sent or len(found)
+        if summary.received:
+            raise ScenarioError(
+                f"{origin}: must have a line for each answer, and has only the summary "
+                f"of {number} packets: leave out -q"
+            )
         raise ScenarioError(
             f"{origin}: must have packets that were answered, and none of its {number} "
             "was"
@@ -110,7 +115,10 @@ def PacketsOfPing(text: str, source: TableSource) -> Packets:
         delays[number - numbers[0]] = answer.round_trip / 2e3
     below = sum(answer.is_below for answer in answers)
     if below:
-        remarks = (*remarks, f"{below} answers below the resolution taken at its half")
+        remarks = (
+            *remarks,
+            f"{below} round trips below the resolution, taken as half of it",
+        )
     return Packets(
         times=times - times[0],
         delays=delays,
@@ -181,6 +189,11 @@ def _Numbered(found: Sequence[Answer], origin: str) -> dict[int, Answer]:
     return numbered
 
 
+def _IsUnnumbered(numbered: Mapping[int, Answer]) -> bool:
+    """Returns whether the lines have no numbers: each packet has one, as on Windows."""
+    return next(iter(numbered.values())).number is None
+
+
 def _AllNumbers(
     numbered: Mapping[int, Answer], summary: PingSummary, text: str, origin: str
 ) -> Indices:
@@ -189,7 +202,7 @@ def _AllNumbers(
     last = max(numbered)
     if _HEADING.search(text):
         first = min(first, 0 if _COUNTS_FROM_0.search(text) else 1)
-    if summary.sent is not None:
+    if summary.sent is not None and not _IsUnnumbered(numbered):
         first = min(first, 1)
         last = max(last, first + summary.sent - 1)
     if last - first > _MOST_GAPS * len(numbered):
@@ -209,12 +222,14 @@ def _CheckSummary(
 ) -> None:
     """Refuses packets that disagree with the summary of the file."""
     received = sum(not answer.is_lost for answer in numbered.values())
+    # Windows counts what a router says as an answer of the host.
+    most = len(numbers) if _IsUnnumbered(numbered) else received
     counts = (
-        ("packets", len(numbers), summary.sent),
-        ("answers", received, summary.received),
+        ("packets", len(numbers), len(numbers), summary.sent),
+        ("answers", received, most, summary.received),
     )
-    for name, count, told in counts:
-        if told is not None and count != told:
+    for name, count, largest, told in counts:
+        if told is not None and not count <= told <= largest:
             raise ScenarioError(
                 f"{origin}: {count} {name} were read, and ping's summary has {told}: "
                 "must be the whole output of one run of ping"

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from teleop_drake.arrays import Array, Indices
+from teleop_drake.tables.measured import SET_BACK, ShowTime
 from teleop_drake.tables.stamps import ReadTimes
 from teleop_drake.validation import ScenarioError
 
@@ -67,8 +68,7 @@ def TimesOfStamps(
         i = int(np.argmin(steps)) + 1
         raise ScenarioError(
             f"{origin}: line {lines[i]}: must not be earlier than the answer before, "
-            f"and is by {-steps[i - 1]:.4g} s; if a clock was set back there, split "
-            "the file"
+            f"and is by {ShowTime(-steps[i - 1])}; {SET_BACK}"
         )
     if len(np.unique(read.seconds)) < _LEAST_DIFFERENT * len(stamps):
         period = read.seconds[-1] / max(float(numbers[-1] - numbers[0]), 1.0)

@@ -11,7 +11,7 @@ _FORMS = (
     re.compile(r"\s*(\d+)\s[^\d,=]+,\s*(\d+)\s?[^\d,=]+,.*?\d\s?%(.*)"),
     # Windows:
     # Packets: Sent = 4, Received = 3, Lost = 1 (25% loss),
-    re.compile(r"[^=]+=\s?(\d+)\s?,[^=]+=\s?(\d+)\s?,[^=]+=\s?\d+\s?\(?[^=%]*%(.*)"),
+    re.compile(r"[^=]+=\s?(\d+)\s?,[^=]+=\s?(\d+)\s?,[^=]+=\s?\d+(\s?[(].*|\s*)"),
     # fping:
     # 1.1.1.1 : xmt/rcv/%loss = 10/9/10%, min/avg/max = 12.3/13.2/14.1
     re.compile(r".*\sxmt/rcv/%loss = (\d+)/(\d+)/\d+%(.*)"),

@@ -36,7 +36,23 @@ def JoinStamps(frame: "pandas.DataFrame") -> tuple["pandas.DataFrame", dict[str,
             frame = frame.rename(columns={name: joined}).drop(columns=rest)
             frame[joined] = stamps
             units[joined] = "ns"
-    return frame, units
+    return _JoinDates(frame), units
+
+
+def _JoinDates(frame: "pandas.DataFrame") -> "pandas.DataFrame":
+    """Joins a column of dates and one of times of day."""
+    dates = [x for x in frame.columns if ParseHeader(str(x)).key == "date"]
+    times = [x for x in frame.columns if ParseHeader(str(x)).key == "time"]
+    if len(dates) != 1 or len(times) != 1:
+        return frame
+    date = frame[dates[0]].astype(str).str.strip()
+    time = frame[times[0]].astype(str).str.strip()
+    is_day = date.str.fullmatch(r"\d{4}[-/]\d\d[-/]\d\d").all()
+    if not is_day or not time.str.match(r"\d\d:\d\d").all():
+        return frame
+    frame = frame.drop(columns=dates)
+    frame[times[0]] = date + "T" + time
+    return frame
 
 
 def _Has(unit: str, factor: float) -> bool:

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -74,7 +75,7 @@ def ReadTimes(
         return _OfDates(values, place, lines)
     numbers = pandas.to_numeric(values, errors="coerce")
     if np.isfinite(numbers.to_numpy(dtype=float, na_value=np.nan)).all():
-        return _OfNumbers(numbers.to_numpy(), unit, place)
+        return _OfNumbers(values, numbers.to_numpy(), unit, place)
     texts = values.astype(str).str.strip()
     first = texts.iloc[0]
     if _TIME_OF_DAY.fullmatch(first):
@@ -93,11 +94,11 @@ def ReadTimes(
     raise AssertionError
 
 
-def _OfNumbers(numbers: Any, unit: str, place: str) -> Times:
+def _OfNumbers(
+    values: "pandas.Series[Any]", numbers: Any, unit: str, place: str
+) -> Times:
     """Returns times from numbers in a unit, or from stamps since 1970 in any unit."""
     largest = float(np.max(np.abs(numbers.astype(float))))
-    # Stamps are whole numbers of up to 19 digits: their differences are exact.
-    differences = (numbers - numbers[0]).astype(float)
     found = [
         x
         for x, size in _SINCE_1970.items()
@@ -118,12 +119,25 @@ def _OfNumbers(numbers: Any, unit: str, place: str) -> Times:
             )
         is_date = in_seconds >= _SINCE_1970["s"]
         clock = f"{unit} since 1970" if is_date else SECONDS
-        seconds = differences if is_date else numbers.astype(float)
+        seconds = _Differences(values, numbers) if is_date else numbers.astype(float)
         return Times(seconds * factor, clock, is_date, unit)
     if found:
         factor = UNITS[found[0]].factor
-        return Times(differences * factor, f"{found[0]} since 1970", True, found[0])
+        differences = _Differences(values, numbers) * factor
+        return Times(differences, f"{found[0]} since 1970", True, found[0])
     return Times(numbers.astype(float), SECONDS, False, None)
+
+
+def _Differences(values: "pandas.Series[Any]", numbers: Any) -> Array:
+    """Returns the differences from the first number, exact but for one rounding.
+
+    Stamps have up to 19 digits, of which a float keeps 16.
+    """
+    if numbers.dtype.kind in "iu" or values.dtype.kind == "f":
+        differences: Array = (numbers - numbers[0]).astype(float)
+        return differences
+    stamps = [Decimal(text) for text in values.astype(str).str.strip()]
+    return np.array([float(stamp - stamps[0]) for stamp in stamps])
 
 
 def _OfDates(values: "pandas.Series[Any]", place: str, lines: Indices) -> Times:
