@@ -212,24 +212,16 @@ class Recording:
         return list(self.signals)
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """Returns the signals as a table, which needs pandas (the extra `data`).
+        """Returns the signals as a table of pandas.
 
         The columns have two levels, the signal's name and the number of the component:
         `table["psi"]` contains all components of psi, `table["psi", 0]` the first one.
         The components of a packet have names instead of numbers, as in
         `table["forward_packet_sent", "F_h x"]`. The index is the time in s; a jump has
         two rows with the same time.
-
-        Raises:
-            ImportError: If pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as e:
-            raise ImportError(
-                "pandas is not installed: pip install 'teleop-drake[data]'",
-                name="pandas",
-            ) from e
+        import pandas  # The import takes half a second.
+
         return pandas.DataFrame(
             np.hstack(list(self.signals.values())),
             index=pandas.Index(self.time, name="time"),

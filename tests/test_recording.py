@@ -4,7 +4,6 @@ import copy
 import dataclasses
 import pickle
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -106,9 +105,3 @@ def test_dataframe_has_every_sample():
         np.testing.assert_array_equal(table[name], recording[name])
     assert table["psi", 3].iloc[-1] == recording["psi"][-1, 3]
     assert list(table["forward_packet_sent"]) == ["F_h x", "F_h y", "v_d x", "v_d y"]
-
-
-def test_a_missing_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(ImportError, match=r"pip install 'teleop-drake\[data\]'"):
-        ShortRun().to_dataframe()

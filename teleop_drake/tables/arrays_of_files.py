@@ -1,8 +1,8 @@
 """Files of named arrays: MATLAB, HDF5, NumPy."""
 
-import zipfile
 from collections.abc import Mapping
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -24,11 +24,10 @@ def ReadArrays(file: str, suffix: str, origin: str) -> dict[str, Array]:
     try:
         arrays = readers.get(suffix, _ReadHdf5)(file)
     except ImportError:
-        raise ScenarioError(f"{origin}: needs a package: pip install h5py") from None
-    except OSError as error:
-        reason = error.strerror or "not of its format"
-        raise ScenarioError(f"{origin}: must be readable ({reason})") from None
-    except (KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+        raise ScenarioError(
+            f"{origin}: must have a package that reads it: pip install h5py"
+        ) from None
+    except (EOFError, KeyError, OSError, TypeError, ValueError, BadZipFile) as error:
         text = " ".join(str(error).split())
         raise ScenarioError(f"{origin}: must be a {suffix} file ({text})") from None
     columns = _Columns(arrays)

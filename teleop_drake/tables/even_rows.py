@@ -18,8 +18,8 @@ _ROUNDED = 0.05
 _ENOUGH = 1e-3
 _MOST_SAMPLES = 16
 
-# Floats of times differ by less than this share of the period.
-_SAME = 1e-6
+# Stamps that are moved by less than this share of the period are not worth a word.
+_SAME = 1e-4
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def MakeEven(times: Array, values: Array, most_uneven: int = MOST_UNEVEN) -> Eve
     """
     # The last row may be nearer, as where a drive ended.
     num_even = max(len(times) - 1, 2)
-    period = float(times[num_even - 1] - times[0]) / (num_even - 1)
+    period = _MeanStep(times[:num_even])
     even = times[0] + period * np.arange(len(times))
     moved = float(np.abs(even - times)[:num_even].max())
     distance = float(times[-1] - times[-2])
@@ -67,6 +67,12 @@ def MakeEven(times: Array, values: Array, most_uneven: int = MOST_UNEVEN) -> Eve
     if len(times) <= most_uneven:
         return EvenRows(times, values, None, "at uneven times")
     return _Resampled(times, values)
+
+
+def _MeanStep(times: Array) -> float:
+    """Returns the slope of the straight line that fits times best."""
+    k = np.arange(len(times)) - (len(times) - 1) / 2
+    return float(np.sum(k * times) / np.sum(k**2))
 
 
 def _Resampled(times: Array, values: Array) -> EvenRows:

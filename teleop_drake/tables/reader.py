@@ -63,11 +63,23 @@ def ReadTable(path: str, file: str) -> Table:
     """
     origin = f"{path} = {Show(file)}"
     suffix = Path(file).suffix.lower()
+    if IsBinary(file):
+        _CheckReadable(file, origin)
     if suffix in _NEEDS:
         return OfFrame(_ReadFrame(file, suffix, origin), origin)
     if suffix in _ARRAYS:
         return OfRecords(ReadArrays(file, suffix, origin), origin)
     return TableOfText(ReadAnyText(file, origin), origin)
+
+
+def _CheckReadable(file: str, origin: str) -> None:
+    """Refuses a file that cannot be opened; other packages' messages are longer."""
+    try:
+        with open(file, "rb"):
+            return
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "no name of a file"
+        raise ScenarioError(f"{origin}: must be readable ({reason})") from None
 
 
 def TableOfText(text: str, origin: str) -> Table:
@@ -220,11 +232,9 @@ def _ReadFrame(file: str, suffix: str, origin: str) -> "pandas.DataFrame":
         return read(file)
     except ImportError:
         raise ScenarioError(
-            f"{origin}: needs a package: pip install {_NEEDS[suffix]}"
+            f"{origin}: must have a package that reads it: pip install {_NEEDS[suffix]}"
         ) from None
-    except OSError as error:
-        reason = error.strerror or "not of its format"
-        raise ScenarioError(f"{origin}: must be readable ({reason})") from None
     # What these packages raise for a file that is damaged differs from one to another.
     except Exception as error:  # noqa: BLE001
-        raise ScenarioError(f"{origin}: must be a {suffix} file ({error})") from None
+        text = " ".join(str(error).split())
+        raise ScenarioError(f"{origin}: must be a {suffix} file ({text})") from None

@@ -162,6 +162,66 @@ def test_a_law_is_the_same_in_machine_code(law):
             assert not np.isfinite(result).all()
 
 
+def found_in_tables(breaks, rows, x):
+    left = np.searchsorted(breaks, x[0])
+    right = np.searchsorted(breaks, x[0], side="right")
+    last = rows[right - 1]
+    return np.array([left, right, last[0], last[1], rows[left, 1]])
+
+
+def CompileTables(count):
+    """Returns the code, the memory, the result and the call of found_in_tables()."""
+    layouts = [Place(0, (count,)), Place(count, (count, 2)), Place(3 * count, (1,))]
+    program = TraceLaw(found_in_tables, layouts, 3 * count + 1)
+    code = MakeCode(program)
+    memory, result = np.zeros(3 * count + 1), np.zeros(5)
+    call = BoundEvaluate(Library(ObjectFile(code), "evaluate"), memory, result)
+    return code, memory, result, call
+
+
+# From 32 rows on a table is searched where it lies.
+@pytest.mark.parametrize("count", [31, 32, 333])
+def test_tables_are_searched_and_indexed_as_in_python(count):
+    rng = np.random.default_rng(1)
+    _, memory, result, call = CompileTables(count)
+    breaks = np.sort(rng.normal(size=count))
+    breaks[5] = breaks[4]  # Where two are equal, the sides differ.
+    rows = rng.normal(size=(count, 2))
+    memory[: 3 * count] = np.concatenate([breaks, rows.ravel()])
+    for x in [*rng.normal(size=50), *breaks, -9.0, 9.0]:
+        memory[-1] = x
+        call()
+        left = np.searchsorted(breaks, x)
+        right = np.searchsorted(breaks, x, side="right")
+        # Python refuses an index that is too large, and counts -1 from the end.
+        other = rows[left, 1] if left < count else np.nan
+        expected = [left, right, *rows[right - 1], other]
+        np.testing.assert_array_equal(result, expected)
+    memory[-1] = np.nan
+    call()
+    assert result[:2].tolist() == [0, 0]
+
+
+def test_the_code_does_not_grow_with_a_table():
+    short, long = (CompileTables(count)[0] for count in (64, 6400))
+    assert len(long) - len(short) < 50
+
+
+def test_an_index_between_whole_numbers_is_none():
+    def law(rows, x):
+        return np.array([rows[x[0]]])
+
+    program = TraceLaw(law, [Place(0, (40,)), Place(40, (1,))], 41)
+    memory, result = np.arange(41.0), np.zeros(1)
+    call = BoundEvaluate(
+        Library(ObjectFile(MakeCode(program)), "evaluate"), memory, result
+    )
+    for x, expected in ((7.0, 7.0), (7.5, np.nan), (-1.0, 39.0), (40.0, np.nan)):
+        memory[-1] = x
+        call()
+        np.testing.assert_array_equal(result, [expected])
+
+
 @pytest.mark.parametrize("of_parameter", [True, False])
 def test_a_law_that_writes_into_what_it_keeps_is_refused(of_parameter):
     def law(buffer, x):

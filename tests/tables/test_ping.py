@@ -21,7 +21,9 @@ def read(tmp_path, text, **given):
 
 def summary(sent, received, time="", mean=None, words="received"):
     share = 100 * (sent - received) / sent
-    lines = f"\n--- h ping statistics ---\n{sent} packets transmitted, {received} {words}"
+    lines = (
+        f"\n--- h ping statistics ---\n{sent} packets transmitted, {received} {words}"
+    )
     lines += f", {share:g}% packet loss{time}\n"
     if mean is not None:
         lines += f"rtt min/avg/max/mdev = 1.0/{mean}/99.0/0.5 ms\n"
@@ -249,9 +251,15 @@ STAMPED = answer(1, 10.0, "[1700000000.0] ") + answer(2, 30.0, "[1700000000.2] "
             "2 answers were read, and ping's summary has 3",
         ),
         (IPUTILS + BOTH + answer(5, 9) + summary(3, 3), "5 packets were read, and pin"),
-        (IPUTILS + BOTH + summary(2, 2, "", 24.0), "a mean round trip of 20 ms was rea"),
+        (
+            IPUTILS + BOTH + summary(2, 2, "", 24.0),
+            "a mean round trip of 20 ms was rea",
+        ),
         (IPUTILS + STAMPED + summary(2, 2, ", time 9000ms"), "0.18 s, and ping's summ"),
-        (WINDOWS.replace("Sent = 4", "Sent = 6"), "4 packets were read, and ping's sum"),
+        (
+            WINDOWS.replace("Sent = 4", "Sent = 6"),
+            "4 packets were read, and ping's sum",
+        ),
         (IPUTILS + BOTH + IPUTILS + BOTH, "must be one run of ping; split the file"),
         (BOTH + BOTH, "line 3: packet 1: must be answered once, and is in line 1; if "),
         (
@@ -264,7 +272,10 @@ STAMPED = answer(1, 10.0, "[1700000000.0] ") + answer(2, 30.0, "[1700000000.2] "
             "no answer yet for icmp_seq=1\nno answer yet for icmp_seq=2\n",
             "none of its 2 was",
         ),
-        (IPUTILS + summary(2, 2, "", 9), "has only the summary of 2 packets: leave out -q"),
+        (
+            IPUTILS + summary(2, 2, "", 9),
+            "has only the summary of 2 packets: leave out -q",
+        ),
         (answer(1, 9), "must have two packets, and has 1"),
         (answer(1, 9) + answer(30000, 9), "packets 1 to 30000: must have fewer gaps"),
     ],

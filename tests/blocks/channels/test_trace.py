@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+from teleop_drake import simulate
 from teleop_drake.blocks.channels import NetworkChannelConfig, VariableChannelConfig
 from teleop_drake.blocks.channels.trace import ReadTrace
 from teleop_drake.scenario import LoadScenario, ScenarioError
@@ -19,56 +20,31 @@ def Read(tmp_path, text):
     return ReadTrace("trace", str(path))
 
 
-@pytest.mark.parametrize("mark", ["", "\ufeff"])
-def test_it_is_read_as_it_stands(mark, tmp_path):
-    text = f"{mark}# measured\n\n{HEADER}# at night\n\n7, 0.1\n7.5,0.3\n"
-    trace = Read(tmp_path, text)
-    assert trace.times.tolist() == [7.0, 7.5]
-    assert trace.delays.tolist() == [0.1, 0.3]
-    assert not trace.is_lost.any()
+def test_a_trace_that_cannot_be_read_names_its_channel(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("time,delay\n0,0.1\n30,0.1\n")
+    override = f"forward_channel={{kind: network, sample_period: 0.01, trace: {path}}}"
+    with pytest.raises(ScenarioError) as e:
+        LoadScenario("one_dof", [override])
+    assert str(e.value).startswith("forward_channel.trace = ")
+    assert "column 'time': must have a unit" in str(e.value)
 
 
 @pytest.mark.parametrize(
-    ("header", "delay"),
+    ("text", "message"),
     [
-        ("time_s,delay_s", 20.0),
-        ("time_s, delay_ms", 0.02),
-        ("time_s,delay_us", 2e-5),
+        (
+            f"{HEADER}0,0.1\n1,nan\n30,1\n",
+            "has 1; where packets are lost, kind must",
+        ),
+        (f"{HEADER}0,nan\n30,\n", "must have a delay that is a number"),
+        (f"{HEADER}0,0.1\n5,0.1\n", "at least as long as the duration, 25 s, not 5 s"),
+        (f"{HEADER}0,0.1\n1,0.1\n1,0.2\n30,1\n", "packets overtake each other"),
     ],
 )
-def test_the_header_has_the_unit(header, delay, tmp_path):
-    trace = Read(tmp_path, f"{header}\n0,10\n1,20\n")
-    assert trace.times.tolist() == [0.0, 1.0]
-    assert trace.delays.tolist() == pytest.approx([delay / 2, delay])
-
-
-BAD = [
-    (None, "must be readable (No such file or directory)"),
-    (b"\xff\xfe", "must be readable (not UTF-8 text)"),
-    ("", "must begin with the header time_s,delay_s or time_s,delay_ms or"),
-    ("0,0.1\n1,0.1\n30,0.1\n", "time_s,delay_us, not '0,0.1'"),
-    ("time,delay\n0,0.1\n30,0.1\n", "time_s,delay_us, not 'time,delay'"),
-    ("time_s,rtt_ms\n0,1\n30,1\n", "time_s,delay_us, not 'time_s,rtt_ms'"),
-    (f"{HEADER}0,0.1\n", "must have two packets, and has 1"),
-    (f"{HEADER}0,0.1\n1,-0.1\n", "line 3, '1,-0.1': must be a delay >= 0"),
-    (f"{HEADER}0,0.1\n1,nan\n30,1\n", "has 1; where packets are lost, kind must be"),
-    (f"{HEADER}0,nan\n30,\n", "must have a delay that is a number"),
-    (f"{HEADER}0,0.1\n0,0.1\n", "line 3, '0,0.1': must be later than the line before"),
-    (f"{HEADER}0,0.1\n1\n", "line 3, '1': must be time_s,delay_s"),
-    (f"{HEADER}0,0.1\n1,2,3\n", "line 3, '1,2,3': must be time_s,delay_s"),
-    ("time_s,delay_ms\nx,y\n0,1\n", "line 2, 'x,y': must be time_s,delay_ms"),
-    (f"{HEADER}O.0,0.1\n1,0.1\n", "line 2, 'O.0,0.1': must be time_s,delay_s"),
-    (f"{HEADER}nan,0.1\n1,0.1\n", "line 2, 'nan,0.1': must be time_s,delay_s"),
-    (f"{HEADER}0,inf\n1,0.1\n", "line 2, '0,inf': must be time_s,delay_s"),
-    (f"{HEADER}0,0.1\n5,0.1\n", "at least as long as the duration, 25 s, not 5 s"),
-]
-
-
-@pytest.mark.parametrize(("text", "message"), BAD)
-def test_bad_traces(text, message, tmp_path):
+def test_traces_that_a_variable_delay_refuses(text, message, tmp_path):
     path = tmp_path / "t.csv"
-    if text is not None:
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    path.write_text(text)
     override = f"forward_channel={{kind: variable, trace: {path}}}"
     with pytest.raises(ScenarioError) as e:
         LoadScenario("one_dof", [override])
@@ -84,28 +60,40 @@ def test_what_is_lost_has_the_fate_of_the_packet(tmp_path):
     assert [trace.IsLost(t) for t in (0, 0.99, 1, 1.99, 2)] == [0, 0, 1, 1, 0]
 
 
-PING = """\
-PING a.example (192.0.2.1) 56(84) bytes of data.
-64 bytes from 192.0.2.1: icmp_seq=1 ttl=56 time=10.0 ms
-64 bytes from 192.0.2.1: icmp_seq=2 ttl=56 time=12.5 ms
-64 bytes from 192.0.2.1: icmp_seq=4 ttl=56 time=9.5 ms
-64 bytes from 192.0.2.1: icmp_seq=4 ttl=56 time=11.5 ms (DUP!)
+@pytest.mark.parametrize("kind", ["variable", "network"])
+def test_the_notes_of_a_run_say_what_was_read(kind, tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("t_ms;round\n0;40\n20000;44\n")
+    trace = {"file": str(path), "columns": {"time": 1, "rtt": "round"}}
+    trace["units"] = {"rtt": "ms"}
+    channel = {"kind": kind, "delay": 0.0, "trace": trace}
+    if kind == "network":
+        channel["sample_period"] = 0.01
+    overrides = {"forward_channel": channel, "duration": 0.1}
+    run = simulate(LoadScenario("one_dof", overrides))
+    assert run.notes == [
+        "forward_channel: 2 packets in 20 s, 0 lost, median 21 ms, 20 to 22 ms (half "
+        "of rtt), clock: seconds"
+    ]
 
---- a.example ping statistics ---
-4 packets transmitted, 3 received, 25% packet loss, time 3004ms
-"""
 
-
-def test_what_ping_prints_is_read(tmp_path):
-    trace = Read(tmp_path, PING)
-    assert trace.times.tolist() == [1.0, 2.0, 3.0, 4.0]
-    assert trace.delays.tolist() == pytest.approx([0.005, 0.00625, 0.0055, 0.00475])
-    assert trace.is_lost.tolist() == [False, False, True, False]
-    # With `ping -D` the answers have time stamps: they were sent by the delay earlier.
-    stamps = iter((0.51, 1.5125, 3.5095, 3.5095))
-    stamped = re.sub("^64", lambda m: f"[{next(stamps)}] 64", PING, flags=re.M)
-    times = Read(tmp_path, stamped).times.tolist()
-    assert times == pytest.approx([0.5, 1.5, 2.5, 3.5])
+def test_a_loss_of_a_slow_trace_is_one_of_many_packets(tmp_path):
+    """One ping a second under packets of 10 ms: a lost one stands for a hundred."""
+    path = tmp_path / "t.csv"
+    path.write_text(f"{HEADER}0,0.02\n1,lost\n2,0.02\n3,0.02\n")
+    channel = NetworkChannelConfig(delay=0.0, sample_period=0.01, trace=str(path))
+    assert np.isinf(channel.Network(3.0).Arrivals(300)).sum() == 100
+    block = channel.MakeChannel(size=1, initial_value=[0.0], duration=3.0)
+    block.set_name("there")
+    (_, note) = block.RunNotes(np.array([0.0, 3.0]), {})
+    assert note == (
+        "there: a packet that was lost in the trace stands for about 100 packets, "
+        "because its entries are 1 s apart and the packets 0.01 s; `loss` loses "
+        "packets one by one"
+    )
+    channel.sample_period = 0.8
+    block = channel.MakeChannel(size=1, initial_value=[0.0], duration=3.0)
+    assert len(block.RunNotes(np.array([0.0, 3.0]), {})) == 1
 
 
 @pytest.mark.parametrize(

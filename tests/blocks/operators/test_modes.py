@@ -143,7 +143,7 @@ def test_the_hand_follows_the_line_that_is_set_and_holds_its_end(subtests):
          "waypoints.1 = [0.10000001]: must be another point than the waypoint"),
         ("kind=minimum_jerk waypoints=[[0.1,0]]",
          "waypoints.0 = [0.1, 0.0]: must be a list of 1 finite number (m)"),
-        ("kind=recorded", "file = null: must be the path of a CSV file"),
+        ("kind=recorded", "file = null: must be a table of time and v_d"),
         ("kind=sine rise_time=2", "rise_time = 2.0: must be 0.5 for the sine operator"),
     ],
 )  # fmt: skip
