@@ -51,10 +51,11 @@ def _Delay(channel: Any) -> str:
     if not trace:
         return f"{channel.delay:g} s"
     from teleop_drake.blocks.channels.trace import ReadTrace
+    from teleop_drake.kinds import FileOf
 
     is_halved = ReadTrace("trace", trace).is_halved
-    halved = " (half of ping's round trips)" if is_halved else ""
-    return f"{channel.delay:g} s and {trace}{halved}"
+    halved = " (half of its round trips)" if is_halved else ""
+    return f"{channel.delay:g} s and {FileOf(trace)}{halved}"
 
 
 # The largest number of runs with a column each. More runs have a row each, because so

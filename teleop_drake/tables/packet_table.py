@@ -226,7 +226,7 @@ def _WithGaps(
     times: Array, delays: Array, numbers: Array, table: Table
 ) -> tuple[Array, Array, tuple[str, ...]]:
     """Returns times and delays with a lost packet for each number that is missing."""
-    if not (numbers == np.round(numbers)).all():
+    if not ((numbers == np.round(numbers)) & (np.abs(numbers) < 2.0**53)).all():
         raise ScenarioError(f"{table.origin}: packet numbers: must be whole numbers")
     counted, rows = np.unique(Unwrapped(numbers), return_index=True)
     all_numbers = np.arange(counted[0], counted[-1] + 1)
