@@ -58,7 +58,7 @@ def test_a_measured_trace_is_run_over_packets(tmp_path, capsys):
     options += ["--controller", "direct_force", "--accuracy", "1e-4", "--quiet"]
     assert main(["run", *options]) == 0
     headline = capsys.readouterr().out.splitlines()[0]
-    half = "0 s and ping.txt (half of ping's round trips)"
+    half = "0 s and ping.txt (half of its round trips)"
     assert f"delay {half} forward, {half} back" in headline
     record = json.loads((tmp_path / "a.json").read_text("utf-8"))
     channel = record["channels"]["forward_channel"]

@@ -113,7 +113,7 @@ def test_what_ping_measured_is_halved_and_said(capsys):
     ]
     Path("ping.txt").write_text("\n".join(lines))
     line, *_ = Printed(capsys, "run", "one_dof", *SHORT, "--channel", "ping.txt")
-    assert "delay 0 s and ping.txt (half of ping's round trips) forward" in line
+    assert "delay 0 s and ping.txt (half of its round trips) forward" in line
     Path("own.csv").write_text("time_s,delay_s\n0,0.02\n1,0.02\n")
     line, *_ = Printed(capsys, "run", "one_dof", *SHORT, "--channel", "own.csv")
     assert "halves" not in line and "half" not in line
