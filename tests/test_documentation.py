@@ -3,6 +3,8 @@
 import re
 import shlex
 
+import h5py
+import numpy as np
 import pytest
 import yaml
 from documentation import PAGES, ROOT, TEXT, Blocks, CheckPicture, CountWords
@@ -210,10 +212,24 @@ def test_the_robust_law_on_bone(name, adaptive, robust):
     assert f"{robust:.2f} s instead of {adaptive:.2f} s" in Sentences(LEAGUE)
 
 
-def test_channel_example_is_valid():
-    (text,) = Blocks("yaml")
-    scenario = LoadScenario("one_dof", yaml.safe_load(text))
+def test_examples_of_channels_and_operators_are_valid(tmp_path):
+    channel, trace, hand = map(yaml.safe_load, Blocks("yaml"))
+    scenario = LoadScenario("one_dof", channel)
     assert scenario.forward_channel.receiver.policy == "playout"
+    log = tmp_path / trace["trace"]["file"]
+    log.write_text("stamp,host,round trip\n0,a,40000\n30000,a,42000\n")
+    trace["trace"]["file"] = str(log)
+    variable = {"kind": "variable", "delay": 0.0, **trace}
+    scenario = LoadScenario("one_dof", {"forward_channel": variable})
+    profile = scenario.forward_channel.Profile(25.0)
+    assert profile(15.0) == pytest.approx(0.0205)
+    episode = tmp_path / hand["surgeon"]["file"]["file"]
+    with h5py.File(episode, "w") as file:
+        file["timestamp"] = np.arange(100) / 50
+        file["observations/qpos"] = np.arange(200.0).reshape(100, 2) / 1e5
+    hand["surgeon"]["file"]["file"] = str(episode)
+    surgeon = LoadScenario("one_dof", hand).surgeon
+    assert "with a bandwidth of 5 Hz" in surgeon.MakePlan().notes[0]
 
 
 def test_figure_is_that_of_the_runs(tmp_path):

@@ -96,6 +96,7 @@ def _MotionOf(table: Table, source: TableSource, num_axes: int) -> Motion:
     if columns.quantity == "position":
         rows, remark = _Differentiated(times, values, columns, source)
     else:
+        source.RefuseKeys("where velocities are read", "bandwidth")
         rows = MakeEven(times, values)
         remark = f"velocity in {', '.join(map(Show, columns.axes))}"
     remarks = [*missing, remark, *columns.remarks, *_Assumed(table, columns, read)]

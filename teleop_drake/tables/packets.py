@@ -13,6 +13,7 @@ from teleop_drake.tables.reader import (
     ReadTable,
 )
 from teleop_drake.tables.source import TableSource
+from teleop_drake.tables.table import Table
 from teleop_drake.validation import ScenarioError
 
 
@@ -46,12 +47,21 @@ def ReadPackets(path: str, given: object) -> Packets:
 def _Read(source: TableSource) -> Packets:
     origin = source.origin
     if IsBinary(source.file):
-        return PacketsOfTable(ReadTable(source.path, source.file), source)
+        return _OfTable(ReadTable(source.path, source.file), source)
     text = ReadAnyText(source.file, origin)
     contents = ParseJson(text)
     if contents is not None:
         packets = PacketsOfReport(contents, origin)
-        return packets or PacketsOfTable(OfRecords(contents, origin), source)
+        if packets is None:
+            return _OfTable(OfRecords(contents, origin), source)
+        source.RefuseKeys("where a tool's JSON is read", "columns", "units", "interval")
+        return packets
     if IsPing(text):
+        source.RefuseKeys("where the output of ping is read", "columns", "units")
         return PacketsOfPing(text, source)
-    return PacketsOfTable(OfText(text, origin), source)
+    return _OfTable(OfText(text, origin), source)
+
+
+def _OfTable(table: Table, source: TableSource) -> Packets:
+    source.RefuseKeys("where a table is read, which has a column of times", "interval")
+    return PacketsOfTable(table, source)

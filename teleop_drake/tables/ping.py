@@ -25,9 +25,7 @@ from teleop_drake.tables.source import TableSource
 from teleop_drake.validation import CheckNumber, ScenarioError
 
 # `icmp_seq=5`, `seq=5`, `icmp_seq 5`, `: [5],`
-_SEQUENCE = re.compile(
-    r"\b(?:icmp_)?seq[ =:]\s?(\d{1,15})\b|(?:^|\s): \[(\d{1,15})\],"
-)
+_SEQUENCE = re.compile(r"\b(?:icmp_)?seq[ =:]\s?(\d{1,15})\b|(?:^|\s): \[(\d{1,15})\],")
 # `time=12.3 ms`, `Zeit=12,3 ms`, `tempo<1ms`, `84 bytes, 12.3 ms`
 _ROUND_TRIP = re.compile(r"([=<,])\s?(\d+(?:[.,]\d+)?)\s?(ms|мс|us|usec|s|sec)\b")
 _WINDOWS = re.compile(r".*[=<]\s?\d+\s?(?:ms|мс)\b.*TTL\s?=\s?\d+", re.IGNORECASE)

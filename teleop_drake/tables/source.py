@@ -34,6 +34,13 @@ class TableSource:
         """Returns the beginning of messages: the field and the file."""
         return f"{self.path} = {Show(self.file)}"
 
+    def RefuseKeys(self, where: str, *keys: str) -> None:
+        """Refuses keys that would have no effect."""
+        given = {"columns": self.columns, "units": self.units, **self.options}
+        for key in keys:
+            if given.get(key):
+                Refuse(f"{self.path}.{key}", given[key], f"left out {where}")
+
     @classmethod
     def Of(
         cls,

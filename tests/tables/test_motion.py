@@ -185,6 +185,11 @@ BAD = [
         "must have one of these as its time; write {file:",
     ),
     ("t,v\n0,1\n1,1\n", {"quantity": "force"}, "surgeon.file.quantity = 'force': must"),
+    (
+        "t,v\n0,1\n1,1\n",
+        {"bandwidth": 5},
+        "bandwidth = 5: must be left out where vel",
+    ),
     ("t,v\n0,1\n1,1\n", {"bandwidth": 0}, "surgeon.file.bandwidth = 0: must be a fini"),
     (
         "t,v\n0,1\n1,1\n",

@@ -254,6 +254,7 @@ def test_what_is_unclear_is_asked_for(text, message, tmp_path):
             {"columns": {"rtt": "x"}},
             "column 'x': must be one of time_s, delay_ms, or a",
         ),
+        ({"interval": 0.2}, "trace.interval = 0.2: must be left out where a table is"),
         ({"units": {"rtt": "min"}}, "trace.units.rtt = 'min': must be one of s, sec"),
     ],
 )

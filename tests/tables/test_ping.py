@@ -289,3 +289,8 @@ def test_what_disagrees_is_refused(text, message, tmp_path):
 def test_a_bad_interval(tmp_path):
     with pytest.raises(ScenarioError, match=r"^trace.interval = 0: must be a finite n"):
         read(tmp_path, BOTH, interval=0)
+
+
+def test_columns_of_ping_are_refused(tmp_path):
+    with pytest.raises(ScenarioError, match=r"^trace.columns = .*left out where the"):
+        read(tmp_path, BOTH, columns={"time": 1})
