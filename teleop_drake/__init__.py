@@ -16,6 +16,7 @@ from teleop_drake.upper import ProvideUpperFunctions
 
 if TYPE_CHECKING:
     from teleop_drake.analysis.energy import TwoPortEnergyBalance
+    from teleop_drake.analysis.latency import EstimateLatency
     from teleop_drake.analysis.ports import DelayMargin, LinearizePorts
     from teleop_drake.analysis.stability import AnalyzeStability
     from teleop_drake.analysis.stability_chart import ChartStability
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
         PlotStableDelays,
     )
     from teleop_drake.figures.block_diagram import WriteDiagram
+    from teleop_drake.figures.latency import PlotLatency
     from teleop_drake.figures.notebook import ShowDiagram, ShowTable
     from teleop_drake.figures.runs import PlotComparison, PlotRun, SaveFigure
     from teleop_drake.figures.scene import MakeReplay
@@ -59,6 +61,7 @@ __all__ = [
     "ChartStability",
     "Compile",
     "DelayMargin",
+    "EstimateLatency",
     "Explore",
     "Figure",
     "LinearizePorts",
@@ -74,6 +77,7 @@ __all__ = [
     "OperateRemotely",
     "PlotBode",
     "PlotComparison",
+    "PlotLatency",
     "PlotNyquist",
     "PlotRun",
     "PlotStabilityChart",
@@ -105,6 +109,7 @@ __all__ = [
 # rooms call. teleop_drake.blocks has a table for the blocks.
 _PLACES = {
     "analysis.energy": ["TwoPortEnergyBalance"],
+    "analysis.latency": ["EstimateLatency"],
     "analysis.stability_chart": ["ChartStability"],
     "figures.analysis": [
         "PlotBode",
@@ -112,6 +117,7 @@ _PLACES = {
         "PlotStabilityChart",
         "PlotStableDelays",
     ],
+    "figures.latency": ["PlotLatency"],
     "figures.notebook": ["RecordingHtml", "ShowDiagram", "ShowTable"],
     "figures.style": ["Figure"],
     "figures.sweeps": ["PlotSweep"],

@@ -8,11 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from teleop_drake.arrays import Array, ArrayLike, Interval, Record
-from teleop_drake.numerics.dead_time import (
-    DeadTime,
-    DeadTimeProblem,
-    find_dead_time,
-)
+from teleop_drake.numerics.dead_time import DeadTime, find_dead_time
 from teleop_drake.numerics.delay_course import (
     Course,
     delay_course,
@@ -21,6 +17,7 @@ from teleop_drake.numerics.delay_course import (
     row_spread,
 )
 from teleop_drake.numerics.lagged_signal import Lag
+from teleop_drake.numerics.signal_pair import SignalPair
 from teleop_drake.validation import CheckChoice, CheckNumber, Refuse, ScenarioError
 
 LAGS = {"none": (0,), "first": (0, 1), "second": (0, 1, 2)}
@@ -59,7 +56,7 @@ class Latency:
     """The delay between a command and a response.
 
     The response is taken to be an offset plus a gain times the command, which is lagged
-    and then delayed; see numerics.dead_time.
+    and then delayed; see numerics.signal_pair.
 
     Attributes:
         delay: The dead time in the middle of the record, s. None: the record cannot
@@ -84,7 +81,7 @@ class Latency:
         explained: The share of the response's variance that the command explains.
         search: Dead times in s, and the root mean square error of the best fit with
             each (2, K).
-        problem: The record.
+        pair: The record.
         found: The fits.
     """
 
@@ -104,7 +101,7 @@ class Latency:
     course: Course
     explained: float
     search: Array
-    problem: DeadTimeProblem
+    pair: SignalPair
     found: DeadTime
 
     def ToRecord(self) -> Record:
@@ -134,7 +131,7 @@ class Latency:
         is_known = np.isfinite(self.course.delays)
         delays = self.course.delays[is_known]
         sent = self.course.times[is_known] - delays
-        sent = sent - self.problem.command_time[0]
+        sent = sent - self.pair.command_time[0]
         # The trace begins with the record.
         return np.append(0.0, sent), np.append(delays[0], delays)
 
@@ -165,28 +162,28 @@ def EstimateLatency(
         ScenarioError: If an argument is not allowed.
     """
     CheckChoice("lag", lag, LAGS)
-    problem = _Problem(time, command, response, maximum)
-    found = find_dead_time(problem, LAGS[lag])
+    pair = _Problem(time, command, response, maximum)
+    found = find_dead_time(pair, LAGS[lag])
     # Delays that differ from row to row blur the command, as a lag does. What they
     # leave shows them: it is larger where the command moves fast.
-    rows = row_spread(problem, found.fits[LAGS[lag][-1]].fit)
-    least = max(_CLEAR * rows.error, _NEGLIGIBLE * problem.row_step)
+    rows = row_spread(pair, found.fits[LAGS[lag][-1]].fit)
+    least = max(_CLEAR * rows.error, _NEGLIGIBLE * pair.row_step)
     if rows.spread > least:
-        problem = replace(problem, spread=rows.spread)
-        problem.weights = np.sqrt(rows.levels.mean() / rows.levels)
-        found = find_dead_time(problem, LAGS[lag])
+        pair = replace(pair, spread=rows.spread)
+        pair.weights = np.sqrt(rows.levels.mean() / rows.levels)
+        found = find_dead_time(pair, LAGS[lag])
     fit = found.fit
-    rows = row_spread(problem, fit)
-    offset, gain, *_ = problem.combination(fit)
-    intervals = _Widened(found.intervals, problem)
-    reason = _Reason(problem, found, intervals)
+    rows = row_spread(pair, fit)
+    offset, gain, *_ = pair.combination(fit)
+    intervals = _Widened(found.intervals, pair)
+    reason = _Reason(pair, found, intervals)
     is_direct = fit.lag.order == 0
     return Latency(
         delay=None if reason else fit.delay,
         reason=reason,
         interval=(intervals[0][0], intervals[-1][1]),
         by_lag={
-            order: (each.fit.delay, _Ends(_Widened(each.intervals, problem)))
+            order: (each.fit.delay, _Ends(_Widened(each.intervals, pair)))
             for order, each in found.fits.items()
             if each.intervals
         },
@@ -195,14 +192,14 @@ def EstimateLatency(
         offset=float(offset),
         noise=rows.noise,
         drift=fit.drift,
-        drift_error=drift_error(problem, fit, found.num_independent),
+        drift_error=drift_error(pair, fit, found.num_independent),
         spread=rows.spread if is_direct else None,
         spread_error=rows.error if is_direct else None,
-        losses=held_share(problem, fit) if is_direct else None,
-        course=delay_course(problem, fit, _NUM_WINDOWS),
+        losses=held_share(pair, fit) if is_direct else None,
+        course=delay_course(pair, fit, _NUM_WINDOWS),
         explained=found.explained,
         search=found.search,
-        problem=problem,
+        pair=pair,
         found=found,
     )
 
@@ -220,7 +217,7 @@ def _Finite(value: Any) -> Any:
 
 def _Problem(
     time: ArrayLike, command: ArrayLike, response: ArrayLike, maximum: float | None
-) -> DeadTimeProblem:
+) -> SignalPair:
     """Checks the arguments of EstimateLatency, and prepares the record."""
     t = np.asarray(time, dtype=float)
     signals = {"command": command, "response": response}
@@ -239,15 +236,15 @@ def _Problem(
     if maximum is None:
         maximum = min(_SHARE * span, _MOST)
     CheckNumber("maximum", maximum, "s", above=0, maximum=span / 2)
-    problem = DeadTimeProblem(*rows["command"], *rows["response"], float(maximum))
-    if len(problem.rows) < _LEAST_ROWS / 2:
+    pair = SignalPair(*rows["command"], *rows["response"], float(maximum))
+    if len(pair.rows) < _LEAST_ROWS / 2:
         Refuse("maximum", maximum, "such that rows of the response are left behind it")
-    return problem
+    return pair
 
 
-def _Widened(intervals: Sequence[Interval], problem: DeadTimeProblem) -> list[Interval]:
+def _Widened(intervals: Sequence[Interval], pair: SignalPair) -> list[Interval]:
     """Returns intervals that allow for a command that jumps between two rows."""
-    margin = problem.row_step if problem.is_stepwise else 0.0
+    margin = pair.row_step if pair.is_stepwise else 0.0
     return [(max(low - margin, 0.0), high + margin) for low, high in intervals]
 
 
@@ -255,11 +252,9 @@ def _Ends(intervals: Sequence[Interval]) -> Interval:
     return intervals[0][0], intervals[-1][1]
 
 
-def _Reason(
-    problem: DeadTimeProblem, found: DeadTime, intervals: Sequence[Interval]
-) -> str:
+def _Reason(pair: SignalPair, found: DeadTime, intervals: Sequence[Interval]) -> str:
     """Returns why the record cannot tell the dead time, empty if it can."""
-    for name, signal in (("command", problem.command), ("response", problem.y)):
+    for name, signal in (("command", pair.command), ("response", pair.y)):
         if np.ptp(signal) == 0:
             return f"the {name} never changes"
     is_clear = found.explained * found.num_pairs > _FOLLOWS
@@ -268,10 +263,10 @@ def _Reason(
     low, high = _Ends(intervals)
     shown = ", ".join(f"{x:.4g} to {y:.4g} s" for x, y in intervals)
     same = f"dead times of {shown} explain the record equally well"
-    if high >= problem.maximum:
+    if high >= pair.maximum:
         return f"{same}, and larger ones are not considered (--maximum)"
     if len(intervals) > 1:
         return f"{same}, as with a command that repeats"
-    if high - low > problem.maximum / 2:
+    if high - low > pair.maximum / 2:
         return f"{same}, as with a ramp or with a sine"
     return ""

@@ -131,6 +131,8 @@ _COMMANDS = {
     "reproduce": "Simulate the thesis again: its figures, a ledger of its claims, a "
     "report.",
     "check": "Compare a run in a file, of any program, with a published reference run.",
+    "latency": "Estimate the delay between two recorded signals, and what a trace of "
+    "delays means.",
     "completion": "Print a script with which a shell completes commands and scenarios.",
     "docs": "Print where the documentation is, or write it as HTML.",
 }
@@ -139,7 +141,7 @@ _COMMANDS = {
 _FILES = {"drive": "page", "operate": "serve"}
 
 # Commands that never run a scenario's own kinds.
-_WITHOUT_OWN_KINDS = ("list", "show", "check", "completion", "docs")
+_WITHOUT_OWN_KINDS = ("list", "show", "check", "latency", "completion", "docs")
 
 
 class _ShowVersion(argparse.Action):

@@ -35,7 +35,7 @@ def SaveRun(side: Side, folder: Path) -> dict[str, Any]:
     traces = {}
     for way, delays in side.measured.Delays().items():
         trace = folder / f"{side.side}_{way}.csv"
-        WriteTrace(trace, side.period, delays.clip(0))
+        WriteTrace(trace, np.arange(len(delays)) * side.period, delays.clip(0))
         traces[way] = trace.name
     scenario = _WithTraces(side, traces, float(recording.time[-1]))
     WriteText(folder / f"{side.side}_predicted.yaml", ScenarioToYaml(scenario))

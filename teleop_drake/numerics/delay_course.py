@@ -1,8 +1,8 @@
-"""How a delay between two recorded signals changes: over time, from row to row, losses.
+"""How a delay between two signals changes: over time and from row to row; losses.
 
-All functions start from a fit of the mean dead time, see dead_time, and look at what it
-leaves. With z the delayed command, b the gain and e the residual of a row, a delay that
-is d longer there has
+All functions start from a fit of the mean dead time, see signal_pair, and look at what
+it leaves. With z the delayed command, b the gain and e the residual of a row, a delay
+that is d longer there has
 
     e = -b z' d + noise.                                                         (1)
 """
@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from teleop_drake.arrays import Array, Indices
-from teleop_drake.numerics.dead_time import DeadTimeProblem, Fit, independent_count
+from teleop_drake.numerics.dead_time import independent_count
 from teleop_drake.numerics.lagged_signal import lagged
+from teleop_drake.numerics.signal_pair import Fit, SignalPair
 
 # A window whose delay has a larger standard error than this share of the time in which
 # the command changes by its own size tells nothing.
@@ -44,36 +45,36 @@ class Course(NamedTuple):
     errors: Array
 
 
-def delay_course(problem: DeadTimeProblem, fit: Fit, num_windows: int) -> Course:
+def delay_course(pair: SignalPair, fit: Fit, num_windows: int) -> Course:
     """Returns the dead time in each of some windows of equal length."""
-    z = lagged(problem.on_grid, problem.step, fit.lag)
-    offset, gain, *_ = problem.combination(fit)
-    noise = np.sqrt(np.mean(problem.left(fit) ** 2))
-    edges = np.linspace(problem.t[0], problem.t[-1], num_windows + 1)
-    first = np.unique(np.searchsorted(problem.t, edges[:-1]))
-    window = np.searchsorted(first, np.arange(len(problem.t)), side="right") - 1
-    base = fit.delay + fit.drift * (problem.t - problem.middle)
-    slope = np.gradient(z, problem.step)
+    z = lagged(pair.on_grid, pair.step, fit.lag)
+    offset, gain, *_ = pair.combination(fit)
+    noise = np.sqrt(np.mean(pair.left(fit) ** 2))
+    edges = np.linspace(pair.t[0], pair.t[-1], num_windows + 1)
+    first = np.unique(np.searchsorted(pair.t, edges[:-1]))
+    window = np.searchsorted(first, np.arange(len(pair.t)), side="right") - 1
+    base = fit.delay + fit.drift * (pair.t - pair.middle)
+    slope = np.gradient(z, pair.step)
     speed = float(np.sqrt(np.mean(slope**2)))
     # The time in which the command changes by its own size.
-    blur = float(np.std(z)) / speed if speed > 0 else problem.maximum
+    blur = float(np.std(z)) / speed if speed > 0 else pair.maximum
 
     def errors_at(shift: Array) -> Array:
-        times = problem.t - base - shift[window]
-        return problem.y - offset - gain * problem.read(z, times)
+        times = pair.t - base - shift[window]
+        return pair.y - offset - gain * pair.read(z, times)
 
-    shift = _search(errors_at, first, blur, problem.maximum)
+    shift = _search(errors_at, first, blur, pair.maximum)
     power = np.ones(len(first))
     for _ in range(_NUM_STEPS):
-        times = problem.t - base - shift[window]
-        slopes = gain * problem.read(slope, times)
+        times = pair.t - base - shift[window]
+        slopes = gain * pair.read(slope, times)
         power = np.add.reduceat(slopes**2, first)
         step = -np.add.reduceat(errors_at(shift) * slopes, first)
         shift = shift + np.clip(step / np.maximum(power, 1e-300), -blur, blur)
-    correlated = len(problem.y) / independent_count(errors_at(shift))
+    correlated = len(pair.y) / independent_count(errors_at(shift))
     errors = noise * np.sqrt(correlated / np.maximum(power, 1e-300))
-    times = np.add.reduceat(problem.t, first) / np.diff(np.append(first, len(window)))
-    delays = fit.delay + fit.drift * (times - problem.middle) + shift
+    times = np.add.reduceat(pair.t, first) / np.diff(np.append(first, len(window)))
+    delays = fit.delay + fit.drift * (times - pair.middle) + shift
     delays[(errors > _BLUR * blur) | (delays < 0)] = np.nan
     return Course(times, delays, errors)
 
@@ -91,15 +92,15 @@ def _search(
     return shifts[np.argmin(squares, axis=0)]
 
 
-def drift_error(problem: DeadTimeProblem, fit: Fit, independent: float) -> float:
+def drift_error(pair: SignalPair, fit: Fit, independent: float) -> float:
     """Returns the standard error of a fitted drift in s/s, from (1)."""
-    z = lagged(problem.on_grid, problem.step, fit.lag)
-    gain = problem.gain(fit)
-    powers = problem.delayed(fit, gain * np.gradient(z, problem.step)) ** 2
+    z = lagged(pair.on_grid, pair.step, fit.lag)
+    gain = pair.gain(fit)
+    powers = pair.delayed(fit, gain * np.gradient(z, pair.step)) ** 2
     total = max(float(powers.sum()), 1e-300)
-    mean = float(powers @ problem.t) / total
-    moment = float(powers @ (problem.t - mean) ** 2)
-    left = float(np.sum(problem.left(fit) ** 2))
+    mean = float(powers @ pair.t) / total
+    moment = float(powers @ (pair.t - mean) ** 2)
+    left = float(np.sum(pair.left(fit) ** 2))
     return float(np.sqrt(left / max(independent * moment, 1e-300)))
 
 
@@ -119,17 +120,17 @@ class Spread(NamedTuple):
     levels: Array
 
 
-def row_spread(problem: DeadTimeProblem, fit: Fit) -> Spread:
+def row_spread(pair: SignalPair, fit: Fit) -> Spread:
     """Returns how the delay varies from row to row, and the noise.
 
     By (1), the mean of e^2 is a line in (b z')^2 whose slope is the delay's variance
     and whose value at 0 is the variance of the noise. The line is fitted by weighted
     least squares, with the variance of e^2 for normal e.
     """
-    z = lagged(problem.on_grid, problem.step, fit.lag)
-    slopes = problem.delayed(fit, problem.gain(fit) * np.gradient(z, problem.step))
+    z = lagged(pair.on_grid, pair.step, fit.lag)
+    slopes = pair.delayed(fit, pair.gain(fit) * np.gradient(z, pair.step))
     powers = slopes**2
-    squares = problem.left(fit) ** 2
+    squares = pair.left(fit) ** 2
     scale = float(powers.max(initial=0.0))
     if scale == 0:
         return Spread(0.0, np.inf, float(np.sqrt(squares.mean())), squares)
@@ -147,20 +148,20 @@ def row_spread(problem: DeadTimeProblem, fit: Fit) -> Spread:
     spread = float(np.sqrt(slope / scale))
     more = float(np.sqrt((slope + error) / scale))
     # What rounding of the signals may look like.
-    rounding = _rounding(problem, fit) / float(np.sqrt(powers.mean()))
+    rounding = _rounding(pair, fit) / float(np.sqrt(powers.mean()))
     error = max(more - spread, rounding)
     return Spread(spread, error, float(np.sqrt(noise)), levels)
 
 
-def _rounding(problem: DeadTimeProblem, fit: Fit) -> float:
+def _rounding(pair: SignalPair, fit: Fit) -> float:
     """Returns the standard deviation of the signals' errors between and at rows.
 
     The quantum of a signal is taken to be its least change from row to row.
     """
-    gain = problem.gain(fit)
-    quanta = [gain * _quantum(problem.command), _quantum(problem.response)]
+    gain = pair.gain(fit)
+    quanta = [gain * _quantum(pair.command), _quantum(pair.response)]
     return float(
-        np.hypot(np.linalg.norm(quanta) / np.sqrt(12), gain * problem.command_error)
+        np.hypot(np.linalg.norm(quanta) / np.sqrt(12), gain * pair.command_error)
     )
 
 
@@ -169,7 +170,7 @@ def _quantum(signal: Array) -> float:
     return float(changes[changes > 0].min(initial=np.inf))
 
 
-def held_share(problem: DeadTimeProblem, fit: Fit) -> float | None:
+def held_share(pair: SignalPair, fit: Fit) -> float | None:
     """Returns the share of packets that left the response unchanged: lost, or too late.
 
     The response must hold each packet until the next one, and more than half of the
@@ -178,11 +179,11 @@ def held_share(problem: DeadTimeProblem, fit: Fit) -> float | None:
     Returns:
         The share; None if the response never holds a value, as with noise of its own.
     """
-    t = problem.time[problem.time >= problem.t[0]]
-    y = problem.response[-len(t) :]
-    gain = problem.gain(fit)
-    delays = fit.delay + fit.drift * (t - problem.middle)
-    z = problem.read(problem.on_grid, t - delays)
+    t = pair.time[pair.time >= pair.t[0]]
+    y = pair.response[-len(t) :]
+    gain = pair.gain(fit)
+    delays = fit.delay + fit.drift * (t - pair.middle)
+    z = pair.read(pair.on_grid, t - delays)
     moves = np.abs(gain * np.diff(z))
     changes = np.diff(y)
     is_changed = changes != 0
@@ -198,7 +199,7 @@ def held_share(problem: DeadTimeProblem, fit: Fit) -> float | None:
     numbers = np.maximum(np.round(gaps / np.median(gaps)), 1.0)
     numbers[rows <= np.median(rows)] = 1.0
     lost = float(np.sum(numbers - 1))
-    noise = np.sqrt(np.mean(problem.left(fit) ** 2))
+    noise = np.sqrt(np.mean(pair.left(fit) ** 2))
     if lost == 0 and noise > np.median(moves[is_moving]):
         return None
     return lost / float(np.sum(numbers))

@@ -41,9 +41,8 @@ class Lag(NamedTuple):
         if self.order == 1:
             return np.array([-1 / self.time + 0j])
         root = cmath.sqrt(self.damping**2 - 1)
-        poles = -self.damping + root, -self.damping - root
-        scaled: ComplexArray = np.array(poles, complex) / self.time
-        return scaled
+        poles = [-self.damping + root, -self.damping - root]
+        return np.array([pole / self.time for pole in poles], complex)
 
 
 def _filter_of(lag: Lag, step: float) -> tuple[list[float], list[float]]:

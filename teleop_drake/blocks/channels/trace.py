@@ -81,9 +81,11 @@ class Trace:
         return np.asarray(self.is_lost[np.maximum(i, 0)])
 
 
-def WriteTrace(path: str | os.PathLike[str], period: float, delays: ArrayLike) -> None:
-    """Writes the delays in s of periodic packets as a CSV file; NaN: lost."""
-    rows = np.column_stack((np.arange(np.size(delays)) * period, delays))
+def WriteTrace(
+    path: str | os.PathLike[str], times: ArrayLike, delays: ArrayLike
+) -> None:
+    """Writes times and delays in s of packets as a CSV file; NaN: lost."""
+    rows = np.column_stack((times, delays))
     with Replacing(path) as file:
         np.savetxt(file, rows, "%.9g", ",", header="time_s,delay_s", comments="")
 

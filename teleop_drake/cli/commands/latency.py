@@ -1,0 +1,193 @@
+"""The command `teleop-drake latency`."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from teleop_drake.cli import output
+from teleop_drake.cli.exit_codes import DONE, FAILED, BadInput
+from teleop_drake.cli.tables import Align
+from teleop_drake.validation import ScenarioError, Show
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from teleop_drake.analysis.latency import Latency
+    from teleop_drake.tables import Table
+
+# The names of the lags by their order, in sentences.
+_LAGS = ("none", "first order", "second order")
+
+
+def AddOptions(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of the command."""
+    parser.add_argument(
+        "file", metavar="FILE", help="a table: CSV, a spreadsheet, and others"
+    )
+    parser.add_argument(
+        "--command",
+        dest="command_column",
+        required=True,
+        metavar="COLUMN",
+        help="the signal that leads; a name, or a number from 1",
+    )
+    parser.add_argument(
+        "--response", required=True, metavar="COLUMN", help="the signal that follows"
+    )
+    parser.add_argument(
+        "--time", metavar="COLUMN", help="the times (default: found by its name)"
+    )
+    parser.add_argument(
+        "--time-unit", metavar="UNIT", help="s, ms, us or ns, if the file names none"
+    )
+    parser.add_argument(
+        "--lag",
+        default="second",
+        metavar="ORDER",
+        help="the largest lag of the response's own: none, first or second (default: "
+        "second); a smaller one makes the interval shorter",
+    )
+    parser.add_argument(
+        "--maximum",
+        type=float,
+        metavar="S",
+        help="largest dead time considered, s (default: a quarter of the record, at "
+        "most 10)",
+    )
+    parser.add_argument(
+        "--out", metavar="FILE.csv", help="write the dead time as a trace of a channel"
+    )
+    parser.add_argument("--figure", metavar="FILE", help="draw it: .png, .svg or .pdf")
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the numbers as JSON; `-`: to stdout"
+    )
+
+
+def Execute(args: argparse.Namespace) -> int:
+    """Estimates the delay between two columns of a file."""
+    from teleop_drake.analysis.latency import EstimateLatency
+    from teleop_drake.tables import ReadTable
+
+    output.CheckJson(args.json)
+    output.CheckFile(args.out, "--out")
+    _CheckFigure(args.figure)
+    table = ReadTable("FILE", args.file)
+    command = table.Find(args.command_column)
+    response = table.Find(args.response)
+    time = _Times(table, args)
+    latency = EstimateLatency(
+        time,
+        table.Values(command),
+        table.Values(response),
+        lag=args.lag,
+        maximum=args.maximum,
+    )
+    written = _Write(args, latency)
+    rows = f"{table.origin}: {len(time)} rows in {time[-1]:.4g} s"
+    output.Tell(args, latency.ToRecord(), rows, _Sentences(latency), written=written)
+    return DONE if latency.delay is not None else FAILED
+
+
+def _CheckFigure(file: str | None) -> None:
+    if file is None:
+        return
+    from teleop_drake.files import FIGURE_FORMATS
+
+    if Path(file).suffix.removeprefix(".") not in FIGURE_FORMATS:
+        raise BadInput(f"--figure = {file!r}: must end in .png, .svg or .pdf")
+    output.CheckFile(file, "--figure")
+
+
+def _Times(table: "Table", args: argparse.Namespace) -> "np.ndarray":
+    """Returns the times of the rows since the first one, s.
+
+    Raises:
+        ScenarioError: If the column of the times, or its unit, is not clear.
+    """
+    from teleop_drake.tables.headers import IsTime, ParseHeader
+
+    found = [name for name in table.names if IsTime(ParseHeader(name).key)]
+    if args.time is not None:
+        found = [table.Find(args.time)]
+    if len(found) != 1:
+        shown = ", ".join(map(Show, table.names))
+        raise ScenarioError(
+            f"{table.origin}: columns {shown}: must have one time; name it, for "
+            f"example --time {Show((found or table.names)[0])}"
+        )
+    times = table.Times(found[0], args.time_unit)
+    if times.unit is None:
+        raise ScenarioError(
+            f"{table.Place(found[0])}: must have a unit, in its header or as "
+            "--time-unit s (s, ms, us or ns)"
+        )
+    return times.since_first
+
+
+def _Write(args: argparse.Namespace, latency: "Latency") -> list[str]:
+    """Writes trace and figure; returns their names."""
+    written = []
+    if args.out is not None and latency.delay is not None:
+        from teleop_drake.blocks.channels.trace import WriteTrace
+
+        WriteTrace(args.out, *latency.Trace())
+        written.append(args.out)
+    if args.figure is not None:
+        from teleop_drake.figures.latency import PlotLatency
+        from teleop_drake.figures.saving import SaveFigure
+
+        SaveFigure(PlotLatency(latency), args.figure)
+        written.append(args.figure)
+    return written
+
+
+def _Sentences(latency: "Latency") -> str:
+    """Returns what was found, in words and in a table."""
+    if latency.delay is None:
+        return f"The record cannot tell the dead time: {latency.reason}."
+    low, high = latency.interval
+    lines = [["lag of the response", "dead time [ms]", "95 % interval [ms]", ""]]
+    for order, (delay, (least, most)) in latency.by_lag.items():
+        chosen = "chosen" if order == latency.lag.order else ""
+        interval = f"{1e3 * least:.4g} to {1e3 * most:.4g}"
+        lines.append([_LAGS[order], f"{1e3 * delay:.4g}", interval, chosen])
+    texts = [
+        f"Dead time {1e3 * latency.delay:.4g} ms, {1e3 * low:.4g} to {1e3 * high:.4g} "
+        "ms at 95 % confidence",
+        _Lag(latency),
+        f"Drift {1e6 * latency.drift:.3g} us/s, standard error "
+        f"{1e6 * latency.drift_error:.2g}",
+        *_Spread(latency),
+        _Losses(latency),
+        f"Gain {latency.gain:.4g}, offset {latency.offset:.4g}, noise "
+        f"{latency.noise:.3g}; the command explains {100 * latency.explained:.3g} %",
+        Align(lines),
+    ]
+    return "\n".join(texts)
+
+
+def _Lag(latency: "Latency") -> str:
+    lag = latency.lag
+    if lag.order == 0:
+        return "The response has no lag of its own that the record shows"
+    if lag.order == 1:
+        return f"Lag of the response: first order, time constant {lag.time:.4g} s"
+    return (
+        f"Lag of the response: second order, natural frequency {1 / lag.time:.4g} "
+        f"rad/s, damping ratio {lag.damping:.3g}"
+    )
+
+
+def _Spread(latency: "Latency") -> list[str]:
+    if latency.spread is None or latency.spread_error is None:
+        return ["The lag hides how the delay differs from row to row"]
+    return [
+        f"Spread from row to row {1e3 * latency.spread:.3g} ms, standard error "
+        f"{1e3 * latency.spread_error:.2g}"
+    ]
+
+
+def _Losses(latency: "Latency") -> str:
+    if latency.losses is None:
+        return "The response holds no value, so that losses are unknown"
+    return f"Lost or too late {100 * latency.losses:.3g} %"
