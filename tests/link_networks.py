@@ -3,7 +3,8 @@
 import heapq
 from types import SimpleNamespace
 
-from teleop_drake.blocks.channels.packet_network import Jitter, Loss, PacketNetwork
+from teleop_drake.blocks.channels.packet_network import PacketNetwork
+from teleop_drake.blocks.channels.packet_options import Jitter, Loss
 from teleop_drake.blocks.channels.variable import DelayProfile
 from teleop_drake.link.side import Side
 

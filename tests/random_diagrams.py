@@ -23,12 +23,8 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake.blocks.channels.network import NetworkDelay
-from teleop_drake.blocks.channels.packet_network import (
-    Jitter,
-    Loss,
-    PacketNetwork,
-    Receiver,
-)
+from teleop_drake.blocks.channels.packet_network import PacketNetwork
+from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
 from teleop_drake.blocks.channels.sampled import SampledDelay
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid, VariableDelay

@@ -4,7 +4,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from teleop_drake.blocks.channels import NetworkChannelConfig
-from teleop_drake.blocks.channels.packet_network import PacketNetwork, Receiver
+from teleop_drake.blocks.channels.packet_network import PacketNetwork
+from teleop_drake.blocks.channels.packet_options import Receiver
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakeMultiples
 from teleop_drake.figures.style import COLORS, GREY, MARK_STYLE, Figure, Key, Look

@@ -10,6 +10,7 @@ import numpy as np
 from pydrake.systems.framework import System
 
 from teleop_drake.arrays import Array, ArrayLike
+from teleop_drake.blocks.channels.netem import Netem
 from teleop_drake.kernel import Delay, FixedBlock, Kernel
 from teleop_drake.kinds import KindConfig
 from teleop_drake.validation import CheckNumber, Config, Refuse
@@ -17,6 +18,9 @@ from teleop_drake.validation import CheckNumber, Config, Refuse
 SHORTEST_TIME = 1e-6
 """Shortest non-zero delay and sample period in s. No step of a simulation is longer
 than these times, so a run with shorter ones would practically never end."""
+
+# The packets for which netem gets room, as a multiple of those under way on average.
+_ROOM = 4
 
 
 def CheckDelay(path: str, delay: float) -> None:
@@ -137,6 +141,22 @@ class ChannelConfig(KindConfig, ABC):
             ScenarioError: If no constant delay can stand for the channel.
         """
         return ConstantDelay(delay=self.delay)
+
+    def AsNetem(self, duration: float) -> tuple[Netem, list[str]]:
+        """Returns options of netem with which a link behaves like the channel.
+
+        Args:
+            duration: Duration of the simulation, s.
+
+        Returns:
+            The options, and what netem cannot do of the channel, in words.
+        """
+        period = self.PacketPeriod()
+        if period == math.inf:
+            return Netem(delay=round(1e9 * self.delay)), []
+        limit = max(1000, math.ceil(_ROOM * self.delay / period))
+        missing = f"a packet every {period:g} s, which the sender has to send"
+        return Netem(delay=round(1e9 * self.delay), limit=limit), [missing]
 
     def Arrivals(self, sent: ArrayLike, duration: float, stream: str = "") -> Array:
         """Returns the arrival times of signals sent at given times, s; lost: infinity.

@@ -20,7 +20,7 @@ from dataclasses import field
 from functools import partial
 
 from teleop_drake.blocks.channels.network import NetworkChannelConfig
-from teleop_drake.blocks.channels.packet_network import Jitter, Loss
+from teleop_drake.blocks.channels.packet_options import Jitter, Loss
 from teleop_drake.validation import Config
 
 # The correlation time and the order are assumed.

@@ -2,19 +2,21 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import field, replace
 
 import numpy as np
 from pydrake.systems.framework import Context
 
 from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.channels.base import ChannelBlock, ConstantDelay
-from teleop_drake.blocks.channels.packet_network import (
-    Jitter,
-    Loss,
-    PacketNetwork,
-    Receiver,
+from teleop_drake.blocks.channels.netem import (
+    Chance,
+    GilbertElliott,
+    Netem,
+    ParseNetem,
 )
+from teleop_drake.blocks.channels.packet_network import PacketNetwork
+from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
 from teleop_drake.blocks.channels.packet_statistics import (
     ComputePacketStatistics,
     PacketStatistics,
@@ -116,6 +118,13 @@ class NetworkChannelConfig(VaryingDelayConfig):
     sample_period: float = REQUIRED
     jitter: Jitter = field(default_factory=Jitter)
     loss: Loss = field(default_factory=Loss)
+    # Share of packets that are sent twice, 0 to 1. Each copy is lost and delayed by
+    # itself; the receiver uses the first that arrives.
+    duplicates: float = 0.0
+    # Options of netem as tc takes them, for example "delay 100ms 10ms loss 1%", in the
+    # place of jitter, loss and duplicates; see channels.netem. A delay in it must equal
+    # `delay`. Null: none.
+    netem: str | None = None
     receiver: Receiver = field(default_factory=Receiver)
 
     def Check(self, path: str, duration: float) -> None:
@@ -143,12 +152,15 @@ class NetworkChannelConfig(VaryingDelayConfig):
     def _Network(
         self, profile: DelayProfile, trace: Trace | None, stream: str
     ) -> PacketNetwork:
+        netem = None if self.netem is None else ParseNetem("netem", self.netem)
         return PacketNetwork(
             profile=profile,
             is_lost=None if trace is None else trace.IsLost,
             sample_period=self.sample_period,
             jitter=self.jitter,
             loss=self.loss,
+            duplicates=self.duplicates,
+            netem=netem,
             seed=self.seed,
             stream=stream,
         )
@@ -190,6 +202,48 @@ class NetworkChannelConfig(VaryingDelayConfig):
     def PacketPeriod(self) -> float:
         """Returns the sample period in s."""
         return self.sample_period
+
+    def AsNetem(self, duration: float) -> tuple[Netem, list[str]]:
+        """Returns options of netem for the network; see ChannelConfig."""
+        like, missing = super().AsNetem(duration)
+        if self.netem is not None:
+            own = ParseNetem("netem", self.netem)
+            return replace(own, delay=like.delay), missing
+        jitter = self.jitter
+        names = {"uniform": "uniform", "normal": "normal", "gamma": "normal"}
+        width = math.sqrt(3) if jitter.kind == "uniform" else 1.0
+        if jitter.kind == "gamma":
+            missing.append("gamma distribution: the line has a normal one")
+        lacks = {
+            "a least delay": jitter.kind != "none" and jitter.minimum > 0,
+            "the correlation of delays: that of netem leaves delays independent": (
+                jitter.correlation_time > 0
+            ),
+            "delays that are held from packet to packet": jitter.hold > 0,
+            "the order of packets: netem lets fast ones overtake": jitter.keeps_order,
+            f"the receiver, {self.receiver.policy}": self.receiver.policy != "newest",
+        }
+        missing += [name for name, is_lacking in lacks.items() if is_lacking]
+        options = replace(
+            like,
+            jitter=round(1e9 * width * jitter.std),
+            distribution=names.get(jitter.kind, "uniform"),
+            loss=self._NetemLoss(),
+            duplicate=Chance(share=self.duplicates),
+        )
+        return options, missing
+
+    def _NetemLoss(self) -> Chance | GilbertElliott:
+        loss = self.loss
+        if loss.kind in ("none", "independent"):
+            return Chance(share=loss.probability)
+        _, to_bad, to_good = loss.Chain()
+        return GilbertElliott(
+            to_bad=to_bad,
+            to_good=to_good,
+            bad_loss=loss.bad_loss,
+            good_loss=loss.good_loss,
+        )
 
     def Arrivals(self, sent: ArrayLike, duration: float, stream: str = "") -> Array:
         """Returns the arrival times in s of the packets sent nearest to given times."""

@@ -17,6 +17,10 @@ packet that is faster than its predecessor waits for it:
 
     arrival_k = max(k h + d_k, arrival_j)       packet j: the last before k not lost
 
+A network may send some packets twice. The copies are lost and delayed by themselves,
+and the receiver uses the first that arrives. With the options of netem, what Linux does
+takes the place of jitter, losses and copies; see netem_queue.
+
 Every random number is a pure function of (seed, stream, impairment, k), computed by
 NumPy's counter-based Philox generator. It depends neither on the order of evaluation
 nor on the parameters of other impairments.
@@ -29,150 +33,22 @@ import itertools
 import math
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from teleop_drake.blocks.channels.netem import Netem
+from teleop_drake.blocks.channels.netem_queue import Deliver
+from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
 from teleop_drake.blocks.channels.variable import DelayProfile
 from teleop_drake.numerics.instants import SAME, TIE
-from teleop_drake.validation import (
-    CheckChoice,
-    CheckNumber,
-    FixedFields,
-    Number,
-    Refuse,
-)
+from teleop_drake.validation import CheckNumber, Refuse
 
 Array = np.ndarray
 
 # Number of packets whose random numbers are drawn together.
 _BLOCK = 1024
-
-
-@dataclass(kw_only=True)
-class PacketConfig(FixedFields):
-    """Base of the configs in which one field decides which others have an effect.
-
-    Attributes:
-        choice: Name of the field that decides.
-        used: The fields that have an effect, keyed by the value of the field `choice`.
-    """
-
-    choice: ClassVar[str] = "kind"
-    used: ClassVar[dict[str, tuple[str, ...]]] = {}
-
-    def Check(self) -> None:
-        """Checks every field; fields without effect must have their defaults.
-
-        Raises:
-            ScenarioError: Naming the first bad field, its value and what is allowed.
-        """
-        path = type(self).__name__.lower()
-        choice = getattr(self, self.choice)
-        CheckChoice(f"{path}.{self.choice}", choice, self.used)
-        self.CheckNumbers(path)
-        for item in fields(self):
-            value = getattr(self, item.name)
-            is_used = item.name in (self.choice, *self.used[choice])
-            if not is_used and value != item.default:
-                default = f"{item.default:g} where {path}.{self.choice} is {choice}"
-                Refuse(f"{path}.{item.name}", value, default)
-
-
-@dataclass(kw_only=True)
-class Jitter(PacketConfig):
-    """The random part of the delays of packets.
-
-    uniform: within sqrt(3) std on either side of the mean.
-    normal:  the density of N(mean, std^2), truncated below `minimum` and normalized
-             again. Mean and std are the values before the truncation.
-    gamma:   minimum + Gamma(shape, scale) with shape = ((mean - minimum) / std)^2 and
-             scale = std^2 / (mean - minimum).
-
-    The mean is the channel's `delay`.
-    """
-
-    used: ClassVar = {
-        "none": ("keeps_order",),
-        "uniform": ("std", "correlation_time", "keeps_order"),
-        "normal": ("std", "minimum", "correlation_time", "keeps_order"),
-        "gamma": ("std", "minimum", "correlation_time", "keeps_order"),
-    }
-
-    # One of the keys of `used`.
-    kind: str = "none"
-    # Standard deviation, s, >= 0.
-    std: float = Number(0.0, "s", minimum=0)
-    # Smallest delay, s, 0 to `delay`; normal and gamma only, else 0. The parts of the
-    # delay that vary with time are added to it.
-    minimum: float = 0.0
-    # Time constant of the correlation between the delays of packets, s, >= 0. 0: the
-    # delays are independent.
-    correlation_time: float = Number(0.0, "s", minimum=0)
-    # Whether packets arrive in the order in which they are sent. A packet that waits
-    # for its predecessor arrives later than mean and std imply. The effect grows as the
-    # sample period and the correlation time become shorter.
-    keeps_order: bool = False
-
-
-@dataclass(kw_only=True)
-class Loss(PacketConfig):
-    """The loss of packets.
-
-    independent: each packet is lost with `probability`.
-    burst:       the Gilbert-Elliott model. A Markov chain is in a good or a bad state
-                 at each packet; a packet is lost with the probability good_loss or
-                 bad_loss. The chain leaves the bad state with the probability
-                 1 / burst_length and starts in its stationary distribution. The share
-                 of packets in the bad state is such that the share `probability` of all
-                 packets is lost in the long run.
-
-    Source: E. N. Gilbert, Bell Syst. Tech. J. 39 (1960); E. O. Elliott, ibid. 42
-    (1963).
-    """
-
-    used: ClassVar = {
-        "none": (),
-        "independent": ("probability",),
-        "burst": ("probability", "burst_length", "good_loss", "bad_loss"),
-    }
-
-    # One of the keys of `used`.
-    kind: str = "none"
-    # Share of packets lost in the long run, 0 to 1; below 1 for burst.
-    probability: float = Number(0.0, "1", minimum=0, maximum=1)
-    # Mean length of the bad state, packets, >= 1; burst only.
-    burst_length: float = Number(1.0, "packets", minimum=1)
-    # Share lost in the good state, 0 to `probability`; burst only.
-    good_loss: float = Number(0.0, "1", minimum=0, maximum=1)
-    # Share lost in the bad state, more than good_loss, `probability` to 1; burst only.
-    bad_loss: float = Number(1.0, "1", minimum=0, maximum=1)
-
-
-@dataclass(kw_only=True)
-class Receiver(PacketConfig):
-    """The policy of the receiver. It discards packets older than the one it shows.
-
-    newest:      holds the packet with the newest time stamp.
-    playout:     like `newest`, but shows a packet no earlier than delay + depth after
-                 it was sent. A packet that arrives later is shown at once. The clocks
-                 of sender and receiver are assumed to agree.
-    extrapolate: shows the newest packet at its arrival, and then extrapolates with the
-                 slope of the line through the time stamps and values of this packet and
-                 of the one that it replaced.
-    """
-
-    choice = "policy"
-    used: ClassVar = {"newest": (), "playout": ("depth",), "extrapolate": ()}
-
-    # One of the keys of `used`.
-    policy: str = "newest"
-    # Time from sending to showing a packet in excess of `delay`, s, >= 0; playout only,
-    # else 0.
-    depth: float = Number(0.0, "s", minimum=0)
 
 
 class PacketNetwork:
@@ -185,6 +61,9 @@ class PacketNetwork:
         loss: The random losses; None: there are none.
         is_lost: Function that returns which packets are lost as well (N), for the times
             in s when they are sent (N). None: there are no further losses.
+        duplicates: The share of packets that are sent twice, 0 to 1.
+        netem: The options of netem, which take the place of jitter, losses and copies.
+            None: those are used. Its delay is 0 or that of the profile.
         seed: Seed of the random numbers, >= 0.
         stream: Name of the channel. Networks with equal seed and name have the same
             random numbers; networks with different names are independent.
@@ -201,6 +80,8 @@ class PacketNetwork:
         jitter: Jitter | None = None,
         loss: Loss | None = None,
         is_lost: Callable[[Array], Array] | None = None,
+        duplicates: float = 0.0,
+        netem: Netem | None = None,
         seed: int = 0,
         stream: str = "",
     ):
@@ -209,6 +90,8 @@ class PacketNetwork:
         self._jitter = jitter or Jitter()
         self._loss = loss or Loss()
         self._is_lost = is_lost
+        self._duplicates = duplicates
+        self._netem = netem
         self._seed = seed
         self._stream = stream
         if not 0 < sample_period <= profile.duration or math.isinf(sample_period):
@@ -219,10 +102,14 @@ class PacketNetwork:
             )
         if seed < 0:
             Refuse("seed", seed, "a whole number >= 0")
+        CheckNumber("duplicates", duplicates, "1", minimum=0, maximum=1)
         self._CheckJitter()
         self._CheckLoss()
-        # Arrival times of the first packets in s; NaN beyond the profile's duration.
-        self._arrivals = np.empty(0)
+        if netem is not None:
+            self._CheckNetem(netem)
+        # Arrival times of the first packets, and of their copies that arrive later, in
+        # s (2, N); NaN beyond the profile's duration.
+        self._arrivals = np.empty((2, 0))
         self._lock = threading.Lock()
 
     def _CheckJitter(self) -> None:
@@ -264,10 +151,12 @@ class PacketNetwork:
         """Checks the loss, and that the chain of bursts exists."""
         loss = self._loss
         loss.Check()
-        if loss.kind != "burst":
+        if loss.kind not in ("burst", "gilbert_elliott"):
             return
         if not loss.good_loss < loss.bad_loss:
             Refuse("loss.bad_loss", loss.bad_loss, f"> good_loss, {loss.good_loss:g}")
+        if loss.kind == "gilbert_elliott":
+            return
         # The chain enters the bad state with the probability
         # share / (1 - share) / burst_length, which must not exceed 1.
         most = loss.good_loss + (loss.bad_loss - loss.good_loss) * (
@@ -284,24 +173,57 @@ class PacketNetwork:
                 "this burst_length, good_loss and bad_loss",
             )
 
+    def _CheckNetem(self, netem: Netem) -> None:
+        """Checks that nothing else takes the place of netem's options."""
+        others = {
+            "jitter.kind": (self._jitter.kind, "none"),
+            "loss.kind": (self._loss.kind, "none"),
+            "duplicates": (self._duplicates, 0.0),
+        }
+        for name, (value, nothing) in others.items():
+            if value != nothing:
+                Refuse(name, value, f"{nothing} with netem, which has its own")
+        delay = 1e-9 * netem.delay
+        if delay and not math.isclose(delay, self.profile.delay, rel_tol=1e-9):
+            Refuse(
+                "delay",
+                self.profile.delay,
+                f"{delay:g} (s), the delay of netem, or netem without a delay",
+            )
+
     def Arrival(self, k: int) -> float:
         """Returns the arrival time in s of packet k, sent at k h; infinity if lost.
 
         Raises:
             ValueError: If it is sent beyond the duration of the profile.
         """
+        return self._Times(k)[0]
+
+    def CopyArrival(self, k: int) -> float:
+        """Returns when a second copy of packet k arrives, s; infinity: there is none.
+
+        Raises:
+            ValueError: If it is sent beyond the duration of the profile.
+        """
+        return self._Times(k)[1]
+
+    def _Times(self, k: int) -> tuple[float, float]:
         with self._lock:  # Runs in several threads share a channel.
-            if k >= len(self._arrivals):
+            if k >= self._arrivals.shape[1]:
                 self._arrivals = self._Arrivals(2 * (k // _BLOCK + 1))
-        arrival = float(self._arrivals[k])
-        if math.isnan(arrival):
+        first, second = self._arrivals[:, k].tolist()
+        if math.isnan(first):
             # The profile raises the ValueError.
             self.profile(k * self.sample_period)
-        return arrival
+        return first, second
 
     def Arrivals(self, count: int) -> Array:
         """Returns the arrival times of packets 0 to count - 1, s; lost: infinity."""
         return np.array([self.Arrival(k) for k in range(count)])
+
+    def CopyArrivals(self, count: int) -> Array:
+        """Returns when second copies arrive, s; infinity: there is none (count)."""
+        return np.array([self.CopyArrival(k) for k in range(count)])
 
     def Shown(self, k: int, receiver: Receiver) -> float:
         """Returns the time in s when packet k is shown unless there is a newer one.
@@ -357,44 +279,89 @@ class PacketNetwork:
         return np.concatenate(numbers)
 
     def _Arrivals(self, num_blocks: int) -> Array:
-        """Returns the arrival times in s of the packets of the first blocks.
+        """Returns the arrival times in s of the packets of the first blocks (2, N).
 
-        That of a lost packet is infinity. That of a packet sent beyond the duration of
-        the profile is NaN.
+        The first row has the copy that arrives first, the second one the other. That of
+        a lost packet is infinity. That of a packet sent beyond the duration of the
+        profile is NaN.
         """
         sent = np.arange(num_blocks * _BLOCK) * self.sample_period
         # The profile allows times up to its duration with the same margin.
         sent = sent[sent <= self.profile.duration * (1 + 1e-9)]
-        delays = self.profile(sent) + self._Jitters(num_blocks)[: len(sent)]
-        times = sent + np.maximum(delays, 0.0)
-        has_arrived = ~self._Losses(num_blocks)[: len(sent)]
+        copies = self._Copies(sent, num_blocks)
         if self._is_lost is not None:
-            has_arrived &= ~self._is_lost(sent)
+            copies[:, self._is_lost(sent)] = math.inf
+        times = np.stack([copies.min(axis=0), copies.max(axis=0)])
         if self._jitter.keeps_order:
-            times[has_arrived] = np.maximum.accumulate(times[has_arrived])
-        arrivals = np.full(num_blocks * _BLOCK, math.nan)
-        arrivals[: len(sent)] = np.where(has_arrived, self._Snap(times), math.inf)
+            has_arrived = np.isfinite(times[0])
+            first = np.maximum.accumulate(times[0, has_arrived])
+            times[0, has_arrived] = first
+            times[1, has_arrived] = np.maximum(times[1, has_arrived], first)
+        arrivals = np.full((2, num_blocks * _BLOCK), math.nan)
+        arrivals[:, : len(sent)] = self._Snap(times)
         return arrivals
+
+    def _Copies(self, sent: Array, num_blocks: int) -> Array:
+        """Returns when both copies of packets arrive, s; infinity: none (2, N)."""
+        delays = self.profile(sent)
+        if self._netem is not None:
+
+            def Draw(name: str) -> Array:
+                name = f"netem {name}"
+                return self._Draw(name, num_blocks, Generator.integers, 0, 2**32)
+
+            queued = Deliver(self._netem, sent, Draw)
+            return sent + delays - 1e-9 * self._netem.delay + np.stack(queued)
+        copies = np.full((2, len(sent)), math.inf)
+        number = slice(len(sent))
+        names = [""]
+        is_double = np.zeros(len(sent), dtype=bool)
+        if self._duplicates:
+            share = self._Draw("duplicate", num_blocks, Generator.random)[number]
+            is_double = share < self._duplicates
+            names = ["", "copy "]
+        for i, name in enumerate(names):
+            late = delays + self._Jitters(num_blocks, name)[number]
+            is_lost = self._Losses(num_blocks, name)[number]
+            has_none = is_lost if i == 0 else is_lost | ~is_double
+            copies[i] = np.where(has_none, math.inf, sent + np.maximum(late, 0.0))
+        return copies
 
     def _Snap(self, times: Array) -> Array:
         # Moves times that are at a tick but for rounding: 0.1 + 3 * 0.1 is not 4 * 0.1.
         ticks = np.round(times / self.sample_period) * self.sample_period
         return np.where(np.isclose(times, ticks, rtol=2e-15, atol=SAME), ticks, times)
 
-    def _Jitters(self, num_blocks: int) -> Array:
-        """Returns the jitter of the packets of the first blocks in s."""
+    def _Jitters(self, num_blocks: int, copy: str) -> Array:
+        """Returns the jitter of the packets of the first blocks in s.
+
+        Args:
+            copy: The beginning of the names of random numbers; empty: of the packets
+                themselves.
+        """
+        jitter = self._jitter
+        if jitter.kind == "none" or jitter.std == 0:
+            return np.zeros(num_blocks * _BLOCK)
+        jitters = self._FreshJitters(num_blocks, f"{copy}jitter")
+        if not jitter.hold:
+            return jitters
+        u = self._Draw(f"{copy}hold", num_blocks, Generator.random)
+        # The first packet has nothing to hold.
+        fresh = np.where(u < jitter.hold, 0, np.arange(len(u)))
+        return jitters[np.maximum.accumulate(fresh)]
+
+    def _FreshJitters(self, num_blocks: int, name: str) -> Array:
+        """Returns the jitter of packets that hold none, in s."""
         jitter = self._jitter
         std = jitter.std
         excess = self.profile.delay - jitter.minimum
-        if jitter.kind == "none" or std == 0:
-            return np.zeros(num_blocks * _BLOCK)
         if jitter.kind == "gamma" and not jitter.correlation_time:
             of = (excess / std) ** 2, std**2 / excess
-            return self._Draw("jitter", num_blocks, Generator.gamma, *of) - excess
+            return self._Draw(name, num_blocks, Generator.gamma, *of) - excess
 
         from scipy.special import gammaincinv, ndtr, ndtri  # The import takes 0.1 s.
 
-        u = np.clip(self._Shares(num_blocks), 2.0**-53, 1 - 2.0**-53)
+        u = np.clip(self._Shares(num_blocks, name), 2.0**-53, 1 - 2.0**-53)
         jitters: Array
         if jitter.kind == "gamma":
             jitters = gammaincinv((excess / std) ** 2, u) * std**2 / excess - excess
@@ -405,13 +372,13 @@ class PacketNetwork:
             jitters = np.maximum(-std * ndtri(u * ndtr(excess / std)), -excess)
         return jitters
 
-    def _Shares(self, num_blocks: int) -> Array:
+    def _Shares(self, num_blocks: int, name: str) -> Array:
         """Returns the value of the jitter's distribution function for each packet."""
         time = self._jitter.correlation_time
         if not time:
-            return self._Draw("jitter", num_blocks, Generator.random)
+            return self._Draw(name, num_blocks, Generator.random)
         a = math.exp(-self.sample_period / time)
-        noise = self._Draw("jitter", num_blocks, Generator.standard_normal)
+        noise = self._Draw(name, num_blocks, Generator.standard_normal)
 
         def Next(g: float, n: float) -> float:
             return a * g + math.sqrt(1 - a * a) * n
@@ -421,24 +388,21 @@ class PacketNetwork:
         shares: Array = ndtr(list(itertools.accumulate(noise.tolist(), Next)))
         return shares
 
-    def _Losses(self, num_blocks: int) -> NDArray[np.bool_]:
-        """Returns whether each packet of the first blocks is lost."""
+    def _Losses(self, num_blocks: int, copy: str) -> NDArray[np.bool_]:
+        """Returns whether each packet of the first blocks, or its copy, is lost."""
         loss = self._loss
         probability: float | Array = loss.probability
-        if loss.kind == "burst":
+        if loss.kind in ("burst", "gilbert_elliott"):
             is_bad = self._Bursts(num_blocks)
             probability = np.where(is_bad, loss.bad_loss, loss.good_loss)
-        return self._Draw("loss", num_blocks, Generator.random) < probability
+        return self._Draw(f"{copy}loss", num_blocks, Generator.random) < probability
 
     def _Bursts(self, num_blocks: int) -> list[bool]:
         """Returns whether the chain of bursts is in its bad state at each packet."""
-        loss = self._loss
-        share = (loss.probability - loss.good_loss) / (loss.bad_loss - loss.good_loss)
-        leave = 1 / loss.burst_length
-        enter = leave * share / (1 - share)
+        share, to_bad, to_good = self._loss.Chain()
 
         def Next(is_bad: bool, step: float) -> bool:
-            return step >= leave if is_bad else step < enter
+            return step >= to_good if is_bad else step < to_bad
 
         first, *others = self._Draw("burst", num_blocks, Generator.random).tolist()
         return list(itertools.accumulate(others, Next, initial=first < share))

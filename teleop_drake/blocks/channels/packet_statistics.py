@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from teleop_drake.blocks.channels.packet_network import PacketNetwork, Receiver
+from teleop_drake.blocks.channels.packet_network import PacketNetwork
+from teleop_drake.blocks.channels.packet_options import Receiver
 from teleop_drake.numerics.instants import TIE
 
 _PERCENTS = {"minimum": 0, "median": 50, "p95": 95, "p99": 99, "maximum": 100}
@@ -29,6 +30,7 @@ class PacketStatistics:
         loss_rate: lost / sent.
         reordered: Number of packets that arrived after a newer one.
         late: Number of packets that arrived after their playout time (playout only).
+        duplicated: Number of packets that arrived twice.
         delay_mean: Mean delay, s.
         delay_minimum: Smallest delay, s.
         delay_median: Median of the delays, s.
@@ -45,6 +47,7 @@ class PacketStatistics:
     loss_rate: float
     reordered: int
     late: int
+    duplicated: int = 0
     delay_mean: float | None = None
     delay_minimum: float | None = None
     delay_median: float | None = None
@@ -96,5 +99,6 @@ def ComputePacketStatistics(
         loss_rate=lost / sent if sent else 0.0,
         reordered=int(np.sum(~is_newest)),
         late=int(np.sum(is_late)),
+        duplicated=int(np.sum(network.CopyArrivals(sent) <= end_time)),
         **measured,
     )

@@ -5,7 +5,7 @@ T(t) = delay + drift t + amplitude sin(frequency t + phase) + trace(t)
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NoReturn
 
 import numpy as np
@@ -17,6 +17,7 @@ from teleop_drake.blocks.channels.base import (
     ChannelConfig,
     ConstantDelay,
 )
+from teleop_drake.blocks.channels.netem import Netem
 from teleop_drake.blocks.channels.trace import ENDS, ReadTrace, Trace
 from teleop_drake.kinds import FileOf, GivenFile
 from teleop_drake.validation import (
@@ -241,6 +242,30 @@ class VaryingDelayConfig(ChannelConfig):
         profile, _ = self.Read(duration, path)
         return profile
 
+    def AsNetem(self, duration: float) -> tuple[Netem, list[str]]:
+        """Returns options of netem with the mean delay; see ChannelConfig."""
+        netem, missing = super().AsNetem(duration)
+        varies = {
+            "drift": self.drift != 0,
+            "sinusoid": self.sinusoid.amplitude != 0,
+            "trace": self.trace is not None,
+        }
+        names = [name for name, is_given in varies.items() if is_given]
+        if not names:
+            return netem, missing
+        mean = round(1e9 * self.MeanDelay(duration))
+        missing.append(
+            f"a delay that varies with time ({', '.join(names)}): the line has the "
+            f"mean, {1e-6 * mean:.4g} ms"
+        )
+        return replace(netem, delay=mean), missing
+
+    def MeanDelay(self, duration: float) -> float:
+        """Returns the mean of T over the duration in s, without jitter."""
+        times = np.linspace(0.0, duration, _NUM_MEAN_TIMES)
+        delays = self.Profile(duration)(times)
+        return float(np.trapezoid(delays, times) / duration)
+
     def LargestSlope(self, duration: float) -> float:
         """Returns an upper bound of dT/dt without jitter."""
         return self.Profile(duration).max_slope
@@ -371,7 +396,7 @@ class VariableChannelConfig(VaryingDelayConfig):
         profile = self.Profile(duration, path)
         times = np.linspace(0.0, duration, _NUM_MEAN_TIMES)
         delays = profile(times)
-        delay = float(np.trapezoid(delays, times) / duration)
+        delay = self.MeanDelay(duration)
         return ConstantDelay(
             delay=delay,
             note=f"{path}: the delay varies from {delays.min():.4g} to "

@@ -15,7 +15,7 @@ from teleop_drake.blocks.channels import (
 )
 from teleop_drake.blocks.channels.base import SHORTEST_TIME, ChannelConfig
 from teleop_drake.blocks.channels.network import NetworkDelay
-from teleop_drake.blocks.channels.packet_network import Jitter, Loss, Receiver
+from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
 from teleop_drake.blocks.channels.sampled import MAX_PACKETS, SampledDelay
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.blocks.channels.variable import Sinusoid, VariableDelay

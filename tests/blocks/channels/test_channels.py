@@ -8,7 +8,8 @@ import pytest
 import yaml
 from runs import Run
 
-from teleop_drake.blocks.channels.packet_network import Jitter, Loss, PacketNetwork
+from teleop_drake.blocks.channels.packet_network import PacketNetwork
+from teleop_drake.blocks.channels.packet_options import Jitter, Loss
 from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
     LoadScenario,

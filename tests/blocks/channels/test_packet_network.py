@@ -8,12 +8,8 @@ import numpy as np
 import pytest
 from grids import Slow
 
-from teleop_drake.blocks.channels.packet_network import (
-    Jitter,
-    Loss,
-    PacketNetwork,
-    Receiver,
-)
+from teleop_drake.blocks.channels.packet_network import PacketNetwork
+from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
 from teleop_drake.blocks.channels.packet_statistics import ComputePacketStatistics
 from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid
 
@@ -188,6 +184,84 @@ def test_losses_within_the_states():
     )
 
 
+def test_bursts_by_the_four_numbers_are_the_same_chain():
+    burst = Loss(
+        kind="burst", probability=0.2, burst_length=5, good_loss=0.1, bad_loss=0.6
+    )
+    # A share of 0.2 is bad: 1/5 to leave it, and 0.2/0.8/5 to enter it.
+    four = Loss(
+        kind="gilbert_elliott", to_bad=0.05, to_good=0.2, good_loss=0.1, bad_loss=0.6
+    )
+    found = [np.isinf(make(loss=x, seed=2).Arrivals(COUNT)) for x in (burst, four)]
+    assert np.array_equal(*found)
+
+
+# Delays that are held, and copies.
+
+
+@pytest.mark.parametrize("kind", ["uniform", "normal", "gamma"])
+def test_held_delays_have_a_geometric_autocorrelation(kind):
+    fresh = Jitter(kind=kind, std=0.01)
+    held = Jitter(kind=kind, std=0.01, hold=0.6)
+    sample = delays(make(jitter=held, seed=3))
+    # Runs of one delay are 1/(1 - hold) packets long.
+    repeats = np.isclose(np.diff(sample), 0, atol=1e-9)
+    assert repeats.mean() == pytest.approx(0.6, abs=4 * math.sqrt(0.24 / COUNT))
+    deviations = sample - sample.mean()
+    for m in (1, 2, 4):
+        found = np.mean(deviations[m:] * deviations[:-m]) / sample.var()
+        assert found == pytest.approx(0.6**m, abs=0.06)
+    # The distribution is that of delays that are not held.
+    others = delays(make(jitter=fresh, seed=3))
+    for share in (0.1, 0.5, 0.9):
+        expected = np.quantile(others, share)
+        assert np.quantile(sample, share) == pytest.approx(expected, abs=1e-3)
+
+
+def test_the_first_of_two_copies_is_used():
+    double, loss = 0.3, 0.2
+    network = make(
+        jitter=Jitter(kind="uniform", std=0.02),
+        loss=Loss(kind="independent", probability=loss),
+        duplicates=double,
+        seed=4,
+    )
+    first = network.Arrivals(COUNT)
+    second = network.CopyArrivals(COUNT)
+    assert np.all(first <= second)
+    error = 4 * math.sqrt(0.25 / COUNT)
+    lost = loss * (1 - double + double * loss)
+    assert np.mean(np.isinf(first)) == pytest.approx(lost, abs=error)
+    twice = double * (1 - loss) ** 2
+    both = np.isfinite(second)
+    assert np.mean(both) == pytest.approx(twice, abs=error)
+    # Of two uniform delays, the first and the second are a third from either end.
+    sent = np.arange(COUNT) * H
+    width = 2 * math.sqrt(3) * 0.02
+    for arrivals, place in ((first, -1 / 6), (second, 1 / 6)):
+        mean = np.mean((arrivals - sent)[both])
+        assert mean == pytest.approx(MEAN + place * width, abs=1e-3)
+    alone = make(jitter=Jitter(kind="uniform", std=0.02), seed=4).Arrivals(COUNT)
+    # Packets without a copy are what they are without copies.
+    single = np.isfinite(first) & ~both & (first == alone)
+    assert single.mean() > 0.8 * (1 - double)
+    statistics = ComputePacketStatistics(network, Receiver(), COUNT * H)
+    assert statistics.duplicated == pytest.approx(COUNT * twice, rel=0.05)
+
+
+def test_in_order_copies_arrive_behind_their_packets():
+    network = make(
+        jitter=Jitter(kind="uniform", std=0.02, keeps_order=True),
+        loss=Loss(kind="independent", probability=0.3),
+        duplicates=0.5,
+    )
+    first = network.Arrivals(3000)
+    second = network.CopyArrivals(3000)
+    arrived = first[np.isfinite(first)]
+    assert np.all(np.diff(arrived) >= 0)
+    assert np.all(first <= second)
+
+
 # Random numbers.
 
 BUSY = {
@@ -315,6 +389,13 @@ def sinusoid(**fields):
         (loss("burst", good_loss=0.2), "loss.probability = 0.1: must be >= 0.2"),
         (loss("burst", 0.0, good_loss=0.5, bad_loss=0.5),
          "loss.bad_loss = 0.5: must be > good_loss"),
+        (loss("gilbert_elliott"), "loss.probability = 0.1: must be 0 where"),
+        (loss("gilbert_elliott", 0.0, to_good=0), "loss.to_good = 0: must be .* > 0"),
+        (loss("gilbert_elliott", 0.0, good_loss=1), "loss.bad_loss = 1.0: must be > g"),
+        (loss("burst", to_bad=0.1), "loss.to_bad = 0.1: must be 0 where"),
+        (jitter("uniform", hold=1.5), "jitter.hold = 1.5: must be"),
+        (jitter("none", hold=0.5), "jitter.hold = 0.5: must be 0 where"),
+        ({"duplicates": 2.0}, "duplicates = 2.0: must be a finite number >= 0 and <="),
     ],
 )  # fmt: skip
 def test_bad_parameters(arguments, message):
