@@ -21,7 +21,8 @@ from test_block_table import Scenes
 
 import teleop_drake.blocks
 from teleop_drake import ScenarioError, simulate
-from teleop_drake.signals import InputPorts, VectorOutputs
+from teleop_drake.signals import VectorOutputs
+from teleop_drake.wiring import InputPorts
 
 ABSTRACT = System, LeafSystem, VectorSystem, Diagram, PyPlotVisualizer
 
