@@ -22,7 +22,7 @@ from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.kernel import KernelBlock
 from teleop_drake.signals import PathsIn
-from teleop_drake.validation import Choices, Range, Refuse
+from teleop_drake.validation import Choices, GainMatrix, Range, Refuse
 
 
 class ParameterValue(NamedTuple):
@@ -121,8 +121,9 @@ def SetNumbers(
 
     Args:
         numbers: New values, by the names of NamedParameters() and ScalarsIn(), or
-            `delay`. A parameter of several elements takes one number for all of them,
-            or an array of its shape.
+            `delay`. A parameter of several elements takes an array of its shape, or one
+            number: a gain is that number times the identity, and the elements of any
+            other parameter are that number.
 
     Returns:
         The systems that have these numbers.
@@ -212,7 +213,8 @@ def _Set(known: Mapping[str, _Parameter], name: str, number: Array) -> str:
     if not bracket:
         if number.shape not in ((), value.shape):
             Refuse(name, number, f"a number or an array of shape {value.shape}")
-        value[...] = number
+        is_scaled = parameter.range is not None and parameter.range.is_matrix
+        value[...] = GainMatrix(number, len(value)) if is_scaled else number
     else:
         if number.ndim:
             Refuse(name, number, "a number")

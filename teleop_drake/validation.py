@@ -227,12 +227,15 @@ class Range:
     Attributes:
         unit: The SI unit; empty for numbers without a unit.
         above, minimum, maximum: The bounds, as for CheckNumber().
+        is_matrix: Whether the array is a matrix, for which one number stands for the
+            number times the identity.
     """
 
     unit: str = ""
     above: float = -math.inf
     minimum: float = -math.inf
     maximum: float = math.inf
+    is_matrix: bool = False
 
     def Check(self, path: str, value: ArrayLike) -> None:
         """Refuses a number, or an array with an element, that is out of bounds."""
@@ -255,13 +258,14 @@ class Range:
 
 @dataclass(frozen=True)
 class GainRange(Range):
-    """The unit of a gain; the gain is a matrix as CheckGain() allows it.
+    """The unit of a gain, which is a matrix as CheckGain() allows it.
 
     Attributes:
         may_be_zero: Whether the matrix may be positive semidefinite; else it must be
             positive definite.
     """
 
+    is_matrix: bool = True
     may_be_zero: bool = False
 
     def Check(self, path: str, value: ArrayLike) -> None:

@@ -274,6 +274,17 @@ def test_a_number_has_one_range_in_a_config_and_in_a_context(
             simulate(diagram, context=context, duration=0.1)
 
 
+def test_one_number_is_a_gain_times_the_identity():
+    """As in a scenario; all elements were that number, which is a singular matrix."""
+    diagram = MakeDiagram(LoadScenario("two_dof_collision"))
+    law = "controller/adaptive_backstepping"
+    context = diagram.CreateDefaultContext()
+    SetNumbers(diagram, context, {f"{law}.G1": 2.5, "environment.damping": 0.1})
+    values = parameters.NamedParameters(diagram, context)
+    np.testing.assert_array_equal(values[f"{law}.G1"].value, 2.5 * np.eye(2))
+    assert set(values["environment.damping"].value) == {0.1}
+
+
 def test_a_wave_line_that_reflects_no_wave_stays_so():
     """The kernel of the matched line has no reflected wave; simulate() ignored it."""
     scenario = LoadScenario("one_dof", {"controller.kind": "wave_variables"})

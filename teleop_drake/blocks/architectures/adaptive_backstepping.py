@@ -124,8 +124,8 @@ class AdaptiveBackstepping(LawBlock):
     )
 
     numeric_parameters: ClassVar = {
-        "Lambda": Range("m/(N s)"),
-        "G1": Range("1/s"),
+        "Lambda": Range("m/(N s)", is_matrix=True),
+        "G1": Range("1/s", is_matrix=True),
         "G2": GainRange("1/s"),
         "P": GainRange(),
         "beta1": Range(minimum=0),
@@ -134,7 +134,7 @@ class AdaptiveBackstepping(LawBlock):
         "nu1": Range(minimum=0),
         "nu3": Range(minimum=0),
         "Upsilon": Range(minimum=0, maximum=1),
-        "Psi0": Range("1/kg"),
+        "Psi0": Range("1/kg", is_matrix=True),
         "Psi_min": Range("1/kg", above=0),
     }
 

@@ -42,7 +42,7 @@ class DisturbanceForce(FixedBlock):
     """
 
     numeric_parameters: ClassVar = {
-        "gain": Range("N/m"),
+        "gain": Range("N/m", is_matrix=True),
     }
 
     def __init__(self, kind: str, gain: ArrayLike):
