@@ -8,7 +8,7 @@ The name of an initial state is the path of its system, a slash, its own name an
 as in `plant/theta(0)`. The name `delay` stands for the delays of all blocks.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import partial
 from typing import Any, NamedTuple, cast
 
@@ -59,7 +59,8 @@ class _Parameter(NamedTuple):
     """A numeric parameter or initial state of one system, a number or an array.
 
     The functions `read` and `write` access its value in a Context. `elements` contains
-    the names of its elements, if they have names. `range` is as in Scalar.
+    the names of its elements, if they have names. `range` is as in Scalar; `path` and
+    `system` are the system's.
     """
 
     name: str
@@ -70,6 +71,7 @@ class _Parameter(NamedTuple):
     is_delay: bool = False
     is_state: bool = False
     path: str = ""
+    system: System | None = None
     range: Range | None = None
 
     @property
@@ -131,21 +133,26 @@ def SetNumbers(
     Raises:
         ScenarioError: If there is no such number, or the value is not allowed.
     """
-    known = _NumbersIn(diagram, context)
+    known = _NumbersIn(diagram, context, numbers)
     delays = [name for name, parameter in known.items() if parameter.is_delay]
-    paths = set()
+    changed = {}
     for name, value in numbers.items():
         number = np.asarray(value, dtype=float)
         if not np.isfinite(number).all():
             Refuse(name, value, "finite")
         for each in delays if name == "delay" and delays else [name]:
-            paths.add(_Set(known, each, number))
-    changed = {system for system, path in PathsIn(diagram) if path in paths}
+            whole = each if each in known else each.partition("(")[0]
+            if whole not in known:
+                names = list(_NumbersIn(diagram, context))
+                Refuse("parameter", name, Choices(name, names))
+            _Set(known[whole], whole, each, number)
+            changed[known[whole].path] = known[whole].system
+    # What is not allowed together is refused when all are set.
     contexts = ContextsIn(diagram, context)
-    for system, path in PathsIn(diagram):
-        if path in paths and isinstance(system, KernelBlock):
+    for path, system in changed.items():
+        if isinstance(system, KernelBlock):
             system.kernel_parameters.Check(contexts[system], path)
-    return changed
+    return set(changed.values())
 
 
 def CheckNumbers(diagram: System, context: Context) -> None:
@@ -203,14 +210,15 @@ def ScalarsIn(diagram: System, context: Context) -> dict[str, Scalar]:
     return scalars
 
 
-def _Set(known: Mapping[str, _Parameter], name: str, number: Array) -> str:
-    """Sets one parameter, or one element of it; returns the path of its system."""
-    whole, bracket, inside = (name, "", "") if name in known else name.partition("(")
-    if whole not in known:
-        Refuse("parameter", name, Choices(name, list(known)))
-    parameter = known[whole]
+def _Set(parameter: _Parameter, whole: str, name: str, number: Array) -> None:
+    """Sets one parameter, or one element of it.
+
+    Args:
+        whole: The full name of the parameter.
+        name: The full name of the parameter or of its element.
+    """
     value = parameter.value
-    if not bracket:
+    if name == whole:
         if number.shape not in ((), value.shape):
             Refuse(name, number, f"a number or an array of shape {value.shape}")
         is_scaled = parameter.range is not None and parameter.range.is_matrix
@@ -218,7 +226,7 @@ def _Set(known: Mapping[str, _Parameter], name: str, number: Array) -> str:
     else:
         if number.ndim:
             Refuse(name, number, "a number")
-        words = inside.removesuffix(")").split(",")
+        words = name.partition("(")[2].removesuffix(")").split(",")
         place = parameter.places.get(",".join(word.strip() for word in words))
         if place is None:
             allowed = f"a place in an array of shape {value.shape}"
@@ -228,26 +236,40 @@ def _Set(known: Mapping[str, _Parameter], name: str, number: Array) -> str:
         value[place] = number
     parameter.Check(whole, value)
     parameter.write(value)
-    return parameter.path
 
 
 def _AsNumber(array: Array) -> float | Array:
     return array.item() if array.ndim == 0 else array
 
 
-def _NumbersIn(diagram: System, context: Context) -> dict[str, _Parameter]:
-    """Returns the parameters and states of all systems in a diagram by full names."""
+def _NumbersIn(
+    diagram: System, context: Context, names: Collection[str] | None = None
+) -> dict[str, _Parameter]:
+    """Returns the parameters and states of the systems in a diagram by full names.
+
+    Args:
+        names: If given, only those systems are read that may have these numbers.
+    """
     contexts = ContextsIn(diagram, context)
     found = {}
     for system, path in PathsIn(diagram):
         if isinstance(system, Diagram):
             continue
+        if names is not None and not any(_MayBe(x, system, path) for x in names):
+            continue
         own = contexts[system]
         for number in (*_ParametersOf(system, own), *_StatesOf(system, own)):
             sign = "/" if number.is_state else "."
             name = f"{path}{sign}{number.name}" if path else number.name
-            found[name] = number._replace(path=path)
+            found[name] = number._replace(path=path, system=system)
     return found
+
+
+def _MayBe(name: str, system: System, path: str) -> bool:
+    """Returns whether a system with a path may have a number of a full name."""
+    if name == "delay" and isinstance(system, KernelBlock) and system.delays:
+        return True
+    return not path or name.startswith((f"{path}.", f"{path}/"))
 
 
 def _InVector(

@@ -3,7 +3,7 @@
 import functools
 import inspect
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -348,6 +348,8 @@ def MakeModel(
     *,
     signals: Mapping[str, OutputPort] | None = None,
     suppress_initialization_events: bool = False,
+    like: Model | None = None,
+    changed: Collection[System] = (),
 ) -> Model:
     """Returns the model of a diagram's run, without metrics.
 
@@ -358,6 +360,9 @@ def MakeModel(
         context: The initial Context, which is not changed; None: the default Context.
         signals: The output port of each shown signal, by name; None: SignalsOf().
         suppress_initialization_events: As for simulate().
+        like: The model of the diagram with other numbers, whose program is kept if
+            possible; None: there is none.
+        changed: The blocks whose numbers differ from those of `like`.
 
     Raises:
         UnsupportedSystem: If a block has no kernel; the message names the block.
@@ -368,23 +373,11 @@ def MakeModel(
         suppress_initialization_events=suppress_initialization_events,
     )
     shown = SignalsOf(diagram) if signals is None else signals
-
-    def Read(*, has_zero_delays: bool) -> Evaluator:
-        return Evaluator(
-            diagram,
-            context,
-            has_zero_delays=has_zero_delays,
-            recorded=shown.values(),
-            needs_states=False,
-        )
-
-    # Delays may be 0 unless an algebraic loop would result.
-    try:
-        evaluator = Read(has_zero_delays=True)
-        has_zero_delays = True
-    except AlgebraicLoop:
-        evaluator = Read(has_zero_delays=False)
-        has_zero_delays = False
+    if like is None:
+        evaluator, has_zero_delays = _MakeEvaluator(diagram, context, shown)
+    else:
+        evaluator = like.run.evaluator.With(context, changed)
+        has_zero_delays = like.has_zero_delays
     end = context.get_time() + duration
     max_step = min(config.max_step_size, LongestStep(diagram, context, of_delays=False))
     run = CompiledRun(
@@ -423,3 +416,26 @@ def MakeModel(
         },
         plants=TreesIn(diagram, context, evaluator.left_out),
     )
+
+
+def _MakeEvaluator(
+    diagram: System, context: Context, signals: Mapping[str, OutputPort]
+) -> tuple[Evaluator, bool]:
+    """Returns the evaluator of a diagram, and whether constant delays may be 0.
+
+    They may be 0 unless an algebraic loop would result.
+    """
+
+    def Read(*, has_zero_delays: bool) -> Evaluator:
+        return Evaluator(
+            diagram,
+            context,
+            has_zero_delays=has_zero_delays,
+            recorded=signals.values(),
+            needs_states=False,
+        )
+
+    try:
+        return Read(has_zero_delays=True), True
+    except AlgebraicLoop:
+        return Read(has_zero_delays=False), False

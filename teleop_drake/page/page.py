@@ -221,18 +221,24 @@ def _DiagramJob(
 def _OfDiagram(job: Job, vary: Ranges | None, notes: list[str]) -> dict[str, Any]:
     """Returns the data of a diagram's page for its script, except the scopes."""
     system = job.diagram
+    base: Model | None = None
 
     def Make(values: Mapping[str, float]) -> Model:
-        """Returns the run at values of inputs."""
-        changed = job.context.Clone()
-        SetNumbers(system, changed, values)
-        return MakeModel(
+        """Returns the run at values of inputs; the first one is without any."""
+        nonlocal base
+        context = job.context.Clone()
+        changed = SetNumbers(system, context, values)
+        model = MakeModel(
             system,
             job.config,
             job.duration,
-            changed,
+            context,
             suppress_initialization_events=job.suppress_initialization_events,
+            like=base,
+            changed=changed,
         )
+        base = base or model
+        return model
 
     # A diagram has one run, which takes the place of a controller's.
     title = NameOf(system)
