@@ -22,7 +22,7 @@ from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.engine.block_events import CheckEvents
-from teleop_drake.engine.flatten import Flatten, UnsupportedSystem
+from teleop_drake.engine.flatten import Flatten, Source, UnsupportedSystem
 from teleop_drake.engine.left_out import EmptyKernel, FindLeftOut
 from teleop_drake.engine.plant_kernel import PlantKernel
 from teleop_drake.engine.primitives import IsOfDrake, PrimitiveKernel
@@ -217,20 +217,73 @@ class Evaluator:
             AlgebraicLoop: If a signal depends on itself, see Evaluator.
         """
         contexts = ContextsIn(self.system, context)
-        kernels = list(self.program.kernels)
-        for i, block in enumerate(self.blocks):
-            if block.system in changed and i not in self._left_out:
-                kernel = KernelOf(block.system, contexts[block.system])
-                kernels[i] = self._Extended(block.system, kernel)
+        kernels = {
+            i: self._Extended(
+                block.system, KernelOf(block.system, contexts[block.system])
+            )
+            for i, block in enumerate(self.blocks)
+            if block.system in changed and i not in self._left_out
+        }
+        other = self._WithKernels(kernels)
+        if other is None:
+            other = copy.copy(self)
+            in_order = [kernels.get(i, x) for i, x in enumerate(self.program.kernels)]
+            other._SetProgram(Program(self.blocks, in_order), [self, *kept])
+        return other
+
+    def WithBlocks(
+        self, path: str, system: System, contexts: Mapping[System, Context]
+    ) -> "Evaluator | None":
+        """Returns an evaluator with another system in the place of one.
+
+        Args:
+            path: The path of the system that is replaced.
+            system: The other system.
+            contexts: The Contexts of the other system and of the systems in it.
+
+        Returns:
+            The evaluator, which has the same code; None if the system does not fit.
+
+        Raises:
+            UnsupportedSystem: If a block has no kernel.
+        """
+        found = Flatten(system, path)
+        is_inside = [f"{block.path}/".startswith(f"{path}/") for block in self.blocks]
+        first = is_inside.index(True)
+        blocks = list(self.blocks)
+        kernels = {}
+        for i, block in enumerate(found, first):
+            own = self.blocks[i]
+            # Connections within the system are new, those from outside remain.
+            inner = {
+                port: Source(source.block + first, source.port)
+                for port, source in block.inputs.items()
+            }
+            inputs = own.inputs | inner
+            if not is_inside[i] or (own.path, own.inputs) != (block.path, inputs):
+                return None
+            blocks[i] = replace(block, inputs=inputs)
+            kernels[i] = KernelOf(block.system, contexts[block.system])
+        if len(found) != sum(is_inside):
+            return None
+        other = self._WithKernels(kernels)
+        if other is not None:
+            other.blocks = blocks
+        return other
+
+    def _WithKernels(self, kernels: Mapping[int, Kernel]) -> "Evaluator | None":
+        """Returns an evaluator with other kernels of some blocks, by their indices.
+
+        Returns None if their numbers do not fit into the program.
+        """
+        in_order = [kernels.get(i, x) for i, x in enumerate(self.program.kernels)]
+        program = self.program.With(in_order)
+        if program is None:
+            return None
         other = copy.copy(self)
-        program = self.program.With(kernels)
-        if program is not None:
-            other.program = program
+        other.program = program
+        if not self._as_machine_code:
             other.function = program.Evaluate
-            if self._as_machine_code:
-                other.function = self.function
-        else:
-            other._SetProgram(Program(self.blocks, kernels), [self, *kept])
         return other
 
     def _Extended(self, system: System, kernel: Kernel) -> Kernel:

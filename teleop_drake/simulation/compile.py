@@ -6,8 +6,9 @@
 
 The machine code contains no numbers of the scenario, so one program serves all runs.
 Making a teleoperator takes far longer than running it. Therefore a run remakes only the
-blocks that its changes affect: the channels, the environment, the sides of the
-architecture. Other changes remake the whole diagram, which still uses the program.
+blocks that its changes affect: the channels, the sides of the architecture, the
+operator, the environment. A change of the robot remakes the whole diagram, which still
+uses the program.
 """
 
 import copy
@@ -24,11 +25,9 @@ from teleop_drake.blocks.environments import CONTACT, FindSurface, SurfacesOf
 from teleop_drake.blocks.robots.facts import FactsOfConfig
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.engine.check import HoldsOwnCode
-from teleop_drake.engine.evaluator import KernelOf
-from teleop_drake.engine.flatten import Block, Flatten, Source, UnsupportedSystem
-from teleop_drake.engine.program import Program
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.engine.run import Visited
-from teleop_drake.kernel import Kernel
 from teleop_drake.recording import Recording
 from teleop_drake.scenario import (
     AnyScenario,
@@ -57,7 +56,11 @@ _OF_THE_RUN = {"name", "description", "duration", "simulator", "divergence_speed
 _OF_CHANNELS = {*_OF_THE_RUN, *CHANNELS}
 
 # Fields that affect only systems that can be replaced in a compiled diagram.
-_OF_PARTS = {*_OF_CHANNELS, "controller", "environment"}
+_OF_PARTS = {
+    *_OF_CHANNELS,
+    *("controller", "actuator", "sensor"),
+    *("environment", "surgeon", "haptic_device"),
+}
 
 
 class NeedsAnotherProgram(ScenarioError):
@@ -234,9 +237,8 @@ class CompiledScenario:
         is_free = _IsOfPackage(chosen) and not chosen.derives_from_channels
         if not (is_free and fields <= _OF_CHANNELS):
             environment = self._compiled.diagram.GetSubsystemByName("environment")
-            if "environment" in fields:
-                environment = _AddEnvironment(parts, scenario)
-            facts = scenario.Facts(environment=environment)
+            _AddOutside(parts, scenario, fields, environment)
+            facts = scenario.Facts(environment=parts.get("environment", environment))
             architecture = MakeArchitecture(scenario, facts=facts)
             slave_side = architecture.slave_side
             parts["controller"] = WithDrivesAndSensors(slave_side, scenario)
@@ -276,16 +278,31 @@ def _Named(changes: Mapping[str, Any]) -> str:
     return ", ".join(f"{key} = {value!r}" for key, value in changes.items())
 
 
-def _AddEnvironment(parts: dict[str, System], scenario: Any) -> System:
-    """Adds the environment of a scenario and its operator; returns the environment."""
+def _AddOutside(
+    parts: dict[str, System], scenario: Any, fields: set[str], environment: System
+) -> None:
+    """Adds the changed ones of the environment, the operator and the haptic device.
+
+    The operator perceives contact at a surface of the environment.
+
+    Args:
+        parts: The systems by their paths, to which they are added.
+        scenario: The changed scenario.
+        fields: The fields of the scenario that changed.
+        environment: The environment of the compiled diagram.
+    """
     start = scenario.robot.start
-    environment: System = scenario.environment.MakeEnvironment(start)
-    contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
-    parts["environment"] = environment
-    parts["master/surgeon"] = scenario.surgeon.MakeOperator(
-        start=start, contact_surface=contact
-    )
-    return environment
+    if "environment" in fields:
+        environment = scenario.environment.MakeEnvironment(start)
+        parts["environment"] = environment
+    if fields & {"environment", "surgeon"}:
+        contact = FindSurface(SurfacesOf(environment) or (), CONTACT)
+        operator = scenario.surgeon.MakeOperator(start=start, contact_surface=contact)
+        operator.set_name("surgeon")
+        parts["master/surgeon"] = operator
+    if "haptic_device" in fields:
+        device = scenario.haptic_device.MakeDevice(scenario.num_axes)
+        parts["master/haptic_device"] = device
 
 
 def _With(
@@ -293,93 +310,55 @@ def _With(
 ) -> CompiledDiagram | None:
     """Returns a compiled diagram with replaced systems, None if they do not fit.
 
-    They fit if the machine code of the diagram remains the same.
-
     Args:
         parts: The new systems, by the paths of the systems that they replace.
         scenario: The changed scenario.
     """
-    program = compiled.evaluator.program
-    blocks = list(compiled.evaluator.blocks)
-    kernels = list(program.kernels)
-    contexts: dict[int, Context] = {}
+    evaluator: Evaluator | None = compiled.evaluator
+    contexts: dict[System, Context] = {}
     try:
         for path, system in parts.items():
-            context = _StartOfPart(system, path, scenario)
-            replaced = _Replace(blocks, kernels, path, system, context)
-            if replaced is None:
+            assert evaluator is not None
+            own = ContextsIn(system, _StartOfPart(system, path, scenario))
+            evaluator = evaluator.WithBlocks(path, system, own)
+            if evaluator is None:
                 return None
-            contexts |= replaced
-        changed = Program(blocks, kernels)
+            contexts |= own
     except UnsupportedSystem:
         return None
-    if not changed.HasCodeOf(program):
+    assert evaluator is not None
+    if not _HasSteps(compiled.evaluator, evaluator):
         return None
     # Only the initial values of the new systems differ.
+    program = evaluator.program
     start = Visited(compiled.start.t, *(array.copy() for array in compiled.start[1:]))
-    for i, context in contexts.items():
-        state = context.get_continuous_state_vector()
-        start.x[program.states[i]] = state.CopyToVector()
-        if not kernels[i].delays:
-            start.m[program.modes[i]] = DiscreteState(context)
-    for delay, _, columns in changed.delays:
+    for i, block in enumerate(evaluator.blocks):
+        if block.system in contexts:
+            own = contexts[block.system]
+            state = own.get_continuous_state_vector()
+            start.x[program.states[i]] = state.CopyToVector()
+            if not program.kernels[i].delays:
+                start.m[program.modes[i]] = DiscreteState(own)
+    for delay, _, columns in program.delays:
         start.y[columns] = delay.initial_value
-    evaluator = copy.copy(compiled.evaluator)
-    evaluator.blocks = blocks
-    evaluator.program = changed
     return dataclasses.replace(
         compiled, evaluator=evaluator, start=start, parts=dict(parts)
     )
 
 
-def _Replace(
-    blocks: list[Block],
-    kernels: list[Kernel],
-    path: str,
-    system: System,
-    context: Context,
-) -> dict[int, Context] | None:
-    """Replaces one system of a compiled diagram, in its lists of blocks and kernels.
-
-    Args:
-        blocks: The blocks of the diagram; changed in place.
-        kernels: The kernel of each block; changed in place.
-        path: The path of the system that is replaced.
-        system: The new system.
-        context: The Context of the new system.
-
-    Returns:
-        The Contexts of the new system's blocks, by the index of the block; None if the
-        system does not fit.
-
-    Raises:
-        UnsupportedSystem: If one of its blocks has no kernel.
-    """
-    found = Flatten(system, path)
-    is_inside = [f"{block.path}/".startswith(f"{path}/") for block in blocks]
-    if sum(is_inside) != len(found):
-        return None
-    contexts = ContextsIn(system, context)
-    first = is_inside.index(True)
-    for i, block in enumerate(found, first):
-        kernel = KernelOf(block.system, contexts[block.system])
-        own, other = (
-            getattr(x.system, "longest_step", None) for x in (block, blocks[i])
-        )
+def _HasSteps(evaluator: Evaluator, other: Evaluator) -> bool:
+    """Returns whether other blocks of an evaluator allow the same steps and starts."""
+    pairs = zip(evaluator.blocks, other.blocks, other.program.kernels, strict=True)
+    for block, own, kernel in pairs:
+        steps = [getattr(x.system, "longest_step", None) for x in (block, own)]
         # The longest step of a delay matters in Drake's Simulator only.
-        if own != other and not kernel.delays:
-            return None
+        if steps[0] != steps[1] and not kernel.delays:
+            return False
         # Only for an environment does _StartOfPart() find the initial mode.
-        if kernel.initial_mode is not None and path != "environment":
-            return None
-        # Connections within the system are new, those from outside remain.
-        inner = {
-            port: Source(source.block + first, source.port)
-            for port, source in block.inputs.items()
-        }
-        blocks[i] = dataclasses.replace(block, inputs=blocks[i].inputs | inner)
-        kernels[i] = kernel
-    return {i: contexts[block.system] for i, block in enumerate(found, first)}
+        is_new = block.system is not own.system
+        if is_new and kernel.initial_mode is not None and own.path != "environment":
+            return False
+    return True
 
 
 def _StartOfPart(system: System, path: str, scenario: Any) -> Context:

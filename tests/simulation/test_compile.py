@@ -131,6 +131,66 @@ def test_runs_with_other_numbers_are_those_of_simulate(task, kind, num, made, tr
         assert Numbers(simulate(Load(task, kind, **changes))) == numbers
 
 
+# What stands in the loop, and two changes of numbers of it.
+OUTSIDE = {
+    "operator": ({}, {"surgeon.velocity": [0.004]}, {"surgeon.contact_force": [0.01]}),
+    "human": (
+        {"surgeon.kind": "human"},
+        {"surgeon.crossover_frequency": 1.4},
+        {"surgeon.reaction_delay": 0.1, "environment.layers.bone.stiffness": 90.0},
+    ),
+    "stop": (
+        {"surgeon.stop_time": 0.3},
+        {"surgeon.stop_time": 0.5},
+        {"surgeon.stop_time": 0.0},
+    ),
+    "trapezoid": (
+        {"surgeon.kind": "trapezoid", "surgeon.rise_time": 0.2},
+        {"surgeon.rise_time": 0.4},
+        {"surgeon.velocity": [-0.002]},
+    ),
+    "device": (
+        {},
+        {"haptic_device.denominator": [1.0, 3.0, 0.0]},
+        {"haptic_device.numerator": [0.3, 1.2]},
+    ),
+    "actuator": (
+        {"actuator.bandwidth": 60.0},
+        {"actuator.bandwidth": 90.0},
+        {"actuator.bandwidth": 90.0, "controller.G1": 3.0},
+    ),
+    "sensor": (
+        {"sensor.encoder": {"sample_period": 0.004}},
+        {"sensor.encoder.sample_period": 0.01},
+        {"sensor.encoder.resolution": 1e-6},
+    ),
+    "wall": (
+        {"environment": {"kind": "hunt_crossley", "start": 0.001, "stiffness": 60.0}},
+        {"environment.stiffness": 90.0, "surgeon.velocity": [0.006]},
+        {"environment.start": 0.0005},
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        *("operator", "human"),
+        *(pytest.param(x, marks=pytest.mark.slow) for x in list(OUTSIDE)[2:]),
+    ],
+)
+def test_a_change_of_another_block_than_the_robot_makes_no_diagram(scene, made, traced):
+    given, *runs = OUTSIDE[scene]
+    given = {**SHORT, "duration": 0.4, **given}
+    kind = "proportional_damping" if scene == "operator" else "adaptive_backstepping"
+    given |= {"controller.kind": kind}
+    program = Compile(LoadScenario("one_dof", given))
+    found = [Numbers(program.Run(**changes)) for changes in runs]
+    assert len(made) == len(traced) == 1
+    for changes, numbers in zip(runs, found, strict=True):
+        assert Numbers(simulate(LoadScenario("one_dof", given | changes))) == numbers
+
+
 # Numbers of a scenario, each with values that are likely to be special.
 VALUES = {
     "delay": [0.02, 0.3],
