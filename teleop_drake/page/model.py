@@ -267,7 +267,7 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
     signals = {name: ports[port] for name, port in model.Signals().items()}
     sizes = {name: size for name, (_, size, _) in signals.items()}
     # Each bound is given by the columns of its signal in a row of y.
-    bounds = BoundsOf(diagram, sizes, BoundOf(task, scenario))
+    bounds = BoundsOf(SystemsByPath(diagram), sizes, BoundOf(task, scenario))
     rows = [
         (signals[bound.signal][0] + bound.first, bound.size, bound.lower, bound.upper)
         for bound in bounds

@@ -174,7 +174,13 @@ class CompiledScenario:
             scenario, compiled = self._Changed(changes)
         else:
             scenario, compiled = self.scenario, self._compiled
-        job = JobOf(scenario, self._task, compiled.diagram, compiled.context)
+        job = JobOf(
+            scenario,
+            self._task,
+            compiled.diagram,
+            compiled.context,
+            signals=compiled.signals,
+        )
         return Finish(scenario, self._task, job, compiled.Run(job), [])
 
     def _Changed(self, changes: Mapping[str, Any]) -> tuple[Any, CompiledDiagram]:

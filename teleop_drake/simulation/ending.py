@@ -5,13 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import System
 
 from teleop_drake.arrays import Array
 from teleop_drake.laws.task_space import MAX_ROTATION
 from teleop_drake.numerics.pieces import Pieces
 from teleop_drake.numerics.step_polynomials import part
-from teleop_drake.signals import SystemsByPath
 from teleop_drake.simulation.run import Ending, NormBound, Outcome
 
 # Tolerance of a joint's limits, rad or m, for rounding errors of a pose at a limit.
@@ -52,7 +51,7 @@ class Bound(NamedTuple):
 
 
 def BoundsOf(
-    diagram: Diagram, sizes: Mapping[str, int], limit: NormBound
+    systems: Mapping[str, System], sizes: Mapping[str, int], limit: NormBound
 ) -> list[Bound]:
     """Returns the bounds of a loop's runs, the bound of the tool's speed first.
 
@@ -61,7 +60,7 @@ def BoundsOf(
     `plant` does not have them. A joint without limits has an infinite range.
 
     Args:
-        diagram: The simulated Diagram.
+        systems: The systems of the simulated Diagram, by their paths.
         sizes: The sizes of the recorded signals, by name.
         limit: The bound of the tool's velocity.
     """
@@ -69,7 +68,7 @@ def BoundsOf(
     speed = limit.largest
     size = sizes["tool_velocity"]
     bounds = [Bound(name, "", "tool_velocity", 0, size, -speed, speed)]
-    plant = SystemsByPath(diagram).get("robot/plant")
+    plant = systems.get("robot/plant")
     if not isinstance(plant, MultibodyPlant) or "joint_position" not in sizes:
         return bounds
     bounds += _JointBounds(plant)
@@ -81,7 +80,7 @@ def BoundsOf(
     return bounds
 
 
-def EndAtBound(diagram: Diagram, limit: NormBound, run: Outcome) -> None:
+def EndAtBound(limit: NormBound, run: Outcome) -> None:
     """Cuts off a run, in place, where a signal first leaves one of its bounds.
 
     The bound of the speed counts only if the speed limit ended the run. Otherwise an
@@ -89,7 +88,7 @@ def EndAtBound(diagram: Diagram, limit: NormBound, run: Outcome) -> None:
     """
     times, signals, steps = run.series
     sizes = {name: samples.shape[1] for name, samples in signals.items()}
-    speed, *others = BoundsOf(diagram, sizes, limit)
+    speed, *others = BoundsOf(run.systems, sizes, limit)
     pieces = Pieces(times, steps)
     ends: dict[Bound, float] = {}
     for bound in [speed, *others] if run.is_beyond_bound else others:

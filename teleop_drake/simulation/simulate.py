@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, cast
 
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.framework import Context, Diagram, OutputPort, System
 
 from teleop_drake.blocks.channels.network import NetworkDelay
 from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
@@ -215,14 +215,21 @@ def JobOf(
     diagram: Diagram,
     context: Context,
     progress: Callable[[float], None] | None = None,
+    signals: Mapping[str, OutputPort] | None = None,
 ) -> Job:
-    """Returns the specification of a scenario's run."""
+    """Returns the specification of a scenario's run.
+
+    Args:
+        signals: The signals to record, by name; None: those of the loop.
+    """
+    if signals is None:
+        signals = NamedSignals(diagram.GetSystems())
     return Job(
         diagram=diagram,
         context=context,
         config=scenario.simulator,
         duration=scenario.duration,
-        signals=NamedSignals(diagram.GetSystems()),
+        signals=signals,
         bound=BoundOf(task, scenario),
         progress=progress,
     )
@@ -237,7 +244,7 @@ def Finish(
 ) -> Recording:
     """Cuts off a scenario's run where it leaves a bound, and makes its recording."""
     _EndWhereFinite(run)
-    EndAtBound(job.diagram, job.bound, run)
+    EndAtBound(job.bound, run)
     return MakeRecording(scenario, job.config, run, notes, task.FindEvents)
 
 
