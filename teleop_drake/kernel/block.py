@@ -19,6 +19,7 @@ from pydrake.systems.framework import (
     LeafSystem,
     LeafSystem_,
     SystemScalarConverter,
+    WitnessFunction,
 )
 
 from teleop_drake.kernel.delay_line import DelayLine
@@ -228,6 +229,12 @@ class KernelBlock(_Rated, EventBlock):
         for simulator, look in self._watching.items():
             look(simulator)
         super().DoCalcTimeDerivatives(context, derivatives)
+
+    def DoGetWitnessFunctions(self, context: Context) -> list[WitnessFunction]:
+        """Returns the guards; called by Drake at the start of a step, after updates."""
+        for line in self.delays:
+            line.BeginStep(context)
+        return super().DoGetWitnessFunctions(context)
 
     def LongestStep(self, context: Context) -> float:
         """Returns the longest step in s that the solver may take; infinity: any."""

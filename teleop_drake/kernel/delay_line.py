@@ -1,6 +1,8 @@
 """Delays of continuous signals in Drake, made from the Delays of a kernel."""
 
 import math
+import warnings
+import weakref
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -84,7 +86,7 @@ class DelayLine:
     update is one of them. A jump made by another one is therefore recorded at that
     instant only if the delay line's update is executed once more. The Simulator of
     MakeSimulator() does so if a block has periodic discrete updates of one period.
-    Otherwise the jump is recorded at the end of the next step.
+    Otherwise the jump is recorded at the end of the next step, with a warning.
 
     A sample is stored by the first events of the step that follows it. If an input, a
     state or a parameter of the Context is changed before these events, the sample has
@@ -103,6 +105,8 @@ class DelayLine:
 
     Attributes:
         tickets: The prerequisites of the output.
+        repeating: The Simulators, or parts of them, that execute the updates of an
+            instant until no signal changes any more.
 
     Args:
         block: The block, which has declared its inputs and its parameters.
@@ -131,6 +135,8 @@ class DelayLine:
             DeclareTicks(block, Ticks(interval), None)
         block.DeclarePerStepUnrestrictedUpdateEvent(Weakly(self._RecordBeforeEvents))
         block.DeclarePerStepDiscreteUpdateEvent(Weakly(self._RecordAfterEvents))
+        self.repeating: weakref.WeakSet[Any] = weakref.WeakSet()
+        self._has_warned = False
 
     def IsUnderWay(self, context: Context) -> bool:
         """Returns whether a sample has been stored."""
@@ -321,6 +327,25 @@ class DelayLine:
             return EventStatus.DidNothing()
         values.set_value(self._jump, jump)
         return EventStatus.Succeeded()
+
+    def BeginStep(self, context: Context) -> None:
+        """Warns if an update at the start of a step made an unrecorded jump."""
+        if self.repeating or self._has_warned:
+            return
+        history = self._GetHistory(context)
+        is_recorded = history.now == self._Keys(context)[1]
+        if not is_recorded or self._HasJumped(context, history):
+            return
+        if self._signal.Eval(context).tolist() == history.values[-1].tolist():
+            return
+        self._has_warned = True
+        name = self._block.GetSystemPathname().removeprefix("::")
+        warnings.warn(
+            f"{name}: its signal jumps by a discrete update, as a held one does, and "
+            "Drake's own Simulator delays the jump as a ramp of one step. Use the "
+            "Simulator of teleop_drake.MakeSimulator(diagram, config).",
+            stacklevel=2,
+        )
 
 
 def _SampleInterval(max_sample_interval: float | None, shortest: float) -> float:

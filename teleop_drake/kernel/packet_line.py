@@ -141,6 +141,9 @@ class PacketLine:
             return jump
         return min(jump, self._shown(number))
 
+    def BeginStep(self, context: Context) -> None:
+        """Does nothing: no jump changes a packet."""
+
     def Eval(self, context: Context) -> Array:
         """Returns the value that is shown."""
         time = context.get_time()

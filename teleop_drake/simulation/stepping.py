@@ -95,11 +95,11 @@ class Stepping:
         # A Diagram itself is left out: its parts announce the same limits.
         systems = SystemsIn(diagram)[1:] or [diagram]
         self._jumping: list[Any] = [x for x in systems if hasattr(x, "NextJumpTime")]
-        self._has_delay_lines = any(
-            isinstance(line, DelayLine)
-            for system in systems
-            for line in getattr(system, "delays", ())
-        )
+        lines = [line for system in systems for line in getattr(system, "delays", ())]
+        delay_lines = [line for line in lines if isinstance(line, DelayLine)]
+        self._has_delay_lines = bool(delay_lines)
+        for line in delay_lines:
+            line.repeating.add(self)
         self._jump_times = {
             time for system in systems for time in getattr(system, "jump_times", ())
         }

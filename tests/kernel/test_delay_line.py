@@ -1,14 +1,25 @@
-"""A delay of one's own: a kernel that says T(t), and nothing else."""
+"""Delay lines: of one's own kernel, which says T(t), and in Drake's own Simulator."""
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from kernel_checks import CheckKernel
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
+from pydrake.systems.primitives import (
+    FirstOrderLowPassFilter,
+    LogVectorOutput,
+    Sine,
+    TrajectorySource,
+    ZeroOrderHold,
+)
 from pydrake.trajectories import PiecewisePolynomial
+from sources import Step
 
+from teleop_drake import MakeSimulator, TransportDelay, simulate
 from teleop_drake.kernel import Delay, Kernel, KernelBlock
+from teleop_drake.scenario.config import DefaultSimulator
 
 
 class Slowing(KernelBlock):
@@ -63,3 +74,52 @@ def test_it_has_no_feedthrough_and_says_how_long_steps_may_be():
     assert line.GetOutputPort("delayed_signal").size() == 2
     # The first packet is sent at time 0.
     assert line.NextJumpTime(line.CreateDefaultContext()) == pytest.approx(0.5)
+
+
+def behind(source):
+    """Returns a Diagram with a source in front of a delay and a filter."""
+    builder = DiagramBuilder()
+    parts = [source, TransportDelay(0.35, 1), FirstOrderLowPassFilter(0.05, 1)]
+    for name, part in zip(("source", "delay", "filter"), parts, strict=True):
+        builder.AddNamedSystem(name, part)
+    for part, target in pairwise(parts):
+        builder.Connect(part.get_output_port(0), target.get_input_port())
+    builder.ExportOutput(parts[-1].get_output_port(), "y")
+    diagram = builder.Build()
+    diagram.set_name("loop")
+    return diagram
+
+
+def held_sine():
+    """Returns a Diagram of a sine that is held for 0.1 s."""
+    builder = DiagramBuilder()
+    sine = builder.AddSystem(Sine(1.0, 6.0, 0.7, 1))
+    hold = builder.AddSystem(ZeroOrderHold(0.1, 1))
+    builder.Connect(sine.get_output_port(0), hold.get_input_port())
+    builder.ExportOutput(hold.get_output_port(), "held")
+    return builder.Build()
+
+
+def test_a_held_signal_in_drakes_own_simulator_has_a_warning():
+    """Its jumps are delayed as ramps: the output is wrong by more than a tenth."""
+    simulator = Simulator(behind(held_sine()))
+    simulator.get_mutable_context().SetAccuracy(1e-4)
+    match = r"^loop::delay: its signal jumps by a discrete update, .*MakeSimulator\("
+    with pytest.warns(UserWarning, match=match) as warned:
+        simulator.AdvanceTo(1.0)
+    assert len(warned) == 1
+
+
+@pytest.mark.parametrize(
+    "make",
+    [lambda: Sine(1.0, 6.0, 0.7, 1), lambda: Step(time=0.2, before=[0], after=[1])],
+    ids=["smooth", "unrestricted"],
+)
+def test_other_signals_in_drakes_own_simulator_have_none(make):
+    """Warnings are errors here."""
+    Simulator(behind(make())).AdvanceTo(1.0)
+
+
+def test_a_held_signal_in_the_simulator_of_the_package_has_none():
+    MakeSimulator(behind(held_sine()), DefaultSimulator()).AdvanceTo(0.3)
+    simulate(behind(held_sine()), duration=0.3, engine="drake")
