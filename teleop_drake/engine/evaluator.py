@@ -56,8 +56,11 @@ def KernelOf(system: System, context: Context) -> Kernel:
 def _OwnKernel(system: Any, context: Context) -> Kernel:
     """Returns the kernel of a block's method Kernel(), with the Context's parameters.
 
-    In the kernel of a user's LeafSystem, the value of a parameter may be a
-    NumericParameterIndex, which stands for the numeric parameter of the Context.
+    In the kernel of a user's LeafSystem, the value of a parameter may be the index of a
+    numeric parameter, which stands for its value in the Context: what
+    DeclareNumericParameter() returns, in pydrake a plain int, or a
+    NumericParameterIndex. A number is therefore written as a float, unless it is an int
+    that is the index of no parameter.
     """
     if isinstance(system, KernelBlock):
         kernel = KernelIn(system, context)
@@ -65,12 +68,19 @@ def _OwnKernel(system: Any, context: Context) -> Kernel:
         kernel = system.Kernel()
         parameters = dict(kernel.parameters)
         for name, value in parameters.items():
-            if isinstance(value, NumericParameterIndex):
+            if _IsIndex(value, context):
                 vector = context.get_numeric_parameter(value)
                 parameters[name] = vector.CopyToVector()
         kernel = replace(kernel, parameters=parameters)
     _CheckIsWhole(system, kernel)
     return kernel
+
+
+def _IsIndex(value: Any, context: Context) -> bool:
+    """Returns whether a value is the index of a numeric parameter of a Context."""
+    if type(value) is int:
+        return 0 <= value < context.num_numeric_parameter_groups()
+    return isinstance(value, NumericParameterIndex)
 
 
 def _CheckIsWhole(system: System, kernel: Kernel) -> None:

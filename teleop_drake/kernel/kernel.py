@@ -140,7 +140,8 @@ class Kernel:
         rate: The time derivatives of the continuous state, a term; None without state.
         parameters: Numbers, arrays, and named tuples of them, by name. Another value
             of the same type needs no new compilation. The derived parameters are
-            included.
+            included. In a user's LeafSystem, the index that DeclareNumericParameter()
+            returns stands for the value in the Context.
         derived: Parameters that follow from others, by name: a function, and the names
             of the parameters that it takes. They are computed once, not in each
             evaluation; `replace(kernel, parameters=...)` computes them anew.
