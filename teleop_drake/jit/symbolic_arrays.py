@@ -14,6 +14,7 @@ from teleop_drake.jit.symbols import (
     IsSame,
     KindOf,
     Number,
+    Rounded,
     Untraceable,
 )
 from teleop_drake.jit.tables import SHORTEST, Lookup
@@ -179,7 +180,10 @@ def Where(condition: Any, a: Any, b: Any) -> Any:
     kinds = {KindOf(a), KindOf(b)}
     if kinds == {bool}:
         return AsBoolean(result)
-    return result if float in kinds else AsWhole(result)
+    if float in kinds:
+        return result
+    rounded = condition.graph.Add("select", condition, Rounded(a), Rounded(b))
+    return AsWhole(result, None if rounded.ref == result.ref else rounded)
 
 
 _WHERE = np.frompyfunc(Where, 3, 1)

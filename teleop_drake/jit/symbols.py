@@ -23,6 +23,9 @@ class Untraceable(Exception):
         return f"{self.place}: {self.args[0]}" if self.place else str(self.args[0])
 
 
+# From here on, floats do not represent each whole number.
+_LARGEST = 2.0**53
+
 COMPARISONS = frozenset({"lt", "le", "gt", "ge", "eq", "ne"})
 """The operations that compare two numbers."""
 
@@ -110,9 +113,25 @@ def AsReal(value: Any) -> Any:
     return Number(value.graph, value.ref)
 
 
-def AsWhole(value: Any) -> Any:
-    """Returns a Number as a whole number."""
-    return Number(value.graph, AsReal(value).ref, int)
+def AsWhole(value: Any, rounded: Any = None) -> Any:
+    """Returns a Number as a whole number; see Number for `rounded`."""
+    ref = None if rounded is None else rounded.ref
+    return Number(value.graph, AsReal(value).ref, int, ref)
+
+
+def Rounded(value: Any) -> Any:
+    """Returns a number, or what floats make of a whole number; see Number."""
+    if isinstance(value, Number) and value.rounded is not None:
+        return Number(value.graph, value.rounded)
+    return value
+
+
+def _Exact(value: Any) -> Any:
+    """Returns a number; nan for a whole number that floats may have rounded."""
+    if not isinstance(value, Number) or value.rounded is None:
+        return value
+    is_exact = abs(AsReal(value)) < _LARGEST
+    return value.graph.Add("select", is_exact, AsReal(value), math.nan)
 
 
 def AsBoolean(value: Any) -> Any:
@@ -185,14 +204,23 @@ def _Arithmetic(operation: str, a: Any, b: Any) -> Any:
         raise Untraceable(
             "a sum of two comparisons, which numpy takes for `or`: write float()"
         )
-    result = _FoldedProduct(a, b) if operation == "mul" else None
-    if result is None:
-        result = Apply(operation, a, b)
-    if float in kinds or not isinstance(result, Number):
+    if float in kinds:
+        return _Combined(operation, a, b)
+    result = _Combined(operation, _Exact(a), _Exact(b))
+    if not isinstance(result, Number):
         return result
-    # Beyond 2^53, floats do not represent each whole number, as Python's ints do.
-    is_exact = abs(result) <= 2.0**53
-    return AsWhole(result.graph.Add("select", is_exact, result, math.nan))
+    return AsWhole(result, _Combined(operation, Rounded(a), Rounded(b)))
+
+
+def _Combined(operation: str, a: Any, b: Any) -> Any:
+    """Returns a sum, a difference or a product of floats."""
+    result = _FoldedProduct(a, b) if operation == "mul" else None
+    return Apply(operation, a, b) if result is None else result
+
+
+def _Compare(operation: str, a: Any, b: Any) -> Any:
+    """Returns a comparison; whole numbers beyond 2^53 are compared as floats."""
+    return Apply(operation, Rounded(a), Rounded(b))
 
 
 def _FoldedProduct(a: Any, b: Any) -> Any:
@@ -258,18 +286,28 @@ class Dispatched:
 class Number(Dispatched, Symbol):
     """A symbolic number: a node of a graph.
 
+    From 2^53 on, floats do not represent each whole number, as Python's ints do. The
+    result of an operation on two whole numbers is the float next to it. If it is an
+    operand of a further operation on whole numbers, the result is nan, because its
+    error could be of any size. Comparisons ignore the error.
+
     Attributes:
         graph: The tracing.Graph.
         ref: The node.
         kind: The type of the number in Python: bool, int or float.
+        rounded: For the result of an operation on whole numbers, the node of what
+            floats make of it, never nan; None for any other number.
     """
 
-    __slots__ = ("graph", "kind", "ref")
+    __slots__ = ("graph", "kind", "ref", "rounded")
 
-    def __init__(self, graph: Any, ref: Ref, kind: type = float):
+    def __init__(
+        self, graph: Any, ref: Ref, kind: type = float, rounded: Ref | None = None
+    ):
         self.graph = graph
         self.ref = ref
         self.kind = kind
+        self.rounded = rounded
 
     def __bool__(self) -> bool:
         """Returns the truth on the way that is being traced; see tracing."""
@@ -289,7 +327,7 @@ class Number(Dispatched, Symbol):
     def __neg__(self) -> Any:
         if self.kind is bool:
             raise Untraceable("the negative of a comparison: write float()")
-        return Number(self.graph, self.graph.Add("neg", self).ref, self.kind)
+        return self._Alike("neg")
 
     def __pos__(self) -> "Number":
         return self
@@ -297,7 +335,15 @@ class Number(Dispatched, Symbol):
     def __abs__(self) -> "Number":
         if self.kind is bool:
             return self
-        return Number(self.graph, self.graph.Add("fabs", self).ref, self.kind)
+        return self._Alike("fabs")
+
+    def _Alike(self, operation: str) -> "Number":
+        """Returns an operation on the Number, which has the same kind."""
+        value = self.graph.Add(operation, self)
+        rounded = None
+        if self.rounded is not None:
+            rounded = self.graph.Add(operation, Rounded(self)).ref
+        return Number(self.graph, value.ref, self.kind, rounded)
 
 
 _NUMBERS = (Number, bool, int, float, np.bool_, np.integer, np.floating)
@@ -310,5 +356,5 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "pow": _Power,
     "and": partial(_Logical, "and"),
     "or": partial(_Logical, "or"),
-    **{name: partial(Apply, name) for name in COMPARISONS},
+    **{name: partial(_Compare, name) for name in COMPARISONS},
 }

@@ -81,8 +81,14 @@ body:
   %item = load double, ptr %place
   %is_less = fcmp olt double %item, %x
   %is_equal = fcmp oeq double %item, %x
-  %counts = and i1 %is_equal, %is_right
-  %is_before = or i1 %is_less, %counts
+  %item_is_nan = fcmp uno double %item, %item
+  %x_is_nan = fcmp uno double %x, %x
+  %are_nan = and i1 %item_is_nan, %x_is_nan
+  %is_less_than_nan = icmp ult i1 %item_is_nan, %x_is_nan
+  %are_equal = or i1 %is_equal, %are_nan
+  %counts = and i1 %are_equal, %is_right
+  %is_less_or_nan = or i1 %is_less, %is_less_than_nan
+  %is_before = or i1 %is_less_or_nan, %counts
   %after = add i64 %middle, 1
   %next_low = select i1 %is_before, i64 %after, i64 %low
   %next_high = select i1 %is_before, i64 %high, i64 %middle
@@ -91,4 +97,7 @@ end:
   %result = sitofp i64 %low to double
   ret double %result
 }"""
-"""The search in LLVM's language: the number of elements before x."""
+"""The search in LLVM's language: the number of elements before x.
+
+For numpy, nan is larger than all numbers and equal to nan.
+"""

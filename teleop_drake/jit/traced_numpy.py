@@ -156,7 +156,9 @@ def _SearchSorted(a: Any, x: Any, side: str = "left") -> Any:
     count: Any = 0.0
     for item in a:
         is_before = item <= x if side == "right" else item < x
-        count = count + Where(is_before, 1.0, 0.0)
+        # For numpy, nan is larger than all numbers and equal to nan.
+        is_last = x != x if side == "right" else (x != x) & (item == item)
+        count = count + Where(is_before | is_last, 1.0, 0.0)
     return count
 
 
