@@ -112,5 +112,9 @@ def Kinds():
 @pytest.mark.parametrize(("name", "more"), [*Kinds()], ids=str)
 def test_every_kind(tmp_path, monkeypatch, name, more):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "v.csv").write_text("time,v_x\n0,0\n0.4,0.1\n2,0.1\n2.1,-0.05\n6,0")
+    # So many rows that they are searched where they lie.
+    times = np.linspace(0.0, 6.0, 61)
+    hand = np.interp(times, [0, 0.4, 2, 2.1, 6], [0, 0.1, 0.1, -0.05, 0])
+    rows = [f"{t:.3f},{v:.6f}" for t, v in zip(times, hand, strict=True)]
+    (tmp_path / "v.csv").write_text("\n".join(["time,v_x", *rows]))
     AssertSame(LoadScenario(name, more))
