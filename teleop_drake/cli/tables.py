@@ -50,10 +50,11 @@ def _Delay(channel: Any) -> str:
     trace = getattr(channel, "trace", None)
     if not trace:
         return f"{channel.delay:g} s"
-    from teleop_drake.blocks.channels.trace import ReadTrace
     from teleop_drake.kinds import FileOf
+    from teleop_drake.tables.measured import HALVED
+    from teleop_drake.tables.packets import ReadMeasured
 
-    is_halved = ReadTrace("trace", trace).is_halved
+    is_halved = ReadMeasured("trace", trace).kind == HALVED
     halved = " (half of its round trips)" if is_halved else ""
     return f"{channel.delay:g} s and {FileOf(trace)}{halved}"
 

@@ -1,5 +1,7 @@
 """Reads measured packets: when each was sent, and how long it took."""
 
+from teleop_drake.kinds import FileOf
+from teleop_drake.tables.histogram import Histogram, HistogramOf
 from teleop_drake.tables.json_reports import PacketsOfReport
 from teleop_drake.tables.measured import Packets as Packets
 from teleop_drake.tables.packet_table import ROLES, PacketsOfTable
@@ -14,11 +16,26 @@ from teleop_drake.tables.reader import (
 )
 from teleop_drake.tables.source import TableSource
 from teleop_drake.tables.table import Table
-from teleop_drake.validation import ScenarioError
+from teleop_drake.validation import ScenarioError, Show
 
 
 def ReadPackets(path: str, given: object) -> Packets:
     """Reads measured packets from a file.
+
+    The arguments and errors are those of ReadMeasured(). A histogram is refused, which
+    has no packets.
+    """
+    found = ReadMeasured(path, given)
+    if isinstance(found, Histogram):
+        raise ScenarioError(
+            f"{path} = {Show(FileOf(given))}: must have a column of times; it is a "
+            "histogram, from which only a channel of kind network draws delays"
+        )
+    return found
+
+
+def ReadMeasured(path: str, given: object) -> Packets | Histogram:
+    """Reads measured packets, or a histogram of their delays, from a file.
 
     The file is a table (see reader), the output of `ping` (see ping), or JSON of a tool
     that measures networks (see json_reports).
@@ -33,6 +50,8 @@ def ReadPackets(path: str, given: object) -> Packets:
     """
     source = TableSource.Of(path, given, ROLES, ("interval",))
     packets = _Read(source)
+    if isinstance(packets, Histogram):
+        return packets
     if len(packets.times) < 2:
         raise ScenarioError(
             f"{source.origin}: must have two packets, and has {len(packets.times)}"
@@ -44,7 +63,7 @@ def ReadPackets(path: str, given: object) -> Packets:
     return packets
 
 
-def _Read(source: TableSource) -> Packets:
+def _Read(source: TableSource) -> Packets | Histogram:
     origin = source.origin
     if IsBinary(source.file):
         return _OfTable(ReadTable(source.path, source.file), source)
@@ -62,6 +81,6 @@ def _Read(source: TableSource) -> Packets:
     return _OfTable(OfText(text, origin), source)
 
 
-def _OfTable(table: Table, source: TableSource) -> Packets:
+def _OfTable(table: Table, source: TableSource) -> Packets | Histogram:
     source.RefuseKeys("where a table is read, which has a column of times", "interval")
-    return PacketsOfTable(table, source)
+    return HistogramOf(table, source) or PacketsOfTable(table, source)

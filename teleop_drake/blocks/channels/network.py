@@ -1,7 +1,7 @@
 """A channel of packets with jitter, loss and reordering, and its receiver."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import field, replace
 
 import numpy as np
@@ -24,6 +24,8 @@ from teleop_drake.blocks.channels.packet_statistics import (
 from teleop_drake.blocks.channels.sampled import CheckSamplePeriod
 from teleop_drake.blocks.channels.trace import Trace
 from teleop_drake.blocks.channels.variable import DelayProfile, VaryingDelayConfig
+from teleop_drake.tables.histogram import Histogram
+from teleop_drake.tables.measured import HALVED
 from teleop_drake.validation import (
     REQUIRED,
     Config,
@@ -145,9 +147,29 @@ class NetworkChannelConfig(VaryingDelayConfig):
             stream: Name of the channel, as in MakeChannel.
             path: The channel's field in a scenario, for messages.
         """
-        profile, trace = self.Read(duration, path)
+        profile, trace = self.Read(duration, path, stream)
         with Within(path):
             return self._Network(profile, trace, stream)
+
+    def DrawTrace(self, duration: float, stream: str) -> Callable[[Histogram], Trace]:
+        """Returns a function that draws the delay of each packet from a histogram."""
+
+        def Draw(histogram: Histogram) -> Trace:
+            if math.isinf(duration):
+                Refuse("duration", duration, "finite with a histogram of delays (s)")
+            count = math.floor(duration / self.sample_period) + 2
+            name = f"{stream}/histogram".encode()
+            seeds = np.random.SeedSequence(self.seed, spawn_key=tuple(name))
+            shares = np.random.Generator(np.random.Philox(seeds)).random(count)
+            return Trace(
+                times=np.arange(count) * self.sample_period,
+                delays=histogram.Quantiles(shares),
+                is_lost=np.zeros(count, bool),
+                is_halved=histogram.kind == HALVED,
+                summary=histogram.Summary(),
+            )
+
+        return Draw
 
     def _Network(
         self, profile: DelayProfile, trace: Trace | None, stream: str
@@ -174,7 +196,7 @@ class NetworkChannelConfig(VaryingDelayConfig):
         stream: str = "",
     ) -> NetworkDelay:
         """Makes the block; see ChannelConfig.MakeChannel."""
-        profile, trace = self.Read(duration)
+        profile, trace = self.Read(duration, stream=stream)
         block = NetworkDelay(
             network=self._Network(profile, trace, stream),
             receiver=self.receiver,

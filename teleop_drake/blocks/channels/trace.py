@@ -4,7 +4,7 @@ tables.ReadPackets() tells which files there are.
 """
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,8 +12,9 @@ import numpy as np
 
 from teleop_drake.arrays import ArrayLike
 from teleop_drake.files import Replacing
+from teleop_drake.tables.histogram import Histogram
 from teleop_drake.tables.measured import HALVED
-from teleop_drake.tables.packets import ReadPackets
+from teleop_drake.tables.packets import ReadMeasured, ReadPackets
 from teleop_drake.validation import Refuse, ScenarioError, Show
 
 ENDS = ("refuse", "hold", "repeat")
@@ -90,12 +91,17 @@ def WriteTrace(
         np.savetxt(file, rows, "%.9g", ",", header="time_s,delay_s", comments="")
 
 
-def ReadTrace(path: str, file: str | Mapping[str, Any]) -> Trace:
+def ReadTrace(
+    path: str,
+    file: str | Mapping[str, Any],
+    draw: Callable[[Histogram], Trace] | None = None,
+) -> Trace:
     """Reads measured delays from a file.
 
     Args:
         path: The field that names the file, for messages.
-        file: The file, or a mapping with its columns; see tables.ReadPackets().
+        file: The file, or a mapping with its columns; see tables.ReadMeasured().
+        draw: A function that makes a trace from a histogram; None: it is refused.
 
     Returns:
         The trace, which has at least two entries.
@@ -103,7 +109,10 @@ def ReadTrace(path: str, file: str | Mapping[str, Any]) -> Trace:
     Raises:
         ScenarioError: If the file cannot be read or leaves anything unclear.
     """
-    packets = ReadPackets(path, file)
+    packets = ReadMeasured(path, file) if draw else ReadPackets(path, file)
+    if isinstance(packets, Histogram):
+        assert draw is not None
+        return draw(packets)
     is_lost = np.isnan(packets.delays)
     if is_lost.all():
         raise ScenarioError(

@@ -4,7 +4,7 @@ T(t) = delay + drift t + amplitude sin(frequency t + phase) + trace(t)
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NoReturn
 
@@ -20,6 +20,7 @@ from teleop_drake.blocks.channels.base import (
 from teleop_drake.blocks.channels.netem import Netem
 from teleop_drake.blocks.channels.trace import ENDS, ReadTrace, Trace
 from teleop_drake.kinds import FileOf, GivenFile
+from teleop_drake.tables.histogram import Histogram
 from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,
@@ -206,18 +207,20 @@ class VaryingDelayConfig(ChannelConfig):
     trace_end: str = "refuse"
 
     def Read(
-        self, duration: float, path: str = "channel"
+        self, duration: float, path: str = "channel", stream: str = ""
     ) -> tuple[DelayProfile, Trace | None]:
         """Returns the delay without jitter as a function of time, and the trace.
 
         Args:
             duration: The time until which the delay is needed, in s.
             path: The channel's field in a scenario, for messages.
+            stream: Name of the channel, as in MakeChannel.
         """
         CheckChoice(f"{path}.trace_end", self.trace_end, ENDS)
         trace = None
         if self.trace is not None:
-            trace = ReadTrace(f"{path}.trace", self.trace)
+            draw = self.DrawTrace(duration, stream)
+            trace = ReadTrace(f"{path}.trace", self.trace, draw)
         with Within(path):
             if trace is not None:
                 trace = trace.Until(duration, self.trace_end)
@@ -236,6 +239,15 @@ class VaryingDelayConfig(ChannelConfig):
                 duration=duration,
             )
         return profile, trace
+
+    def DrawTrace(
+        self, duration: float, stream: str
+    ) -> Callable[[Histogram], Trace] | None:
+        """Returns a function that draws a trace from a histogram of delays.
+
+        None: the channel has no packets, so that a histogram is refused.
+        """
+        return None
 
     def Profile(self, duration: float, path: str = "channel") -> DelayProfile:
         """Returns the delay without jitter as a function of time; reads the trace."""
