@@ -62,8 +62,11 @@ def _Leaves(contents: Mapping[str, Any], path: str) -> dict[str, Array]:
 
 
 def _ReadNumpy(file: str) -> dict[str, Array]:
-    with np.load(file, allow_pickle=False) as contents:
-        return _Leaves({name: contents[name] for name in contents.files}, "")
+    with open(file, "rb") as stream:
+        contents = np.load(stream, allow_pickle=False)
+        if not isinstance(contents, Mapping):
+            raise ValueError("it has one array without a name")
+        return _Leaves({name: contents[name] for name in contents}, "")
 
 
 def _ReadHdf5(file: str) -> dict[str, Array]:

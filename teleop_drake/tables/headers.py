@@ -99,7 +99,8 @@ class Header(NamedTuple):
 def ParseHeader(name: str) -> Header:
     """Returns the words and the unit of a column's name.
 
-    Text in square brackets is a unit, known or not. Text in parentheses, behind a `/`
+    Text in square brackets is a unit, known or not, except for the number of a
+    component, as in `tool_velocity[0]`. Text in parentheses, behind a `/`
     or behind a `_` is one only if it is a known unit.
     """
     name = name.strip().strip("\"'")
@@ -108,7 +109,7 @@ def ParseHeader(name: str) -> Header:
     if len(alone) > 2 and alone in UNITS and UNITS[alone].quantity == "time":
         return Header(("time",), alone)
     found = _BRACKETS.fullmatch(name)
-    if found and found[1]:
+    if found and found[1] and not (found[2] or "").strip().isdecimal():
         unit = CleanUnit(next(x for x in found.groups()[1:] if x is not None))
         if unit in UNITS or found[2] is not None:
             return Header(_Words(found[1]), unit)

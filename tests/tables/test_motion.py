@@ -39,6 +39,7 @@ VELOCITIES = {
     "8,900000000,0.001\n9,400000000,0.002\n".replace("8,", "1700000008,").replace(
         "9,4", "1700000009,4"
     ),
+    "of a run of the package": "time_s,tool_velocity[0]\n0,0.001\n0.5,0.002\n",
     "rows that are there twice": "t,v\n0,0.001\n0,0.001\n0.5,0.002\n",
 }
 
