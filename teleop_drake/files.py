@@ -11,9 +11,9 @@ from teleop_drake.validation import ScenarioError
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """File formats of figures, listed here to avoid the import of Matplotlib."""
 
-MAX_CHARACTERS = 300_000_000
-"""The longest text that is read: a trace of ten million packets is shorter. Without a
-limit, a device such as /dev/zero would be read for ever."""
+# The longest file that is read: a trace of ten million packets is shorter. Without a
+# limit, a device such as /dev/zero would be read for ever.
+_MAX_BYTES = 300_000_000
 
 
 @contextmanager
@@ -73,11 +73,26 @@ def ReadText(path: str | os.PathLike[str], origin: str) -> str:
             with `origin`.
     """
     try:
-        with open(path, encoding="utf-8-sig") as stream:
-            text = stream.read(MAX_CHARACTERS + 1)
-    except (OSError, ValueError) as e:
-        reason = getattr(e, "strerror", None) or "not UTF-8 text"
+        text = ReadBytes(path, origin).decode("utf-8-sig")
+    except UnicodeError:
+        raise ScenarioError(f"{origin}: must be readable (not UTF-8 text)") from None
+    # As Python's text files: each kind of line end becomes a newline.
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def ReadBytes(path: str | os.PathLike[str], origin: str) -> bytes:
+    """Returns the contents of a file.
+
+    Raises:
+        ScenarioError: If the file cannot be read or is too long; the message begins
+            with `origin`.
+    """
+    try:
+        with open(path, "rb") as stream:
+            data = stream.read(_MAX_BYTES + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "no name of a file"
         raise ScenarioError(f"{origin}: must be readable ({reason})") from None
-    if len(text) > MAX_CHARACTERS:
-        raise ScenarioError(f"{origin}: must have at most {MAX_CHARACTERS} characters")
-    return text
+    if len(data) > _MAX_BYTES:
+        raise ScenarioError(f"{origin}: must have at most {_MAX_BYTES} bytes")
+    return data

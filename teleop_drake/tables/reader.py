@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from teleop_drake.files import MAX_CHARACTERS
+from teleop_drake.files import ReadBytes
 from teleop_drake.tables.arrays_of_files import ReadArrays
 from teleop_drake.tables.split_stamps import JoinStamps
 from teleop_drake.tables.table import Table
@@ -98,14 +98,7 @@ def ReadAnyText(file: str, origin: str) -> str:
     Raises:
         ScenarioError: If the file cannot be read, or is too long, or is no text.
     """
-    try:
-        with open(file, "rb") as stream:
-            data = stream.read(MAX_CHARACTERS + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "no name of a file"
-        raise ScenarioError(f"{origin}: must be readable ({reason})") from None
-    if len(data) > MAX_CHARACTERS:
-        raise ScenarioError(f"{origin}: must have at most {MAX_CHARACTERS} bytes")
+    data = ReadBytes(file, origin)
     is_wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
     for encoding in ("utf-16",) if is_wide else ("utf-8-sig", "cp1252", "latin-1"):
         try:

@@ -1,4 +1,8 @@
-"""Text as rows of cells: the separator, the decimal comma, comments and the header."""
+"""Text as rows of cells: the separator, the decimal comma, comments and the header.
+
+pandas.read_csv() is not used: it fills rows that are too short in silence, and needs to
+be told the separator and the decimal mark.
+"""
 
 import csv
 import re

@@ -259,11 +259,11 @@ def test_base_60_is_no_number_in_a_file(number, tmp_path):
 
 
 def test_a_file_without_an_end_is_refused(monkeypatch):
-    monkeypatch.setattr(teleop_drake.files, "_MAX_CHARACTERS", 1000)
+    monkeypatch.setattr(teleop_drake.files, "_MAX_BYTES", 1000)
     for command in ("show", "check"):
         code, out, err = RunMain([command, "/dev/zero"])
         AssertBadInput(code, out, err)
-        assert "must have at most 1000 characters" in err
+        assert "must have at most 1000 bytes" in err
 
 
 def test_what_cannot_be_written_is_replaced(monkeypatch):
