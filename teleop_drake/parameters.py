@@ -21,7 +21,7 @@ from pydrake.systems.framework import Context, Diagram, System
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.kernel import KernelBlock
-from teleop_drake.signals import PathsIn
+from teleop_drake.signals import CheckSystem, PathsIn
 from teleop_drake.validation import Choices, GainMatrix, Range, Refuse
 
 
@@ -108,6 +108,7 @@ def NamedParameters(
     Returns:
         The value and the unit of each parameter, by `system/path.parameter`.
     """
+    CheckSystem("diagram", diagram)
     context = context or diagram.CreateDefaultContext()
     return {
         name: ParameterValue(_AsNumber(parameter.value), parameter.unit)

@@ -1,6 +1,7 @@
 """The record of a simulation: plain arrays, events and solver statistics."""
 
 import json
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
@@ -26,7 +27,7 @@ from teleop_drake.scenario import (
 )
 from teleop_drake.signals import AxesOf
 from teleop_drake.upper import UpperFunction
-from teleop_drake.validation import Choices, Refuse, Show
+from teleop_drake.validation import CheckKind, Choices, Refuse, Show
 
 if TYPE_CHECKING:
     import pandas
@@ -369,6 +370,15 @@ def _AsPlain(x: Any) -> Any:
     return x.tolist() if isinstance(x, np.ndarray) else asdict(x)
 
 
+def CheckRecording(path: str, value: Any) -> None:
+    """Refuses an argument that is not a Recording.
+
+    Raises:
+        WrongKind: If it is not.
+    """
+    CheckKind(path, value, Recording, "a Recording, which simulate() returns")
+
+
 def LoadRecording(path: str | Path) -> Recording:
     """Reads a recording that Recording.Save() wrote.
 
@@ -377,6 +387,7 @@ def LoadRecording(path: str | Path) -> Recording:
         ValueError: If the file is not a recording, or has another format. The message
             is one line.
     """
+    CheckKind("path", path, str | os.PathLike, "the path of a recording")
     try:
         # np.load() leaves a file open if it opened the file and cannot read it.
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:

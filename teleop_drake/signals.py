@@ -4,10 +4,11 @@ import itertools
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 from pydrake.systems.framework import Diagram, OutputPort, PortDataType, System
 
-from teleop_drake.validation import CheckChoice, CheckNames, Refuse
+from teleop_drake.validation import CheckChoice, CheckKind, CheckNames, Refuse
 from teleop_drake.wiring import OutputPorts
 
 # Signals whose name differs from the name of their port, by system and port.
@@ -164,6 +165,16 @@ def Visible(name: str) -> str:
 def NameOf(system: System) -> str:
     """Returns the name of a system, or the name of its class if it has none."""
     return Visible(system.get_name()) if _HasName(system) else ClassOf(system)
+
+
+def CheckSystem(path: str, value: Any) -> None:
+    """Refuses an argument that is not a System of Drake's.
+
+    Raises:
+        WrongKind: If it is not.
+    """
+    allowed = "a System of Drake's, such as a Diagram; MakeDiagram(scenario) makes one"
+    CheckKind(path, value, System, allowed)
 
 
 def ClassOf(system: System) -> str:

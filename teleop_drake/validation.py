@@ -10,6 +10,7 @@ import math
 import reprlib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, fields
+from types import UnionType
 from typing import Any, NoReturn, TypeVar, dataclass_transform, get_args
 
 import numpy as np
@@ -26,6 +27,10 @@ _T = TypeVar("_T")
 
 class ScenarioError(ValueError):
     """Bad input. Its text is one line: the field, its value and what is allowed."""
+
+
+class WrongKind(ScenarioError, TypeError):
+    """An argument that is not of a class that a function takes."""
 
 
 def Number(
@@ -143,6 +148,26 @@ def IsGiven(value: object) -> bool:
 def Refuse(path: str, value: Any, allowed: str) -> NoReturn:
     """Raises a ScenarioError with the text `path = value: must be allowed`."""
     raise ScenarioError(f"{path} = {Show(value)}: must be {allowed}")
+
+
+def CheckKind(
+    path: str, value: Any, kinds: type[Any] | UnionType, allowed: str
+) -> None:
+    """Refuses a value that is not of one of some classes.
+
+    Args:
+        path: The name of the argument.
+        allowed: What the argument may be and, for a value that a sister function takes,
+            the name of this function.
+
+    Raises:
+        WrongKind: If the value is of another class.
+    """
+    if isinstance(value, kinds):
+        return
+    is_plain = value is None or isinstance(value, str | int | float)
+    shown = Show(value) if is_plain else f"a {type(value).__name__}"
+    raise WrongKind(f"{path} = {shown}: must be {allowed}")
 
 
 @contextlib.contextmanager

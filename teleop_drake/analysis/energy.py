@@ -11,7 +11,7 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.numerics.step_polynomials import integrate_product
-from teleop_drake.recording import Recording
+from teleop_drake.recording import CheckRecording, Recording
 from teleop_drake.validation import Refuse
 
 
@@ -46,6 +46,7 @@ def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
     Raises:
         ValueError: If the recording is not that of a teleoperation.
     """
+    CheckRecording("recording", recording)
     v_felt = recording.felt_velocity
     if v_felt is None or "forward_packet_sent" not in recording:
         Refuse("recording", "without packets", "a run of a teleoperation")

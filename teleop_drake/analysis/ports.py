@@ -34,7 +34,9 @@ from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.engine.flatten import Block
 from teleop_drake.kernel.linear_part import LinearPartOf
 from teleop_drake.numerics.state_space import close_loops
-from teleop_drake.validation import Refuse, ScenarioError
+from teleop_drake.signals import NameOf
+from teleop_drake.simulation.inputs import CheckContext
+from teleop_drake.validation import CheckKind, Refuse, ScenarioError
 
 # The longest step of central differences, relative to values of 1 and more. Surfaces
 # must be farther away.
@@ -96,6 +98,7 @@ def LinearizePorts(
             operating point is no equilibrium and `is_moving` is not set, or a law bends
             there.
     """
+    _CheckKinds(diagram, context, input_port, output_port)
     function = CutDiagram(diagram, _CopyContext(diagram, context))
     contexts = function.contexts
     for port in (input_port, output_port or input_port):
@@ -201,6 +204,32 @@ def DelayMargin(
         diagram, context, port, is_opened=True, is_settled=True, is_moving=is_moving
     )
     return model.margins().delay
+
+
+def _CheckKinds(diagram: Any, context: Any, input_port: Any, output_port: Any) -> None:
+    """Refuses arguments of LinearizePorts() that are of other classes.
+
+    Raises:
+        ValueError: If an argument is of another class, or the Context is that of
+            another diagram.
+    """
+    allowed = "a Diagram; of a scenario, AnalyzeStability(scenario) finds the margins"
+    CheckKind("diagram", diagram, System, allowed)
+    allowed = f"one of {NameOf(diagram)}, as diagram.CreateDefaultContext() makes it"
+    CheckKind("context", context, Context, allowed)
+    CheckContext(diagram, context)
+    allowed = (
+        "an InputPort or OutputPort in the diagram, such as "
+        f"diagram.GetSubsystemByName({_NameIn(diagram)!r}).get_output_port()"
+    )
+    for port in (input_port, output_port or input_port):
+        CheckKind("port", port, InputPort | OutputPort, allowed)
+
+
+def _NameIn(diagram: System) -> str:
+    """Returns the name of the first system in a diagram that has an output."""
+    parts = diagram.GetSystems() if isinstance(diagram, Diagram) else []
+    return next((x.get_name() for x in parts if x.num_output_ports() > 0), "plant")
 
 
 def _CheckFinite(blocks: list[Block], states: list[States | HeldStates]) -> None:

@@ -43,6 +43,11 @@ _LIVE = {
 PARTS = ("live", "api", "thesis", "notebooks")
 """The optional parts of a site, in addition to its pages."""
 
+_NO_NOTEBOOKS = (
+    "notebooks: left out, because an installed package has none; run "
+    "`teleop-drake docs --out DIR` in a checkout of the repository"
+)
+
 Progress = Callable[[str], None]
 
 
@@ -53,6 +58,9 @@ def Title(page: Path) -> str:
 
 class Site:
     """The documentation as a site that needs no server and no network.
+
+    Attributes:
+        notes: Sentences on parts that are left out.
 
     Args:
         out: An existing folder; `index.html` in it is the first page.
@@ -74,8 +82,11 @@ class Site:
         self._parts = set(parts)
         self._progress = progress
         self._notebooks: list[Path] = []
+        self.notes: list[str] = []
         if "notebooks" in self._parts:
             self._notebooks = sorted(_NOTEBOOKS.glob("[0-9]*.ipynb"))
+            if not self._notebooks:
+                self.notes.append(_NO_NOTEBOOKS)
         loader = jinja2.FileSystemLoader(_TEMPLATES)
         self._templates = jinja2.Environment(loader=loader)
 
@@ -99,6 +110,8 @@ class Site:
             "notebooks": self._WriteNotebooks,
         }
         for part, write in writers.items():
+            if part == "notebooks" and not self._notebooks:
+                continue
             if part in self._parts:
                 self._progress(part)
                 write()

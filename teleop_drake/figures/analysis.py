@@ -29,7 +29,7 @@ from teleop_drake.figures.style import GREY, AddLegend, Figure, Key, RunKeys, Ru
 from teleop_drake.numerics.crossings import eigenloci, sweep_frequencies
 from teleop_drake.scenario import Scenario
 from teleop_drake.signals import AxesOf
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import CheckKind, Refuse
 
 _ROW_HEIGHT = 1.9  # inches
 
@@ -210,10 +210,16 @@ def PlotStableDelays(
     Raises:
         ValueError: If there is no operating point with a loop.
     """
+    allowed = (
+        "a StabilityAnalysis of AnalyzeStability(scenario), or several; of a Diagram's "
+        "loop, DelayMargin(diagram, context, port) returns the largest stable delay"
+    )
+    CheckKind("analyses", analyses, StabilityAnalysis | Sequence, allowed)
     if isinstance(analyses, StabilityAnalysis):
         analyses = [analyses]
     rows = []
     for analysis in analyses:
+        CheckKind("analyses", analysis, StabilityAnalysis, allowed)
         # Several analyses are told apart by their controllers.
         kind = analysis.scenario.controller.kind.replace("_", " ")
         prefix = f"{kind}, " if len(analyses) > 1 else ""
@@ -255,6 +261,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
     Raises:
         ValueError: If the chart has fewer than two values.
     """
+    CheckKind("chart", chart, StabilityChart, "a StabilityChart of ChartStability()")
     if len(chart.values) < 2:
         Refuse(chart.key, chart.values, "a list of two values or more")
     names = chart.PointNames()

@@ -25,7 +25,7 @@ from pydrake.systems.framework import Diagram, InputPortIndex, OutputPortIndex, 
 
 from teleop_drake.figures.dot_fragments import NUMBERED, Fragment, FragmentOf, Rows
 from teleop_drake.files import Replacing
-from teleop_drake.signals import PathsIn
+from teleop_drake.signals import CheckSystem, PathsIn
 from teleop_drake.upper import UpperFunction
 from teleop_drake.validation import Refuse
 from teleop_drake.wiring import InputPorts, OutputPorts
@@ -94,6 +94,7 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
     Raises:
         ValueError: If max_depth is negative.
     """
+    CheckSystem("system", system)
     # Drake terminates the process if the depth is negative.
     if max_depth is not None and max_depth < 0:
         Refuse("max_depth", max_depth, "null, 0 or positive")
@@ -226,6 +227,7 @@ def WriteDiagram(
             needs none of them.
         OSError: If the file cannot be written.
     """
+    CheckSystem("system", system)
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:

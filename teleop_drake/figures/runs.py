@@ -25,10 +25,10 @@ from teleop_drake.figures.layout import MakePanels
 from teleop_drake.figures.saving import SaveFigure
 from teleop_drake.figures.selection import CheckRecordings, SelectRows, SelectTime
 from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Key, RunStyle
-from teleop_drake.recording import Recording
+from teleop_drake.recording import CheckRecording, Recording
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
-from teleop_drake.validation import IsGiven, Refuse
+from teleop_drake.validation import CheckKind, IsGiven, Refuse
 
 _ROW_HEIGHT = 1.2  # inches
 _LOW_ROW_HEIGHT = 0.9  # inches; where there are several banks
@@ -77,6 +77,10 @@ def PlotComparison(
             the task are not comparable, or `signals`, `time` or `columns` is invalid.
         UnknownSignal: If a run does not have one of the signals.
     """
+    allowed = 'a dictionary of Recordings by name, as {"direct_force": recording}'
+    CheckKind("recordings", recordings, Mapping, allowed)
+    for recording in recordings.values():
+        CheckRecording("recordings", recording)
     CheckRecordings(recordings)
     recordings = {name: SelectTime(x, time) for name, x in recordings.items()}
     runs = list(recordings.values())
@@ -102,6 +106,7 @@ def PlotRun(
     own Diagram, it plots every signal against time. Arguments and errors are those of
     PlotComparison.
     """
+    CheckRecording("recording", recording)
     recording = SelectTime(recording, time)
     width = style.WidthOf(columns)
     if not IsGiven(recording.scenario) and task is None:

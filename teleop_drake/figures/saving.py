@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 
 from teleop_drake.files import Replacing
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import CheckKind, Refuse
 
 # For each suffix: the metadata entry of the description, and the entries that would
 # differ from file to file.
@@ -35,6 +35,7 @@ def SaveFigure(figure: Figure, *paths: str | Path) -> None:
         OSError: If a file cannot be written.
         ValueError: If a suffix is none of these.
     """
+    CheckKind("figure", figure, Figure, "a Figure, as PlotRun(recording) returns")
     for path in map(Path, paths):
         suffix = path.suffix.lower()
         if suffix not in _METADATA:

@@ -14,6 +14,7 @@ from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Key, Look
 from teleop_drake.figures.sweep_grid import MAX_NAMED_LINES, MetricScale, SweepGrid
 from teleop_drake.sweep import SweepResult
 from teleop_drake.sweep.statistics import Bands, MedianInterval
+from teleop_drake.validation import CheckKind
 
 # Markers of the runs without a value on a line.
 _MARKS = {"diverges": "x", "fails": "^", "has none": "o"}
@@ -42,6 +43,7 @@ def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
         ValueError: If there is no such metric, neither numbers nor seeds are varied, or
             there would be too many panels.
     """
+    CheckKind("result", result, SweepResult, "a SweepResult, which Sweep() returns")
     metrics = metrics or tuple(result.Metrics())
     grid = SweepGrid(result)
     figure, panels = grid.MakePanels(len(metrics))

@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from pydrake.systems.framework import System
+
 from teleop_drake.arrays import Record
 from teleop_drake.kinds import KIND_KEYS, IsOwn, WithFile
 from teleop_drake.scenario.overrides import (
@@ -24,7 +26,7 @@ from teleop_drake.scenario.scenario import (
 )
 from teleop_drake.scenario.tree import FromTree, ToTree
 from teleop_drake.scenario.yaml_text import ParseFile, ParseYaml
-from teleop_drake.validation import Choices, Refuse, ScenarioError
+from teleop_drake.validation import CheckKind, Choices, Refuse, ScenarioError
 
 MAX_STEPS = 1_000_000
 """The largest number of steps that a scenario may require of a simulation."""
@@ -78,6 +80,8 @@ def LoadOverridden(
     given = scenario
     if isinstance(given, str | os.PathLike):
         given = _CompleteTree(_FindScenario(given))
+    if not isinstance(given, dict):
+        CheckScenarioLike(given)
     tree = ToTree(given)
     replaced = SetFields(tree, overrides)
     changed = FromTree(tree, _SchemaOf(tree))
@@ -132,9 +136,25 @@ def ReadScenario(
 
 def AsScenario(scenario: ScenarioLike) -> AnyScenario:
     """Returns the scenario, which is loaded if a name or a file is given."""
+    CheckScenarioLike(scenario)
     if isinstance(scenario, (str, os.PathLike)):
         return LoadScenario(scenario)
     return scenario
+
+
+def CheckScenarioLike(scenario: Any) -> None:
+    """Refuses an argument that is neither a scenario nor the name or file of one.
+
+    Raises:
+        WrongKind: If it is not.
+    """
+    allowed = "a scenario, its name or file"
+    if isinstance(scenario, System):
+        allowed += (
+            "; a Diagram is simulated by simulate(), with many numbers by Compile(), "
+            "shown by MakePage(), analysed by LinearizePorts() and DelayMargin()"
+        )
+    CheckKind("scenario", scenario, AnyScenario | str | os.PathLike, allowed)
 
 
 def AsTeleoperation(scenario: ScenarioLike, reason: str = "") -> Scenario:

@@ -61,6 +61,7 @@ from teleop_drake.scenario.tree import FromTree, ToTree
 from teleop_drake.scenario.yaml_text import DumpYaml
 from teleop_drake.validation import (
     REQUIRED,
+    CheckKind,
     CheckVector,
     Choices,
     Config,
@@ -331,6 +332,8 @@ def ScenarioToYaml(scenario: _ScenarioBase) -> str:
     LoadScenario() and ScenarioFromYaml() load it. The text is plain ASCII, contains
     every field, and depends only on the fields' values.
     """
+    allowed = "a scenario, as LoadScenario() returns it"
+    CheckKind("scenario", scenario, _ScenarioBase, allowed)
     tree = ToTree(FromTree(ToTree(scenario), type(scenario)))
     return DumpYaml(tree, is_compact=True)
 

@@ -15,10 +15,10 @@ from teleop_drake.parameters import CheckNumbers
 from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
 from teleop_drake.scenario.config import DefaultSimulator
-from teleop_drake.signals import NamedSignals, NameOf, SelectSignals, Signals
+from teleop_drake.signals import NamedSignals, SelectSignals, Signals
 from teleop_drake.simulation.drake_run import RunInDrake
 from teleop_drake.simulation.ending import EndAtBound
-from teleop_drake.simulation.inputs import CheckInputs
+from teleop_drake.simulation.inputs import CheckContext, CheckInputs
 from teleop_drake.simulation.run import Job, NormBound, Outcome
 from teleop_drake.simulation.stepping import NotesOnSamples
 from teleop_drake.tasks import Task, TaskOf
@@ -271,10 +271,7 @@ def MakeJob(
         CheckNumber("simulator.start_time", config.start_time, "s")
         context = system.CreateDefaultContext()
         context.SetTime(config.start_time)
-    try:
-        system.ValidateContext(context)
-    except (RuntimeError, SystemExit):
-        Refuse("context", "a Context", f"one of {NameOf(system)}")
+    CheckContext(system, context)
     CheckNumbers(system, context)
     return Job(
         diagram=system,

@@ -17,6 +17,7 @@ from pydrake.systems.framework import Context, EventStatus, System
 
 from teleop_drake.contexts import DiscreteState
 from teleop_drake.engine.past import StoreSent
+from teleop_drake.signals import CheckSystem
 from teleop_drake.simulation.failures import IsDivergence, IsGivingUp
 from teleop_drake.simulation.stale_cache_guard import TrialStep
 from teleop_drake.simulation.stepping import LongestStep, Stepping
@@ -65,6 +66,7 @@ def MakeSimulator(
     Returns:
         The Simulator.
     """
+    CheckSystem("diagram", diagram)
     simulator = TeleoperatorSimulator(diagram, context)
     time = simulator.get_context().get_time()
     ApplySimulatorConfig(config, simulator)

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 from teleop_drake.arrays import Record
 from teleop_drake.scenario import ScenarioError
+from teleop_drake.scenario.loading import CheckScenarioLike
 from teleop_drake.scenario.overrides import Overrides
 from teleop_drake.simulation.compiled_run import WhyNotCompiled
 from teleop_drake.sweep.folder import SweepFolder, Versions
@@ -36,6 +37,7 @@ from teleop_drake.sweep.values import (
 )
 from teleop_drake.sweep.workers import Workers
 from teleop_drake.tasks.metrics import RunSummary
+from teleop_drake.validation import CheckKind
 
 # The time in s that worker processes take to start and import. Compiled runs that take
 # no longer than this are simulated without workers.
@@ -83,7 +85,7 @@ HERE = Execution()
 
 def Sweep(
     scenario: File,
-    grid: GivenGrid,
+    grid: GivenGrid | None = None,
     *,
     overrides: Overrides = (),
     engine: str = "auto",
@@ -128,6 +130,9 @@ def Sweep(
         RuntimeError: If the executor gives up. What is finished stays in `out`.
         OSError: If a file cannot be written.
     """
+    CheckScenarioLike(scenario)
+    CheckKind("grid", grid, Mapping, 'values by key, as {"delay": [0.1, 0.2]}')
+    assert grid is not None
     execution = Execution(
         executor=executor,
         jobs=jobs,
@@ -149,6 +154,7 @@ def RunSweep(plan: SweepPlan, execution: Execution = HERE) -> SweepResult:
         RuntimeError: If the executor gives up. What is finished stays in `out`.
         OSError: If a file cannot be written.
     """
+    CheckKind("plan", plan, SweepPlan, "a SweepPlan; Sweep() takes a scenario")
     jobs = execution.jobs
     if jobs is not None and jobs < 1:
         raise SweepError(f"jobs = {jobs}: must be 1 or more")

@@ -21,6 +21,7 @@ replace the settings that all sweeps share:
 The folder of a study has a folder for each sweep (see sweep.folder).
 """
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +32,7 @@ from teleop_drake.scenario import ScenarioNames
 from teleop_drake.scenario.yaml_text import ParseFile
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
 from teleop_drake.sweep.values import File, IsListOfText, MakeGrid
-from teleop_drake.validation import CheckChoice, Refuse, Within
+from teleop_drake.validation import CheckChoice, CheckKind, Refuse, Within
 
 _OF_A_SWEEP = ("controllers", "grid", "seeds", "overrides")
 
@@ -73,6 +74,7 @@ def LoadStudy(file: File) -> Study:
         ScenarioError: If a key or a value is not allowed.
         SweepError: If a grid cannot be used.
     """
+    CheckKind("file", file, str | os.PathLike, "the name or the file of a study")
     path = _FileOf(file)
     tree = ParseFile(path)
     for key in tree:

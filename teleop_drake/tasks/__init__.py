@@ -7,7 +7,7 @@ from teleop_drake.scenario import AnyScenario, Scenario, TrackingScenario
 from teleop_drake.tasks.base import SpeedLimit, Task
 from teleop_drake.tasks.insertion import Insertion
 from teleop_drake.tasks.tracking import Tracking
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import Refuse, WrongKind
 
 TASKS: dict[type, Task[Any]] = {Scenario: Insertion(), TrackingScenario: Tracking()}
 """The task of each class of scenarios and of its derived classes."""
@@ -19,7 +19,7 @@ def TaskOf(scenario: AnyScenario) -> Task[Any]:
     Raises:
         ScenarioError: If the scenario names a class that is not a task, or is None, as
             in the recording of a Diagram.
-        TypeError: If the argument is not a scenario.
+        WrongKind: If the argument is not a scenario.
     """
     if scenario is None:
         Refuse("recording.scenario", None, "that of a scenario, whose task knows this")
@@ -32,7 +32,7 @@ def TaskOf(scenario: AnyScenario) -> Task[Any]:
     for scenario_class, task in TASKS.items():
         if isinstance(scenario, scenario_class):
             return task
-    raise TypeError(f"scenario = {type(scenario).__name__}: must be a scenario")
+    raise WrongKind(f"scenario = a {type(scenario).__name__}: must be a scenario")
 
 
 __all__ = [

@@ -7,7 +7,7 @@ from typing import Any
 from teleop_drake.arrays import Record
 from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
 from teleop_drake.numerics.step_polynomials import finite_part
-from teleop_drake.recording import Recording
+from teleop_drake.recording import CheckRecording, Recording
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import AxesOf, AxisUnit
 from teleop_drake.tasks import Task, TaskOf
@@ -38,6 +38,7 @@ def RunMetrics(recording: Recording, *, task: Task[Any] | None = None) -> Record
     Raises:
         ValueError: If the recording has no finite sample.
     """
+    CheckRecording("recording", recording)
     task = task or TaskOf(recording.scenario)
     return task.Metrics(_FinitePart(recording))
 
@@ -68,6 +69,7 @@ def RunSummary(recording: Recording, *, task: Task[Any] | None = None) -> Record
     Raises:
         ValueError: If the recording has no finite sample.
     """
+    CheckRecording("recording", recording)
     task = task or TaskOf(recording.scenario)
     recording = _FinitePart(recording)
     scenario = recording.scenario

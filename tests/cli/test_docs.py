@@ -78,6 +78,17 @@ def test_each_page_has_a_side_bar_with_all_titles(tmp_path):
         assert not re.search(r'(?:src|<link[^>]* href)="(?:/|\w+:)', path.read_text())
 
 
+def test_an_installed_package_says_that_it_has_no_notebooks(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("teleop_drake.cli.site._NOTEBOOKS", tmp_path / "none")
+    options = ["--out", str(tmp_path), "--parts", "notebooks", "--quiet"]
+    assert main(["docs", *options]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "notebooks: left out" in line and "a checkout of the repository" in line
+    assert not (tmp_path / "notebooks").exists()
+
+
 def test_a_cell_of_a_notebook_has_its_outputs():
     code = new_code_cell("1 < 2")
     code.outputs = [new_output("execute_result", {"text/plain": "1 < 2"})]

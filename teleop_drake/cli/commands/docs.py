@@ -6,7 +6,7 @@ from pathlib import Path
 
 from teleop_drake.cli.options import NAMES
 from teleop_drake.cli.output import PrepareFolder
-from teleop_drake.cli.progress import TellLine
+from teleop_drake.cli.progress import Notice, TellLine
 from teleop_drake.cli.site import PAGES, PARTS, Site, Title
 from teleop_drake.validation import CheckChoice, Refuse
 
@@ -41,9 +41,12 @@ def Execute(args: argparse.Namespace) -> int:
         CheckChoice("--parts", part, PARTS)
     PrepareFolder(args.out, "index.html")
     try:
-        Site(Path(args.out), parts, partial(TellLine, args.quiet)).Write()
+        site = Site(Path(args.out), parts, partial(TellLine, args.quiet))
+        site.Write()
     except ModuleNotFoundError as e:
         mended = "`pip install 'teleop-drake[docs]'` brings it"
         Refuse("--out", args.out, f"left out where {e.name} is missing ({mended})")
+    for note in site.notes:
+        Notice(note)
     print(Path(args.out) / "index.html")
     return 0

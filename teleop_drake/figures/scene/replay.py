@@ -23,8 +23,8 @@ from teleop_drake.figures.scene.scene import (
 )
 from teleop_drake.figures.style import GREY, RunColor
 from teleop_drake.files import WriteText
-from teleop_drake.recording import Recording
-from teleop_drake.validation import Refuse
+from teleop_drake.recording import CheckRecording, Recording
+from teleop_drake.validation import CheckKind, Refuse
 
 # Slow motion begins _SLOW_BEFORE s before a puncture or a contact, and ends _SLOW_AFTER
 # s after the operator feels it. Only the first events of a kind are slowed down.
@@ -88,7 +88,11 @@ def MakeReplay(
         ValueError: If there is no run, or the numbers of axes differ.
         ScenarioError: If a run is that of a Diagram, which has no scenario.
     """
+    allowed = "a Recording, which simulate() returns, or several by their names"
+    CheckKind("recordings", recordings, Recording | Mapping, allowed)
     runs = [recordings] if isinstance(recordings, Recording) else [*recordings.values()]
+    for run in runs:
+        CheckRecording("recordings", run)
     if any(run.scenario is None for run in runs):
         Refuse("recording.scenario", None, "that of a scenario for MakeReplay()")
     if isinstance(recordings, Recording):

@@ -11,6 +11,7 @@ from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
 from teleop_drake.arrays import Array
+from teleop_drake.scenario.loading import CheckScenarioLike
 from teleop_drake.scenario.overrides import Overrides
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
 from teleop_drake.sweep.run import HERE, Execution, RunSweeps
@@ -82,6 +83,7 @@ def Tune(
     Raises:
         ScenarioError: If an argument is not allowed, or no gains are accepted.
     """
+    CheckScenarioLike(scenario)
     if IsStudy(str(scenario)):
         if grid or overrides:
             Refuse("scenario", scenario, "a scenario, as a grid or overrides are given")
