@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from teleop_drake.figures.scene import MakeReplay
     from teleop_drake.figures.style import Figure
     from teleop_drake.figures.sweeps import PlotSweep
+    from teleop_drake.figures.trace_report import PlotTraceReport
     from teleop_drake.link.remote import OperateRemotely, ServeRobot
     from teleop_drake.page import Explore, MakePage, WritePage
     from teleop_drake.parameters import NamedParameters
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from teleop_drake.simulation.compile import Compile
     from teleop_drake.sweep import RunSweep, Sweep
     from teleop_drake.sweep.study import LoadStudy
+    from teleop_drake.sweep.trace_report import ReportTrace
     from teleop_drake.sweep.tuning import Tune
     from teleop_drake.tasks.metrics import RunMetrics, RunSummary
     from teleop_drake.teleoperator import MakeTeleoperator
@@ -83,7 +85,9 @@ __all__ = [
     "PlotStabilityChart",
     "PlotStableDelays",
     "PlotSweep",
+    "PlotTraceReport",
     "Recording",
+    "ReportTrace",
     "RunMetrics",
     "RunSummary",
     "RunSweep",
@@ -121,6 +125,7 @@ _PLACES = {
     "figures.notebook": ["RecordingHtml", "ShowDiagram", "ShowTable"],
     "figures.style": ["Figure"],
     "figures.sweeps": ["PlotSweep"],
+    "figures.trace_report": ["PlotTraceReport"],
     "sweep.study": ["LoadStudy"],
     "link.remote": ["OperateRemotely", "ServeRobot"],
     "analysis.ports": ["DelayMargin", "LinearizePorts"],
@@ -138,6 +143,7 @@ _PLACES = {
     "simulation": ["MakeDiagram", "MakeSimulator", "simulate"],
     "simulation.compile": ["Compile"],
     "sweep": ["RunSweep", "Sweep"],
+    "sweep.trace_report": ["ReportTrace"],
     "sweep.tuning": ["Tune"],
     "tasks.metrics": ["RunMetrics", "RunSummary"],
     "teleoperator": ["MakeTeleoperator"],

@@ -72,7 +72,8 @@ class Facts:
     @property
     def round_trip(self) -> float:
         """The nominal round trip T_f + T_r in s."""
-        return self.forward_channel.delay + self.return_channel.delay
+        forward = self.forward_channel.NominalDelay(self.duration)
+        return forward + self.return_channel.NominalDelay(self.duration)
 
     @property
     def has_no_delay(self) -> bool:

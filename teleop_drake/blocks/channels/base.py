@@ -119,6 +119,14 @@ class ChannelConfig(KindConfig, ABC):
         """Returns whether the output is the input itself, without delay."""
         return False
 
+    def NominalDelay(self, duration: float) -> float:
+        """Returns the delay in s from which defaults of an architecture derive.
+
+        Args:
+            duration: Duration of the simulation, s.
+        """
+        return self.delay
+
     def LargestSlope(self, duration: float) -> float:
         """Returns an upper bound of dT/dt of the delay T.
 

@@ -272,6 +272,10 @@ class VaryingDelayConfig(ChannelConfig):
         )
         return replace(netem, delay=mean), missing
 
+    def NominalDelay(self, duration: float) -> float:
+        """Returns `delay`, and with a trace the mean delay of what it says, s."""
+        return self.delay if self.trace is None else self.MeanDelay(duration)
+
     def MeanDelay(self, duration: float) -> float:
         """Returns the mean of T over the duration in s, without jitter."""
         times = np.linspace(0.0, duration, _NUM_MEAN_TIMES)

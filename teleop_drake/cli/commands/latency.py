@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from teleop_drake.cli import output
 from teleop_drake.cli.exit_codes import DONE, FAILED, BadInput
+from teleop_drake.cli.options import Names
 from teleop_drake.cli.tables import Align
 from teleop_drake.validation import ScenarioError, Show
 
@@ -21,19 +22,26 @@ _LAGS = ("none", "first order", "second order")
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
-    parser.add_argument(
-        "file", metavar="FILE", help="a table: CSV, a spreadsheet, and others"
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument(
+        "file",
+        nargs="?",
+        metavar="FILE",
+        help="two recorded signals: CSV, a spreadsheet, and others",
+    )
+    what.add_argument(
+        "--trace",
+        metavar="FILE",
+        help="report instead on measured delays (a table, or what ping printed): what "
+        "they say, and what they mean for each architecture",
     )
     parser.add_argument(
         "--command",
         dest="command_column",
-        required=True,
         metavar="COLUMN",
         help="the signal that leads; a name, or a number from 1",
     )
-    parser.add_argument(
-        "--response", required=True, metavar="COLUMN", help="the signal that follows"
-    )
+    parser.add_argument("--response", metavar="COLUMN", help="the signal that follows")
     parser.add_argument(
         "--time", metavar="COLUMN", help="the times (default: found by its name)"
     )
@@ -42,7 +50,6 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--lag",
-        default="second",
         metavar="ORDER",
         help="the largest lag of the response's own: none, first or second (default: "
         "second); a smaller one makes the interval shorter",
@@ -57,6 +64,24 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", metavar="FILE.csv", help="write the dead time as a trace of a channel"
     )
+    parser.add_argument(
+        "--scenario",
+        metavar="SCENARIO",
+        help="of --trace: what is run over the delays (default: one_dof)",
+    )
+    parser.add_argument(
+        "--controllers",
+        type=Names,
+        metavar="A,B,...",
+        help="of --trace: controller.kind (default: every architecture)",
+    )
+    parser.add_argument(
+        "--sample-period",
+        type=float,
+        metavar="S",
+        help="of --trace: time between the packets of the loop, s (default: 0.01)",
+    )
+    parser.add_argument("--quiet", action="store_true", help="show no progress")
     parser.add_argument("--figure", metavar="FILE", help="draw it: .png, .svg or .pdf")
     parser.add_argument(
         "--json", metavar="FILE", help="write the numbers as JSON; `-`: to stdout"
@@ -64,13 +89,53 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
 
 
 def Execute(args: argparse.Namespace) -> int:
-    """Estimates the delay between two columns of a file."""
-    from teleop_drake.analysis.latency import EstimateLatency
-    from teleop_drake.tables import ReadTable
-
+    """Estimates the delay between two columns of a file, or reports on a trace."""
     output.CheckJson(args.json)
     output.CheckFile(args.out, "--out")
     _CheckFigure(args.figure)
+    if args.trace is not None:
+        _RefuseOptions(args, _OF_SIGNALS, "left out with --trace")
+        from teleop_drake.cli.trace_texts import ReportOnTrace
+
+        return ReportOnTrace(args)
+    _RefuseOptions(args, _OF_TRACES, "left out without --trace")
+    for name in ("command_column", "response"):
+        if getattr(args, name) is None:
+            option = "--" + name.removesuffix("_column")
+            raise BadInput(f"{option}: must name a column of {args.file}")
+    return _EstimateLatency(args)
+
+
+# Options that belong to signals or to traces only, by their names in the arguments.
+_OF_SIGNALS = {
+    "command_column": "--command",
+    "response": "--response",
+    "time": "--time",
+    "time_unit": "--time-unit",
+    "lag": "--lag",
+    "maximum": "--maximum",
+    "out": "--out",
+}
+_OF_TRACES = {
+    "scenario": "--scenario",
+    "controllers": "--controllers",
+    "sample_period": "--sample-period",
+}
+
+
+def _RefuseOptions(
+    args: argparse.Namespace, options: dict[str, str], allowed: str
+) -> None:
+    for name, option in options.items():
+        value = getattr(args, name)
+        if value is not None:
+            raise BadInput(f"{option} = {value!r}: must be {allowed}")
+
+
+def _EstimateLatency(args: argparse.Namespace) -> int:
+    from teleop_drake.analysis.latency import EstimateLatency
+    from teleop_drake.tables import ReadTable
+
     table = ReadTable("FILE", args.file)
     command = table.Find(args.command_column)
     response = table.Find(args.response)
@@ -79,7 +144,7 @@ def Execute(args: argparse.Namespace) -> int:
         time,
         table.Values(command),
         table.Values(response),
-        lag=args.lag,
+        lag=args.lag or "second",
         maximum=args.maximum,
     )
     written = _Write(args, latency)

@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from teleop_drake.blocks.channels import TransportChannelConfig
+from teleop_drake.blocks.channels import NetworkChannelConfig, TransportChannelConfig
 from teleop_drake.blocks.systems.haptic_device import HapticDeviceConfig
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.validation import ScenarioError
@@ -53,6 +53,18 @@ def test_delays():
     none = TransportChannelConfig(delay=0.0)
     assert not Facts(forward_channel=none).has_no_delay
     assert Facts(forward_channel=none, return_channel=none).has_no_delay
+
+
+def test_the_round_trip_over_a_trace_is_its_mean(tmp_path):
+    """A delay of 0 and a trace: defaults derived from no delay at all."""
+    trace = tmp_path / "t.csv"
+    trace.write_text("time_s,delay_ms\n0,40\n5,40\n10,80\n")
+    channel = NetworkChannelConfig(
+        delay=0.0, sample_period=0.01, trace=str(trace), trace_end="hold"
+    )
+    back = TransportChannelConfig(delay=0.01)
+    facts = Facts(forward_channel=channel, return_channel=back, duration=10.0)
+    assert facts.round_trip == pytest.approx(0.05 + 0.01, abs=1e-6)
 
 
 def test_the_device():
