@@ -15,6 +15,7 @@ from teleop_drake import blocks
 from teleop_drake.upper import ProvideUpperFunctions
 
 if TYPE_CHECKING:
+    from teleop_drake.analysis.delay_map import DelayMargins
     from teleop_drake.analysis.energy import TwoPortEnergyBalance
     from teleop_drake.analysis.latency import EstimateLatency
     from teleop_drake.analysis.ports import DelayMargin, LinearizePorts
@@ -63,6 +64,7 @@ __all__ = [
     "ChartStability",
     "Compile",
     "DelayMargin",
+    "DelayMargins",
     "EstimateLatency",
     "Explore",
     "Figure",
@@ -112,6 +114,7 @@ __all__ = [
 # The names that each module defines: those of __all__, and functions that only lower
 # rooms call. teleop_drake.blocks has a table for the blocks.
 _PLACES = {
+    "analysis.delay_map": ["DelayMargins"],
     "analysis.energy": ["TwoPortEnergyBalance"],
     "analysis.latency": ["EstimateLatency"],
     "analysis.stability_chart": ["ChartStability"],

@@ -20,13 +20,17 @@ from pydrake.systems.framework import (
     System,
 )
 
-from teleop_drake.analysis.dual_diagram import DualDiagram, NotConverted, Twin
+from teleop_drake.analysis.dual_diagram import (
+    Converts,
+    DualDiagram,
+    NotConverted,
+    Twin,
+)
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.contexts import ContextsIn, DiscreteState, SetDiscreteState
 from teleop_drake.engine.flatten import Block, Flatten, OutputOf, Reached, Source
 from teleop_drake.kernel import KernelIn
-from teleop_drake.kernel.block import DualBlock
 from teleop_drake.kernel.linear_part import LinearPartOf
 from teleop_drake.numerics.differences import differentiate
 from teleop_drake.numerics.sampled_loop import Clock
@@ -39,6 +43,10 @@ Port: TypeAlias = InputPort | OutputPort
 _NEAR = 1e-7
 _BEND = 1e-4
 
+# A difference of slopes that may be a rounding error: relative to the value, and that
+# of a value of 0.
+_ROUNDING = 2e-8
+_NOTHING = 1e-13
 
 Twins = Mapping[System, Twin]
 
@@ -290,8 +298,12 @@ class CutDiagram:
         self._states = states
         self._entries = [*states, *cuts]
         self._seen = [self._CutOrPort(port, cuts) for port in seen]
-        sizes = [x.size for x in states] + [port.size() for port in seen]
-        self._value_ends = np.cumsum(sizes)[:-1]
+        # The block that computes each part of the values, and its size.
+        self._owners = [(x.system, x.size) for x in states]
+        self._owners += [
+            (self._OwnerOf(source), port.size())
+            for source, port in zip(self._seen, seen, strict=True)
+        ]
         systems = {x.system for x in states}
         systems |= {x.get_system() for x in self._seen if not isinstance(x, Cut)}
         self.needed = self._Upstream(systems, cuts)
@@ -359,15 +371,18 @@ class CutDiagram:
         values = self._Values(point)
         return values, slopes
 
-    def Bends(self, slopes: Array) -> bool:
-        """Returns whether a value has different slopes on both sides of the point.
+    def Bends(self, slopes: Array) -> dict[int, str]:
+        """Returns the values that have different slopes on both sides of the point.
 
         Args:
             slopes: The slopes at the point, from Evaluate().
+
+        Returns:
+            The paths of the blocks that compute these values, keyed by their indices.
         """
         point = self._Point()
         if point.size == 0:  # A plant without joints.
-            return False
+            return {}
         # A direction with different elements, which hardly lies in a surface on which a
         # law bends. It is not random, because numpy.random would have to be imported.
         shares = 0.5 + (0.309 * np.arange(1, len(point) + 1)) % 0.5
@@ -384,12 +399,21 @@ class CutDiagram:
         bend = 2 * SecondDifference(way / 2) - SecondDifference(way)
         # Evaluated last, so that the Contexts stay at the operating point.
         self._Values(point)
-        changes = np.split(bend, self._value_ends)
-        sizes = np.split(slopes, self._value_ends)
-        return any(
-            np.abs(change).max(initial=0) > _BEND * np.abs(size).max(initial=0)
-            for change, size in zip(changes, sizes, strict=True)
-        )
+        rounding = _ROUNDING * np.abs(here) + _NOTHING
+        bent: dict[int, str] = {}
+        begin = 0
+        for owner, size in self._owners:
+            part = slice(begin, begin + size)
+            largest = np.abs(bend[part]).max(initial=0)
+            own = np.abs(slopes[part]).max(initial=0)
+            if largest > _BEND * own + rounding[part].max(initial=0):
+                bent |= dict.fromkeys(range(begin, begin + size), self.PathOf(owner))
+            begin += size
+        return bent
+
+    def PathOf(self, system: System) -> str:
+        """Returns the path of a block of the diagram."""
+        return next(block.path for block in self.blocks if block.system is system)
 
     def _Point(self) -> Array:
         """Returns states and inputs at the operating point (N)."""
@@ -450,6 +474,13 @@ class CutDiagram:
         cut = next((cut for cut in cuts if cut.delay is system), None)
         return cut or system.GetOutputPort(source.port)
 
+    def _OwnerOf(self, seen: Cut | Port) -> System:
+        """Returns the block that computes an observed signal, or receives it."""
+        if not isinstance(seen, Cut):
+            return seen.get_system()
+        assert seen.delay is not None
+        return seen.delay
+
     def _UseDifferences(self) -> None:
         """Switches to central differences and lists the blocks that do not convert."""
         assert self._dual is not None
@@ -457,27 +488,6 @@ class CutDiagram:
             block.path
             for block in self.needed
             if block.system in self._dual.mismatched
-            or not _Converts(block.system, self.contexts[block.system])
+            or not Converts(block.system, self.contexts[block.system])
         )
         self._dual = None
-
-
-def _Converts(system: System, context: Context) -> bool:
-    """Returns whether a block converts to AutoDiffXd and can be evaluated at a point.
-
-    The rates and outputs of a block of this package are evaluated, unless it has
-    abstract states. Their functions may not accept AutoDiffXd.
-    """
-    dual = system.ToAutoDiffXdMaybe()
-    if not isinstance(dual, DualBlock) or context.num_abstract_states():
-        return dual is not None
-    own = dual.CreateDefaultContext()
-    own.SetTimeStateAndParametersFrom(context)
-    dual.FixInputPortsFrom(system, context, own)
-    try:
-        dual.EvalTimeDerivatives(own)
-        for i in range(dual.num_output_ports()):
-            dual.get_output_port(i).Eval(own)
-    except TypeError:
-        return False
-    return True

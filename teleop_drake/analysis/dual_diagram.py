@@ -16,6 +16,7 @@ from pydrake.systems.framework import (
 
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.engine.flatten import Block
+from teleop_drake.kernel.block import DualBlock
 from teleop_drake.wiring import InputPorts
 
 
@@ -164,3 +165,24 @@ def _Connect(builder: Any, output: Any, receiver: Any, name: str) -> bool:
     absent = builder.AddSystem(_Absent(receiver, port))
     builder.Connect(absent.get_output_port(), port)
     return fits
+
+
+def Converts(system: System, context: Context) -> bool:
+    """Returns whether a block converts to AutoDiffXd and can be evaluated at a point.
+
+    The rates and outputs of a block of this package are evaluated, unless it has
+    abstract states. Their functions may not accept AutoDiffXd.
+    """
+    dual = system.ToAutoDiffXdMaybe()
+    if not isinstance(dual, DualBlock) or context.num_abstract_states():
+        return dual is not None
+    own = dual.CreateDefaultContext()
+    own.SetTimeStateAndParametersFrom(context)
+    dual.FixInputPortsFrom(system, context, own)
+    try:
+        dual.EvalTimeDerivatives(own)
+        for i in range(dual.num_output_ports()):
+            dual.get_output_port(i).Eval(own)
+    except TypeError:
+        return False
+    return True

@@ -252,11 +252,12 @@ class Linearizer:
         self._Settle(point)
         step = min(_STEP, _STEP_SHARE * self._SurfaceDistance(point))
         values, slopes = self._Trim(step)
-        if self._function.Bends(slopes):
+        bent = self._function.Bends(slopes)
+        if bent:
             raise ScenarioError(
                 f"teleoperator = a law that bends at the operating point "
-                f"{point.name!r}, as one that switches there: must have one "
-                "linear model"
+                f"{point.name!r}, as one that switches there, in "
+                f"{next(iter(bent.values()))!r}: must have one linear model"
             )
         N = self._num_states
         num_joint_states = self._motion.states.size

@@ -7,8 +7,9 @@ model then contains the block's path. DelayMargin() returns the delay that a loo
 tolerates at one of its ports.
 """
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NoReturn
 
 import numpy as np
 from pydrake.systems.framework import (
@@ -23,6 +24,7 @@ from teleop_drake.analysis.cut_diagram import (
     Cut,
     CutDiagram,
     HeldStates,
+    Port,
     Split,
     States,
     TimesOf,
@@ -32,7 +34,7 @@ from teleop_drake.analysis.sampled_model import HeldIn, MakeSampledLoop, Sampled
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.engine.flatten import Block
-from teleop_drake.kernel.linear_part import LinearPartOf
+from teleop_drake.kernel.linear_part import LinearPartOf, Sampling
 from teleop_drake.numerics.state_space import close_loops
 from teleop_drake.signals import NameOf
 from teleop_drake.simulation.inputs import CheckContext
@@ -99,71 +101,46 @@ def LinearizePorts(
             there.
     """
     _CheckKinds(diagram, context, input_port, output_port)
-    function = CutDiagram(diagram, _CopyContext(diagram, context))
-    contexts = function.contexts
+    function = CutDiagram(diagram, CopyContext(diagram, context))
     for port in (input_port, output_port or input_port):
-        if port.get_system() not in contexts:
+        if port.get_system() not in function.contexts:
             Refuse("port", _PathOf(port), "one in the diagram")
-    blocks = function.BlocksFor([input_port, output_port or input_port])
-    held, sampled = _Discrete(blocks, contexts)
-    delays = [
-        function.CutAtDelay(block.system)
-        for block in blocks
-        if LinearPartOf(block.system).delay
-    ]
-    samplers = [
-        (function.CutAtSampler(block.system, sampling.delay), sampling)
-        for block in blocks
-        if (sampling := LinearPartOf(block.system).sampling) is not None
-    ]
-    samples = [x.system for x in sampled] + [cut.delay for cut, _ in samplers]
-    if samples and not (is_opened and output_port is None):
-        names = ", ".join(block.path for block in blocks if block.system in samples)
+    opened = OpenDiagram(function, [input_port, output_port or input_port])
+    if opened.samples and not (is_opened and output_port is None):
+        names = ", ".join(map(function.PathOf, opened.samples))
         allowed = f"True, and output_port left out, because {names} takes samples"
         Refuse("is_opened", is_opened, allowed)
-    cuts = [*delays, *(cut for cut, _ in samplers)]
     if is_settled:
-        # In each round a value passes one more delay.
-        for cut in cuts * len(cuts):
-            cut.Settle()
+        opened.Settle()
     entry = function.CutAt(input_port)
     if not entry.ports:
         Refuse("port", _PathOf(input_port), "connected to another system")
     seen = output_port or entry.entering
     if seen is None:
         Refuse("output_port", None, "given, because the input is not connected")
-    states = [
-        States(block.system, contexts[block.system], size)
-        for block in blocks
-        if (size := block.system.num_continuous_states())
-    ]
-    _CheckFinite(blocks, [*states, *sampled])
     # The first output is the input port's own signal, if the loop stays closed.
     entering = [] if is_opened or entry.entering is None else [entry.entering]
-    late = [cut for cut in cuts if cut.entering is not None]
-    sources = [cut.entering for cut in late]
-    function.Choose([*states, *sampled], [entry, *cuts], [*entering, seen, *sources])
-    values, slopes = function.Evaluate(_STEP)
-    if not is_moving:
-        _CheckRest(function, states, sampled, late, values)
-    if function.Bends(slopes):
-        allowed = "where every law has one slope; one bends here, as at a surface"
-        Refuse("context", f"at {context.get_time():g} s", allowed)
-    if samples:
+    slopes = opened.Slopes([entry], [*entering, seen], is_moving=is_moving)
+    for path in function.Bends(slopes).values():
+        RefuseBend(context, path)
+    slopes = opened.CloseZeroDelays(slopes)
+    if opened.samples:
         return SampledModel(
-            loop=MakeSampledLoop(slopes, states, sampled, delays, samplers),
+            loop=MakeSampledLoop(
+                slopes, opened.states, opened.sampled, opened.delays, opened.samplers
+            ),
             by_differences=function.by_differences,
-            held=held,
+            held=opened.held,
         )
-    n = sum(x.size for x in states)
+    n = sum(x.size for x in opened.states)
     # The loop is closed: the input is the deviation plus the port's own signal.
     back = n + np.arange(input_port.size() if entering else 0)
     model = PortModel(
         matrix=np.delete(close_loops(slopes, back), back, axis=0),
         num_states=n,
-        delays=TimesOf(delays),
+        delays=TimesOf(opened.delays),
         by_differences=function.by_differences,
-        held=held,
+        held=opened.held,
         is_loop=is_opened and output_port is None,
     )
     return -model if model.is_loop else model
@@ -232,64 +209,164 @@ def _NameIn(diagram: System) -> str:
     return next((x.get_name() for x in parts if x.num_output_ports() > 0), "plant")
 
 
-def _CheckFinite(blocks: list[Block], states: list[States | HeldStates]) -> None:
-    """Raises a ValueError if a state is not finite, as that of a block before a run."""
-    paths = {block.system: block.path for block in blocks}
-    for x in states:
-        if not np.isfinite(x.Get()).all():
-            Refuse(f"context: state of {paths[x.system]}", x.Get(), "finite")
+@dataclass(eq=False)
+class OpenedDiagram:
+    """A diagram that is cut open at its delays and samplers, at an operating point.
+
+    Attributes:
+        function: The diagram as a function.
+        states: The continuous states.
+        sampled: The discrete states that periodic updates change.
+        delays: The cuts at the delays.
+        samplers: The cuts at the blocks that sample and delay.
+        held: Paths of the blocks whose discrete state is held constant.
+    """
+
+    function: CutDiagram
+    states: list[States]
+    sampled: list[HeldStates]
+    delays: list[Cut]
+    samplers: list[tuple[Cut, Sampling]]
+    held: tuple[str, ...]
+
+    @property
+    def cuts(self) -> list[Cut]:
+        """The cuts at delays and samplers."""
+        return [*self.delays, *(cut for cut, _ in self.samplers)]
+
+    @property
+    def samples(self) -> list[System]:
+        """The blocks that sample."""
+        cuts = [cut.delay for cut, _ in self.samplers if cut.delay is not None]
+        return [*(x.system for x in self.sampled), *cuts]
+
+    def Settle(self) -> None:
+        """Sets the output of each delay to its input, also of delays in series."""
+        # In each round a value passes one more delay.
+        for _ in self.cuts:
+            before = [cut.value.tolist() for cut in self.cuts]
+            for cut in self.cuts:
+                cut.Settle()
+            if [cut.value.tolist() for cut in self.cuts] == before:
+                return
+
+    def Slopes(
+        self, cuts: Sequence[Cut], seen: Sequence[Port], *, is_moving: bool
+    ) -> Array:
+        """Returns the slopes of [rates; discrete states; seen; signals into delays].
+
+        They are those by [states; discrete states; signals at the cuts; signals that
+        leave the delays]. A discrete state has its value after the next update.
+
+        Args:
+            cuts: Further cuts.
+            seen: The ports that are observed.
+            is_moving: Whether the operating point may be an instant of a motion.
+
+        Raises:
+            ValueError: If the operating point is no equilibrium. There all rates are 0,
+                an update changes no discrete state, and each delay delivers the signal
+                that enters it.
+        """
+        states: list[States | HeldStates] = [*self.states, *self.sampled]
+        for x in states:
+            if not np.isfinite(x.Get()).all():  # As that of a block before a run.
+                path = self.function.PathOf(x.system)
+                Refuse(f"context: state of {path}", x.Get(), "finite")
+        late = [cut.entering for cut in self.cuts if cut.entering is not None]
+        self.function.Choose(states, [*cuts, *self.cuts], [*seen, *late])
+        values, slopes = self.function.Evaluate(_STEP)
+        if not is_moving:
+            self._CheckRest(values)
+        return slopes
+
+    def CloseZeroDelays(self, slopes: Array) -> Array:
+        """Returns the slopes with the outputs of delays of 0 s closed to their inputs.
+
+        These delays are no longer among `delays`.
+
+        Args:
+            slopes: The result of Slopes().
+
+        Raises:
+            ValueError: If a signal then depends on itself.
+        """
+        first = len(slopes) - len(TimesOf(self.cuts))
+        closed = first + np.flatnonzero(np.array(TimesOf(self.delays)) == 0)
+        self.delays = [cut for cut in self.delays if cut.time > 0]
+        slopes = close_loops(slopes, closed)
+        return np.delete(np.delete(slopes, closed, axis=0), closed, axis=1)
+
+    def _CheckRest(self, values: Array) -> None:
+        """Raises a ValueError if the values are not those of an equilibrium."""
+        parts = Split([*self.states, *self.sampled], values)
+        changes = [
+            (x.system, "a derivative of", rate)
+            for x, rate in zip(self.states, parts, strict=False)
+        ]
+        changes += [
+            (x.system, "a discrete state that changes by", new - x.Get())
+            for x, new in zip(self.sampled, parts[len(self.states) :], strict=True)
+        ]
+        entering = values[len(values) - len(TimesOf(self.cuts)) :]
+        changes += [
+            (cut.delay, "an output that differs from its input by", u - cut.value)
+            for cut, u in zip(self.cuts, Split(self.cuts, entering), strict=True)
+        ]
+        largest = max(changes, key=lambda x: np.abs(x[2]).max(), default=None)
+        if largest is None or np.abs(largest[2]).max() <= _AT_REST:
+            return
+        system, name, change = largest
+        k = int(np.abs(change).argmax())
+        raise ScenarioError(
+            f"context = {self.function.PathOf(system)!r} with {name} {change[k]:.4g} "
+            f"(element {k}): must be an equilibrium, with each delay at its input "
+            "(is_settled=True); is_moving=True takes an instant of a motion"
+        )
 
 
-def _CheckRest(
-    function: CutDiagram,
-    states: list[States],
-    sampled: list[HeldStates],
-    delays: list[Cut],
-    values: Array,
-) -> None:
-    """Raises a ValueError if the operating point is no equilibrium.
-
-    There all rates are 0, an update changes no discrete state, and each delay delivers
-    the signal that enters it.
+def OpenDiagram(function: CutDiagram, ports: Sequence[Port]) -> OpenedDiagram:
+    """Opens a diagram at its delays and samplers.
 
     Args:
-        function: The diagram.
-        states: The continuous states.
-        sampled: The discrete states.
-        delays: The delays, each with an input.
-        values: The values of CutDiagram.Evaluate(), which begin with the rates of the
-            states and end with the signals that enter the delays.
+        function: The diagram at the operating point.
+        ports: Ports of the model; blocks without influence on them, on a continuous
+            state or on a delay are left out.
+
+    Raises:
+        ValueError: If a block has another kind of state.
     """
-    entering = values[len(values) - sum(len(cut.value) for cut in delays) :]
-    next_values = Split([*states, *sampled], values)
-    rates = next_values[: len(states)]
-    updated = next_values[len(states) :]
-    changes = [
-        (x.system, "a derivative of", rate)
-        for x, rate in zip(states, rates, strict=True)
-    ]
-    changes += [
-        (x.system, "a discrete state that changes by", new - x.Get())
-        for x, new in zip(sampled, updated, strict=True)
-    ]
-    changes += [
-        (cut.delay, "an output that differs from its input by", u - cut.value)
-        for cut, u in zip(delays, Split(delays, entering), strict=True)
-    ]
-    largest = max(changes, key=lambda x: np.abs(x[2]).max(), default=None)
-    if largest is None or np.abs(largest[2]).max() <= _AT_REST:
-        return
-    system, name, change = largest
-    k = int(np.abs(change).argmax())
-    path = next(x.path for x in function.blocks if x.system is system)
-    raise ScenarioError(
-        f"context = {path!r} with {name} {change[k]:.4g} (element {k}): must be an "
-        "equilibrium, with each delay at its input (is_settled=True); is_moving=True "
-        "takes an instant of a motion"
+    blocks = function.BlocksFor(ports)
+    held, sampled = _Discrete(blocks, function.contexts)
+    return OpenedDiagram(
+        function=function,
+        states=[
+            States(block.system, function.contexts[block.system], size)
+            for block in blocks
+            if (size := block.system.num_continuous_states())
+        ],
+        sampled=sampled,
+        delays=[
+            function.CutAtDelay(block.system)
+            for block in blocks
+            if LinearPartOf(block.system).delay
+        ],
+        samplers=[
+            (function.CutAtSampler(block.system, sampling.delay), sampling)
+            for block in blocks
+            if (sampling := LinearPartOf(block.system).sampling) is not None
+        ],
+        held=held,
     )
 
 
-def _CopyContext(diagram: Diagram, context: Context) -> Context:
+def RefuseBend(context: Context, path: str) -> NoReturn:
+    """Refuses an operating point at which the law of a block has no slope."""
+    allowed = f"where every law has one slope; that of {path!r} bends, as at a surface"
+    Refuse("context", f"at {context.get_time():g} s", allowed)
+
+
+def CopyContext(diagram: Diagram, context: Context) -> Context:
     """Returns a copy of a Context; inputs of the diagram without a value are 0."""
     own = diagram.CreateDefaultContext()
     own.SetTimeStateAndParametersFrom(context)

@@ -39,6 +39,9 @@ _MAX_POINTS = 200
 # From this number of points on, roots that are not found lie far to the left.
 _ENOUGH_POINTS = 80
 
+# The number of further eigenvalues that are examined if some are no roots.
+_NUM_SPARE = 24
+
 # Frequencies at which the gain from w to u, without D, is less than this need not be
 # resolved.
 _LEAST_GAIN = 0.5
@@ -68,15 +71,28 @@ def characteristic_roots(loop: StateSpace, *, count: int = 8) -> ComplexArray:
         return rightmost(np.linalg.eigvals(without_delay.A).astype(complex), count)
     num_points = _num_points(loop)
     while True:
-        raw = rightmost(_collocation_roots(loop, num_points), count)
-        roots = np.array([_polish(s, loop) for s in raw])
-        # Newton's method hardly moves an approximation of a true root. Other
-        # eigenvalues are artefacts of the discretisation.
-        moved = np.abs(roots - raw) * longest
-        is_found = moved < 1e-3 * (1 + np.abs(raw) * longest)
-        if is_found.all() or num_points >= _ENOUGH_POINTS:
-            return rightmost(roots[is_found], count)
+        every = rightmost(_collocation_roots(loop, num_points))
+        raw = rightmost(every, count)
+        roots = _true_roots(raw, loop)
+        if len(roots) == len(raw):
+            return roots
+        if num_points >= _ENOUGH_POINTS:
+            # Artefacts may be right of true roots, if signals pass delays at once.
+            spare = every[len(raw) : len(raw) + _NUM_SPARE]
+            return rightmost(np.append(roots, _true_roots(spare, loop)), count)
         num_points *= 2
+
+
+def _true_roots(raw: ComplexArray, loop: StateSpace) -> ComplexArray:
+    """Returns the roots next to eigenvalues that approximate one, rightmost first.
+
+    Newton's method hardly moves an approximation of a true root. Other eigenvalues are
+    artefacts of the discretisation.
+    """
+    longest = max(loop.delays)
+    roots = np.array([_polish(s, loop) for s in raw], dtype=complex)
+    moved = np.abs(roots - raw) * longest
+    return rightmost(roots[moved < 1e-3 * (1 + np.abs(raw) * longest)])
 
 
 def _num_points(loop: StateSpace) -> int:

@@ -2,17 +2,18 @@
 
 An eigenlocus is an eigenvalue l(j w) of the open loop's frequency response L(j w); see
 delay_margin. The frequency is swept, densely around each pole, and each crossing is
-located by bisection to rounding.
+located to rounding.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from teleop_drake.arrays import Array, ComplexArray
-from teleop_drake.numerics.bisection import bisect
+from teleop_drake.arrays import Array, ComplexArray, Indices
+from teleop_drake.numerics.bisection import find_roots
 from teleop_drake.numerics.state_space import StateSpace
 
 AXIS_TOLERANCE = 1e-8
@@ -127,6 +128,40 @@ def _highest_frequency(loop: StateSpace) -> float:
     return 1.01 * (float(np.linalg.norm(loop.A)) + gain / left_over + 1e-3)
 
 
+class Loci(Protocol):
+    """Eigenvalues of one or more loops as functions of the frequency."""
+
+    def over(self, frequencies: Array) -> ComplexArray:
+        """Returns all m eigenvalues (K, m), those of a loop by descending magnitude.
+
+        Args:
+            frequencies: w in rad/s (K).
+        """
+
+    def at(self, frequencies: Array, columns: Indices) -> ComplexArray:
+        """Returns an eigenvalue for each frequency (k).
+
+        Args:
+            frequencies: w in rad/s (k).
+            columns: The column of each of the eigenvalues in over() (k).
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class LoopLoci:
+    """The eigenloci of a loop L; see Loci."""
+
+    loop: StateSpace
+
+    def over(self, frequencies: Array) -> ComplexArray:
+        """Returns the eigenloci (K, m)."""
+        return eigenloci(self.loop, frequencies)
+
+    def at(self, frequencies: Array, columns: Indices) -> ComplexArray:
+        """Returns one of the eigenloci for each frequency (k)."""
+        return self.over(frequencies)[np.arange(len(columns)), columns]
+
+
 def crossings_between(loop: StateSpace, grid: Array) -> list[Crossing]:
     """Returns the crossings of the unit circle by the eigenloci of L(j w).
 
@@ -134,50 +169,69 @@ def crossings_between(loop: StateSpace, grid: Array) -> list[Crossing]:
         loop: L.
         grid: Ascending frequencies in rad/s that resolve the features of L(j w).
     """
-    w, gains = _refine(loop, grid)
-    crossings = []
-    for locus in range(gains.shape[1]):
+    return [crossing for _, crossing in crossings_of(LoopLoci(loop), grid)]
+
+
+def crossings_of(loci: Loci, grid: Array) -> list[tuple[int, Crossing]]:
+    """Returns the crossings of the unit circle, each with the column of its locus.
+
+    Args:
+        loci: The eigenloci of one or more loops.
+        grid: Ascending frequencies in rad/s that resolve their features.
+    """
+    w, gains = _refine(loci, grid)
+    low = []
+    high = []
+    columns = []
+    for column, gain in enumerate(gains.T):
         # With a neutral root |l| tends to 1 as w tends to 0. That is no crossing.
-        sure = np.flatnonzero(np.abs(gains[:, locus]) > _MAGNITUDE_TOLERANCE)
-        is_above = gains[sure, locus] > 0
-        k = np.flatnonzero(np.diff(is_above))
-        found = locate(
-            loop, locus, lambda values: np.abs(values) > 1, w[sure[k]], w[sure[k + 1]]
+        sure = np.flatnonzero(np.abs(gain) > _MAGNITUDE_TOLERANCE)
+        k = np.flatnonzero(np.diff(gain[sure] > 0))
+        low += w[sure[k]].tolist()
+        high += w[sure[k + 1]].tolist()
+        columns += [column] * len(k)
+    frequencies, values = locate(loci, columns, _log_size, low, high)
+    falls = _log_size(loci.at(np.array(low), np.array(columns, dtype=int))) > 0
+    return [
+        (
+            column,
+            Crossing(
+                frequency=frequency,
+                delay=_phase_to_cross(value) / frequency,
+                direction=1 if is_falling else -1,
+            ),
         )
-        for falls, frequency, value in zip(is_above[k], *found, strict=True):
-            crossing = Crossing(
-                frequency=float(frequency),
-                delay=_phase_to_cross(value) / float(frequency),
-                direction=1 if falls else -1,
-            )
-            crossings.append(crossing)
-    return crossings
+        for column, frequency, value, is_falling in zip(
+            columns, frequencies.tolist(), values.tolist(), falls, strict=True
+        )
+    ]
 
 
 def locate(
-    loop: StateSpace,
-    locus: int,
-    condition: Callable[[ComplexArray], NDArray[np.bool_]],
-    low: Array,
-    high: Array,
+    loci: Loci,
+    columns: ArrayLike,
+    measure: Callable[[ComplexArray], Array],
+    low: ArrayLike,
+    high: ArrayLike,
 ) -> tuple[Array, ComplexArray]:
-    """Returns frequencies (k) at which a condition changes, and the eigenvalues there.
+    """Returns frequencies (k) at which a measure passes 0, and the eigenvalues there.
 
     Args:
-        loop: L.
-        locus: The index of the eigenvalue by descending magnitude.
-        condition: A condition on eigenvalues, which differs between the two ends of
+        loci: The eigenloci.
+        columns: The column of the eigenlocus in each interval (k).
+        measure: A function of eigenvalues, whose sign differs between the two ends of
             each interval.
         low: Lower ends of the intervals in rad/s (k).
         high: Upper ends (k).
     """
+    which = np.asarray(columns, dtype=int)
+    found = find_roots(lambda w: measure(loci.at(w, which)), low, high)
+    return found, loci.at(found, which)
 
-    def values_at(frequencies: Array) -> ComplexArray:
-        return eigenloci(loop, frequencies)[:, locus].reshape(frequencies.shape)
 
-    at_low = condition(values_at(low))
-    found = bisect(lambda w: condition(values_at(w)) == at_low, low, high)
-    return found, values_at(found)
+def _log_size(values: ComplexArray) -> Array:
+    """Returns log |l| of eigenvalues, which is positive outside of the unit circle."""
+    return np.log(np.maximum(np.abs(values), 1e-300))
 
 
 def _phase_to_cross(value: complex) -> float:
@@ -188,22 +242,17 @@ def _phase_to_cross(value: complex) -> float:
     return 0.0 if is_whole_turn else phase
 
 
-def _gains(loop: StateSpace, frequencies: Array) -> Array:
-    """Returns log |l| of all eigenloci (K, m)."""
-    return np.log(np.maximum(np.abs(eigenloci(loop, frequencies)), 1e-300))
-
-
-def _refine(loop: StateSpace, w: Array) -> tuple[Array, Array]:
-    """Returns a refined sweep (K) that resolves close crossings, and its _gains().
+def _refine(loci: Loci, w: Array) -> tuple[Array, Array]:
+    """Returns a refined sweep (K) that resolves close crossings, and log |l| (K, m).
 
     A locus may cross 1 twice between two frequencies. Its extrema near 1 are therefore
     swept more and more finely.
 
     Args:
-        loop: L.
+        loci: The eigenloci.
         w: Ascending frequencies in rad/s, to which others are added.
     """
-    gains = _gains(loop, w)
+    gains = _log_size(loci.over(w))
     for _ in range(_NUM_EXTREMUM_SWEEPS):
         closest = np.flatnonzero(_are_closest(gains).any(axis=1))
         closest = closest[w[closest + 2] > (1 + _FINEST) * w[closest]]
@@ -213,7 +262,7 @@ def _refine(loop: StateSpace, w: Array) -> tuple[Array, Array]:
         high = w[closest + 2]
         added = np.geomspace(low, high, _NUM_INNER_POINTS)[1:-1].ravel()
         w = np.concatenate([w, added])
-        gains = np.concatenate([gains, _gains(loop, added)])
+        gains = np.concatenate([gains, _log_size(loci.over(added))])
         order = np.argsort(w, kind="stable")
         w = w[order]
         gains = gains[order]

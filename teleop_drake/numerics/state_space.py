@@ -16,11 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.validation import CheckNumber, Refuse
 
-# A direction of the state space counts as uncontrollable or unobservable if its
-# coupling is weaker than this, relative to the norm of A in balanced coordinates. The
-# tolerance is well above the error of blocks whose slopes are finite differences,
-# about 1e-10.
+# The default tolerance of minimal_realization(). It is well above the error of blocks
+# whose slopes are finite differences, about 1e-10.
 _TOLERANCE = 1e-7
+
+# The number of matrix entries that a frequency response holds at the same time.
+_CHUNK = 1_000_000
 
 # The relative distance from a pole at which a response is evaluated in its place.
 _BESIDE = 1e-8
@@ -110,14 +111,14 @@ class StateSpace:
         """
         s = 1j * np.asarray(frequencies, dtype=float).reshape(-1)
         try:
-            return self._transfer(s)
+            return self.response_at(s)
         except np.linalg.LinAlgError:
             pass
         near, is_pole = self._beside_poles(s, _BESIDE)
         nearer, _ = self._beside_poles(s, _BESIDE / 2)
-        response = self._transfer(nearer)
+        response = self.response_at(nearer)
         # Towards a pole an entry in which it appears doubles at least.
-        grows = np.abs(response) > 1.5 * np.abs(self._transfer(near))
+        grows = np.abs(response) > 1.5 * np.abs(self.response_at(near))
         response[grows & is_pole[:, np.newaxis, np.newaxis]] = np.inf
         return response
 
@@ -125,18 +126,29 @@ class StateSpace:
         """Returns G(j w) as frequency_response() does, on a pole just beside it."""
         s = 1j * np.asarray(frequencies, dtype=float).reshape(-1)
         try:
-            return self._transfer(s)
+            return self.response_at(s)
         except np.linalg.LinAlgError:
-            return self._transfer(self._beside_poles(s, _BESIDE)[0])
+            return self.response_at(self._beside_poles(s, _BESIDE)[0])
 
-    def _transfer(self, s: ComplexArray) -> ComplexArray:
-        """Returns G(s) (K, p - k, m - k); raises LinAlgError if an s is a pole."""
+    def response_at(self, s: ComplexArray) -> ComplexArray:
+        """Returns G(s) (K, p - k, m - k); raises LinAlgError if an s is a pole.
+
+        Args:
+            s: Points of the complex plane in 1/s (K).
+        """
         y, u = (self.num_states + np.arange(count) for count in self.num_open)
         # M(s) z = by_u u, where z contains the states and the inputs of the delays.
-        by_u = np.delete(self.matrix[:, u], y, axis=0)
-        z = np.linalg.solve(self.characteristic_matrix(s), by_u[np.newaxis])
-        seen = np.delete(self.matrix[y], u, axis=1) * self._lags(s)
-        return (seen @ z + self.matrix[np.ix_(y, u)]).astype(complex)
+        by_u = np.delete(self.matrix[:, u], y, axis=0)[np.newaxis]
+        seen = np.delete(self.matrix[y], u, axis=1)
+        direct = self.matrix[np.ix_(y, u)]
+        response = np.empty((len(s), *direct.shape), dtype=complex)
+        # In chunks, because M(s) of all points may not fit into the memory.
+        step = max(1, _CHUNK // (self.matrix.size + 1))
+        for k in range(0, len(s), step):
+            chunk = slice(k, k + step)
+            z = np.linalg.solve(self.characteristic_matrix(s[chunk]), by_u)
+            response[chunk] = (seen * self._lags(s[chunk])) @ z + direct
+        return response
 
     def _beside_poles(
         self, s: ComplexArray, distance: float
@@ -165,10 +177,16 @@ class StateSpace:
         """
         y, u = (self.num_states + np.arange(count) for count in self.num_open)
         closed = np.delete(np.delete(self.matrix, y, axis=0), u, axis=1)
-        is_state = np.arange(len(closed)) < self.num_states
-        diagonal = np.where(is_state, np.asarray(s)[..., np.newaxis], 1.0)
-        at = diagonal[..., np.newaxis] * np.eye(len(closed))
-        return (at - closed * self._lags(s)).astype(complex)
+        points = np.asarray(s, dtype=complex)[..., np.newaxis]
+        matrix = np.empty((*points.shape[:-1], *closed.shape), dtype=complex)
+        matrix[...] = -closed
+        if self.delays:
+            matrix *= self._lags(s)
+        states = np.arange(self.num_states)
+        signals = np.arange(self.num_states, len(closed))
+        matrix[..., states, states] += points
+        matrix[..., signals, signals] += 1.0
+        return matrix
 
     def _times(self) -> Array:
         """Returns the delays in s of states, which are 0, and of signals (n + k)."""
@@ -258,7 +276,9 @@ def state_space(A: ArrayLike, B: ArrayLike, C: ArrayLike, D: ArrayLike) -> State
     return StateSpace(matrix=matrix, num_states=len(blocks[0]))
 
 
-def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
+def minimal_realization(
+    system: StateSpace, tolerance: float = _TOLERANCE
+) -> tuple[StateSpace, ComplexArray]:
     """Removes the modes that do not appear in G(s).
 
     The uncontrollable modes are removed first, then the unobservable ones, by means of
@@ -270,6 +290,11 @@ def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
     generalized eigenstructure problem in linear system theory", IEEE Trans. Autom.
     Control 26 (1981).
 
+    Args:
+        system: The system, without delays.
+        tolerance: The coupling, relative to the norm of A in balanced coordinates,
+            below which a direction counts as uncontrollable or unobservable.
+
     Returns:
         The minimal system, whose states have no physical meaning, and the eigenvalues
         of the removed modes.
@@ -277,10 +302,10 @@ def minimal_realization(system: StateSpace) -> tuple[StateSpace, ComplexArray]:
     scale = _balance(system)
     balanced = _in_coordinates(system, np.diag(scale), np.diag(1 / scale))
     # The controllable subspace.
-    V, hidden = _reachable(balanced.A, balanced.B)
+    V, hidden = _reachable(balanced.A, balanced.B, tolerance)
     reached = _in_coordinates(balanced, V, V.T)
     # The observable part is the controllable subspace of the dual system.
-    W, unseen = _reachable(reached.A.T, reached.C.T)
+    W, unseen = _reachable(reached.A.T, reached.C.T, tolerance)
     minimal = _in_coordinates(reached, W, W.T)
     return minimal, np.concatenate([hidden, unseen])
 
@@ -292,7 +317,7 @@ def _in_coordinates(system: StateSpace, basis: Array, inverse: Array) -> StateSp
     )
 
 
-def _reachable(A: Array, B: Array) -> tuple[Array, ComplexArray]:
+def _reachable(A: Array, B: Array, tolerance: float) -> tuple[Array, ComplexArray]:
     """Returns a basis of the controllable subspace and the uncontrollable modes.
 
     The basis is orthonormal. It is extended by A times its newest vectors until these
@@ -306,7 +331,7 @@ def _reachable(A: Array, B: Array) -> tuple[Array, ComplexArray]:
         for _ in range(2):  # Twice, for orthogonality to rounding.
             block = block - V @ (V.T @ block)
         U, sigma, _ = np.linalg.svd(block, full_matrices=False)
-        new = U[:, sigma > _TOLERANCE * size]
+        new = U[:, sigma > tolerance * size]
         V = np.hstack([V, new])
         block = A @ new
         size = np.linalg.norm(A)

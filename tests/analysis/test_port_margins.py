@@ -27,6 +27,7 @@ from teleop_drake import (
     TransportDelay,
     simulate,
 )
+from teleop_drake.analysis.delay_map import DelayMargins
 from teleop_drake.parameters import SetNumbers
 
 
@@ -211,6 +212,19 @@ def test_the_delay_is_that_of_the_context():
     port = diagram.GetSubsystemByName("law").get_output_port()
     margin = DelayMargin(diagram, context, port)
     assert margin == pytest.approx(math.pi / 4 - 0.1, rel=1e-9)
+
+
+def test_a_delay_of_0_in_the_context_is_none():
+    diagram = MakeLoop(*INTEGRATOR, [[2.0]], inner=0.3, side=(0.5, 0.2))
+    context = diagram.CreateDefaultContext()
+    SetNumbers(diagram, context, {"delay.delay": 0.0})
+    port = diagram.GetSubsystemByName("law").get_output_port()
+    margin = DelayMargin(diagram, context, port)
+    without = MakeLoop(*INTEGRATOR, [[2.0]], side=(0.5, 0.2))
+    port = without.GetSubsystemByName("law").get_output_port()
+    expected = DelayMargin(without, without.CreateDefaultContext(), port)
+    assert margin == pytest.approx(expected, rel=1e-12)
+    assert DelayMargins(diagram, context)["law.u0"] == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(("share", "is_stable"), [(0.98, True), (1.02, False)])
