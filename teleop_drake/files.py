@@ -87,12 +87,17 @@ def ReadBytes(path: str | os.PathLike[str], origin: str) -> bytes:
         ScenarioError: If the file cannot be read or is too long; the message begins
             with `origin`.
     """
-    try:
-        with open(path, "rb") as stream:
-            data = stream.read(_MAX_BYTES + 1)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "no name of a file"
-        raise ScenarioError(f"{origin}: must be readable ({reason})") from None
+    data = ReadStart(path, origin, _MAX_BYTES + 1)
     if len(data) > _MAX_BYTES:
         raise ScenarioError(f"{origin}: must have at most {_MAX_BYTES} bytes")
     return data
+
+
+def ReadStart(path: str | os.PathLike[str], origin: str, size: int) -> bytes:
+    """Returns the first bytes of a file; an error begins with `origin`."""
+    try:
+        with open(path, "rb") as stream:
+            return stream.read(size)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "no name of a file"
+        raise ScenarioError(f"{origin}: must be readable ({reason})") from None

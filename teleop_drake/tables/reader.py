@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from teleop_drake.files import ReadBytes
+from teleop_drake.files import ReadBytes, ReadStart
 from teleop_drake.tables.arrays_of_files import ReadArrays
 from teleop_drake.tables.split_stamps import JoinStamps
 from teleop_drake.tables.table import Table
@@ -64,22 +64,12 @@ def ReadTable(path: str, file: str) -> Table:
     origin = f"{path} = {Show(file)}"
     suffix = Path(file).suffix.lower()
     if IsBinary(file):
-        _CheckReadable(file, origin)
+        ReadStart(file, origin, 1)  # The messages of other packages are longer.
     if suffix in _NEEDS:
         return OfFrame(_ReadFrame(file, suffix, origin), origin)
     if suffix in _ARRAYS:
         return OfRecords(ReadArrays(file, suffix, origin), origin)
     return TableOfText(ReadAnyText(file, origin), origin)
-
-
-def _CheckReadable(file: str, origin: str) -> None:
-    """Refuses a file that cannot be opened; other packages' messages are longer."""
-    try:
-        with open(file, "rb"):
-            return
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "no name of a file"
-        raise ScenarioError(f"{origin}: must be readable ({reason})") from None
 
 
 def TableOfText(text: str, origin: str) -> Table:

@@ -7,9 +7,6 @@ from typing import Any
 from teleop_drake.tables.headers import UNITS, CleanUnit
 from teleop_drake.validation import Choices, Refuse, Show
 
-KEYS = ("file", "columns", "units", "interval", "quantity", "bandwidth")
-"""The keys of a mapping that describes a file."""
-
 
 @dataclass(frozen=True)
 class TableSource:
