@@ -28,7 +28,7 @@ REST = {
 }
 
 # Functions that take any text or numbers, or nothing.
-OTHERS = {"ScenarioNames", "ShowTable"}
+OTHERS = {"EstimateLatency", "ScenarioNames", "ShowTable"}
 
 FUNCTIONS = [
     name

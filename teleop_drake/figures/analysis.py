@@ -25,6 +25,7 @@ from teleop_drake.arrays import Array, ComplexArray, Interval
 from teleop_drake.blocks.environments import ShownNormal
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakeMultiples, Panels
+from teleop_drake.figures.port_models import Model, PlotModelBode, PlotModelNyquist
 from teleop_drake.figures.style import GREY, AddLegend, Figure, Key, RunKeys, RunStyle
 from teleop_drake.numerics.crossings import eigenloci, sweep_frequencies
 from teleop_drake.scenario import Scenario
@@ -63,6 +64,12 @@ _ACTIVE = "#F7DFCF"
 _UNSTABLE = "#F0F0F0"
 _UNRESOLVED = "#DCDCDC"
 
+# What a plot of a loop takes.
+_ANALYSIS = (
+    "a StabilityAnalysis of AnalyzeStability(scenario) or, for a Diagram, a model of "
+    "LinearizePorts(diagram, context, port, is_opened=True)"
+)
+
 # Reference lines.
 _GUIDE: style.Look = {"color": GREY, "linewidth": 0.6, "zorder": 0}
 
@@ -75,18 +82,25 @@ _STABILITY_KEYS = (
 )
 
 
-def PlotBode(analysis: StabilityAnalysis) -> Figure:
-    """Plots magnitude and phase of L(j w) at each operating point.
+def PlotBode(analysis: StabilityAnalysis | Model) -> Figure:
+    """Plots magnitude and phase of L(j w) at each operating point, or of a model.
 
-    Each eigenlocus has a line. The phase is drawn without delay (thin) and with the
-    scenario's delay (thick), which adds -w T. Dots mark the gain crossovers: on the
-    thick line, the dot of a crossover with falling magnitude has to lie above -180
-    degrees. The background is grey at frequencies at which the model does not resolve
-    whether a motion is neutral.
+    A model of LinearizePorts() has one column, and the margins of a loop are drawn in:
+    a line leads from the curve to the magnitude 1 or to -180 degrees.
+
+    In an analysis, each eigenlocus has a line. The phase is drawn without delay (thin)
+    and with the scenario's delay (thick), which adds -w T. Dots mark the gain
+    crossovers: on the thick line, the dot of a crossover with falling magnitude has to
+    lie above -180 degrees. The background is grey at frequencies at which the model
+    does not resolve whether a motion is neutral.
 
     Raises:
-        ValueError: If no operating point has a loop.
+        ValueError: If no operating point has a loop, or the argument is neither an
+            analysis nor a model.
     """
+    if isinstance(analysis, Model):
+        return PlotModelBode(analysis)
+    CheckKind("analysis", analysis, StabilityAnalysis, _ANALYSIS)
     points, figure, axes = _LoopPanels(
         analysis, "frequency [rad/s]", ["|eigenlocus of L|", "phase [°]"]
     )
@@ -141,17 +155,25 @@ def _DrawLoci(top: Axes, bottom: Axes, point: PointStability, w: Array) -> list[
     return shown
 
 
-def PlotNyquist(analysis: StabilityAnalysis) -> Figure:
+def PlotNyquist(analysis: StabilityAnalysis | Model) -> Figure:
     """Plots the eigenloci of L(j w) e^(-j w T) near the critical point -1, w > 0.
 
-    The loci are drawn without delay (thin) and with the scenario's delay (thick). The
-    latter have frequencies in rad/s beside them and an arrow towards higher ones. The
-    delay turns each point about the origin by -w T and does not change its distance, so
-    that only the part outside of the unit circle can be turned about -1.
+    The loop of LinearizePorts(..., is_opened=True) contains its delays, and its margins
+    are drawn in.
+
+    In an analysis, the loci are drawn without delay (thin) and with the scenario's
+    delay (thick). The latter have frequencies in rad/s beside them and an arrow towards
+    higher ones. The delay turns each point about the origin by -w T and does not change
+    its distance, so that only the part outside of the unit circle can be turned about
+    -1.
 
     Raises:
-        ValueError: If no operating point has a loop.
+        ValueError: If no operating point has a loop, or the argument is neither an
+            analysis nor the model of a loop.
     """
+    if isinstance(analysis, Model):
+        return PlotModelNyquist(analysis)
+    CheckKind("analysis", analysis, StabilityAnalysis, _ANALYSIS)
     points, figure, axes = _LoopPanels(analysis, "real part", ["imaginary part"])
     figure.set_figheight(figure.get_figwidth() / max(len(points), 2) + 0.6)
     for ax, point in zip(axes[0], points, strict=True):

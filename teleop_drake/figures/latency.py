@@ -7,6 +7,7 @@ from teleop_drake.analysis.latency import Latency
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakePanels
 from teleop_drake.figures.style import COLORS, GREY, Figure, Key, Look
+from teleop_drake.validation import CheckKind
 
 _HEIGHT = 5.6  # inches; of three rows
 
@@ -36,6 +37,7 @@ def PlotLatency(latency: Latency) -> Figure:
     Args:
         latency: As EstimateLatency() returns it.
     """
+    CheckKind("latency", latency, Latency, "a Latency, which EstimateLatency() returns")
     figure, panels = MakePanels(3, 1, height=_HEIGHT, share_x="none", share_y="none")
     signals, course, search = panels[:, 0]
     _DrawSignals(signals, latency)

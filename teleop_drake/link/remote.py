@@ -7,6 +7,7 @@ from teleop_drake.link.half import Driver
 from teleop_drake.link.packets import OpenSocket, ReadKey
 from teleop_drake.link.side import Say, Side
 from teleop_drake.scenario import ScenarioLike
+from teleop_drake.scenario.loading import CheckScenarioLike
 
 
 def OperateRemotely(
@@ -36,6 +37,7 @@ def OperateRemotely(
     Raises:
         ConnectionError: If the two sides have not been connected.
     """
+    CheckScenarioLike(scenario)
     end, address = OpenSocket(connect, listens=False)
     with end:
         side = Side(
@@ -82,6 +84,7 @@ def ServeRobot(
     Raises:
         ConnectionError: If the two sides have not been connected.
     """
+    CheckScenarioLike(scenario)
     end, _ = OpenSocket(listen, listens=True)
     with end:
         side = Side(
