@@ -315,6 +315,34 @@ def test_initial_psi():
     assert LoadScenario("one_dof", auto).initial_psi == pytest.approx(2)
 
 
+@pytest.mark.parametrize(
+    ("overrides", "smallest", "written"),
+    [
+        # (1 + Lambda d_e)/m with Lambda = 1, d_e = 0.5 and m = 20 kg.
+        ({"robot.mass": 20.0}, "0.075", 0.04),
+        ({"controller.initial_psi": 0.02}, "0.02", 0.01),
+    ],
+)
+def test_a_small_initial_psi_names_the_bound_to_write(overrides, smallest, written):
+    given = {"controller.initial_psi": "auto", **overrides}
+    message = (
+        rf"controller\.initial_psi = .*, with the smallest singular value {smallest} "
+        r"1/kg: must be larger than controller\.minimum_psi = 0\.1; "
+        rf"write minimum_psi: {written}$"
+    )
+    with pytest.raises(ScenarioError, match=message):
+        LoadScenario("one_dof", given)
+    given["controller.minimum_psi"] = written
+    assert LoadScenario("one_dof", given).initial_psi[0, 0] > written
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, [[1.0, 2.0], [2.0, 1.0]]])
+def test_an_initial_psi_has_a_positive_determinant(value):
+    law = {"controller.kind": "adaptive_backstepping"}
+    with pytest.raises(ScenarioError, match="2 x 2 matrix with positive determinant"):
+        LoadScenario("two_dof_collision", {**law, "controller.initial_psi": value})
+
+
 def test_initial_psi_of_the_arm():
     collision = LoadScenario("two_dof_collision")
     q = collision.robot.JointPositions(collision.robot.start)
@@ -378,7 +406,7 @@ BAD_ONE_DOF = [
     ),
     ("controller.network.lower=", "controller.network.lower = null: must be a list"),
     ("controller.G2=auto", "controller.G2 = 'auto': must be a number or a matrix"),
-    ("controller.minimum_psi=5", "controller.initial_psi = 4.3: must be auto, a posi"),
+    ("controller.minimum_psi=5", "controller.initial_psi = 4.3, with the smallest si"),
     ("divergence_speed_ratio=1", "divergence_speed_ratio = 1.0: must be a finite num"),
     ("simulator.integration_scheme=ode45", "simulator.integration_scheme = 'ode45': "),
     ("simulator.use_error_control=1", "simulator.use_error_control = 1: must be true"),
@@ -415,7 +443,7 @@ def test_bad_values(override, message):
         (["robot.mass=1"], "robot.mass = 1.0: must be null for the two_link_arm robot"),
         (["controller.G1=[[1, 2], [0, 1]]"], "controller.G1 = [[1.0, 2.0], [0.0, 1.0]"),
         (["controller.P=[[1, 0], [0]]"], "controller.P = [[1, 0], [0]]: must be a num"),
-        (["controller.minimum_psi=3"], "controller.initial_psi = 'auto', here [[6.46"),
+        (["controller.minimum_psi=3"], "controller.initial_psi = 'auto', with the sm"),
         # Types are checked before values.
         (["duration=-1", "environment.layers=x"], "environment.layers = 'x': must be"),
     ],

@@ -382,28 +382,31 @@ class BacksteppingParameters(FixedFields):
         """
         n = facts.num_axes
         given = self.initial_psi
-        value = Show(given)
+        field = f"{path}.initial_psi"
         if isinstance(given, str):
-            field = f"{path}.initial_psi"
             D_e = facts.Told("environment_damping", field)
             weight = np.eye(n) + GainMatrix(self.Lambda, n) @ D_e
             psi = weight @ np.linalg.inv(facts.Told("inertia", field))
-            value += f", here {Show(psi)}"
         else:
             psi = GainMatrix(given, n)
-        if (
-            (isinstance(given, float) and given <= 0)
-            or psi.shape != (n, n)
-            or not np.all(np.isfinite(psi))
-            or not np.min(np.linalg.svd(psi, compute_uv=False)) > self.minimum_psi
-            or not np.linalg.slogdet(psi)[0] > 0
-        ):
+        is_negative = isinstance(given, float) and given <= 0
+        is_matrix = psi.shape == (n, n) and np.isfinite(psi).all()
+        if is_negative or not is_matrix or not np.linalg.slogdet(psi)[0] > 0:
+            allowed = f"auto, a positive number or a {n} x {n} matrix"
+            Refuse(field, given, f"{allowed} with positive determinant")
+        smallest = np.linalg.svd(psi, compute_uv=False)[-1]
+        if not smallest > self.minimum_psi:
             raise ScenarioError(
-                f"{path}.initial_psi = {value}: must be auto, a positive number or a "
-                f"{n} x {n} matrix with positive determinant, its singular values > "
-                f"minimum_psi = {self.minimum_psi:g}, which may be lowered"
+                f"{field} = {Show(given)}, with the smallest singular value "
+                f"{smallest:.4g} 1/kg: must be larger than {path}.minimum_psi = "
+                f"{self.minimum_psi:g}; write minimum_psi: {_Half(smallest)}"
             )
         return psi
+
+
+def _Half(number: float) -> str:
+    """Returns a number with one digit that is about half of a number, and less."""
+    return f"{float(f'{0.49 * number:.0e}'):g}"
 
 
 @Config

@@ -16,6 +16,7 @@ from pydrake.multibody.tree import FixedOffsetFrame, ModelInstanceIndex
 from teleop_drake.arrays import ArrayLike
 from teleop_drake.blocks.robots.base import NewPlant
 from teleop_drake.blocks.robots.driven_arm import AddPayload, DrivenArmConfig
+from teleop_drake.blocks.robots.inertias import LinkWithoutInertia
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL
 from teleop_drake.files import ReadText
 from teleop_drake.validation import (
@@ -77,7 +78,18 @@ class ArmConfig(DrivenArmConfig):
                 f"an arm with one actuator for each joint, not {nu} actuators for {nv} "
                 "joint velocities; add_motors: true adds those that are missing",
             )
+        self._CheckInertias(plant)
         return plant
+
+    def _CheckInertias(self, plant: MultibodyPlant) -> None:
+        """Refuses a link that a joint moves although it has no inertia."""
+        context = plant.CreateDefaultContext()
+        # A pose in which no two axes are in line.
+        plant.SetPositions(context, 0.3 + 0.2 * np.arange(plant.num_positions()))
+        link = LinkWithoutInertia(plant, context)
+        if link:
+            allowed = f"a model with mass and inertia (`inertial`) of the link {link!r}"
+            Refuse("file", self.file, f"{allowed}, which a joint moves")
 
     def _ReadFile(self) -> str:
         """Returns the text of the model file; refuses what Drake would ignore in it."""

@@ -11,8 +11,10 @@ from pydrake.systems.framework import Context, System
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.robots.base import RobotConfig
+from teleop_drake.blocks.robots.inertias import LinkWithoutInertia
 from teleop_drake.blocks.robots.inverse_kinematics import TOOL, ToolJacobian
 from teleop_drake.contexts import ContextsIn
+from teleop_drake.validation import Refuse
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -84,7 +86,15 @@ def _IsTool(plant: MultibodyPlant, context: Context, p_WT: Array) -> bool:
 def _ToolInertiaAndDamping(
     plant: MultibodyPlant, context: Context, num_axes: int
 ) -> tuple[Array | None, Array | None]:
-    """Returns M_r and the damping at the tool, None at a singular pose."""
+    """Returns M_r and the damping at the tool, None at a singular pose.
+
+    Raises:
+        ScenarioError: If a joint moves a link without inertia.
+    """
+    link = LinkWithoutInertia(plant, context)
+    if link:
+        allowed = f"one with mass and inertia of the link {link!r}, which a joint moves"
+        Refuse("plant", plant.get_name(), allowed)
     M: Array = plant.CalcMassMatrix(context)
     J = ToolJacobian(plant, context, num_axes)
     mobility = J @ np.linalg.solve(M, J.T)

@@ -8,10 +8,13 @@ import numpy as np
 import pytest
 from kernel_checks import CheckKernel
 from pydrake.geometry import Mesh, SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RevoluteJoint, SpatialInertia, UnitInertia
 
 from teleop_drake.blocks.robots import ArmConfig, FactsOfRobot, TwoLinkArmConfig
 from teleop_drake.blocks.robots import __file__ as robots_file
 from teleop_drake.blocks.robots.base import TellingShapes
+from teleop_drake.blocks.robots.inertias import LinkWithoutInertia
 from teleop_drake.blocks.robots.inverse_kinematics import ToolJacobian
 from teleop_drake.cli import main
 from teleop_drake.recording import LoadRecording
@@ -172,6 +175,38 @@ def test_files_that_are_no_arm(change, message, tmp_path):
     with pytest.raises(ScenarioError, match=message) as error:
         config.Check("robot")
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("link", ["column", "upper_arm", "forearm"])
+def test_a_link_without_inertia_is_named(link, tmp_path):
+    """Only the last joint moves nothing else: the other two get motors, not masses."""
+    text = URDF.read_text()
+    begin = text.index(f'<link name="{link}">')
+    end = text.index("</link>", begin)
+    path = tmp_path / "light.urdf"
+    path.write_text(f'{text[:begin]}<link name="{link}">{text[end:]}')
+    config = arm(file=str(path))
+    if link != "forearm":
+        config.Check("robot")
+        return
+    message = rf"robot\.file = '.*': .* \(`inertial`\) of the link '{link}', which"
+    with pytest.raises(ScenarioError, match=message) as error:
+        config.Check("robot")
+    assert "\n" not in str(error.value)
+
+
+def test_a_massless_link_between_two_axes_in_line_is_named():
+    """Its joints turn against each other without moving the last link."""
+    plant = MultibodyPlant(0.0)
+    parent = plant.world_frame()
+    for name, mass in (("between", 0.0), ("last", 1.0)):
+        inertia = SpatialInertia(mass, np.zeros(3), UnitInertia(0.1, 0.1, 0.1))
+        link = plant.AddRigidBody(name, inertia)
+        joint = RevoluteJoint(name, parent, link.body_frame(), [0.0, 0.0, 1.0])
+        plant.AddJoint(joint)
+        parent = link.body_frame()
+    plant.Finalize()
+    assert LinkWithoutInertia(plant, plant.CreateDefaultContext()) == "between"
 
 
 def transmissions():
