@@ -92,7 +92,7 @@ def CheckEvents(
     has_handlers = hasattr(system, "Kernel")
     known = kernel.transitions.values() if has_handlers else ()
     ticks = [Ticks(x.period, x.offset) for x in known if x.guard is None]
-    trial = _Trial(system, context, ticks)
+    trial = _Trial(system, OwnContext(system, context, is_sink=is_sink), ticks)
     try:
         trial.Run()
     except Exception as error:
@@ -110,20 +110,20 @@ def CheckEvents(
             raise UnsupportedSystem(system, reason)
 
 
-def OwnContext(system: System, context: Context) -> Context:
+def OwnContext(system: System, context: Context, *, is_sink: bool = False) -> Context:
     """Returns a Context of a block outside of its diagram.
 
     Args:
-        context: The block's Context in the diagram. The time, the state and the
-            parameters are copied. So are the inputs of a block with a kernel of its
-            own; all other inputs, and those without a value, are 0.
+        context: The block's Context in the diagram. The time, the state, the parameters
+            and the inputs are copied; inputs without a value are 0.
+        is_sink: Whether inputs are not copied, so that a visualizer draws nothing.
     """
     own = system.CreateDefaultContext()
     own.SetTimeStateAndParametersFrom(context)
     for port in InputPorts(system):
         if port.get_data_type() == PortDataType.kVectorValued:
             port.FixValue(own, np.zeros(port.size()))
-    if hasattr(system, "Kernel"):
+    if not is_sink:
         # It raises an error if an input depends on a port that is not connected.
         with contextlib.suppress(Exception):
             system.FixInputPortsFrom(system, context, own)
@@ -148,7 +148,7 @@ class _Trial:
 
     Args:
         system: The block.
-        context: The block's Context, which is copied; see OwnContext().
+        context: A Context of the block outside of its diagram, which is changed.
         known: The instants of the kernel's transitions. At each instant there may be as
             many handlers as transitions.
     """
@@ -159,7 +159,7 @@ class _Trial:
         self._known = known
         self._start = context.get_time()
         self._num_events = 0
-        self._context = OwnContext(system, context)
+        self._context = context
         self._simulator = Simulator(system, self._context)
         config = SimulatorConfig(
             integration_scheme="explicit_euler",
