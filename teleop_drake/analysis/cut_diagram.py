@@ -33,7 +33,7 @@ from teleop_drake.engine.flatten import Block, Flatten, OutputOf, Reached, Sourc
 from teleop_drake.kernel import KernelIn
 from teleop_drake.kernel.linear_part import LinearPartOf
 from teleop_drake.numerics.differences import differentiate
-from teleop_drake.numerics.sampled_loop import Clock
+from teleop_drake.numerics.sample_schedule import Clock
 from teleop_drake.simulation.inputs import LeafInputs
 
 Port: TypeAlias = InputPort | OutputPort

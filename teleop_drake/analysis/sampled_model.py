@@ -15,7 +15,8 @@ from teleop_drake.analysis.port_model import BodeDiagram, ImportControl
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.kernel.linear_part import Sampling
 from teleop_drake.numerics.delayed_loop import Margins
-from teleop_drake.numerics.sampled_loop import Clock, SampledLoop, common_period, lift
+from teleop_drake.numerics.sample_schedule import Clock, common_period
+from teleop_drake.numerics.sampled_loop import SampledLoop, lift
 from teleop_drake.numerics.sampled_margins import sampled_margins
 from teleop_drake.validation import Refuse
 
@@ -51,7 +52,7 @@ class SampledModel:
             f"delays [{delays}] s)"
         )
 
-    def roots(self) -> ComplexArray:
+    def Roots(self) -> ComplexArray:
         """Returns the characteristic roots z of the closed loop over `period`.
 
         The loop is stable if all of them have a magnitude below 1.

@@ -18,56 +18,32 @@ systems", J. Franklin Inst. 267 (1959); T. Chen and B. A. Francis, "Optimal
 Sampled-Data Control Systems", Springer (1995).
 """
 
-import bisect
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.linalg import expm
 
 from teleop_drake.arrays import Array, ComplexArray, Flags
+from teleop_drake.numerics.sample_schedule import (
+    DIGITS,
+    Clock,
+    Lagged,
+    Schedule,
+    common_period,
+)
 from teleop_drake.numerics.state_space import close_loops
-from teleop_drake.validation import Refuse
 
 # Entries of M below this, relative to the largest, are rounding errors of 0.
 _NEGLIGIBLE = 1e-13
-
-# Periods are commensurate if their ratios are fractions with at most this denominator,
-# up to the relative error.
-_LARGEST_DENOMINATOR = 64
-_RATIO_ERROR = 1e-9
-
-# The most updates of the fastest discrete state in a common period.
-_MOST_UPDATES = 1000
-
-# Instants nearer than this share of the common period are the same.
-_SAME_INSTANT = 1e-9
-_DIGITS = 12
-
-
-class Clock(NamedTuple):
-    """The instants offset + k period at which a discrete state changes, s."""
-
-    period: float
-    offset: float = 0.0
 
 
 class ContinuousDelayLoop(ValueError):
     """A delay is in a loop without a discrete state: no finite lifted map exists."""
 
 
-class _Lagged(NamedTuple):
-    """x_number(t - lag) or q_number(t - lag), the lag a share of the common period."""
-
-    is_held: bool
-    number: int
-    lag: float
-
-
-_Sum = dict[_Lagged, Any]
+_Sum = dict[Lagged, Any]
 """A linear combination: the coefficient of each lagged state."""
 
 
@@ -172,31 +148,6 @@ class LiftedMap:
         return np.asarray(self.C @ inner + self.D)
 
 
-def common_period(clocks: Iterable[Clock]) -> float:
-    """Returns the least common multiple of the periods in s.
-
-    Raises:
-        ScenarioError: If the periods are not commensurate, or if their multiple is too
-            long.
-    """
-    periods = sorted({clock.period for clock in clocks})
-    shortest = periods[0]
-    ratios = [
-        Fraction(period / shortest).limit_denominator(_LARGEST_DENOMINATOR)
-        for period in periods
-    ]
-    for ratio, period in zip(ratios, periods, strict=True):
-        if abs(float(ratio) * shortest - period) > _RATIO_ERROR * period:
-            Refuse("periods", periods, "commensurate: multiples of one period (s)")
-    denominator = math.lcm(*(ratio.denominator for ratio in ratios))
-    multiples = [int(ratio * denominator) for ratio in ratios]
-    num_updates = Fraction(math.lcm(*multiples), denominator)
-    if num_updates > _MOST_UPDATES:
-        allowed = f"such that {_MOST_UPDATES} of the shortest are a common multiple (s)"
-        Refuse("periods", periods, allowed)
-    return float(num_updates) * shortest
-
-
 def check_finite(loop: SampledLoop) -> None:
     """Checks that no delay is in a loop of continuous states and delays only.
 
@@ -251,25 +202,25 @@ class _Terms:
         self._least = _NEGLIGIBLE * np.abs(loop.matrix).max()
         n = loop.num_states
         first_output = loop.num_inner + len(loop.delays)
-        self.updates = [self._Row(n + j) for j in range(loop.num_held)]
+        self.updates = [self._row(n + j) for j in range(loop.num_held)]
         rows = range(first_output, len(loop.matrix))
-        self.outputs = [self._Row(row) for row in rows]
-        self.rates: dict[_Lagged, _Sum] = {}
-        missing = [_Lagged(False, i, 0.0) for i in range(n)]
+        self.outputs = [self._row(row) for row in rows]
+        self.rates: dict[Lagged, _Sum] = {}
+        missing = [Lagged(False, i, 0.0) for i in range(n)]
         for terms in (*self.updates, *self.outputs):
             missing += [term for term in terms if not term.is_held]
         while missing:
             copy = missing.pop(0)
             if copy in self.rates:
                 continue
-            self.rates[copy] = self._Row(copy.number, copy.lag * period)
+            self.rates[copy] = self._row(copy.number, copy.lag * period)
             missing += [term for term in self.rates[copy] if not term.is_held]
-        held = {_Lagged(True, j, 0.0) for j in range(loop.num_held)}
+        held = {Lagged(True, j, 0.0) for j in range(loop.num_held)}
         for terms in (*self.rates.values(), *self.updates, *self.outputs):
             held |= {term for term in terms if term.is_held}
         self.held = sorted(held)
 
-    def _Row(self, row: int, lag: float = 0.0, factor: Any = 1.0) -> _Sum:
+    def _row(self, row: int, lag: float = 0.0, factor: Any = 1.0) -> _Sum:
         """Returns a row of (1) at t - lag, in s, times a factor.
 
         Each delayed signal is replaced by its row at an earlier time.
@@ -277,98 +228,18 @@ class _Terms:
         matrix = self._loop.matrix
         n = self._loop.num_states
         inner = self._loop.num_inner
-        share = round(lag / self._period, _DIGITS)
+        share = round(lag / self._period, DIGITS)
         terms: _Sum = {}
         for j in np.flatnonzero(np.abs(matrix[row, :inner]) > self._least).tolist():
-            term = _Lagged(j >= n, j - n if j >= n else j, share)
+            term = Lagged(j >= n, j - n if j >= n else j, share)
             terms[term] = terms.get(term, 0.0) + factor * matrix[row, j]
         for i, delay in enumerate(self._loop.delays):
             weight = matrix[row, inner + i]
             if abs(weight) <= self._least:
                 continue
-            for term, x in self._Row(inner + i, lag + delay, factor * weight).items():
+            for term, x in self._row(inner + i, lag + delay, factor * weight).items():
                 terms[term] = terms.get(term, 0.0) + x
         return terms
-
-
-class _Schedule:
-    """The instants of a common period, as shares of it from 0 to 1.
-
-    Attributes:
-        updates: The discrete states that change at an instant, by the instant.
-        instants: All instants, ascending from 0: updates, and updates that arrive.
-        lengths: For each discrete state the number of its values that the map needs,
-            the present value included.
-    """
-
-    def __init__(self, loop: SampledLoop, terms: _Terms, period: float):
-        self._shares = [clock.period / period for clock in loop.clocks]
-        self._offsets = [clock.offset / period for clock in loop.clocks]
-        self.updates: dict[float, list[int]] = {}
-        for j, share in enumerate(self._shares):
-            for k in range(round(1 / share)):
-                instant = _instant(self._offsets[j] % share + k * share)
-                self.updates.setdefault(instant, []).append(j)
-        arrivals = [
-            _instant(instant + term.lag)
-            for term in terms.held
-            for instant, changed in self.updates.items()
-            if term.number in changed
-        ]
-        self.instants = _distinct([0.0, *self.updates, *arrivals])
-        self.updates = {
-            self._Nearest(instant): changed for instant, changed in self.updates.items()
-        }
-        longest = dict.fromkeys(range(loop.num_held), 0.0)
-        for term in terms.held:
-            longest[term.number] = max(longest[term.number], term.lag)
-        self.lengths = [
-            1 + math.ceil(lag / self._shares[j] - _SAME_INSTANT)
-            for j, lag in longest.items()
-        ]
-
-    def _Nearest(self, instant: float) -> float:
-        """Returns the listed instant that is the same as an instant."""
-        place = bisect.bisect_left(self.instants, instant - 2 * _SAME_INSTANT)
-        return self.instants[place % len(self.instants)]
-
-    def Age(self, term: _Lagged, now: float, seen: float) -> int:
-        """Returns by how many updates a lagged discrete state is behind the newest one.
-
-        Args:
-            now: The time at which the history ends, as a share of the common period. It
-                lies between two instants.
-            seen: The time at which the lagged state is read. It lies between two
-                instants.
-        """
-        share = self._shares[term.number]
-        offset = self._offsets[term.number]
-        newest = math.floor((now - offset) / share)
-        return newest - math.floor((seen - term.lag - offset) / share)
-
-    def Middle(self, k: int) -> float:
-        """Returns the middle of the interval that follows instant k."""
-        return (self.instants[k] + self.End(k)) / 2
-
-    def End(self, k: int) -> float:
-        """Returns the end of the interval that follows instant k."""
-        last = k + 1 == len(self.instants)
-        return 1.0 if last else self.instants[k + 1]
-
-
-def _instant(share: float) -> float:
-    """Returns a share of the period from 0 to 1; 0 also if it is nearly 1."""
-    share = round(share % 1, _DIGITS)
-    return 0.0 if share > 1 - _SAME_INSTANT else share
-
-
-def _distinct(shares: Iterable[float]) -> list[float]:
-    """Returns ascending shares of which no two are nearly the same."""
-    distinct: list[float] = []
-    for share in sorted(shares):
-        if not distinct or share - distinct[-1] > _SAME_INSTANT:
-            distinct.append(share)
-    return distinct
 
 
 def lift(loop: SampledLoop, sampled: Iterable[int] = ()) -> LiftedMap:
@@ -383,7 +254,7 @@ def lift(loop: SampledLoop, sampled: Iterable[int] = ()) -> LiftedMap:
         ContinuousDelayLoop: If a delay is in a loop without a discrete state.
         ScenarioError: If the periods are not commensurate.
     """
-    return _Lifting(loop, frozenset(sampled)).Map()
+    return _Lifting(loop, frozenset(sampled)).lifted_map()
 
 
 class _Lifting:
@@ -399,7 +270,7 @@ class _Lifting:
         self._sampled = sampled
         self._period = common_period(loop.clocks)
         self._terms = _Terms(self._loop, self._period)
-        self._schedule = _Schedule(self._loop, self._terms, self._period)
+        self._schedule = Schedule(loop.clocks, self._terms.held, self._period)
         self._copies = {copy: i for i, copy in enumerate(self._terms.rates)}
         ends = np.cumsum([len(self._copies), *self._schedule.lengths])
         # The place of the newest value of each discrete state, and the end of the last.
@@ -410,9 +281,9 @@ class _Lifting:
             if sampled & set(self._schedule.updates.get(instant, ()))
         ]
 
-    def Map(self) -> LiftedMap:
+    def lifted_map(self) -> LiftedMap:
         """Returns the lifted map."""
-        rates = self._Rates()
+        rates = self._rates()
         num_held = len(self._terms.held)
         num_copies = len(self._copies)
         still = np.zeros((num_held, num_copies + num_held))
@@ -423,15 +294,15 @@ class _Lifting:
         state = np.eye(size, size + num_inputs).astype(rates.dtype)
         outputs = []
         last = len(self._schedule.instants) - 1
-        before = self._schedule.Middle(last) - 1
+        before = self._schedule.middle(last) - 1
         for k, instant in enumerate(self._schedule.instants):
-            after = self._schedule.Middle(k)
+            after = self._schedule.middle(k)
             sides = before, after
             if instant in self._hits:
-                outputs += [self._Read(x, state, sides) for x in self._terms.outputs]
-            self._Update(state, instant, sides)
-            held = [self._Held(x, after, after) for x in self._terms.held]
-            length = self._schedule.End(k) - instant
+                outputs += [self._read(x, state, sides) for x in self._terms.outputs]
+            self._update(state, instant, sides)
+            held = [self._held(x, after, after) for x in self._terms.held]
+            length = self._schedule.end(k) - instant
             step = expm(generator * length)[:num_copies]
             moved = step @ np.vstack([state[:num_copies], state[held]])
             state[:num_copies] = moved
@@ -443,10 +314,10 @@ class _Lifting:
             C=shown[:, :size],
             D=shown[:, size:],
             period=self._period,
-            spurious=self._Spurious(rates),
+            spurious=self._eigenvalues_of_copies(rates),
         )
 
-    def _Rates(self) -> Array:
+    def _rates(self) -> Array:
         """Returns the rates of the copies by copies and held values."""
         held = {term: i for i, term in enumerate(self._terms.held, len(self._copies))}
         columns = self._copies | held
@@ -456,12 +327,12 @@ class _Lifting:
                 rates[self._copies[copy], columns[term]] += weight
         return rates
 
-    def _Held(self, term: _Lagged, now: float, seen: float) -> int:
-        """Returns the place of a lagged discrete state; see _Schedule.Age()."""
-        return self._places[term.number] + self._schedule.Age(term, now, seen)
+    def _held(self, term: Lagged, now: float, seen: float) -> int:
+        """Returns the place of a lagged discrete state; see Schedule.age()."""
+        return self._places[term.number] + self._schedule.age(term, now, seen)
 
-    def _Read(
-        self, terms: Mapping[_Lagged, Any], state: Array, sides: tuple[float, float]
+    def _read(
+        self, terms: Mapping[Lagged, Any], state: Array, sides: tuple[float, float]
     ) -> Array:
         """Returns a linear combination as an update at an instant reads it.
 
@@ -477,14 +348,14 @@ class _Lifting:
         for term, weight in terms.items():
             place = self._copies.get(term, -1)
             if term.is_held:
-                place = self._Held(term, before, after if term.lag > 0 else before)
+                place = self._held(term, before, after if term.lag > 0 else before)
             total += weight * state[place]
         return total
 
-    def _Update(self, state: Array, instant: float, sides: tuple[float, float]) -> None:
-        """Executes the updates of an instant in place; for `sides`, see _Read()."""
+    def _update(self, state: Array, instant: float, sides: tuple[float, float]) -> None:
+        """Executes the updates of an instant in place; for `sides`, see _read()."""
         changed = self._schedule.updates.get(instant, [])
-        new = {j: self._Read(self._terms.updates[j], state, sides) for j in changed}
+        new = {j: self._read(self._terms.updates[j], state, sides) for j in changed}
         loop = self._loop
         if instant in self._hits:
             first = self._places[-1] + self._hits.index(instant) * loop.num_ports
@@ -498,7 +369,7 @@ class _Lifting:
             state[first + 1 : end] = state[first : end - 1].copy()
             state[first] = value
 
-    def _Spurious(self, rates: Array) -> ComplexArray:
+    def _eigenvalues_of_copies(self, rates: Array) -> ComplexArray:
         """Returns the eigenvalues that free starts of the copies add to the map."""
         spurious = [np.empty(0, complex)]
         for lag in sorted({copy.lag for copy in self._copies} - {0.0}):

@@ -15,7 +15,8 @@ import numpy as np
 
 from teleop_drake.arrays import Array, ComplexArray
 from teleop_drake.numerics.delayed_loop import Margins
-from teleop_drake.numerics.sampled_loop import SampledLoop, common_period, lift
+from teleop_drake.numerics.sample_schedule import common_period
+from teleop_drake.numerics.sampled_loop import SampledLoop, lift
 
 # The gains that are searched, from 1 to this factor and to its inverse.
 _LARGEST_GAIN = 100.0
@@ -59,13 +60,13 @@ class _Search:
             int(np.sum(np.abs(other.roots() - 1) < _NEUTRAL)) for other in others
         )
 
-    def Roots(self, gain: complex = 1.0, delay: float = 0.0) -> ComplexArray:
+    def roots(self, gain: complex = 1.0, delay: float = 0.0) -> ComplexArray:
         """Returns the roots of a changed loop except the neutral ones."""
         roots = self._loop.closed(gain, delay).roots()
         order = np.argsort(np.abs(roots - 1))
         return roots[order[self._num_neutral :]]
 
-    def First(
+    def first(
         self, grid: list[float], change: Callable[[float], ComplexArray]
     ) -> _Edge | None:
         """Returns the first value on a grid at which a loop becomes unstable.
@@ -107,20 +108,20 @@ def sampled_margins(loop: SampledLoop) -> Margins:
         ScenarioError: If the periods are not commensurate.
     """
     search = _Search(loop)
-    if _is_unstable(search.Roots()):
+    if _is_unstable(search.roots()):
         return Margins(is_stable=False)
     gains = np.geomspace(1.0, _LARGEST_GAIN, _NUM_GAINS)
-    upper = search.First(gains.tolist(), lambda gain: search.Roots(gain))
-    lower = search.First((1 / gains).tolist(), lambda gain: search.Roots(gain))
+    upper = search.first(gains.tolist(), lambda gain: search.roots(gain))
+    lower = search.first((1 / gains).tolist(), lambda gain: search.roots(gain))
     phases = np.linspace(0.0, math.pi, _NUM_PHASES)
-    ahead = search.First(
-        phases.tolist(), lambda phase: search.Roots(np.exp(1j * phase))
+    ahead = search.first(
+        phases.tolist(), lambda phase: search.roots(np.exp(1j * phase))
     )
     # A real loop has the same margin against a phase of the other sign.
     shortest = min(clock.period for clock in loop.clocks)
     num_delays = math.ceil(NUM_PERIODS * _POINTS_IN_PERIOD)
     delays = np.arange(num_delays) * shortest / _POINTS_IN_PERIOD
-    late = search.First(delays.tolist(), lambda delay: search.Roots(delay=delay))
+    late = search.first(delays.tolist(), lambda delay: search.roots(delay=delay))
     frequency = 0.0
     if late is not None:
         crossing = late.roots[np.argmax(np.abs(late.roots))]

@@ -92,7 +92,7 @@ def test_the_loop_is_that_of_python_control():
     converted = model.to_control()(np.exp(1j * w * H))
     np.testing.assert_allclose(converted, response, rtol=1e-9)
     closed = control.feedback(expected, 1)
-    found = sorted(np.abs(model.roots()))[-3:]
+    found = sorted(np.abs(model.Roots()))[-3:]
     assert found == pytest.approx(sorted(np.abs(closed.poles())), rel=1e-8)
 
 
@@ -146,7 +146,7 @@ def test_two_rates_with_a_common_period():
     context = diagram.CreateDefaultContext()
     model = LinearizePorts(diagram, context, port, is_opened=True)
     expected = np.abs(np.linalg.eigvals([[0.7, -0.3], [1.0, 0.0]]))
-    found = np.sort(np.abs(model.roots()))[-2:]
+    found = np.sort(np.abs(model.Roots()))[-2:]
     np.testing.assert_allclose(found, np.sort(expected), atol=1e-12)
     assert model.period == pytest.approx(0.2)
 

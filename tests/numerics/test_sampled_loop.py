@@ -4,12 +4,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from teleop_drake.numerics.sampled_loop import (
-    Clock,
-    ContinuousDelayLoop,
-    SampledLoop,
-    common_period,
-)
+from teleop_drake.numerics.sample_schedule import Clock, common_period
+from teleop_drake.numerics.sampled_loop import ContinuousDelayLoop, SampledLoop
 from teleop_drake.numerics.sampled_margins import sampled_margins, sampled_response
 from teleop_drake.validation import ScenarioError
 

@@ -35,6 +35,20 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         help="report instead on measured delays (a table, or what ping printed): what "
         "they say, and what they mean for each architecture",
     )
+    _AddSignalOptions(parser)
+    parser.add_argument(
+        "--out", metavar="FILE.csv", help="write the dead time as a trace of a channel"
+    )
+    _AddTraceOptions(parser)
+    parser.add_argument("--quiet", action="store_true", help="show no progress")
+    parser.add_argument("--figure", metavar="FILE", help="draw it: .png, .svg or .pdf")
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the numbers as JSON; `-`: to stdout"
+    )
+
+
+def _AddSignalOptions(parser: argparse.ArgumentParser) -> None:
+    """Adds the options for two recorded signals."""
     parser.add_argument(
         "--command",
         dest="command_column",
@@ -61,9 +75,10 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         help="largest dead time considered, s (default: a quarter of the record, at "
         "most 10)",
     )
-    parser.add_argument(
-        "--out", metavar="FILE.csv", help="write the dead time as a trace of a channel"
-    )
+
+
+def _AddTraceOptions(parser: argparse.ArgumentParser) -> None:
+    """Adds the options for a report on measured delays."""
     parser.add_argument(
         "--scenario",
         metavar="SCENARIO",
@@ -80,11 +95,6 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         type=float,
         metavar="S",
         help="of --trace: time between the packets of the loop, s (default: 0.01)",
-    )
-    parser.add_argument("--quiet", action="store_true", help="show no progress")
-    parser.add_argument("--figure", metavar="FILE", help="draw it: .png, .svg or .pdf")
-    parser.add_argument(
-        "--json", metavar="FILE", help="write the numbers as JSON; `-`: to stdout"
     )
 
 
