@@ -23,6 +23,7 @@ from slopes import YES, Ports, Slopes
 from wasm_runs import AssertSame
 
 import teleop_drake
+from teleop_drake import MovingWindow
 from teleop_drake.blocks.operators.hand import HandOperator
 from teleop_drake.engine.check import Compare
 from teleop_drake.engine.evaluator import Evaluator
@@ -36,7 +37,7 @@ from teleop_drake.jit.symbols import (
 from teleop_drake.jit.traced_numpy import FUNCTIONS, REPLACED, UFUNCS
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
-from teleop_drake.signals import PathsIn
+from teleop_drake.signals import PathsIn, VectorOutputs
 from teleop_drake.simulation import MakeDiagram
 from teleop_drake.teleoperator import MakeTeleoperator
 
@@ -78,7 +79,7 @@ SCENES: list[tuple[str, dict]] = [
 
 
 def Primitives() -> Diagram:
-    """Returns a diagram with those of Drake's primitives that no scenario has."""
+    """Returns a diagram with the blocks and primitives that no scenario has."""
     I, zero = np.eye(2), np.zeros((2, 2))
     builder = DiagramBuilder()
     row = [
@@ -91,6 +92,7 @@ def Primitives() -> Diagram:
         drake.FirstOrderLowPassFilter(0.2, 2),
         drake.PassThrough(2),
         drake.WrapToSystem(2),
+        MovingWindow(0.2, 2),
         drake.VectorLogSink(2, 0.1),
     ]
     noise = drake.RandomSource(RandomDistribution.kGaussian, 2, 0.1)
@@ -131,7 +133,8 @@ def Code(system: System) -> str:
     for port in Ports(system, "input"):
         port.FixValue(context, rng.uniform(0.1, 0.2, port.size()))
     try:
-        evaluator = Evaluator(system, context, as_machine_code=True)
+        recorded = VectorOutputs(system)
+        evaluator = Evaluator(system, context, as_machine_code=True, recorded=recorded)
     except UnsupportedSystem as error:
         return str(error).partition("cannot be compiled: ")[2]
     Compare(evaluator, system, context)
@@ -157,7 +160,7 @@ def Blocks() -> Rows:
             module, name = type(system).__module__, type(system).__name__
             if path == "robot" and name == "Diagram":
                 module, name = "teleop_drake.blocks.robots", robot
-            if name not in seen:
+            if name not in seen and not name.startswith("_"):
                 seen.add(name)
                 room = module.removeprefix("teleop_drake.").removeprefix("blocks.")
                 folder = room.partition(".")[0]

@@ -49,6 +49,7 @@ __all__ = [
     "MakeSlaveStation",
     "MoveAndWaitConfig",
     "MoveAndWaitOperator",
+    "MovingWindow",
     "NeedleInTissue",
     "NeedlePathConfig",
     "NetworkDelay",

@@ -80,6 +80,7 @@ from teleop_drake.blocks.systems.disturbance_force import DisturbanceForce
 from teleop_drake.blocks.systems.gravity_compensation import GravityCompensation
 from teleop_drake.blocks.systems.haptic_device import HapticDevice
 from teleop_drake.blocks.systems.joint_friction import JointFriction
+from teleop_drake.blocks.systems.moving_window import MovingWindow
 from teleop_drake.blocks.systems.network_tracking_controller import (
     NetworkTrackingController,
 )

@@ -68,6 +68,7 @@ class DualBlock(_Rated, LeafSystem_[AutoDiffXd]):
     def __init__(self, other: Any):
         LeafSystem_[AutoDiffXd].__init__(self)
         kernel = other.Kernel()
+        self.has_fixed_delays = getattr(other, "has_fixed_delays", False)
         self.optional_inputs = getattr(other, "optional_inputs", ())
         for i in range(other.num_input_ports()):
             port = other.get_input_port(i)
@@ -164,6 +165,7 @@ class KernelBlock(_Rated, EventBlock):
         kernel_parameters: The parameters of the kernel in Drake's Contexts.
         numeric_parameters: The ranges, or only the units, of the numbers that a Context
             can change, by the names of parameters of the kernel or of fields of them.
+        has_fixed_delays: Whether the block's constant delays are no numeric parameters.
         element_names: Names of the elements of a parameter that is an array, by the
             name of the parameter.
     """
@@ -175,6 +177,7 @@ class KernelBlock(_Rated, EventBlock):
     optional_inputs: tuple[str, ...] = ()
     is_compiled = False
     numeric_parameters: ClassVar[Mapping[str, Range | str]] = {}
+    has_fixed_delays = False
     element_names: Mapping[str, Sequence[str]] = MappingProxyType({})
 
     def __init__(self) -> None:
@@ -295,6 +298,7 @@ def _MakeParameters(
         _DelayName(kernel, delay): delay.time
         for delay in kernel.delays
         if delay.shown is None and not callable(delay.time)
+        if not block.has_fixed_delays
     }
     return BlockParameters(
         block,

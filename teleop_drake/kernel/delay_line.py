@@ -151,7 +151,8 @@ class DelayLine:
         """Returns the constant delay of a Context in s, or the function T(t)."""
         if callable(self._delay.time):
             return self._delay.time
-        return self._block.kernel_parameters.In(context).values[self._parameter]
+        values = self._block.kernel_parameters.In(context).values
+        return values.get(self._parameter, self._delay.time)
 
     def NextJumpTime(self, context: Context) -> float:
         """Returns when the output jumps next, s; infinity if no jump is under way."""
