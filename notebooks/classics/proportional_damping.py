@@ -77,9 +77,10 @@ def LlewellynOnPaper(margin: float, frequencies: Array) -> Array:
 
 
 def GrowthOfBodies(margin: float, mass: float) -> float:
-    """Returns the real part in 1/s of the slowest root of two bodies without friction.
+    """Returns the real part in 1/s of the rightmost root of two free bodies.
 
-    Nothing holds them but a spring of 0.5 N/m in the place of the hand.
+    Neither hand nor tissue nor friction holds them. Their drift is no vibration, and
+    no root of the loop.
     """
     key = "controller.proportional_damping."
     scenario = MakeScenario(
@@ -89,8 +90,8 @@ def GrowthOfBodies(margin: float, mass: float) -> float:
             "robot.mass": mass,
             "robot.damping": 0.0,
             "environment.layers": [],
-            "haptic_device.numerator": [0.5],
-            "haptic_device.denominator": [1.0, 0.0],
+            "haptic_device.numerator": [0.0],
+            "haptic_device.denominator": [1.0],
         },
     )
     (point,) = AnalyzeStability(scenario).points

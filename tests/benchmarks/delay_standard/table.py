@@ -73,17 +73,17 @@ def answers(simulator: Simulator, task: str) -> reference_runs.Table:
 
 
 def verdict(simulator: Simulator, task: str) -> str:
-    """Returns the largest share of a tube, and the fault if it is more than 1."""
+    """Returns the largest error of a signal, and the faults if one is outside."""
     try:
         run = answers(simulator, task)
     except NotOffered as reason:
         return f"- ({reason})"
     found = reference_runs.Compare(task, run, task).values()
-    worst = max(found, key=lambda difference: difference.largest / difference.tube)
-    if worst.is_inside:
-        return f"inside, {worst.largest:.0e}"
+    largest = max(difference.largest for difference in found)
+    if all(difference.is_inside for difference in found):
+        return f"inside, {largest:.0e}"
     faults = sorted({difference.fault.split(":")[0] for difference in found} - {""})
-    return f"outside, {worst.largest:.0e}" + "".join(f"; {fault}" for fault in faults)
+    return f"outside, {largest:.0e}" + "".join(f"; {fault}" for fault in faults)
 
 
 def Measure(options: Options) -> Iterator[Table]:
