@@ -1,9 +1,11 @@
 """Options that several commands share, and the scenario that they describe."""
 
 import argparse
+import functools
 import inspect
+import traceback
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from teleop_drake.cli.exit_codes import BadInput
 from teleop_drake.validation import CheckChoice, Choices, Refuse
@@ -329,6 +331,8 @@ def Load(args: argparse.Namespace, *more: str, is_run: bool = False) -> "AnyScen
 def MakerOf(args: argparse.Namespace) -> "Callable[[], System] | None":
     """Returns the function that SCENARIO names as module:Make; None for a scenario.
 
+    The function raises a ScenarioError if it fails, or if it returns no System.
+
     Raises:
         BadInput: If an option is given that only scenarios have.
         ScenarioError: If there is no such function, or it requires arguments.
@@ -346,7 +350,34 @@ def MakerOf(args: argparse.Namespace) -> "Callable[[], System] | None":
     except (TypeError, ValueError):
         allowed = "a function without arguments that returns a Diagram"
         Refuse("SCENARIO", args.scenario, allowed)
-    return cast("Callable[[], System]", maker)
+    return _Checked(maker, args.scenario)
+
+
+def _Checked(maker: "Callable[[], Any]", name: str) -> "Callable[[], System]":
+    """Returns a function that refuses a maker that fails or returns no System.
+
+    Args:
+        name: The maker as module:Make, for the message.
+    """
+    from pydrake.systems.framework import System
+
+    @functools.wraps(maker)
+    def Make() -> System:
+        try:
+            system = maker()
+        except (Exception, SystemExit) as e:  # Drake exits if a contract is violated.
+            at = traceback.extract_tb(e.__traceback__)[-1]
+            reason = f"{type(e).__name__}: {e}; {Path(at.filename).name}:{at.lineno}"
+            raise BadInput(
+                f"SCENARIO = {name!r}: must be a function that returns a Diagram "
+                f"({reason})"
+            ) from e
+        if not isinstance(system, System):
+            kind = type(system).__name__
+            Refuse("SCENARIO", name, f"a function that returns a Diagram, not a {kind}")
+        return system
+
+    return Make
 
 
 def ChannelOverrides(

@@ -260,6 +260,28 @@ def test_compare(capsys, unrendered):
     ] + ["N"]
 
 
+@pytest.mark.parametrize("command", ["diagram", "page"])
+@pytest.mark.parametrize(
+    ("body", "reason"),
+    [
+        ("return {}['x']", r"\(KeyError: 'x'; failing\.py:2\)"),
+        ("raise SystemExit('contract')", r"\(SystemExit: contract; failing\.py:2\)"),
+        ("return 3", "not a int"),
+    ],
+)
+def test_a_function_that_fails_to_make_a_diagram(
+    command, body, reason, capsys, monkeypatch
+):
+    """One line has the error and its place in the user's file."""
+    Path("failing.py").write_text(f"def Make():\n    {body}\n")
+    monkeypatch.delitem(sys.modules, "failing", raising=False)
+    monkeypatch.syspath_prepend(os.getcwd())
+    assert main([command, "failing:Make", "-o", "unused.html"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    allowed = "SCENARIO = 'failing:Make': must be a function that returns a Diagram"
+    assert re.search(f"{re.escape(allowed)}.*{reason}$", line)
+
+
 def test_diagram(capsys):
     assert main(["diagram", "one_dof"]) == 0
     dot = capsys.readouterr().out

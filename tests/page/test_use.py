@@ -257,6 +257,22 @@ def test_a_link_that_is_wrong_is_reported(look, page):
     assert "there is no signal nothing" in seen["status"]
 
 
+@pytest.mark.parametrize("blank", ["", "%20", "abc"])
+def test_a_blank_number_in_a_link_is_reported(look, page, blank):
+    """JavaScript's Number("") is 0."""
+    seen = look(page, "link.js", link=f"#delay={blank}&{STIFFNESS}=111&t={blank}")
+    assert seen["delay"] == 0.1 and seen["stiffness"] == 111
+    for words in ("delay = NaN: must be from 0 to 0.5", "t: must be a number"):
+        assert words in seen["status"]
+
+
+def test_a_blank_number_field_gives_way_to_the_present_number(look, page):
+    seen = look(page, "blank.js")
+    assert seen["status"] == "delay = NaN: must be from 0 to 0.5"
+    assert seen["delay"] == 0.1 and seen["shown"] == "0.1"
+    assert seen["text"] == 'delay = "0.2": must be from 0 to 0.5'
+
+
 @pytest.mark.slow
 def test_the_frame_of_a_notebook_fits_the_page(look, tmp_path):
     """As a saved notebook and exported HTML have it: without a kernel."""

@@ -24,10 +24,12 @@ export function setInput(name, value) {
 
 // Throws a RangeError if a value is not allowed for an input.
 function checkValue({ name, min, max, choices }, value) {
-  const isAllowed = choices ? choices.includes(value) : value >= min && value <= max;
-  if (isAllowed) return;
+  // A text is no number, although "" lies between -1 and 1.
+  const isWithin = typeof value === "number" && value >= min && value <= max;
+  if (choices ? choices.includes(value) : isWithin) return;
+  const given = typeof value === "string" && !choices ? JSON.stringify(value) : value;
   const allowed = choices ? `one of ${choices}` : `from ${min} to ${max}`;
-  throw new RangeError(`${name} = ${value}: must be ${allowed}`);
+  throw new RangeError(`${name} = ${given}: must be ${allowed}`);
 }
 
 const nearest = (stops, value) =>

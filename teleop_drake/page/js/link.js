@@ -6,6 +6,7 @@ import { setCursor } from "./clock.js";
 import { chooseTab } from "./diagram.js";
 import { $, say } from "./elements.js";
 import { setInput } from "./inputs.js";
+import { parse } from "./numbers.js";
 import { makeScopes } from "./scopes.js";
 import { chosen, shownLoop, state } from "./state.js";
 
@@ -35,7 +36,7 @@ export async function showLinkedState() {
   const wrong = [];
   for (const [name, text] of Object.entries(values)) {
     try {
-      await setInput(name, state.inputs[name]?.choices ? text : Number(text));
+      await setInput(name, state.inputs[name]?.choices ? text : parse(text));
     } catch (error) {
       wrong.push(error.message);
     }
@@ -46,7 +47,10 @@ export async function showLinkedState() {
     else wrong.push(`controller ${controller}: must be one of ${kinds}`);
   }
   if (show !== undefined) wrong.push(...showSignals(show.split(",").filter((name) => name)));
-  if (t !== undefined && Number.isFinite(Number(t))) setCursor(Number(t));
+  if (t !== undefined) {
+    if (Number.isFinite(parse(t))) setCursor(parse(t));
+    else wrong.push("t: must be a number");
+  }
   if (wrong.length) say(`the link is not understood: ${wrong.join("; ")}`, "bad");
 }
 

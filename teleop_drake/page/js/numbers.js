@@ -6,6 +6,9 @@ export const range = (n) => Array.from({ length: n }, (_, i) => i);
 // A number within bounds.
 export const clamp = (x, low, high) => Math.min(Math.max(x, low), high);
 
+// The number that a text stands for; NaN if it is no number, as a blank text.
+export const parse = (text) => (text.trim() === "" ? NaN : Number(text));
+
 // The sum of products.
 export const dot = (a, b) => a.reduce((sum, x, i) => sum + x * b[i], 0);
 

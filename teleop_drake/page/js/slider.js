@@ -1,7 +1,7 @@
 // A slider with a number beside it.
 
 import { make } from "./elements.js";
-import { show } from "./numbers.js";
+import { parse, show } from "./numbers.js";
 
 // Makes the slider and the number field of an input, which call `set` with a value. If the input
 // has stops, the slider has their indices.
@@ -11,7 +11,9 @@ export function makeSlider(input, set) {
   const slider = make("input", { type: "range", ariaLabel, ...bounds });
   const number = make("input", { type: "number", ariaLabel, step: "any" });
   slider.oninput = () => set(stops ? stops[slider.value] : Number(slider.value));
-  number.onchange = () => set(Number(number.value));
+  number.onchange = () => set(parse(number.value));
+  // A value that is not allowed gives way to the present one.
+  number.onblur = () => input.show();
   input.show = () => {
     slider.value = stops ? stops.indexOf(input.value) : input.value;
     if (document.activeElement !== number) number.value = show(input.value);
