@@ -84,7 +84,7 @@ def _DrawPackets(delay: Axes, loss: Axes, network: PacketNetwork, end: float) ->
 
     Lost packets are marked above the panel of the delay.
     """
-    sent = np.arange(0.0, end, network.sample_period)
+    sent = network.SentTimes(network.CountUntil(end))
     arrivals = network.Arrivals(len(sent))
     is_lost = np.isinf(arrivals)
     delays = 1e3 * (arrivals - sent)

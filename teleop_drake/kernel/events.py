@@ -10,6 +10,7 @@ import inspect
 import math
 import warnings
 import weakref
+from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -72,22 +73,58 @@ class Ticks:
     def At(self, time: float) -> int | None:
         """Returns the number of the tick at a time in s, None if there is none."""
         k = self._Nearest(time)
-        is_at_tick = abs(self._TimeOf(k) - time) <= same_within(time)
+        is_at_tick = abs(self.TimeOf(k) - time) <= same_within(time)
         return k if is_at_tick else None
 
     def After(self, time: float) -> float:
         """Returns the time in s of the first tick after a time in s."""
         k = self._Nearest(time)
-        is_after = self._TimeOf(k) > time + same_within(time)
-        return self._TimeOf(k if is_after else k + 1)
+        is_after = self.TimeOf(k) > time + same_within(time)
+        return self.TimeOf(k if is_after else k + 1)
+
+    def From(self, time: float) -> int:
+        """Returns the number of the first tick at a time in s, or after it."""
+        k = self._Nearest(time)
+        return k if self.TimeOf(k) >= time - same_within(time) else k + 1
+
+    def TimeOf(self, k: int) -> float:
+        """Returns the time of a tick in s, rounded as Drake rounds it."""
+        return self.offset + k * self.period if k else self.offset
+
+    def Declare(self, block: LeafSystem) -> None:
+        """Declares events at which a step of the solver ends."""
+        period = min(self.period, _ONCE)
+        block.DeclarePeriodicPublishEvent(period, self.offset, EndStep)
 
     def _Nearest(self, time: float) -> int:
         """Returns the number of the tick that is nearest to a time, in s."""
         return max(round((time - self.offset) / self.period), 0)
 
-    def _TimeOf(self, k: int) -> float:
-        """Returns the time of a tick in s, rounded as Drake rounds it."""
-        return self.offset + k * self.period if k else self.offset
+
+@dataclass(frozen=True)
+class ListedTicks:
+    """Instants that are listed, in s, ascending."""
+
+    times: Sequence[float]
+
+    def At(self, time: float) -> int | None:
+        """Returns the number of the tick at a time in s, None if there is none."""
+        k = self.From(time)
+        is_at_tick = k < len(self.times) and self.times[k] <= time + same_within(time)
+        return k if is_at_tick else None
+
+    def From(self, time: float) -> int:
+        """Returns the number of the first tick at a time in s, or after it."""
+        return bisect_left(self.times, time - same_within(time))
+
+    def TimeOf(self, k: int) -> float:
+        """Returns the time of a tick in s, infinity if it is not listed."""
+        return self.times[k] if k < len(self.times) else math.inf
+
+    def Declare(self, block: LeafSystem) -> None:
+        """Declares events at which a step of the solver ends."""
+        for time in self.times:
+            block.DeclarePeriodicPublishEvent(_ONCE, time, EndStep)
 
 
 def EndStep(context: Context) -> EventStatus:
@@ -96,7 +133,9 @@ def EndStep(context: Context) -> EventStatus:
 
 
 def DeclareTicks(
-    block: LeafSystem, ticks: Ticks, update: Callable[[Context, State], None] | None
+    block: LeafSystem,
+    ticks: Ticks | ListedTicks,
+    update: Callable[[Context, State], None] | None,
 ) -> None:
     """Declares an unrestricted update at each tick.
 
@@ -111,8 +150,7 @@ def DeclareTicks(
             reference, with the arguments of Drake's callback. None: steps end at the
             ticks, and nothing is updated.
     """
-    period = min(ticks.period, _ONCE)
-    block.DeclarePeriodicPublishEvent(period, ticks.offset, EndStep)
+    ticks.Declare(block)
     if update is None:
         return
     last = block.DeclareAbstractState(AbstractValue.Make(-1))

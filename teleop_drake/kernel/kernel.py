@@ -121,6 +121,7 @@ class Delay:
     end: float = math.inf
     max_sample_interval: float | None = None
     period: float = math.inf
+    instants: Sequence[float] = ()
     shown: Callable[[int], float] | None = None
     extrapolates: bool = False
 

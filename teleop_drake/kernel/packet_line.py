@@ -1,5 +1,6 @@
 """Packets in Drake: delayed samples of a signal, made from a Delay of a kernel."""
 
+import itertools
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -10,7 +11,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem, State
 
 from teleop_drake.arrays import Array
 from teleop_drake.kernel.delay_line import SentSignal
-from teleop_drake.kernel.events import DeclareTicks, Ticks, Weakly
+from teleop_drake.kernel.events import DeclareTicks, ListedTicks, Ticks, Weakly
 from teleop_drake.kernel.kernel import Delay, Packet
 from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.sample_history import SampleHistory
@@ -24,7 +25,11 @@ def PacketsBetween(delay: Delay, begin: float, end: float) -> list[Packet]:
     """
     assert delay.shown is not None
     packets: list[Packet] = []
-    for k in range(_NextNumber(delay, begin), math.floor(end / delay.period) + 1):
+    ticks = TicksOf(delay)
+    for k in itertools.count(ticks.From(begin)):
+        sent = ticks.TimeOf(k)
+        if sent > end:
+            break
         shown = delay.shown(k)
         if shown == math.inf:  # A lost packet replaces no other one.
             continue
@@ -34,13 +39,13 @@ def PacketsBetween(delay: Delay, begin: float, end: float) -> list[Packet]:
         previous = -math.inf
         if delay.extrapolates and packets:
             previous = packets[-1].sent
-        packets.append(Packet(shown, k * delay.period, previous))
+        packets.append(Packet(shown, sent, previous))
     return packets
 
 
-def _NextNumber(delay: Delay, time: float) -> int:
-    """Returns the number of the first packet that is due at a time in s, or later."""
-    return max(math.ceil((time - same_within(time)) / delay.period), 0)
+def TicksOf(delay: Delay) -> Ticks | ListedTicks:
+    """Returns the instants when the packets of a delay are taken."""
+    return ListedTicks(delay.instants) if delay.instants else Ticks(delay.period)
 
 
 class _Sent(NamedTuple):
@@ -107,6 +112,7 @@ class PacketLine:
         assert delay.shown is not None
         self._delay = delay
         self._shown = delay.shown
+        self._ticks = TicksOf(delay)
         self._signal = block.GetInputPort(delay.signal)
         self._nothing = _Sent(
             shown=-math.inf,
@@ -119,7 +125,7 @@ class PacketLine:
             block.time_ticket(),
             block.abstract_state_ticket(self._packets),
         }
-        DeclareTicks(block, Ticks(delay.period), self._Send)
+        DeclareTicks(block, self._ticks, self._Send)
         block.DeclarePerStepUnrestrictedUpdateEvent(Weakly(self._Deliver))
 
     def IsUnderWay(self, context: Context) -> bool:
@@ -135,9 +141,9 @@ class PacketLine:
         number, packets = self._PacketsIn(context)
         jump = min((x.shown for x in packets[1:]), default=math.inf)
         # A run that begins after time 0 has not sent the earlier packets.
-        number = max(number, _NextNumber(self._delay, context.get_time()))
+        number = max(number, self._ticks.From(context.get_time()))
         # The next packet may be sent and also arrive during the next step.
-        if number * self._delay.period > self._delay.end:
+        if self._ticks.TimeOf(number) > self._delay.end:
             return jump
         return min(jump, self._shown(number))
 
@@ -194,7 +200,7 @@ class PacketLine:
             if packet.shown < end:
                 packets.clear()
             packets.append(new)
-        number = math.floor(end / self._delay.period) + 1
+        number = self._ticks.From(time)
         context.SetAbstractState(self._packets, _Packets(number, tuple(packets)))
 
     def _PacketsIn(self, context: Context) -> _Packets:
@@ -202,11 +208,12 @@ class PacketLine:
 
     def _Send(self, context: Context, state: State) -> None:
         """Takes the packet of this instant, and adds it to those under way."""
-        k = round(context.get_time() / self._delay.period)
+        k = self._ticks.At(context.get_time())
+        assert k is not None
         packets = self._PacketsIn(context)
         packet = _Sent(
             shown=self._shown(k),
-            sent=k * self._delay.period,
+            sent=self._ticks.TimeOf(k),
             value=self._signal.Eval(context).copy(),
         )
         previous = packets.NewestBefore(packet.shown)

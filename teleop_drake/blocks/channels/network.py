@@ -8,7 +8,11 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from teleop_drake.arrays import Array, ArrayLike
-from teleop_drake.blocks.channels.base import ChannelBlock, ConstantDelay
+from teleop_drake.blocks.channels.base import (
+    SHORTEST_TIME,
+    ChannelBlock,
+    ConstantDelay,
+)
 from teleop_drake.blocks.channels.netem import (
     Chance,
     GilbertElliott,
@@ -17,6 +21,7 @@ from teleop_drake.blocks.channels.netem import (
 )
 from teleop_drake.blocks.channels.packet_network import PacketNetwork
 from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
+from teleop_drake.blocks.channels.packet_random import BLOCK, PacketRandom
 from teleop_drake.blocks.channels.packet_statistics import (
     ComputePacketStatistics,
     PacketStatistics,
@@ -28,6 +33,7 @@ from teleop_drake.tables.histogram import Histogram
 from teleop_drake.tables.measured import HALVED
 from teleop_drake.validation import (
     REQUIRED,
+    CheckNumber,
     Config,
     Refuse,
     ScenarioError,
@@ -96,6 +102,7 @@ class NetworkDelay(ChannelBlock):
         self._receiver = receiver
         self.DeclareDelay(
             period=network.sample_period,
+            instants=network.Instants(),
             shown=lambda k: network.Shown(k, receiver),
             extrapolates=receiver.policy == "extrapolate",
             end=network.profile.duration,
@@ -108,6 +115,41 @@ class NetworkDelay(ChannelBlock):
         )
 
 
+def CheckPeriods(mean: float, periods: Sequence[float], jitter: Jitter) -> None:
+    """Checks times between packets that differ.
+
+    Args:
+        mean: Their mean, s.
+        periods: The times, s; empty: they are not listed.
+        jitter: Their random part.
+
+    Raises:
+        ScenarioError: If they are not allowed.
+    """
+    with Within("period_jitter"):
+        try:
+            jitter.Check()
+        except ScenarioError as error:
+            raise ScenarioError(str(error).removeprefix("jitter.")) from None
+        if jitter.keeps_order:
+            Refuse("keeps_order", True, "false: packets are sent one after another")
+        CheckNumber("minimum", jitter.minimum, "s", minimum=0, maximum=mean)
+        if jitter.kind == "gamma" and jitter.minimum == mean:
+            Refuse("minimum", jitter.minimum, f"less than the mean period, {mean:g} s")
+        if jitter.kind == "uniform" and math.sqrt(3) * jitter.std >= mean:
+            most = mean / math.sqrt(3)
+            Refuse("std", jitter.std, f"< {most:g} (s), so that no period is negative")
+    if not periods:
+        return
+    if jitter.kind != "none":
+        Refuse("period_jitter.kind", jitter.kind, "none with periods")
+    for i, period in enumerate(periods):
+        CheckNumber(f"periods.{i}", period, "s", minimum=SHORTEST_TIME)
+    found = sum(periods) / len(periods)
+    if not math.isclose(found, mean, rel_tol=1e-6):
+        Refuse("sample_period", mean, f"{found:.9g} (s), the mean of periods")
+
+
 @Config
 class NetworkChannelConfig(VaryingDelayConfig):
     """Sends a packet each sample period through a network with jitter and loss."""
@@ -116,8 +158,13 @@ class NetworkChannelConfig(VaryingDelayConfig):
     draws_random_numbers = True
     has_packet_statistics = True
 
-    # Time between packets, s, > 0.
+    # Time between packets, s, > 0; the mean if it varies.
     sample_period: float = REQUIRED
+    # Times between packets, s, which are repeated; their mean is sample_period. Empty:
+    # they do not differ.
+    periods: list[float] = field(default_factory=list)
+    # The random part of the time between packets, whose mean is sample_period.
+    period_jitter: Jitter = field(default_factory=Jitter)
     jitter: Jitter = field(default_factory=Jitter)
     loss: Loss = field(default_factory=Loss)
     # Share of packets that are sent twice, 0 to 1. Each copy is lost and delayed by
@@ -133,9 +180,10 @@ class NetworkChannelConfig(VaryingDelayConfig):
         """Checks every field; reads the trace."""
         super().Check(path, duration)
         CheckSamplePeriod(path, self.sample_period, self.delay)
-        self.Network(duration, path=path)
         with Within(path):
+            CheckPeriods(self.sample_period, self.periods, self.period_jitter)
             self.receiver.Check()
+        self.Network(duration, path=path)
 
     def Network(
         self, duration: float, *, stream: str = "", path: str = "channel"
@@ -179,6 +227,7 @@ class NetworkChannelConfig(VaryingDelayConfig):
             profile=profile,
             is_lost=None if trace is None else trace.IsLost,
             sample_period=self.sample_period,
+            periods=self._Periods(profile.duration, stream),
             jitter=self.jitter,
             loss=self.loss,
             duplicates=self.duplicates,
@@ -186,6 +235,27 @@ class NetworkChannelConfig(VaryingDelayConfig):
             seed=self.seed,
             stream=stream,
         )
+
+    def _Periods(self, duration: float, stream: str) -> Array | None:
+        """Returns the times between packets until a time in s; None: all are equal."""
+        if not self.periods and self.period_jitter.kind == "none":
+            return None
+        if duration == math.inf:
+            Refuse("duration", duration, "finite where the times between packets vary")
+        count = math.ceil(duration / self.sample_period)
+        if self.periods:
+            repeats = count // len(self.periods) + 2
+            return np.tile(np.array(self.periods, dtype=float), repeats)
+        random = PacketRandom(self.seed, f"{stream}/period")
+        num_blocks = count // BLOCK + 1
+        periods = np.empty(0)
+        while periods.sum() <= duration:
+            jitters = random.Jitters(
+                self.period_jitter, self.sample_period, self.sample_period, num_blocks
+            )
+            periods = np.maximum(self.sample_period + jitters, SHORTEST_TIME)
+            num_blocks += 1
+        return periods
 
     def MakeChannel(
         self,
@@ -270,9 +340,10 @@ class NetworkChannelConfig(VaryingDelayConfig):
     def Arrivals(self, sent: ArrayLike, duration: float, stream: str = "") -> Array:
         """Returns the arrival times in s of the packets sent nearest to given times."""
         network = self.Network(duration, stream=stream)
-        arrivals = network.Arrivals(math.floor(duration / self.sample_period) + 1)
-        numbers = np.round(np.asarray(sent, dtype=float) / self.sample_period)
-        return arrivals[np.minimum(numbers.astype(int), len(arrivals) - 1)]
+        stamps = network.SentTimes(network.CountUntil(duration) or 1)
+        arrivals = network.Arrivals(len(stamps))
+        between = (stamps[1:] + stamps[:-1]) / 2
+        return arrivals[np.searchsorted(between, np.asarray(sent, dtype=float))]
 
     def AsConstantDelay(self, path: str, duration: float) -> ConstantDelay:
         """Returns the mean age of information at the output of the receiver.

@@ -21,34 +21,27 @@ A network may send some packets twice. The copies are lost and delayed by themse
 and the receiver uses the first that arrives. With the options of netem, what Linux does
 takes the place of jitter, losses and copies; see netem_queue.
 
-Every random number is a pure function of (seed, stream, impairment, k), computed by
-NumPy's counter-based Philox generator. It depends neither on the order of evaluation
-nor on the parameters of other impairments.
+packet_random has the random numbers.
 
 A ValueError names the parameter by its place in a channel ("jitter.std"), its value
 and the allowed values.
 """
 
-import itertools
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels.netem import Netem
 from teleop_drake.blocks.channels.netem_queue import Deliver
 from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
+from teleop_drake.blocks.channels.packet_random import BLOCK, PacketRandom
 from teleop_drake.blocks.channels.variable import DelayProfile
 from teleop_drake.numerics.instants import SAME, TIE
 from teleop_drake.validation import CheckNumber, Refuse
-
-Array = np.ndarray
-
-# Number of packets whose random numbers are drawn together.
-_BLOCK = 1024
 
 
 class PacketNetwork:
@@ -56,7 +49,10 @@ class PacketNetwork:
 
     Args:
         profile: The part of the delay that is not random.
-        sample_period: h in s, > 0 and at most the duration of the profile.
+        sample_period: h in s, > 0 and at most the duration of the profile; the mean
+            where periods differ.
+        periods: The times between packets, s, each > 0, which reach beyond the duration
+            of the profile (N). None: each is the sample period.
         jitter: The random part of the delay; None: there is none.
         loss: The random losses; None: there are none.
         is_lost: Function that returns which packets are lost as well (N), for the times
@@ -77,6 +73,7 @@ class PacketNetwork:
         *,
         profile: DelayProfile,
         sample_period: float,
+        periods: Array | None = None,
         jitter: Jitter | None = None,
         loss: Loss | None = None,
         is_lost: Callable[[Array], Array] | None = None,
@@ -87,13 +84,13 @@ class PacketNetwork:
     ):
         self.profile = profile
         self.sample_period = float(sample_period)
+        self._sent = None if periods is None else np.cumsum([0.0, *periods])
         self._jitter = jitter or Jitter()
         self._loss = loss or Loss()
         self._is_lost = is_lost
         self._duplicates = duplicates
         self._netem = netem
-        self._seed = seed
-        self._stream = stream
+        self._random = PacketRandom(seed, stream)
         if not 0 < sample_period <= profile.duration or math.isinf(sample_period):
             Refuse(
                 "sample_period",
@@ -210,11 +207,11 @@ class PacketNetwork:
     def _Times(self, k: int) -> tuple[float, float]:
         with self._lock:  # Runs in several threads share a channel.
             if k >= self._arrivals.shape[1]:
-                self._arrivals = self._Arrivals(2 * (k // _BLOCK + 1))
+                self._arrivals = self._Arrivals(2 * (k // BLOCK + 1))
         first, second = self._arrivals[:, k].tolist()
         if math.isnan(first):
             # The profile raises the ValueError.
-            self.profile(k * self.sample_period)
+            self.profile(self._SentTime(k))
         return first, second
 
     def Arrivals(self, count: int) -> Array:
@@ -234,7 +231,7 @@ class PacketNetwork:
         arrival = self.Arrival(k)
         if receiver.policy != "playout":
             return arrival
-        due = k * self.sample_period + self.profile.delay + receiver.depth
+        due = self._SentTime(k) + self.profile.delay + receiver.depth
         return max(arrival, float(self._Snap(np.array(due))))
 
     def ShownUntil(self, receiver: Receiver, end: float) -> tuple[Array, Array]:
@@ -248,35 +245,32 @@ class PacketNetwork:
             The times in s when the receiver shows a packet or discards it as outdated,
             ascending (N), and the time stamps in s of the packets then shown (N).
         """
-        sent = range(self.CountUntil(end))
-        shown = np.array([self.Shown(k, receiver) for k in sent])
-        stamps = np.arange(len(sent)) * self.sample_period
+        stamps = self.SentTimes(self.CountUntil(end))
+        shown = np.array([self.Shown(k, receiver) for k in range(len(stamps))])
         order = np.argsort(shown, kind="stable")
         order = order[shown[order] < end]
         return shown[order], np.maximum.accumulate(stamps[order])
 
     def CountUntil(self, end: float) -> int:
         """Returns the number of packets sent before a time in s."""
+        if self._sent is not None:
+            return int(np.searchsorted(self._sent, end - SAME))
         return math.ceil(end / self.sample_period - TIE)
 
-    def _Draw(
-        self, impairment: str, num_blocks: int, draw: Callable[..., Array], *of: float
-    ) -> Array:
-        """Returns random numbers of an impairment, one for each packet of some blocks.
+    def SentTimes(self, count: int) -> Array:
+        """Returns the times in s when packets 0 to count - 1 are sent (count)."""
+        if self._sent is not None:
+            return self._sent[:count]
+        return np.asarray(self.sample_period * np.arange(count), dtype=float)
 
-        Args:
-            draw: The method of a Generator that draws them.
-            of: The parameters of their distribution.
-        """
-        name = f"{self._stream}/{impairment}".encode()
-        sequence = np.random.SeedSequence(self._seed, spawn_key=tuple(name))
-        key = sequence.generate_state(2, np.uint64)
-        numbers = []
-        for block in range(num_blocks):
-            # The upper half of the counter's 256 bits is the number of the block.
-            bits = np.random.Philox(key=key, counter=block << 128)
-            numbers.append(draw(np.random.Generator(bits), *of, _BLOCK))
-        return np.concatenate(numbers)
+    def Instants(self) -> Sequence[float]:
+        """Returns when packets are sent, s; empty: every sample period."""
+        if self._sent is None:
+            return ()
+        return tuple(self._sent[self._sent <= self.profile.duration].tolist())
+
+    def _SentTime(self, k: int) -> float:
+        return k * self.sample_period if self._sent is None else float(self._sent[k])
 
     def _Arrivals(self, num_blocks: int) -> Array:
         """Returns the arrival times in s of the packets of the first blocks (2, N).
@@ -285,7 +279,7 @@ class PacketNetwork:
         a lost packet is infinity. That of a packet sent beyond the duration of the
         profile is NaN.
         """
-        sent = np.arange(num_blocks * _BLOCK) * self.sample_period
+        sent = self.SentTimes(num_blocks * BLOCK)
         # The profile allows times up to its duration with the same margin.
         sent = sent[sent <= self.profile.duration * (1 + 1e-9)]
         copies = self._Copies(sent, num_blocks)
@@ -297,7 +291,7 @@ class PacketNetwork:
             first = np.maximum.accumulate(times[0, has_arrived])
             times[0, has_arrived] = first
             times[1, has_arrived] = np.maximum(times[1, has_arrived], first)
-        arrivals = np.full((2, num_blocks * _BLOCK), math.nan)
+        arrivals = np.full((2, num_blocks * BLOCK), math.nan)
         arrivals[:, : len(sent)] = self._Snap(times)
         return arrivals
 
@@ -308,7 +302,8 @@ class PacketNetwork:
 
             def Draw(name: str) -> Array:
                 name = f"netem {name}"
-                return self._Draw(name, num_blocks, Generator.integers, 0, 2**32)
+                draw = Generator.integers
+                return self._random.Draw(name, num_blocks, draw, 0, 2**32)
 
             queued = Deliver(self._netem, sent, Draw)
             return sent + delays - 1e-9 * self._netem.delay + np.stack(queued)
@@ -317,92 +312,25 @@ class PacketNetwork:
         names = [""]
         is_double = np.zeros(len(sent), dtype=bool)
         if self._duplicates:
-            share = self._Draw("duplicate", num_blocks, Generator.random)[number]
+            draw = Generator.random
+            share = self._random.Draw("duplicate", num_blocks, draw)[number]
             is_double = share < self._duplicates
             names = ["", "copy "]
         for i, name in enumerate(names):
-            late = delays + self._Jitters(num_blocks, name)[number]
-            is_lost = self._Losses(num_blocks, name)[number]
+            jitters = self._random.Jitters(
+                self._jitter, self.profile.delay, self.sample_period, num_blocks, name
+            )
+            late = delays + jitters[number]
+            is_lost = self._random.Losses(self._loss, num_blocks, name)[number]
             has_none = is_lost if i == 0 else is_lost | ~is_double
             copies[i] = np.where(has_none, math.inf, sent + np.maximum(late, 0.0))
         return copies
 
     def _Snap(self, times: Array) -> Array:
         # Moves times that are at a tick but for rounding: 0.1 + 3 * 0.1 is not 4 * 0.1.
-        ticks = np.round(times / self.sample_period) * self.sample_period
-        return np.where(np.isclose(times, ticks, rtol=2e-15, atol=SAME), ticks, times)
-
-    def _Jitters(self, num_blocks: int, copy: str) -> Array:
-        """Returns the jitter of the packets of the first blocks in s.
-
-        Args:
-            copy: The beginning of the names of random numbers; empty: of the packets
-                themselves.
-        """
-        jitter = self._jitter
-        if jitter.kind == "none" or jitter.std == 0:
-            return np.zeros(num_blocks * _BLOCK)
-        jitters = self._FreshJitters(num_blocks, f"{copy}jitter")
-        if not jitter.hold:
-            return jitters
-        u = self._Draw(f"{copy}hold", num_blocks, Generator.random)
-        # The first packet has nothing to hold.
-        fresh = np.where(u < jitter.hold, 0, np.arange(len(u)))
-        return jitters[np.maximum.accumulate(fresh)]
-
-    def _FreshJitters(self, num_blocks: int, name: str) -> Array:
-        """Returns the jitter of packets that hold none, in s."""
-        jitter = self._jitter
-        std = jitter.std
-        excess = self.profile.delay - jitter.minimum
-        if jitter.kind == "gamma" and not jitter.correlation_time:
-            of = (excess / std) ** 2, std**2 / excess
-            return self._Draw(name, num_blocks, Generator.gamma, *of) - excess
-
-        from scipy.special import gammaincinv, ndtr, ndtri  # The import takes 0.1 s.
-
-        u = np.clip(self._Shares(num_blocks, name), 2.0**-53, 1 - 2.0**-53)
-        jitters: Array
-        if jitter.kind == "gamma":
-            jitters = gammaincinv((excess / std) ** 2, u) * std**2 / excess - excess
-        elif jitter.kind == "uniform":
-            jitters = math.sqrt(3) * std * (2 * u - 1)
+        if self._sent is None:
+            ticks = np.round(times / self.sample_period) * self.sample_period
         else:
-            # The inverse of the cumulative distribution above the minimum.
-            jitters = np.maximum(-std * ndtri(u * ndtr(excess / std)), -excess)
-        return jitters
-
-    def _Shares(self, num_blocks: int, name: str) -> Array:
-        """Returns the value of the jitter's distribution function for each packet."""
-        time = self._jitter.correlation_time
-        if not time:
-            return self._Draw(name, num_blocks, Generator.random)
-        a = math.exp(-self.sample_period / time)
-        noise = self._Draw(name, num_blocks, Generator.standard_normal)
-
-        def Next(g: float, n: float) -> float:
-            return a * g + math.sqrt(1 - a * a) * n
-
-        from scipy.special import ndtr
-
-        shares: Array = ndtr(list(itertools.accumulate(noise.tolist(), Next)))
-        return shares
-
-    def _Losses(self, num_blocks: int, copy: str) -> NDArray[np.bool_]:
-        """Returns whether each packet of the first blocks, or its copy, is lost."""
-        loss = self._loss
-        probability: float | Array = loss.probability
-        if loss.kind in ("burst", "gilbert_elliott"):
-            is_bad = self._Bursts(num_blocks)
-            probability = np.where(is_bad, loss.bad_loss, loss.good_loss)
-        return self._Draw(f"{copy}loss", num_blocks, Generator.random) < probability
-
-    def _Bursts(self, num_blocks: int) -> list[bool]:
-        """Returns whether the chain of bursts is in its bad state at each packet."""
-        share, to_bad, to_good = self._loss.Chain()
-
-        def Next(is_bad: bool, step: float) -> bool:
-            return step >= to_good if is_bad else step < to_bad
-
-        first, *others = self._Draw("burst", num_blocks, Generator.random).tolist()
-        return list(itertools.accumulate(others, Next, initial=first < share))
+            between = (self._sent[1:] + self._sent[:-1]) / 2
+            ticks = self._sent[np.searchsorted(between, times)]
+        return np.where(np.isclose(times, ticks, rtol=2e-15, atol=SAME), ticks, times)

@@ -70,7 +70,7 @@ def ComputePacketStatistics(
     """
     sent = network.CountUntil(end_time)
     arrivals = network.Arrivals(sent)
-    stamps = np.arange(sent) * network.sample_period
+    stamps = network.SentTimes(sent)
     received = np.flatnonzero(arrivals <= end_time)
     # Packets that arrive together count as being in order.
     received = received[np.argsort(arrivals[received], kind="stable")]
