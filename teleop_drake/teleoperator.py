@@ -4,8 +4,10 @@ from collections.abc import Mapping, Sequence
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
+from teleop_drake.arrays import Names
 from teleop_drake.blocks.architectures import Architecture
 from teleop_drake.blocks.architectures.own_law import Law
+from teleop_drake.blocks.channels.fields import WithFieldDelays
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.blocks.environments import SurfacesOf
 from teleop_drake.scenario import AsTeleoperation, CheckStart, Scenario, ScenarioLike
@@ -154,7 +156,7 @@ def AddTeleoperator(
             scenario,
             side,
             master.GetOutputPort("forward_packet").size(),
-            architecture.initial_forward_packet,
+            architecture,
         ),
         "controller": controller,
         "robot": robot,
@@ -165,7 +167,7 @@ def AddTeleoperator(
             scenario,
             side,
             controller.GetOutputPort("return_packet").size(),
-            architecture.initial_return_packet,
+            architecture,
         ),
     }
     _AddLoop(builder, systems, side)
@@ -201,21 +203,48 @@ def _MakeChannel(
     scenario: Scenario,
     side: str | None,
     size: int,
-    initial_value: Sequence[float],
+    architecture: Architecture,
 ) -> System:
     """Returns a channel: the user's, the scenario's or, for one side, no delay."""
+    initial_value, _ = _PacketOf(architecture, name)
     if side is not None:
         if channel is not None:
             Refuse(name, channel.get_name(), "left out: a side hears packets")
         return TransportDelay(delay=0.0, size=size, initial_value=initial_value)
     if channel is None:
-        channel = getattr(scenario, name).MakeChannel(
-            size=size,
-            initial_value=initial_value,
-            duration=scenario.duration,
-            stream=name,
-        )
+        channel = MakeChannelOf(scenario, name, architecture, size)
     return AsChannel(name, channel, size)
+
+
+def _PacketOf(
+    architecture: Architecture, channel: str
+) -> tuple[Sequence[float], Names]:
+    """Returns the initial packet of a channel, and the names of its fields."""
+    if channel == "forward_channel":
+        return architecture.initial_forward_packet, architecture.forward_fields
+    return architecture.initial_return_packet, architecture.return_fields
+
+
+def MakeChannelOf(
+    scenario: Scenario, name: str, architecture: Architecture, size: int
+) -> System:
+    """Makes the channel of a scenario with a name, for an architecture's packets.
+
+    Args:
+        size: Width of the packet.
+
+    Raises:
+        ScenarioError: If a parameter is not allowed.
+    """
+    config = getattr(scenario, name)
+    initial_value, fields = _PacketOf(architecture, name)
+    channel = config.MakeChannel(
+        size=size,
+        initial_value=initial_value,
+        duration=scenario.duration,
+        stream=name,
+    )
+    return WithFieldDelays(channel, config.fields, fields, initial_value, name)
 
 
 _CONNECTIONS = (

@@ -186,7 +186,8 @@ def CheckSteps(scenario: AnyScenario) -> None:
     if isinstance(scenario, Scenario):
         for path in CHANNELS:
             channel = getattr(scenario, path)
-            steps[f"{path}.delay"] = channel.LongestStep(scenario.duration)
+            delays = [channel.LongestStep(scenario.duration), *channel.FieldDelays()]
+            steps[f"{path}.delay"] = min(delays)
             steps[f"{path}.sample_period"] = channel.PacketPeriod()
         steps["surgeon"] = scenario.surgeon.LongestStep()
         for name, config in scenario.sensor.sampled.items():

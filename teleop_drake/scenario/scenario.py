@@ -221,7 +221,16 @@ class Scenario(_ScenarioBase):
         )
 
     def ConstantDelays(self) -> list[ConstantDelay]:
-        """Returns the constant delays that replace the channels in linear analyses."""
+        """Returns the constant delays that replace the channels in linear analyses.
+
+        Raises:
+            ScenarioError: If no constant delay can stand for a channel.
+        """
+        for path in CHANNELS:
+            fields = getattr(self, path).fields
+            if getattr(self, path).FieldDelays():
+                allowed = "left out: an analysis has one delay each way"
+                Refuse(f"{path}.fields", list(fields), allowed)
         return [
             getattr(self, path).AsConstantDelay(path, self.duration)
             for path in CHANNELS

@@ -48,6 +48,7 @@ from teleop_drake.simulation.compiled_system import CompiledSystem
 from teleop_drake.simulation.simulate import Finish, JobOf
 from teleop_drake.stations import MakeArchitecture, WithDrivesAndSensors
 from teleop_drake.tasks import Task, TaskOf
+from teleop_drake.teleoperator import MakeChannelOf
 from teleop_drake.validation import RefuseGiven
 
 # Fields of a scenario that affect no systems other than the channels, unless the
@@ -253,19 +254,11 @@ class CompiledScenario:
                 name = master_side.get_name() or "master_side"
                 parts[f"master/{name}"] = master_side
         # Initial packets follow from the sides, so that all channels change with them.
-        packets = {
-            "forward_channel": architecture.initial_forward_packet,
-            "return_channel": architecture.initial_return_packet,
-        }
-        for name, packet in packets.items():
+        for name in CHANNELS:
             if not parts and not fields & {name, "duration"}:
                 continue
-            channel = getattr(scenario, name).MakeChannel(
-                size=len(packet),
-                initial_value=packet,
-                duration=scenario.duration,
-                stream=name,
-            )
+            port = self._compiled.diagram.GetSubsystemByName(name).get_input_port()
+            channel = MakeChannelOf(scenario, name, architecture, port.size())
             channel.set_name(name)
             parts[name] = channel
         return parts

@@ -374,10 +374,14 @@ def _Channels(systems: Iterable[System], end: float) -> dict[str, PacketStatisti
     """Returns the statistics of the packets of network channels until a time in s."""
     channels = {}
     for system in systems:
-        if isinstance(system, NetworkDelay):
-            context = system.CreateDefaultContext()
+        channel = system
+        # A channel with delays of fields is a diagram.
+        if isinstance(system, Diagram) and system.HasSubsystemNamed("channel"):
+            channel = system.GetSubsystemByName("channel")
+        if isinstance(channel, NetworkDelay):
+            context = channel.CreateDefaultContext()
             context.SetTime(end)
-            channels[system.get_name()] = system.Statistics(context)
+            channels[system.get_name()] = channel.Statistics(context)
     return channels
 
 

@@ -38,6 +38,7 @@ NETWORK = {
         "jitter": {"kind": "normal", "std": 0.01},
     }
 }
+NETEM = "delay 100ms 30ms loss gemodel 2% 30% duplicate 5% reorder 9%"
 SEED = {"forward_channel.seed": (0.0, 5.0)}
 VARY = {"environment.layers.bone.stiffness": (50.0, 400.0)}
 VARY["surgeon.kind"] = ["constant_velocity", "sine"]
@@ -98,6 +99,8 @@ def Kinds():
         ("variable", {"sinusoid": {"amplitude": 0.03, "frequency": 2.0}}),
         ("sampled", {"sample_period": 0.01}),
         ("network", {"sample_period": 0.01, "seed": 3}),
+        ("network", {"sample_period": 0.01, "netem": NETEM}),
+        ("network", {"sample_period": 0.04, "periods": [0.02, 0.06], "seed": 3}),
     ):
         channel = {"kind": kind, "delay": 0.1, **more}
         yield "one_dof", {f"{way}_channel": channel for way in ("forward", "return")}

@@ -78,9 +78,8 @@ class Facts:
     @property
     def has_no_delay(self) -> bool:
         """Whether both channels pass their signals through without delay."""
-        return (
-            self.forward_channel.IsPassThrough() and self.return_channel.IsPassThrough()
-        )
+        channels = self.forward_channel, self.return_channel
+        return all(x.IsPassThrough() and not x.FieldDelays() for x in channels)
 
     def Told(self, fact: str, path: str) -> Array:
         """Returns a fact from which the default of a field derives.
@@ -242,12 +241,17 @@ class Architecture:
             control_force (n, N) and return_packet (m_r).
         initial_forward_packet: The packet that the slave side receives at first (m_f).
         initial_return_packet: The packet that the master side receives at first (m_r).
+        forward_fields: The names of the parts of a forward packet, of equal widths;
+            empty: they have no names.
+        return_fields: The names of the parts of a return packet.
     """
 
     master_side: System | None = None
     slave_side: System
     initial_forward_packet: Sequence[float]
     initial_return_packet: Sequence[float]
+    forward_fields: Names = ()
+    return_fields: Names = ()
 
 
 @Config
@@ -348,6 +352,8 @@ def MakeLawArchitecture(control_law: System, start: Sequence[float]) -> Architec
         slave_side=MakeSlaveStation(control_law),
         initial_forward_packet=[*at_rest, *at_rest],
         initial_return_packet=[*start, *at_rest],
+        forward_fields=("force", "velocity"),
+        return_fields=("position", "velocity"),
     )
 
 

@@ -318,4 +318,6 @@ class FourChannelConfig(ArchitectureConfig):
             slave_side=FourChannelSlave(config, start=start),
             initial_forward_packet=packet,
             initial_return_packet=packet,
+            forward_fields=("position", "velocity", "force"),
+            return_fields=("position", "velocity", "force"),
         )

@@ -231,4 +231,6 @@ class ProportionalDampingConfig(ArchitectureConfig):
             slave_side=ProportionalSlave(config, num_axes=len(start)),
             initial_forward_packet=start,
             initial_return_packet=start,
+            forward_fields=("position",),
+            return_fields=("position",),
         )

@@ -331,4 +331,6 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
             slave_side=PassivitySlave(config, num_axes=n),
             initial_forward_packet=[0.0] * (2 * n),
             initial_return_packet=[*facts.start.tolist(), *[0.0] * (2 * n)],
+            forward_fields=("force", "energy"),
+            return_fields=("position", "velocity", "energy"),
         )

@@ -267,4 +267,6 @@ class WaveVariablesConfig(ArchitectureConfig):
             slave_side=WaveSlave(line, num_axes=len(start)),
             initial_forward_packet=packet,
             initial_return_packet=packet,
+            forward_fields=("wave", "position"),
+            return_fields=("wave", "position"),
         )

@@ -3,7 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -65,6 +65,10 @@ class ChannelConfig(KindConfig, ABC):
     # Seed of the random numbers, a whole number >= 0. The two directions draw different
     # numbers even if their seeds are equal. No effect on kinds that draw none.
     seed: int = 0
+    # Delays of single fields of a packet, {name: {delay: s}}, before it is sent: the
+    # camera's image is older than the force in the same packet. The names are those of
+    # the architecture: force, velocity, position and others; see Architecture.
+    fields: dict[str, Any] = field(default_factory=dict)
 
     def Check(self, path: str, duration: float) -> None:
         """Checks every field.
@@ -79,6 +83,17 @@ class ChannelConfig(KindConfig, ABC):
         CheckDelay(f"{path}.delay", self.delay)
         if self.seed < 0:
             Refuse(f"{path}.seed", self.seed, "a whole number >= 0")
+        for name, given in self.fields.items():
+            place = f"{path}.fields.{name}"
+            if not isinstance(given, dict) or set(given) != {"delay"}:
+                Refuse(place, given, "a mapping with the key delay")
+            if not isinstance(given["delay"], int | float):
+                Refuse(f"{place}.delay", given["delay"], "a number (s)")
+            CheckDelay(f"{place}.delay", given["delay"])
+
+    def FieldDelays(self) -> list[float]:
+        """Returns the delays of single fields in s that are not 0."""
+        return [x["delay"] for x in self.fields.values() if x["delay"] > 0]
 
     @abstractmethod
     def MakeChannel(

@@ -236,9 +236,13 @@ class NetworkChannelConfig(VaryingDelayConfig):
             stream=stream,
         )
 
+    def HasUnevenPeriods(self) -> bool:
+        """Returns whether the times between packets differ."""
+        return bool(self.periods) or self.period_jitter.kind != "none"
+
     def _Periods(self, duration: float, stream: str) -> Array | None:
         """Returns the times between packets until a time in s; None: all are equal."""
-        if not self.periods and self.period_jitter.kind == "none":
+        if not self.HasUnevenPeriods():
             return None
         if duration == math.inf:
             Refuse("duration", duration, "finite where the times between packets vary")
@@ -313,6 +317,7 @@ class NetworkChannelConfig(VaryingDelayConfig):
             ),
             "delays that are held from packet to packet": jitter.hold > 0,
             "the order of packets: netem lets fast ones overtake": jitter.keeps_order,
+            "times between packets that vary": self.HasUnevenPeriods(),
             f"the receiver, {self.receiver.policy}": self.receiver.policy != "newest",
         }
         missing += [name for name, is_lacking in lacks.items() if is_lacking]
