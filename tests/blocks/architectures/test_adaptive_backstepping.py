@@ -154,7 +154,8 @@ def test_what_is_refused(changes, message):
 
 @pytest.mark.parametrize("psi", [0.05, -3.0, np.diag([1.0, 0.01])])
 def test_psi_has_to_be_invertible(psi):
-    message = r"controller.initial_psi = .*: must be auto, a positive number or a 2 x 2"
+    allowed = r"(auto, a positive number or a 2 x 2|larger than controller.minimum_psi)"
+    message = rf"controller.initial_psi = .*: must be {allowed}"
     with pytest.raises(ScenarioError, match=message):
         Config(initial_psi=psi).Resolve(Facts(), "controller")
 
