@@ -313,7 +313,7 @@ def test_a_diagram_takes_no_options_of_a_scenario(options):
         (["own_diagram:MakeDiagram", "--delay", "1"], "takes no options of a scenario"),
         (["own_diagram:MakeDiagram", "--duration", "x"], "--duration = 'x'"),
         (["own_diagram:MakeDiagram", "--duration", "-1"], "duration = -1.0: must be"),
-        (["collections:Counter"], "must be a function that returns a System"),
+        (["collections:Counter"], "must be a function that returns a"),
     ],
     ids=["arguments", "name", "option", "text", "negative", "no diagram"],
 )
