@@ -33,7 +33,7 @@ def test_each_scenario_has_its_task():
     assert isinstance(TaskOf(LoadScenario("one_dof")), Insertion)
     assert isinstance(TaskOf(LoadScenario("network_tracking_linear")), Tracking)
     assert isinstance(TaskOf(MyScenario()), Insertion)
-    with pytest.raises(TypeError, match=r"^scenario = str: must be a scenario$"):
+    with pytest.raises(TypeError, match=r"^scenario = a str: must be a scenario$"):
         TaskOf("one_dof")
 
 
