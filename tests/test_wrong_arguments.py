@@ -19,6 +19,7 @@ REST = {
     "LinearizePorts": {"context": None, "input_port": None},
     "MakeSimulator": {"config": None},
     "OperateRemotely": {"connect": "localhost:1", "key": "key"},
+    "DelayMargins": {"context": None},
     "SaveFigure": {},
     "ServeRobot": {"listen": "localhost:1", "key": "key"},
     "Sweep": {"grid": {"delay": [0.1]}},

@@ -10,6 +10,7 @@ from pydrake.systems.framework import (
 
 from teleop_drake.analysis.cut_diagram import CutDiagram, TimesOf
 from teleop_drake.analysis.ports import (
+    CheckPoint,
     CopyContext,
     DelayMargin,
     OpenDiagram,
@@ -72,6 +73,7 @@ class DelayMap:
     """
 
     def __init__(self, diagram: Diagram, context: Context, *, is_moving: bool = False):
+        CheckPoint(diagram, context)
         function = CutDiagram(diagram, CopyContext(diagram, context))
         opened = OpenDiagram(function, [])
         leaves = _LeavesIn(diagram, function.blocks)

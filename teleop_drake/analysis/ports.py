@@ -183,8 +183,8 @@ def DelayMargin(
     return model.margins().delay
 
 
-def _CheckKinds(diagram: Any, context: Any, input_port: Any, output_port: Any) -> None:
-    """Refuses arguments of LinearizePorts() that are of other classes.
+def CheckPoint(diagram: Any, context: Any) -> None:
+    """Refuses a diagram or a Context of another class, or of another diagram.
 
     Raises:
         ValueError: If an argument is of another class, or the Context is that of
@@ -195,6 +195,15 @@ def _CheckKinds(diagram: Any, context: Any, input_port: Any, output_port: Any) -
     allowed = f"one of {NameOf(diagram)}, as diagram.CreateDefaultContext() makes it"
     CheckKind("context", context, Context, allowed)
     CheckContext(diagram, context)
+
+
+def _CheckKinds(diagram: Any, context: Any, input_port: Any, output_port: Any) -> None:
+    """Refuses arguments of LinearizePorts() that are of other classes.
+
+    Raises:
+        ValueError: As CheckPoint(), and if a port is of another class.
+    """
+    CheckPoint(diagram, context)
     allowed = (
         "an InputPort or OutputPort in the diagram, such as "
         f"diagram.GetSubsystemByName({_NameIn(diagram)!r}).get_output_port()"

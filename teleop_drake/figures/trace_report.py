@@ -10,6 +10,7 @@ from teleop_drake.figures.layout import MakePanels
 from teleop_drake.figures.style import COLORS, GREY, MARK_STYLE, Figure, Key, Look
 from teleop_drake.numerics.delay_statistics import least_delay_line
 from teleop_drake.sweep.trace_report import HIGH, TraceReport
+from teleop_drake.validation import CheckKind
 
 _HEIGHT = 6.4  # inches; of three rows
 
@@ -27,6 +28,8 @@ def PlotTraceReport(report: TraceReport) -> Figure:
     Args:
         report: As ReportTrace() returns it.
     """
+    allowed = "a TraceReport, which ReportTrace() returns"
+    CheckKind("report", report, TraceReport, allowed)
     figure, panels = MakePanels(3, 2, height=_HEIGHT, share_x="none", share_y="none")
     _DrawDelays(panels[0, 0], report)
     _DrawExceeded(panels[0, 1], report)

@@ -23,7 +23,7 @@ from teleop_drake.sweep.plan import PlanSweep
 from teleop_drake.sweep.run import Execution, RunSweep
 from teleop_drake.tables.measured import BETWEEN_STAMPS
 from teleop_drake.tables.packets import Packets, ReadPackets
-from teleop_drake.validation import ScenarioError
+from teleop_drake.validation import CheckKind, ScenarioError
 
 PERCENTS = (0.0, 50.0, 90.0, 95.0, 99.0, 99.9, 100.0)
 """The percentages of the quantiles of delays."""
@@ -240,6 +240,7 @@ def ReportTrace(
     Raises:
         ScenarioError: If the file or an argument is not allowed.
     """
+    CheckKind("trace", trace, str | Mapping, "a file of measured delays")
     packets = ReadPackets("--trace", trace)
     delays = DescribeDelays(packets)
     channel = {
