@@ -98,12 +98,7 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
     instances = [
         multibody.ModelInstanceIndex(i) for i in range(plant.num_model_instances())
     ]
-    commands: dict[str, list[int]] = {}
-    # The actuators of each model instance whose own actuation port is connected.
-    for i in instances:
-        port = plant.get_actuation_input_port(i)
-        if port.size() > 0 and port.HasValue(context):
-            commands[port.get_name()] = _Places(plant.GetJointActuatorIndices(i))
+    commands = _Commands(plant, context, instances)
     actuators = [place for places in commands.values() for place in places]
     motors = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
     parameters = {
@@ -125,6 +120,24 @@ def PlantKernel(plant: MultibodyPlant, context: Context) -> Kernel:
         # No bodies can collide, so that the plant needs no geometry.
         unused=("geometry_query", *_IdleInputs(plant, instances)),
     )
+
+
+def _Commands(
+    plant: MultibodyPlant,
+    context: Context,
+    instances: Iterable[multibody.ModelInstanceIndex],
+) -> dict[str, list[int]]:
+    """Returns the actuators of each model instance whose own port is connected.
+
+    They are keyed by the name of the port. No port stays in use: Drake 1.58 never
+    releases a plant of which one port was in use twice at a time.
+    """
+    commands = {}
+    for i in instances:
+        port = plant.get_actuation_input_port(i)
+        if port.size() > 0 and port.HasValue(context):
+            commands[port.get_name()] = _Places(plant.GetJointActuatorIndices(i))
+    return commands
 
 
 def _IdleInputs(
