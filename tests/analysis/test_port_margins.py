@@ -305,6 +305,8 @@ def test_python_control_finds_the_margins_of_the_same_loop():
     np.testing.assert_array_equal(model.to_control().A, model.A)
 
 
+# python-control hides a warning of NumPy's, and then returns another kind of system.
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_a_loop_has_the_sign_of_negative_feedback():
     """L = 3/(s + 1)^3 e^(-0.1 s), and python-control closes the loop with L/(1 + L)."""
     control = pytest.importorskip("control")

@@ -65,6 +65,8 @@ def test_margins_of_a_loop_with_a_hold(name):
     assert margins.delay == pytest.approx(14.69307 * H, abs=1e-6)
 
 
+# python-control hides a warning of NumPy's, and then returns another kind of system.
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
 def test_the_loop_is_that_of_python_control():
     control = pytest.importorskip("control")
     diagram = chain(plant=plant(), minus=Gain(-1.0, 1), hold=ZeroOrderHold(H, 1))
