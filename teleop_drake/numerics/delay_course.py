@@ -194,12 +194,24 @@ def held_share(pair: SignalPair, fit: Fit) -> float | None:
     gaps = np.diff(t[at + 1])[np.diff(slow) == 0]
     if len(gaps) < 2:
         return None
-    # A gap without more rows than usual has lost nothing: its rows are late.
+    # Gaps without more rows than usual have lost nothing: their rows are uneven.
     rows = np.diff(at)[np.diff(slow) == 0]
-    numbers = np.maximum(np.round(gaps / np.median(gaps)), 1.0)
-    numbers[rows <= np.median(rows)] = 1.0
-    lost = float(np.sum(numbers - 1))
+    share = _missing_share(gaps) if np.any(rows > np.median(rows)) else 0.0
     noise = np.sqrt(np.mean(pair.left(fit) ** 2))
-    if lost == 0 and noise > np.median(moves[is_moving]):
+    if share == 0 and noise > np.median(moves[is_moving]):
         return None
-    return lost / float(np.sum(numbers))
+    return share
+
+
+def _missing_share(gaps: Array) -> float:
+    """Returns the share of missing packets, from the times between those that came.
+
+    With a share q missing, gaps are longer by 1/(1 - q) on average. Of the gaps, the
+    share 1 - q is one period long, more or less, so that the period is the quantile of
+    (1 - q)/2. Single gaps may vary by more than half a period.
+    """
+    share = 0.0
+    for _ in range(_NUM_STEPS):
+        period = np.quantile(gaps, (1 - share) / 2)
+        share = min(max(1 - float(period / gaps.mean()), 0.0), 0.5)
+    return share

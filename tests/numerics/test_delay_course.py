@@ -79,6 +79,20 @@ def test_held_share_counts_packets():
     assert held_share(pair, fit) == pytest.approx(0.1, abs=0.02)
 
 
+@pytest.mark.parametrize("loss", [0.0, 0.1, 0.3])
+def test_held_share_of_packets_with_jitter(loss):
+    """Gaps that vary by more than half a period are no losses."""
+    draw = np.random.default_rng(5)
+    packets = np.arange(490) * 0.02
+    came = draw.random(490) >= loss
+    arrivals = (packets + DELAY + draw.uniform(-0.008, 0.008, 490))[came]
+    last = np.searchsorted(arrivals, TIME, side="right") - 1
+    pair = Pair(Signal(packets[came][np.maximum(last, 0)]))
+    fit = find_dead_time(pair, [0]).fit
+    found = held_share(pair, fit)
+    assert found == pytest.approx(np.mean(~came[50:]), abs=0.03)
+
+
 def test_held_share_is_unknown_with_noise():
     noise = 0.2 * np.random.default_rng(3).standard_normal(len(TIME))
     pair = Pair(Signal(TIME - DELAY) + noise)
