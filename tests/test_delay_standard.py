@@ -33,10 +33,26 @@ def AssertSame(values, name, signal, tolerance):
     np.testing.assert_allclose(values, Columns(name)[signal], rtol=0, atol=tolerance)
 
 
+def AssertSameTable(path, expected):
+    """Asserts equal notes and columns, and numbers equal but for rounding.
+
+    The mathematical functions of two processors differ in the last bit, which can turn
+    the twelfth digit.
+    """
+    heads = [x for x in expected.splitlines() if x[0] in "#t"]
+    assert path.read_text("utf-8").splitlines()[: len(heads)] == heads
+    values, right = (
+        np.loadtxt(lines, delimiter=",", skiprows=len(heads), ndmin=2)
+        for lines in (path, expected.splitlines())
+    )
+    assert right.shape[1] == len(heads[-1].split(","))
+    np.testing.assert_allclose(values, right, rtol=1e-11, atol=0)
+
+
 @pytest.mark.parametrize("name", tasks.TASKS)
 def test_a_file_is_what_its_closed_form_gives(name):
-    path = FOLDER / f"{name}.csv"
-    assert path.read_text("utf-8") == reference_text(name, tasks.TASKS[name]())
+    expected = reference_text(name, tasks.TASKS[name]())
+    AssertSameTable(FOLDER / f"{name}.csv", expected)
 
 
 @pytest.mark.parametrize(
@@ -47,8 +63,8 @@ def test_a_file_is_what_its_closed_form_gives(name):
     ),
 )
 def test_the_wrong_answers_are_those_of_the_faults(name):
-    path = FOLDER / "faults" / f"{name}.csv"
-    assert path.read_text("utf-8") == faults_text(name, tasks.TASKS[name]())
+    expected = faults_text(name, tasks.TASKS[name]())
+    AssertSameTable(FOLDER / "faults" / f"{name}.csv", expected)
 
 
 # Echoes, by a buffer of whole numbers: what is read was written so many cells before.

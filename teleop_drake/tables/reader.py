@@ -186,7 +186,7 @@ def OfFrame(frame: "pandas.DataFrame", origin: str) -> Table:
     )
 
 
-def _Vectors(cells: "pandas.Series[Any]") -> list[Any]:
+def _Vectors(cells: "pandas.Series") -> list[Any]:
     """Returns the components of a column of vectors, or the column itself."""
     first = cells.iloc[0]
     if not isinstance(first, (list, tuple, np.ndarray)):

@@ -55,9 +55,7 @@ class Times:
         return self.seconds - self.seconds[0]
 
 
-def ReadTimes(
-    values: "pandas.Series[Any]", unit: str, place: str, lines: Indices
-) -> Times:
+def ReadTimes(values: "pandas.Series", unit: str, place: str, lines: Indices) -> Times:
     """Returns the times of a column.
 
     Args:
@@ -94,9 +92,7 @@ def ReadTimes(
     raise AssertionError
 
 
-def _OfNumbers(
-    values: "pandas.Series[Any]", numbers: Any, unit: str, place: str
-) -> Times:
+def _OfNumbers(values: "pandas.Series", numbers: Any, unit: str, place: str) -> Times:
     """Returns times from numbers in a unit, or from stamps since 1970 in any unit."""
     largest = float(np.max(np.abs(numbers.astype(float))))
     found = [
@@ -128,7 +124,7 @@ def _OfNumbers(
     return Times(numbers.astype(float), SECONDS, False, None)
 
 
-def _Differences(values: "pandas.Series[Any]", numbers: Any) -> Array:
+def _Differences(values: "pandas.Series", numbers: Any) -> Array:
     """Returns the differences from the first number, exact but for one rounding.
 
     Stamps have up to 19 digits, of which a float keeps 16.
@@ -140,7 +136,7 @@ def _Differences(values: "pandas.Series[Any]", numbers: Any) -> Array:
     return np.array([float(stamp - stamps[0]) for stamp in stamps])
 
 
-def _OfDates(values: "pandas.Series[Any]", place: str, lines: Indices) -> Times:
+def _OfDates(values: "pandas.Series", place: str, lines: Indices) -> Times:
     """Returns the times of a column of dates that a file has as such."""
     is_bad = values.isna().to_numpy()
     if is_bad.any():
@@ -149,7 +145,7 @@ def _OfDates(values: "pandas.Series[Any]", place: str, lines: Indices) -> Times:
     return Times(seconds, DATES, True, "")
 
 
-def _OfIsoTexts(texts: "pandas.Series[Any]", place: str, lines: Indices) -> Times:
+def _OfIsoTexts(texts: "pandas.Series", place: str, lines: Indices) -> Times:
     import pandas
 
     matches = [_ISO.fullmatch(x) for x in texts]
@@ -170,7 +166,7 @@ def _OfIsoTexts(texts: "pandas.Series[Any]", place: str, lines: Indices) -> Time
     return _OfDates(dates, place, lines)
 
 
-def _OfTimesOfDay(texts: "pandas.Series[Any]", place: str, lines: Indices) -> Times:
+def _OfTimesOfDay(texts: "pandas.Series", place: str, lines: Indices) -> Times:
     """Returns the times of a clock that begins again at midnight."""
     matches = [_TIME_OF_DAY.fullmatch(x) for x in texts]
     seconds = np.array([_SecondsOfDay(match) for match in matches])
