@@ -1,6 +1,7 @@
 """The names and units of the signals that are recorded, and the systems' paths."""
 
 import itertools
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -56,6 +57,9 @@ _UNITS = {
     "disturbance_estimate": "N",
 }
 
+# The prefixes of units, by the exponent of ten.
+_PREFIXES = {-9: "n", -6: "\N{MICRO SIGN}", -3: "m", 0: "", 3: "k", 6: "M"}
+
 # Units of the parts of packets, by their first letters; u and w are waves.
 _PART_UNITS = {"p": "m", "x": "m", "v": "m/s", "a": "m/s^2", "F": "N", "E": "J"}
 _PART_UNITS |= dict.fromkeys("uw", "√W")
@@ -103,6 +107,16 @@ _ADDRESS = re.compile(r"@[0-9a-f]{8,}$")
 # of those that have one.
 _CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ufffe\uffff]")
 _PICTURES = {chr(code): chr(0x2400 + code) for code in range(32)} | {"\x7f": "\u2421"}
+
+
+def ScaleAndUnit(limits: Iterable[float], unit: str) -> tuple[float, str]:
+    """Returns the scale of a range in m, m/s or N, and its unit with an SI prefix."""
+    largest = max(map(abs, limits))
+    if unit not in ("m", "m/s", "N") or largest == 0:
+        return 1.0, unit
+    # The largest value is 0.1 to 100 in the unit shown.
+    exponent = 3 * min(max(math.floor(math.log10(10 * largest) / 3), -3), 2)
+    return 10.0**-exponent, _PREFIXES[exponent] + unit
 
 
 def SignalsOf(system: System) -> dict[str, OutputPort]:

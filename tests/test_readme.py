@@ -75,7 +75,7 @@ def test_a_number_of_the_results_is_printed(claim, numbers, commands, capsys):
         assert any(abs(x - value) <= half for x in found), (number, unit)
     if "never" in numbers:
         rests = [x for x in "\n".join(outputs).splitlines() if "rest time" in x]
-        assert len(rests) == 2 and all(x.split()[3] == "-" for x in rests)
+        assert len(rests) == 2 and all(x.split()[3] == "never" for x in rests)
 
 
 def test_the_moving_picture_can_be_read_at_the_width_of_the_page():

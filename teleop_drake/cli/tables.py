@@ -25,9 +25,11 @@ def Ending(recording: "Recording") -> str:
 def Headline(recording: "Recording") -> str:
     """Returns a line with the scenario, the delays, the simulated time and the ending.
 
-    After a divergence a second line names the command that explains it.
+    A second line tells what the run did. After a divergence a third line names the
+    command that explains it.
     """
     from teleop_drake.tasks import TaskOf
+    from teleop_drake.tasks.metrics import RunSentence
 
     scenario = recording.scenario
     line = f"{scenario.name}, {scenario.controller.kind}: "
@@ -40,6 +42,7 @@ def Headline(recording: "Recording") -> str:
     line += f"{recording.time[-1]:g} s simulated, {recording.termination}"
     if recording.reason:
         line += f" ({recording.reason})"
+    line += f"\n{RunSentence(recording)}"
     if channels and recording.termination == "diverged":
         line += "\n`teleop-drake analyze` with the same options finds the delay margins"
     return line
@@ -111,7 +114,8 @@ def Table(
     for row in rows:
         if row in groups:
             continue
-        cells = [Cell(column.get(row)) for column in columns]
+        unknown = Missing(row)
+        cells = [Cell(column.get(row), unknown=unknown) for column in columns]
         lines.append([Words(row), *cells, units.get(row, "")])
     return Align(lines)
 
@@ -153,7 +157,7 @@ def SeedsTable(result: "SweepResult", metrics: Sequence[str] = ()) -> str:
 
 def _CellWithInterval(row: Mapping[str, Any]) -> str:
     if row["low"] is None:
-        return Cell(row["value"])
+        return Cell(row["value"], unknown=Missing(row["metric"]))
     return f"{row['value']:.4g} [{row['low']:.3g}, {row['high']:.3g}]"
 
 
@@ -211,7 +215,10 @@ def MetricRows(
     upwards = itertools.zip_longest(*map(reversed, stacks), fillvalue="")
     lines = [[*row, ""] for row in upwards][::-1]
     for label, metrics, end in zip(labels, values, ends, strict=True):
-        cells = [Cell(metrics.get(metric), digits=4) for metric in units]
+        cells = [
+            Cell(metrics.get(metric), digits=4, unknown=Missing(metric))
+            for metric in units
+        ]
         lines.append([*label, *cells, end])
     return Align(lines)
 
@@ -229,10 +236,17 @@ def Align(lines: Sequence[Sequence[str]]) -> str:
     return "\n".join(rows)
 
 
-def Cell(value: Any, digits: int = 5) -> str:
-    """Returns a value as the cell of a table."""
+def Missing(metric: str) -> str:
+    """Returns the cell of a metric that a run does not have."""
+    from teleop_drake.tasks.metrics import MissingInWords
+
+    return MissingInWords(metric)
+
+
+def Cell(value: Any, digits: int = 5, *, unknown: str = "-") -> str:
+    """Returns a value as the cell of a table; `unknown` stands for None."""
     if value is None:
-        return "-"
+        return unknown
     if isinstance(value, bool):
         return "yes" if value else "no"
     return str(value) if isinstance(value, int | str) else f"{value:.{digits}g}"

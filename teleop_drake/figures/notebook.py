@@ -15,7 +15,7 @@ from teleop_drake.figures.saving import DescribeFigure
 from teleop_drake.recording import Recording
 from teleop_drake.sweep import FlattenMetrics, MetricUnits
 from teleop_drake.tasks import TaskOf
-from teleop_drake.tasks.metrics import RunSummary
+from teleop_drake.tasks.metrics import MissingInWords, RunSentence, RunSummary
 
 _DPI = 90
 
@@ -55,11 +55,11 @@ def RecordingHtml(recording: Recording) -> str:
         recording: A run; without a finite sample, it has no table and no figure.
     """
     texts = [repr(recording), recording.reason, *recording.notes]
-    title = "".join(f"<p>{html.escape(text)}</p>" for text in texts if text)
     try:
         table = _Table(recording)
     except ValueError:
-        return title
+        return _Paragraphs(texts)
+    title = _Paragraphs([RunSentence(recording), *texts])
     buffer = io.BytesIO()
     signals = _SIGNALS if TaskOf(recording.scenario).controllers else None
     figure = PlotRun(recording, signals=signals, columns=1)
@@ -72,6 +72,11 @@ def RecordingHtml(recording: Recording) -> str:
     )
 
 
+def _Paragraphs(texts: Sequence[str]) -> str:
+    """Returns texts as HTML, without the empty ones."""
+    return "".join(f"<p>{html.escape(text)}</p>" for text in texts if text)
+
+
 def _Table(recording: Recording) -> str:
     """Returns the metrics of a run as an HTML table."""
     summary = RunSummary(recording)
@@ -80,17 +85,18 @@ def _Table(recording: Recording) -> str:
     rows = []
     for name, value in metrics.items():
         label = html.escape(name.replace("_", " ").replace(".", " "))
+        unit = html.escape(units.get(name, ""))
         rows.append(
             f'<tr><td style="text-align: left">{label}</td>'
-            f"<td>{_Cell(value)}</td><td>{html.escape(units.get(name, ''))}</td></tr>"
+            f"<td>{_Cell(name, value)}</td><td>{unit}</td></tr>"
         )
     return f"<table>{''.join(rows)}</table>"
 
 
-def _Cell(value: object) -> str:
+def _Cell(name: str, value: object) -> str:
     """Returns a metric as text."""
     if value is None:
-        return "-"
+        return MissingInWords(name)
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:.5g}" if isinstance(value, float) else html.escape(str(value))

@@ -26,6 +26,7 @@ from teleop_drake.figures.saving import SaveFigure
 from teleop_drake.figures.selection import CheckRecordings, SelectRows, SelectTime
 from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Key, RunStyle
 from teleop_drake.recording import CheckRecording, Recording
+from teleop_drake.signals import ScaleAndUnit
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
 from teleop_drake.validation import CheckKind, IsGiven, Refuse
@@ -233,7 +234,7 @@ class _Runs:
         low, high = RangeOf(
             [x._replace(y=self._Along(i, x.time)) for i, x in enumerate(curves)]
         )
-        scale, unit = style.ScaleAndUnit((low, high), "m")
+        scale, unit = ScaleAndUnit((low, high), "m")
         against_position = _Place(
             everyone,
             f"{_PositionName(self._normal_W)} [{unit}]",
@@ -273,7 +274,7 @@ class _Runs:
         curves = self._Curves(row)
         commands = self._Commands(row)
         y_range = RangeOf(curves, commands)
-        scale, unit = style.ScaleAndUnit(y_range, row.unit)
+        scale, unit = ScaleAndUnit(y_range, row.unit)
         # The position along the normal is not drawn against itself.
         normal = self._normal_W
         is_x = row.signal == "tool_position" and list(normal[row.components]) == [1]

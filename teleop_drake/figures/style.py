@@ -1,7 +1,6 @@
 """Style of the figures: colours, sizes for print, names and units."""
 
 import io
-import math
 from collections.abc import Iterable, Sequence
 from typing import Any, Literal
 
@@ -13,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.rcsetup import cycler
-from matplotlib.ticker import EngFormatter, ScalarFormatter
+from matplotlib.ticker import ScalarFormatter
 
 from teleop_drake.arrays import Array, Interval
 from teleop_drake.signals import AxesOf
@@ -111,16 +110,6 @@ def Widen(limits: Interval, scale: float) -> Interval:
     # A constant with rounding errors is drawn as a flat line, and so is zero.
     margin = max(0.06 * (high - low), 0.01 * max(abs(low), abs(high))) or 0.5
     return low - margin, high + margin
-
-
-def ScaleAndUnit(limits: Interval, unit: str) -> tuple[float, str]:
-    """Returns the scale of a range in m, m/s or N, and its unit with an SI prefix."""
-    largest = max(map(abs, limits))
-    if unit not in ("m", "m/s", "N") or largest == 0:
-        return 1.0, unit
-    # The largest value is 0.1 to 100 in the unit shown.
-    exponent = 3 * min(max(math.floor(math.log10(10 * largest) / 3), -3), 2)
-    return 10.0**-exponent, EngFormatter.ENG_PREFIXES[exponent] + unit
 
 
 def RunColor(i: int) -> str:

@@ -14,6 +14,7 @@ from teleop_drake.arrays import Array, Interval
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakePanels, Panels
 from teleop_drake.figures.style import FONT_SIZE, Figure, Key
+from teleop_drake.signals import ScaleAndUnit
 from teleop_drake.sweep import MetricUnits, SweepResult, VariesSeedsOnly
 from teleop_drake.sweep.statistics import CONTROLLERS, SEED
 from teleop_drake.validation import Refuse
@@ -184,7 +185,7 @@ def MetricScale(
     """Returns the scale of a metric, its label, and the limits before scaling."""
     finite = values[np.isfinite(values)]
     limits = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
-    scale, unit = style.ScaleAndUnit(limits, MetricUnits(result.scenario)[metric])
+    scale, unit = ScaleAndUnit(limits, MetricUnits(result.scenario)[metric])
     label = metric.replace("_", " ").replace(".", " ")
     # The label is no longer than a panel is high.
     label = textwrap.fill(f"{label} [{unit}]" if unit else label, 26)

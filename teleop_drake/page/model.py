@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import Context, OutputPort, System
 
 from teleop_drake.arrays import Array
@@ -143,6 +144,7 @@ class Model:
             "ports": self.Ports(),
             "signals": self.Signals(),
             "feed": self.Feed(),
+            "references": self.References(),
             "levels": Levels(self.diagram),
         }
 
@@ -200,6 +202,25 @@ class Model:
                 place = evaluator.program.fed[Source(i, "line")]
                 return place.start, place.stop - place.start
         return None
+
+    def References(self) -> list[tuple[int, int, int]]:
+        """Returns what PID controllers compare, as places in y.
+
+        For each controller these are the begins of the estimated and of the desired
+        positions, and their number.
+        """
+        ports = self.Ports()
+        found = []
+        for system, path in PathsIn(self.diagram):
+            if not isinstance(system, PidController):
+                continue
+            count = system.get_output_port().size()
+            names = ("estimated_state", "desired_state")
+            estimated, desired = (ports.get(f"{path}:{name}") for name in names)
+            # A projected state has other positions than the reference.
+            if estimated and desired and estimated[1] == desired[1] == 2 * count:
+                found.append((estimated[0], desired[0], count))
+        return found
 
     def Signals(self) -> dict[str, str]:
         """Returns the port of each recorded signal as `path:port`, keyed by signal."""

@@ -12,6 +12,7 @@ from teleop_drake.blocks.channels import ChannelConfig
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.tasks.panels import SignalRow
+from teleop_drake.tasks.sentences import DurationInWords, Sentence
 
 _S = TypeVar("_S", bound=AnyScenario)
 
@@ -124,6 +125,15 @@ class Task(ABC, Generic[_S]):
             Finite numbers, lists of them with one entry per task axis, bool, None, and
             dicts of these. The scalar metrics are those of `units`.
         """
+
+    def Outcome(self, recording: Recording, metrics: Record) -> str:
+        """Returns what a run did, in one sentence.
+
+        Args:
+            recording: A run, all of its numbers finite.
+            metrics: Its Metrics().
+        """
+        return Sentence(recording, [DurationInWords(recording)])
 
     @abstractmethod
     def Particulars(self, recording: Recording) -> Record:

@@ -23,6 +23,7 @@ from teleop_drake.tasks.insertion_metrics import (
     StartVelocityOvershoot,
 )
 from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
+from teleop_drake.tasks.sentences import InsertionInWords, Sentence
 from teleop_drake.teleoperator import MakeTeleoperator
 
 # Names of the events of crossing a surface, inwards and outwards.
@@ -116,6 +117,10 @@ class Insertion(Task[Scenario]):
             **{name: None if x is None else x.tolist() for name, x in per_axis.items()},
             **Divergence(recording),
         }
+
+    def Outcome(self, recording: Recording, metrics: Record) -> str:
+        """Returns what a run did: whether it hit the hard surface and came to rest."""
+        return Sentence(recording, InsertionInWords(recording, metrics))
 
     def Particulars(self, recording: Recording) -> Record:
         """Returns forward_delay and return_delay in s."""

@@ -43,6 +43,21 @@ def RunMetrics(recording: Recording, *, task: Task[Any] | None = None) -> Record
     return task.Metrics(_FinitePart(recording))
 
 
+def RunSentence(recording: Recording, *, task: Task[Any] | None = None) -> str:
+    """Returns what a run did, in one sentence, such as "Waves hit the bone ..."
+
+    Args:
+        recording: A run. Samples after its last finite sample are ignored.
+        task: The task that words it; by default the task of the scenario.
+
+    Raises:
+        ValueError: If the recording has no finite sample.
+    """
+    task = task or TaskOf(recording.scenario)
+    finite = _FinitePart(recording)
+    return task.Outcome(finite, task.Metrics(finite))
+
+
 def RunSummary(recording: Recording, *, task: Task[Any] | None = None) -> Record:
     """Returns the object that `teleop-drake run --json` prints.
 
@@ -128,6 +143,12 @@ def FlattenMetrics(metrics: Mapping[str, Any], prefix: str = "") -> Record:
         else:
             flat[prefix + key] = value
     return flat
+
+
+def MissingInWords(name: str) -> str:
+    """Returns the text for a metric that a run does not have: some times never come."""
+    is_time = name.endswith("time") or name == "diverged_at"
+    return "never" if is_time else "-"
 
 
 def _FinitePart(recording: Recording) -> Recording:

@@ -20,6 +20,7 @@ from teleop_drake.scenario import TrackingScenario, TrajectoryConfig
 from teleop_drake.signals import NamedSignals
 from teleop_drake.tasks.base import Divergence, SpeedLimit, Task
 from teleop_drake.tasks.panels import AxisName, SignalRow
+from teleop_drake.tasks.sentences import Sentence, TrackingInWords
 from teleop_drake.validation import GainMatrix
 from teleop_drake.wiring import Wire
 
@@ -104,6 +105,10 @@ class Tracking(Task[TrackingScenario]):
         """
         run = TrackingRun(recording)
         return {name: f(run).tolist() for name, (f, _) in METRICS.items()}
+
+    def Outcome(self, recording: Recording, metrics: Record) -> str:
+        """Returns what a run did: how far the arm was from its path."""
+        return Sentence(recording, TrackingInWords(recording, metrics))
 
     def Particulars(self, recording: Recording) -> Record:
         """Returns diverged, and diverged_at in s or None."""

@@ -331,7 +331,7 @@ def test_compare_values(capsys):
     assert "Legend: delay each way = 0.05 s, 0.1 s" in title
     width = float(re.search(r'<svg .*width="([\d.]+)pt"', text)[1])
     assert width < 3.5 * 72
-    header = capsys.readouterr().out.splitlines()[2]
+    header = capsys.readouterr().out.splitlines()[4]
     assert re.split(r"\s{2,}", header)[1:] == [
         "delay each way = 0.05 s",
         "0.1 s",

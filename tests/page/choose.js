@@ -7,6 +7,7 @@
     if (choice) await teleop.set("surgeon.kind", choice);
     for (const kind of teleop.controllers) {
       const run = await teleop.run(kind);
+      run.sentence = sentenceOf(run.run);
       run.sampled = teleop.sample(run, "tool_position", [0.5, 7.9, 16.1]);
       setCursor(1.3);
       const q = run.run.signal("joint_position");

@@ -3,9 +3,11 @@
   await teleop.ready;
   const scope = () => document.querySelector(".scope > svg").innerHTML;
   const run = (kind) =>
-    teleop
-      .run(kind)
-      .then((r) => ({ ...r, sampled: teleop.sample(r, "tool_position", [0.5, 7.9, 16.1]) }));
+    teleop.run(kind).then((r) => ({
+      ...r,
+      sentence: sentenceOf(r.run),
+      sampled: teleop.sample(r, "tool_position", [0.5, 7.9, 16.1]),
+    }));
   const inputs = teleop.inputs;
   const before = scope();
   const first = await run("direct_force");

@@ -25,7 +25,7 @@ from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.sweep import FlattenMetrics
 from teleop_drake.tasks import TaskOf
-from teleop_drake.tasks.metrics import RunMetrics
+from teleop_drake.tasks.metrics import RunMetrics, RunSentence
 
 # What one of them compiles, the others find on the disk.
 pytestmark = pytest.mark.xdist_group("machine_code")
@@ -78,6 +78,7 @@ def AssertSame(result, kind, values, name="one_dof"):
     assert {expected[name] for name in missing} <= {None}
     for name, value in result["metrics"].items():
         assert value == pytest.approx(expected[name], rel=1e-6), name
+    assert result["sentence"] == RunSentence(native)
 
 
 def test_runs_are_those_of_simulate(seen):
@@ -311,8 +312,8 @@ def test_a_run_that_ends_before_the_hand_has_its_own_metrics(look, tmp_path):
         AssertSameMetrics(column["metrics"], native, 1e-5)
         for name, label in column["labels"].items():
             if label in rows:
-                is_dash = rows[label][k] == "\N{EN DASH}"
-                assert is_dash == (name not in column["metrics"])
+                is_missing = rows[label][k] in ("\N{EN DASH}", "never")
+                assert is_missing == (name not in column["metrics"])
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import { range } from "./numbers.js";
 import "./scene.js";
 import { makeScopes, togglePin, zoom } from "./scopes.js";
 import { makeLink, showLinkedState } from "./link.js";
+import { makeOutcome } from "./outcome.js";
 import { makePrint } from "./print.js";
 import { makeSaving } from "./save.js";
 import { makeTries } from "./tries.js";
@@ -117,6 +118,7 @@ async function start() {
     return;
   }
   makeTries();
+  makeOutcome();
   chooseScopes();
   makeScopes();
   await refresh();

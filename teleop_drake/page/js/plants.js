@@ -112,5 +112,6 @@ export function drawPlants() {
     instantsOf(run).flatMap((time) => linesAt(run, plant, time)),
   );
   const picture = fit(everywhere, width, height);
-  $("scene").innerHTML = shown.map(([run, plant]) => drawPlant(run, plant, picture)).join("");
+  const current = shown.filter(([run]) => !run.hasEnded(state.cursor));
+  $("scene").innerHTML = current.map(([run, plant]) => drawPlant(run, plant, picture)).join("");
 }

@@ -7,6 +7,7 @@
 import { make, safe } from "./elements.js";
 import { clamp, extent, range, show } from "./numbers.js";
 import { componentsOf, scaleAndUnit } from "./units.js";
+import { endWord } from "./words.js";
 
 const DASHES = ["", "7 4", "2 3", "9 3 2 3"]; // The dashes of the components of a vector.
 export const MOST_LINES = 6;
@@ -83,6 +84,8 @@ function linesOf(view, port, width) {
       color: colorOf(run.loop, component, columns.length),
       dashes: DASHES[component % DASHES.length],
       className: i < pinned.length ? "pale" : "",
+      hasEnded: i >= pinned.length && run.hasEnded(window[1]),
+      end: component ? "" : endWord(run),
     }));
   });
   return [...commandOf(view, port, width), ...lines];
@@ -151,6 +154,21 @@ function drawEvents({ runs, window }, { x, bottom }, width) {
   return lines.join("");
 }
 
+// A cross at the end of each line of a run that ended early, and how it ended at its first one.
+function drawEnds(lines, { x, y }, width) {
+  return lines.flatMap(({ points, color, hasEnded, end }) => {
+    if (!hasEnded || !points.length) return [];
+    const [t, value] = points.at(-1);
+    const across = Number(x(t));
+    const down = Number(y(value));
+    const wide = EVENT_LETTER * end.length;
+    const left = Math.min(across + 8, width - LEFT - RIGHT - wide);
+    const cross = `M${across - 5} ${down - 5}l10 10m-10 0l10 -10`;
+    return `<path class="end" d="${cross}" stroke="${color}"/>
+      <text class="name" x="${left}" y="${clamp(down - 6, 22, Infinity)}">${end}</text>`;
+  });
+}
+
 // The scope of a port: its SVG, the scale and the unit of its axis, and whether it has a command.
 export function plot(view, port, width, height) {
   const { window } = view;
@@ -165,7 +183,8 @@ export function plot(view, port, width, height) {
   const cursor = `<path class="cursor" d="M0 0v${bottom}"/>`;
   const svg = `${drawAxes(axes, window, width, height)}
     <svg x="${LEFT}" width="${width - LEFT}" height="${bottom}">
-    ${drawEvents(view, axes, width)}${curves.join("")}${cursor}</svg>`;
+    ${drawEvents(view, axes, width)}${curves.join("")}${drawEnds(lines, axes, width).join("")}
+    ${cursor}</svg>`;
   const hasCommand = lines.some(({ className }) => className === "command");
   return { svg, scale: axes.scale, unit: axes.unit, hasCommand };
 }

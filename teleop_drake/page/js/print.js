@@ -18,6 +18,8 @@ function valuesInWords() {
 function layOut(isPaper) {
   $("printed").textContent = valuesInWords();
   $("metrics").before($("printed"));
+  // On paper the sentences are the caption of the curves.
+  $(isPaper ? "scopes" : "story").after($("outcome"));
   document.body.classList.toggle("printing", isPaper);
   const { style } = document.documentElement;
   if (isPaper) {

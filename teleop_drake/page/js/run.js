@@ -206,6 +206,11 @@ export class Run {
     for (const node of NODES_OF_STEP) times[first + node] = times[first] + (length * node) / 4;
   }
 
+  // Whether the run ended early, before a time.
+  hasEnded(t) {
+    return Boolean(this.reason) && t > this.time.at(-1) + SAME;
+  }
+
   // The columns of a port; undefined if the loop does not have this port.
   columns(port) {
     const place = this.loop.ports[port];

@@ -17,7 +17,7 @@ const see = (q) => state.data.view.map((axis) => dot(axis.slice(0, q.length), q)
 export function armAt(run) {
   const isRobot = ({ state: port }) => port.startsWith("robot/") && run.columns(port);
   const plant = run.loop.plants.find(isRobot);
-  if (!plant || run.ends.length === 0) return [];
+  if (!plant || run.ends.length === 0 || run.hasEnded(state.cursor)) return [];
   const tool = run.vector(run.signal("tool_position"), state.cursor);
   return [...jointsAt(run, plant, state.cursor), tool];
 }
@@ -103,6 +103,7 @@ function drawPackets({ forward, return: back }, width, rail) {
 // A run at the cursor: the path of the tool, the arm, the tool, and the felt position of the tool.
 function drawRun(run, lane, arm, { toPixels, isPlane, width, floor }) {
   const { color, title } = run.loop;
+  const hasEnded = run.hasEnded(state.cursor);
   const at = (columns) => toPixels(see(run.vector(columns, state.cursor)), lane);
   const polyline = (points, name) => {
     const places = points.map((point) => toPixels(point, lane)).join(" ");
@@ -112,10 +113,12 @@ function drawRun(run, lane, arm, { toPixels, isPlane, width, floor }) {
   const felt = run.signal("felt_position") ?? run.columns("master/surgeon:felt_position");
   const [u, v] = felt ? at(felt) : [x, y];
   const rail = floor + 10 + RAIL * lane;
+  const tool = `<circle class="felt" cx="${u}" cy="${v}" r="${felt ? 9 : 0}"/>
+    <circle cx="${x}" cy="${y}" r="5"/>${drawPackets(run.z, width, rail)}`;
+  const cross = `<path class="end" d="M${x} ${y}m-5 -5l10 10m-10 0l10 -10"/>`;
   return `<g stroke="${color}" fill="${color}">
     ${polyline(pathOf(run, state.cursor), "path")}${polyline(arm, "arm")}
-    <circle class="felt" cx="${u}" cy="${v}" r="${felt ? 9 : 0}"/>
-    <circle cx="${x}" cy="${y}" r="5"/>${drawPackets(run.z, width, rail)}
+    ${hasEnded ? cross : tool}
     <text x="4" y="${Number(y) + 18}">${isPlane ? "" : safe(title)}</text></g>`;
 }
 

@@ -10,6 +10,7 @@ import { componentsOf } from "./units.js";
 // The scaled values of a port at the cursor, with the names of its components.
 export function valuesOf(run, port, most, scale = 1) {
   const columns = run.columns(port) ?? [];
+  if (run.hasEnded(state.cursor)) return "has ended";
   const names = componentsOf(port, columns.length);
   const values = run.vector(columns.slice(0, most), state.cursor);
   const text = values.map((value, i) => `${names[i]} ${show(scale * value, 3)}`.trim()).join(", ");

@@ -22,7 +22,8 @@ function rowOfMetric(name, label) {
   const values = state.runs.map((run) => run.metrics[name]);
   const [, title, unit = ""] = /^(.*?)(?: \[(.*)\])?$/.exec(label);
   const [scale, shownUnit] = scaleAndUnit(extent(values.filter(Number.isFinite)), unit);
-  const texts = values.map((value) => show(value === undefined ? value : scale * value));
+  const missing = name.endsWith("time") ? "never" : "–";
+  const texts = values.map((value) => (value === undefined ? missing : show(scale * value)));
   return rowOf("td", shownUnit ? `${title} [${shownUnit}]` : title, ...texts);
 }
 

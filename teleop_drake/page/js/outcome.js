@@ -1,0 +1,44 @@
+// The sentences under the title: what each run did.
+
+import { $, keyOf, make } from "./elements.js";
+import { motionInWords } from "./motion.js";
+import { onRuns } from "./simulate.js";
+import { state } from "./state.js";
+import { componentsOf } from "./units.js";
+import { sentenceOf } from "./words.js";
+
+const MOST_SENTENCES = 3; // on the signals of a Diagram
+
+// The sentences on the signals that a Diagram's page shows at first.
+function sentencesOnSignals(run) {
+  const { ports, references, signals } = run.loop;
+  const names = state.data.scopes.length ? state.data.scopes : Object.keys(signals);
+  const sentences = [];
+  for (const name of names) {
+    const port = signals[name];
+    const columns = run.columns(port) ?? [];
+    const components = componentsOf(port, columns.length);
+    columns.forEach((column, i) => {
+      const found = references.find(([begin, , n]) => column >= begin && column < begin + n);
+      const reference = found && found[1] + column - found[0];
+      const words = motionInWords(run, column, ports[port][2], reference);
+      const title = `${name.replaceAll(/[_:/.]/g, " ")} ${components[i]}`.trim();
+      sentences.push(`${title} ${words}.`);
+    });
+  }
+  return sentences.slice(0, MOST_SENTENCES).join(" ");
+}
+
+// Shows what each run did, in the colour of its controller.
+function showOutcome() {
+  const { runs, data } = state;
+  const parts = data.isDiagram
+    ? [sentencesOnSignals(runs[0])]
+    : runs.map((run) => make("span", {}, keyOf({ ...run.loop, title: "" }), sentenceOf(run), " "));
+  $("outcome").replaceChildren(...parts);
+}
+
+// Shows the sentences whenever there are new runs.
+export function makeOutcome() {
+  onRuns(showOutcome);
+}

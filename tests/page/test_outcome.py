@@ -1,0 +1,131 @@
+"""The sentences under the title of a page: what each run did."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.systems.controllers import PidController
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
+
+from teleop_drake.page import WritePage
+from teleop_drake.scenario import LoadScenario
+from teleop_drake.simulation import simulate
+from teleop_drake.tasks.metrics import RunSentence
+
+pytestmark = pytest.mark.xdist_group("browser")
+
+
+@pytest.fixture(scope="module")
+def seen(look, tmp_path_factory):
+    page = tmp_path_factory.mktemp("page") / "arm.html"
+    WritePage("two_dof_combined", page, overrides={"delay": 0.2})
+    return look(page, "outcome.js")
+
+
+def Sentences(delay):
+    """The sentences of the package on the runs of the page."""
+    kinds = ("direct_force", "adaptive_backstepping")
+    changes = [{"controller.kind": kind, "delay": delay} for kind in kinds]
+    scenarios = [LoadScenario("two_dof_combined", change) for change in changes]
+    return " ".join(RunSentence(simulate(scenario)) for scenario in scenarios)
+
+
+def test_what_each_run_did_stands_under_the_title(seen):
+    assert (
+        "Direct force went through the tissue at 2.1 s and ran away after 2.2 s. "
+        in (seen["first"])
+    )
+    assert seen["first"].endswith(
+        "hit the bone with 0.94 N and came to rest after 2.0 s."
+    )
+    assert seen["first"] == Sentences(0.2)
+    assert seen["live"] == "polite"
+
+
+def test_it_follows_the_sliders(seen):
+    assert seen["moved"] == Sentences(0.0) != seen["first"]
+
+
+def test_on_paper_it_is_the_caption(seen):
+    assert seen["isCaption"] and seen["isPrinted"] and seen["isBack"]
+
+
+def test_a_run_that_ran_away_ends_with_a_cross(seen):
+    """A cross for each of its two lines, and its word once."""
+    assert seen["before"]["crosses"] == seen["after"]["crosses"] == 2
+    assert seen["after"]["words"].count("ran away") == 1
+
+
+def test_after_its_end_a_run_has_no_values_and_no_arm(seen):
+    before, after = seen["before"], seen["after"]
+    assert "direct force x " in before["head"]
+    assert "direct force has ended" in after["head"]
+    assert (before["arms"], before["tools"], before["ends"]) == (2, 2, 0)
+    assert (after["arms"], after["tools"], after["ends"]) == (1, 1, 1)
+
+
+def test_a_time_that_does_not_come_is_never(seen):
+    cells = {name: values for name, *values in seen["table"]}
+    assert cells["collision: rest time [s]"][0] == "never"
+    assert cells["collision: peak force [N]"][0] == "\N{EN DASH}"
+
+
+def Servo():
+    """A position that a controller without an integral holds on a spring."""
+    builder = DiagramBuilder()
+    body = builder.AddNamedSystem(
+        "body",
+        LinearSystem(
+            A=[[0, 1], [-1, -1]], B=[[0], [1]], C=np.eye(2), D=np.zeros((2, 1))
+        ),
+    )
+    law = builder.AddNamedSystem("pid", PidController([49.0], [0.0], [15.0]))
+    goal = builder.AddNamedSystem("goal", ConstantVectorSource([1.0, 0.0]))
+    builder.Connect(goal.get_output_port(), law.get_input_port_desired_state())
+    builder.Connect(body.get_output_port(), law.get_input_port_estimated_state())
+    builder.Connect(law.get_output_port(), body.get_input_port())
+    builder.ExportOutput(body.get_output_port(), "state")
+    return builder.Build()
+
+
+@pytest.fixture(scope="module")
+def own_page(tmp_path_factory):
+    page = tmp_path_factory.mktemp("page") / "servo.html"
+    WritePage(Servo, page)
+    return page
+
+
+def test_a_controlled_position_is_compared_with_its_reference(look, own_page):
+    """The spring of 1 and kp = 49 leave 49/50 of the reference."""
+    said = look(own_page, "outcome.js")["first"]
+    assert said == "state 1 reached 0.98 of 1. state 2 settles at 0."
+
+
+@pytest.fixture(scope="module")
+def motions(look, own_page):
+    return look(own_page, "motion.js")
+
+
+@pytest.mark.parametrize(
+    ("curve", "words"),
+    [
+        ("still", "stays at 2 m"),
+        ("zero", "stays at 0 m"),
+        # e^(1.5 t) has a hundredth of its last value at 10 - ln(100)/1.5.
+        ("unstable", f"grows without bound from {10 - math.log(100) / 1.5:.2g} s on"),
+        ("falling", f"falls without bound from {10 - math.log(100) / 2:.2g} s on"),
+        ("parabola", "is at 10 m in the end, and still rises"),
+        ("decaying", "swings with 1.4 Hz, decaying"),
+        ("growing", "swings with 0.5 Hz, growing"),
+        ("flutter", "swings with 2 Hz, growing"),
+        ("steady", "swings with 0.3 Hz"),
+        ("settled", "settles at 0.98 m"),
+        ("reached", "reached 0.98 of 1 m"),
+        ("rings", "settles at 2 m"),
+        ("nothing", "settles at 0 m"),
+        ("slow", "is at 0.61 m in the end, and still falls"),
+    ],
+)
+def test_a_curve_in_words(motions, curve, words):
+    assert motions[curve] == words
