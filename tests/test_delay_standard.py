@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from benchmarks.delay_standard import tasks
 from benchmarks.delay_standard.by_steps import by_steps
-from benchmarks.delay_standard.table import ADAPTERS, answers
+from benchmarks.delay_standard.simulator import ANSWERS
+from benchmarks.delay_standard.table import ADAPTERS, answers, verdict
 from benchmarks.delay_standard.write_references import (
     FOLDER,
     faults_text,
@@ -330,6 +331,15 @@ def test_a_simulator_is_inside(key, name):
     run = answers(ADAPTERS[key].make(), name)
     found = Compare(name, run, name)
     assert all(difference.is_inside for difference in found.values()), found
+
+
+def test_the_error_of_a_task_is_the_largest_of_all_signals(monkeypatch):
+    """Not that of the signal which uses most of its tube, here the height."""
+    exact = ReadTable(FOLDER / "delay_bounce.csv").columns
+    errors = {"height": 1.6e-5, "velocity": 4.6e-5, "felt": 0.0}
+    wrong = np.stack([exact[name] + error for name, error in errors.items()], axis=1)
+    monkeypatch.setitem(ANSWERS, "delay_bounce", lambda simulator, times: wrong)
+    assert verdict(None, "delay_bounce") == "inside, 5e-05"
 
 
 @pytest.mark.parametrize(

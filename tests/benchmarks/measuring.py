@@ -81,6 +81,11 @@ class Table:
         return "\n".join([f"## {self.title}", "", self.note, "", *lines, ""])
 
 
+def OneDigit(ratio: float) -> str:
+    """Returns a ratio with one significant digit, such as 0.7 or 30."""
+    return f"{float(f'{ratio:.1g}'):g}"
+
+
 def _Text(value: Any) -> str:
     """Returns a cell as text: three digits of a number, - for none."""
     if not isinstance(value, float):

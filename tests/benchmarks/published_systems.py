@@ -1,12 +1,15 @@
-"""Published systems: drawn, run, compiled, a page, and times against Drake's Simulator.
+"""Copies of published systems: drawn, run, compiled, a page, and times.
 
 `python tests/benchmarks/published_systems.py` prints a row for each system of
 tests/foreign, or for those that are named. The last two columns say how many times as
-long as a compiled run of 10 s Drake's Simulator takes: with its default settings, where
-the compiled run has the same accuracy, and with the same settings in both. Compiling is
-not a part of it. A dash: Drake's run ends with an error.
+much processor time as a compiled run of 10 s Drake's Simulator takes: with its default
+settings, where the compiled run has the same accuracy, and with the same settings in
+both. They are ratios of medians of runs that take turns, to one significant digit.
+Compiling is not a part of it. A dash: Drake's run ends with an error.
 """
 
+import functools
+import math
 import sys
 import tempfile
 import time
@@ -15,6 +18,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from benchmarks.measuring import Alternate, OneDigit
 from foreign.test_foreign import SYSTEMS
 from foreign.wiring import Published
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
@@ -27,24 +31,18 @@ from teleop_drake.engine.run import CompiledRun
 from teleop_drake.figures.block_diagram import DiagramDot
 
 DURATION = 10.0
+REPEATS = 7
+SHORTEST = 0.05  # s of processor time, of a measurement
 DEFAULT = SimulatorConfig()
 SAME = SimulatorConfig(
     integration_scheme="runge_kutta5", accuracy=1e-6, max_step_size=0.1
 )
 
 
-def best_time(run: Callable[[], object]) -> float:
-    """Returns the shortest of three times in s."""
-    times = []
-    for _ in range(3):
-        start = time.perf_counter()
-        run()
-        times.append(time.perf_counter() - start)
-    return min(times)
-
-
-def time_in_drake(diagram: System, context: Context, config: SimulatorConfig) -> float:
-    """Returns how long Drake's Simulator takes, s."""
+def runner_in_drake(
+    diagram: System, context: Context, config: SimulatorConfig
+) -> Callable[[], None]:
+    """Returns a function that simulates in Drake's Simulator."""
 
     def run() -> None:
         simulator = Simulator(diagram, context.Clone())
@@ -53,13 +51,13 @@ def time_in_drake(diagram: System, context: Context, config: SimulatorConfig) ->
         ApplySimulatorConfig(config, simulator)
         simulator.AdvanceTo(context.get_time() + DURATION)
 
-    return best_time(run)
+    return run
 
 
-def time_compiled(
+def compiled_runner(
     evaluator: Evaluator, context: Context, config: SimulatorConfig
-) -> float:
-    """Returns how long a run of a compiled program takes, s."""
+) -> Callable[[], None]:
+    """Returns a function that runs a compiled program."""
 
     def run() -> None:
         program = CompiledRun(
@@ -72,8 +70,7 @@ def time_compiled(
         while program.time < DURATION and not program.failure:
             program.Advance(DURATION)
 
-    run()  # What is compiled once a process is no part of a run.
-    return best_time(run)
+    return run
 
 
 def row(system: Published) -> list[str]:
@@ -94,11 +91,35 @@ def row(system: Published) -> list[str]:
 
 def time_ratio(evaluator: Evaluator, context: Context, config: SimulatorConfig) -> str:
     """Returns how many times as long as a compiled run Drake's Simulator takes."""
+    contenders = {
+        "drake": runner_in_drake(evaluator.system, context, config),
+        "compiled": compiled_runner(evaluator, context, config),
+    }
     try:
-        in_drake = time_in_drake(evaluator.system, context, config)
+        counts = {name: runs_of_a_measurement(run) for name, run in contenders.items()}
     except RuntimeError:
         return "-"
-    return f"{in_drake / time_compiled(evaluator, context, config):.1f}"
+    repeated = {
+        name: functools.partial(repeat, run, counts[name])
+        for name, run in contenders.items()
+    }
+    taken = Alternate(repeated, REPEATS)
+    drake, compiled = (taken[name].cpu / counts[name] for name in contenders)
+    return OneDigit(drake / compiled)
+
+
+def runs_of_a_measurement(run: Callable[[], None]) -> int:
+    """Returns how many runs take SHORTEST; the first one is not counted."""
+    run()  # What is loaded or compiled once a process is no part of a run.
+    start = time.process_time()
+    run()
+    return math.ceil(SHORTEST / max(time.process_time() - start, 1e-6))
+
+
+def repeat(run: Callable[[], None], count: int) -> None:
+    """Runs several times."""
+    for _ in range(count):
+        run()
 
 
 def is_page(diagram: Diagram) -> bool:

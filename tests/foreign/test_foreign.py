@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmarks.measuring import OneDigit
 from foreign.drake_examples import DRAKE
 from foreign.manipulation import MANIPULATION
 from foreign.underactuated import UNDERACTUATED
@@ -84,6 +85,22 @@ def test_the_documentation_calls_them_copies():
     index = (TABLE.parent / "index.md").read_text(encoding="utf-8")
     assert text.startswith("# Copies of ") and "\n| copy of | " in text
     assert "[Copies of published systems](published_systems.md)" in index
+
+
+def test_the_times_have_one_significant_digit():
+    """Of ratios on a busy machine no more is repeatable."""
+    rows = re.findall(r"^\| .*", TABLE.read_text(encoding="utf-8"), re.M)[2:]
+    times = [x for row in rows for x in row.split(" | ")[5:]]
+    known = [x.strip(" |") for x in times if re.search(r"\d", x)]
+    assert len(known) > 80
+    assert known == [OneDigit(float(x)) for x in known]
+
+
+@pytest.mark.parametrize(
+    ("ratio", "text"), [(0.66, "0.7"), (1.04, "1"), (26.5, "30"), (129.0, "100")]
+)
+def test_one_significant_digit(ratio, text):
+    assert OneDigit(ratio) == text
 
 
 @pytest.mark.slow
