@@ -1,6 +1,7 @@
 """The data of the report's live figures: for simulating, and for judging claims.
 
-The figures of a task share two modules of WebAssembly, one for each controller.
+The figures of a task share three modules of WebAssembly: those of the thesis's two
+controllers, and that of a plain damper, which the thesis does not have.
 """
 
 import re
@@ -41,6 +42,14 @@ SLIDERS: dict[str, dict[str, tuple[float, float]]] = {
 The verdicts on the claims of the task depend on them.
 """
 
+# The thesis's controllers, by which claims are judged, and the plainest other one.
+_KINDS = ("direct_force", "adaptive_backstepping", "damped_force")
+
+_AGAINST_COMMAND = {"controller.damped_force.against": "command"}
+
+# The titles of the controllers that are not called by their kinds.
+_TITLES = {"damped_force": "damper"}
+
 # The figure beside which a claim is shown that names no figure, by the first letters of
 # the claim's key.
 _FIRST_FIGURES = {"4-": "4.1", "5-II-": "5.7", "5-III-": "5.14", "5-": "5.1"}
@@ -61,14 +70,19 @@ def Laboratory(task: str, claims: Sequence[Claim]) -> dict[str, Any]:
     These are its inputs and controllers, as in _Data() of page.py, its network, and the
     claims beside its figures.
     """
-    kinds = ["direct_force", "adaptive_backstepping"]
-    data = MakePage(task, controllers=kinds, vary=SLIDERS[task]).data
+    page = MakePage(
+        task, controllers=_KINDS, vary=SLIDERS[task], overrides=_AGAINST_COMMAND
+    )
+    data = page.data
     network = AsTeleoperation(LoadScenario(task)).controller.network.MakeNetwork()
     return {
         "name": task,
         "inputs": data["inputs"],
         # The report shows no block diagrams.
-        "controllers": [{**kind, "levels": []} for kind in data["controllers"]],
+        "controllers": [
+            {**loop, "levels": [], "title": _TITLES.get(loop["kind"], loop["title"])}
+            for loop in data["controllers"]
+        ],
         "network": {
             "centres": network.centres.tolist(),
             "widths": network.widths.tolist(),

@@ -9,9 +9,12 @@
   const draw = () => scopes.map((scope) => scope.querySelector("svg").innerHTML).join();
   const first = draw();
   const curves = scopes.map((scope) => {
-    const [line] = [...scope.querySelectorAll("polyline")].slice(-1);
+    const [line] = [...scope.querySelectorAll("polyline:not(.printed)")].slice(-1);
     return line.getAttribute("points").split(" ").length;
   });
+  const said = lab.outcome.textContent.replaceAll(/\s+/g, " ").trim();
+  const marks = lab.marksOf("tool_velocity").map(({ points }) => points[0]);
+  const drawn = scopes[0].querySelectorAll("polyline.printed").length;
   await lab.set({ delay: 0.2 });
   lab.draw(true);
   const moved = draw();
@@ -28,6 +31,10 @@
     inputs: lab.inputs.map(({ name }) => name),
     scopes: scopes.map((scope) => scope.dataset.signal),
     curves,
+    said,
+    marks,
+    drawn,
+    kinds: lab.loops.map(({ kind }) => kind),
     isMoved: moved !== first,
     isBack: back === first,
     all,

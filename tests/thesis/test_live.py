@@ -7,6 +7,7 @@ from grids import Slow
 
 from teleop_drake.cli import main
 from teleop_drake.scenario import LoadScenario
+from teleop_drake.tasks.metrics import RunSentence
 from teleop_drake.thesis.figures import FIGURES
 from teleop_drake.thesis.live import SLIDERS, FigureOf
 from teleop_drake.thesis.report import CLAIMS
@@ -78,6 +79,28 @@ def test_a_figure_of_a_run_is_live(seen):
     assert seen["inputs"] == ["delay", *SLIDERS["one_dof"]]
     assert seen["scopes"] == ["tool_velocity", "psi", "change of psi"]
     assert min(seen["curves"]) > 10
+
+
+def test_a_damper_runs_beside_the_controllers_of_the_thesis(seen, thesis_runs):
+    """What each of the three did is said in the words of the package."""
+    kinds = ["direct_force", "adaptive_backstepping", "damped_force"]
+    assert seen["kinds"] == kinds
+    change = {"controller.damped_force.against": "command"}
+    runs = [thesis_runs("one_dof", {"controller.kind": x}, change) for x in kinds]
+    said = " ".join(RunSentence(run.recording) for run in runs)
+    assert seen["said"] == said.replace("Damped force", "Damper")
+
+
+def test_the_printed_numbers_are_marked_in_the_figure(seen, thesis_runs):
+    """0.472 and 0.26 mm/s above 1 mm/s after the puncture; the rebounds on the bone."""
+    both = thesis_runs.OfBoth("one_dof")
+    puncture = both.Numbers("puncture.time")
+    contact = both.Numbers("collision.time")
+    levels = (1.472e-3, 1.26e-3, -0.72e-3, -0.658e-3)
+    expected = zip((*puncture, *contact), levels, strict=True)
+    assert seen["drawn"] == len(seen["marks"]) == 4
+    for mark, place in zip(seen["marks"], expected, strict=True):
+        assert mark == pytest.approx(place, rel=1e-6)
 
 
 def test_a_slider_changes_curves_and_returns(seen):

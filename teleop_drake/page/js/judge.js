@@ -21,6 +21,9 @@ function inUnit(x, unit) {
   return Number.isFinite(x) ? show((SCALES[unit] ?? 1) * x, 4) : "never";
 }
 
+// A number in a unit of the thesis, in SI units.
+export const inSi = (x, unit) => x / (SCALES[unit] ?? 1);
+
 // Both controllers' numbers as text.
 const pairOf = ([direct, adaptive], unit = "") =>
   `direct ${inUnit(direct, unit)}, adaptive ${inUnit(adaptive, unit)} ${unit}`;

@@ -1,16 +1,28 @@
 // The laboratory of a task: its sliders, its runs, and the figures and claims of these runs.
 
 import { $, keyOf, make, makeButton } from "./elements.js";
-import { Evidence, judge, measureClaim } from "./judge.js";
+import { Evidence, inSi, judge, measureClaim } from "./judge.js";
 import { Loop } from "./loop.js";
-import { MOST_LINES, placeOf, plot, samplesOf } from "./plot.js";
+import { MOST_LINES, placeOf, plot, sampleOf, samplesOf } from "./plot.js";
 import { show } from "./numbers.js";
 import { makeSlider } from "./slider.js";
+import { sentencesOn } from "./words.js";
 
 const BEFORE = 0.6; // s, shown before an event
 const AFTER = 2.4; // s, and after it
 
 const CHANGE = /^change of /; // of a signal since its start
+
+// The signal, the event and the offset from the commanded velocity of numbers that the thesis
+// prints, by metric. A number is marked from its event on.
+const MARKS = {
+  "puncture.velocity_overshoot": { signal: "tool_velocity", event: "puncture", offset: 1 },
+  "puncture.force": { signal: "environment_force", event: "puncture", offset: 0 },
+  "collision.rebound_velocity": { signal: "tool_velocity", event: "contact", offset: 0 },
+  "collision.initial_impact_force": { signal: "environment_force", event: "contact", offset: 0 },
+  "collision.peak_force": { signal: "environment_force", event: "contact", offset: 0 },
+};
+const MARK = 0.05; // The length of a mark, as a share of the shown time.
 
 // Gives the browser time to draw and to handle events, such as a moved slider.
 const rest = () => new Promise((go) => setTimeout(go));
@@ -63,7 +75,8 @@ export class Lab {
     );
     this.status = make("span", { className: "status", role: "status" });
     const bar = make("div", { className: "bar" }, this.back, "Show", ...this.windows, this.status);
-    controls.append(...rows, bar);
+    this.outcome = make("p", { className: "outcome", ariaLive: "polite" });
+    controls.append(...rows, bar, this.outcome);
     this.inputs.forEach((input) => input.show());
   }
 
@@ -127,6 +140,7 @@ export class Lab {
     this.back.disabled = this.isAsPublished();
     this.section.querySelector(".controls").inert = false;
     this.status.textContent = `${runs.length} runs simulated in ${wall.toFixed(0)} ms`;
+    this.outcome.replaceChildren(...sentencesOn(runs));
     this.look(this.shown);
     this.judge();
   }
@@ -156,6 +170,21 @@ export class Lab {
     }
   }
 
+  // The marks of the numbers that the thesis prints for a signal, in the colours of the runs.
+  marksOf(signal) {
+    const [begin, end] = this.window;
+    return this.claims.flatMap(({ metric, which, printed, unit, measure }) => {
+      const mark = measure === "_Number" ? MARKS[metric] : undefined;
+      if (mark?.signal !== signal) return [];
+      const run = this.published[which === "direct" ? 0 : 1];
+      const event = run.events.find(({ name }) => name === mark.event);
+      if (!event) return [];
+      const level = inSi(printed, unit) + mark.offset * run.z.command[0];
+      const points = [event.time, event.time + MARK * (end - begin)].map((t) => [t, level]);
+      return { points, color: run.loop.color, dashes: "", className: "printed" };
+    });
+  }
+
   // Draws a signal of all runs.
   drawScope(scope) {
     const { signal } = scope.dataset;
@@ -165,7 +194,8 @@ export class Lab {
     const { size } = placeOf(this, port);
     const width = svg.clientWidth;
     const height = svg.clientHeight;
-    const view = { ...this, mostLines: size, isChange: CHANGE.test(signal) };
+    const marks = this.marksOf(signal);
+    const view = { ...this, mostLines: size, isChange: CHANGE.test(signal), marks };
     const { svg: content, unit } = plot(view, port, width, height);
     svg.innerHTML = content;
     // On paper the picture is scaled to the available width.
@@ -176,6 +206,7 @@ export class Lab {
     const pale = this.pinned.length ? "pale: our run at the thesis's numbers" : "";
     head.replaceChildren(make("b", {}, unit ? `${title} [${unit}]` : title));
     head.append(...components, ...keys, pale);
+    if (marks.length) head.append(sampleOf("printed in the thesis", "", "printed"));
   }
 
   // What has other settings than the thesis's, as in "0.1 s" for the delay alone.

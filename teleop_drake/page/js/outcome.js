@@ -1,11 +1,11 @@
 // The sentences under the title: what each run did.
 
-import { $, keyOf, make } from "./elements.js";
+import { $ } from "./elements.js";
 import { motionInWords } from "./motion.js";
 import { onRuns } from "./simulate.js";
 import { state } from "./state.js";
 import { componentsOf } from "./units.js";
-import { sentenceOf } from "./words.js";
+import { sentencesOn } from "./words.js";
 
 const MOST_SENTENCES = 3; // on the signals of a Diagram
 
@@ -32,9 +32,7 @@ function sentencesOnSignals(run) {
 // Shows what each run did, in the colour of its controller.
 function showOutcome() {
   const { runs, data } = state;
-  const parts = data.isDiagram
-    ? [sentencesOnSignals(runs[0])]
-    : runs.map((run) => make("span", {}, keyOf({ ...run.loop, title: "" }), sentenceOf(run), " "));
+  const parts = data.isDiagram ? [sentencesOnSignals(runs[0])] : sentencesOn(runs);
   $("outcome").replaceChildren(...parts);
 }
 

@@ -1,8 +1,8 @@
 // The picture of a signal over time, for all runs of a view.
 //
 // A view has `runs`; `pinned` runs, which are drawn pale; the shown `window` of time; the `loops`
-// of the runs; `mostLines`, the largest number of drawn components; and `isChange`, whether the
-// values at the start of a run are subtracted.
+// of the runs; `mostLines`, the largest number of drawn components; `isChange`, whether the values
+// at the start of a run are subtracted; and `marks`, lines that belong to no run.
 
 import { make, safe } from "./elements.js";
 import { clamp, extent, range, show } from "./numbers.js";
@@ -76,7 +76,7 @@ function colorOf({ color }, component, count) {
 
 // The lines of a port: one for each component of each run, the pinned runs first.
 function linesOf(view, port, width) {
-  const { runs, pinned, window, mostLines = MOST_LINES, isChange } = view;
+  const { runs, pinned, window, mostLines = MOST_LINES, isChange, marks = [] } = view;
   const lines = [...pinned, ...runs].flatMap((run, i) => {
     const columns = (run.columns(port) ?? []).slice(0, mostLines);
     return columns.map((column, component) => ({
@@ -88,7 +88,7 @@ function linesOf(view, port, width) {
       end: component ? "" : endWord(run),
     }));
   });
-  return [...commandOf(view, port, width), ...lines];
+  return [...commandOf(view, port, width), ...lines, ...marks];
 }
 
 // The axes of a picture: the range of its values, and the maps of a time and a value to pixels.

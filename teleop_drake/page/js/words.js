@@ -1,5 +1,6 @@
 // What a run did, in words. tasks/sentences.py has the same rules and words.
 
+import { keyOf, make } from "./elements.js";
 import { AXES, scaleAndUnit } from "./units.js";
 
 const HARDER = 1.05; // A later force is told if it exceeds the first impact by this factor.
@@ -95,4 +96,11 @@ export function sentenceOf(run) {
   const link = clauses.length > 1 ? ", and " : " and ";
   const said = clauses.length ? clauses.join(", ") + link + last : last;
   return `${title[0].toUpperCase()}${title.slice(1)} ${said}.`;
+}
+
+// The sentences on runs, each with a line in the colour of its controller.
+export function sentencesOn(runs) {
+  return runs.map((run) =>
+    make("span", {}, keyOf({ ...run.loop, title: "" }), sentenceOf(run), " "),
+  );
 }
