@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from teleop_drake.arrays import Array, ComplexArray, Indices
 from teleop_drake.numerics.bisection import find_roots
@@ -34,6 +34,10 @@ _NUM_EXTREMUM_SWEEPS = 12
 # Only extrema of log |l| closer to 0 than this are refined: a finer sweep may find two
 # crossings there.
 _NEAR_CROSSING = 0.5
+
+# A parabola through an extremum has to come closer to 0 than the middle point by this
+# factor, for the sweep to be refined there.
+_SHARE_OF_EXTREMUM = 0.5
 
 # The refinement ends at this relative distance of frequencies. The magnitude, being
 # flat there, is then known to the square of this number.
@@ -179,19 +183,17 @@ def crossings_of(loci: Loci, grid: Array) -> list[tuple[int, Crossing]]:
         loci: The eigenloci of one or more loops.
         grid: Ascending frequencies in rad/s that resolve their features.
     """
-    w, gains = _refine(loci, grid)
-    low = []
-    high = []
-    columns = []
-    for column, gain in enumerate(gains.T):
-        # With a neutral root |l| tends to 1 as w tends to 0. That is no crossing.
-        sure = np.flatnonzero(np.abs(gain) > _MAGNITUDE_TOLERANCE)
-        k = np.flatnonzero(np.diff(gain[sure] > 0))
-        low += w[sure[k]].tolist()
-        high += w[sure[k + 1]].tolist()
-        columns += [column] * len(k)
+    gains = _log_size(loci.over(grid))
+    intervals = _passed(gains, grid)
+    intervals += _passed_within(loci, *_close_extrema(gains, grid))
+    if not intervals:
+        return []
+    columns, low, high = map(np.array, zip(*intervals, strict=True))
     frequencies, values = locate(loci, columns, _log_size, low, high)
-    falls = _log_size(loci.at(np.array(low), np.array(columns, dtype=int))) > 0
+    falls = _log_size(loci.at(low, columns)) > 0
+    found = zip(
+        columns.tolist(), frequencies.tolist(), values.tolist(), falls, strict=True
+    )
     return [
         (
             column,
@@ -201,10 +203,106 @@ def crossings_of(loci: Loci, grid: Array) -> list[tuple[int, Crossing]]:
                 direction=1 if is_falling else -1,
             ),
         )
-        for column, frequency, value, is_falling in zip(
-            columns, frequencies.tolist(), values.tolist(), falls, strict=True
-        )
+        for column, frequency, value, is_falling in found
     ]
+
+
+_Interval = tuple[int, float, float]
+"""A column of the loci, and two frequencies in rad/s between which it passes 1."""
+
+
+def _passed(gains: Array, grid: Array) -> list[_Interval]:
+    """Returns the intervals of a grid in which loci pass the unit circle.
+
+    Args:
+        gains: log |l| (K, m).
+        grid: Ascending frequencies in rad/s (K).
+    """
+    intervals = []
+    for column, gain in enumerate(gains.T):
+        # With a neutral root |l| tends to 1 as w tends to 0. That is no crossing.
+        sure = np.flatnonzero(np.abs(gain) > _MAGNITUDE_TOLERANCE)
+        for k in np.flatnonzero(np.diff(gain[sure] > 0)):
+            interval = (column, float(grid[sure[k]]), float(grid[sure[k + 1]]))
+            intervals.append(interval)
+    return intervals
+
+
+def _close_extrema(gains: Array, grid: Array) -> tuple[Indices, Array, Array]:
+    """Returns intervals in which a locus may pass the unit circle twice.
+
+    A parabola through three points of log |l|, of which the second is closest to 0,
+    comes much closer to 0 or passes it.
+
+    Args:
+        gains: log |l| (K, m).
+        grid: Ascending frequencies in rad/s (K).
+
+    Returns:
+        The columns of the loci (k), and both ends of the intervals in rad/s (k).
+    """
+    size = np.abs(gains)
+    here = size[1:-1]
+    is_least = here <= np.minimum(size[:-2], size[2:])
+    has_passed = np.diff(gains > 0, axis=0)
+    is_on_one_side = ~(has_passed[:-1] | has_passed[1:])
+    # Where |l| is 1, as next to a neutral root, rounding errors look like extrema.
+    is_near = (here > _MAGNITUDE_TOLERANCE) & (here < _NEAR_CROSSING)
+    k, columns = np.nonzero(is_least & is_on_one_side & is_near)
+    before, middle, after = (size[k + i, columns] for i in range(3))
+    lowest = _lowest_of_parabola(
+        before, middle, after, grid[k], grid[k + 1], grid[k + 2]
+    )
+    is_close = lowest < _SHARE_OF_EXTREMUM * middle
+    return columns[is_close], grid[k[is_close]], grid[k[is_close] + 2]
+
+
+def _lowest_of_parabola(
+    y0: Array, y1: Array, y2: Array, x0: Array, x1: Array, x2: Array
+) -> Array:
+    """Returns the least value of each parabola through three points, x ascending."""
+    left = (y1 - y0) / (x1 - x0)
+    right = (y2 - y1) / (x2 - x1)
+    curvature = np.maximum((right - left) / (x2 - x0), 1e-300)
+    slope = left + curvature * (x1 - x0)
+    # y1 + slope (x - x1) + curvature (x - x1)^2, with the slope at x1.
+    return y1 - slope**2 / (4 * curvature)
+
+
+def _passed_within(
+    loci: Loci, columns: Indices, low: Array, high: Array
+) -> list[_Interval]:
+    """Returns intervals in which loci pass the unit circle, inside of given ones.
+
+    The given ones are swept more and more finely.
+
+    Args:
+        loci: The eigenloci.
+        columns: The column of each interval (k).
+        low: Lower ends of the intervals in rad/s (k).
+        high: Upper ends (k).
+    """
+    intervals = []
+    for _ in range(_NUM_EXTREMUM_SWEEPS):
+        if not len(columns):
+            break
+        w = np.geomspace(low, high, _NUM_INNER_POINTS)
+        every = np.tile(columns, (_NUM_INNER_POINTS, 1))
+        gains = _log_size(loci.at(w.ravel(), every.ravel())).reshape(w.shape)
+        is_passed = np.zeros(len(columns), dtype=bool)
+        for i, column in enumerate(columns.tolist()):
+            found = _passed(gains[:, i : i + 1], w[:, i])
+            is_passed[i] = bool(found)
+            intervals += [(column, *ends) for _, *ends in found]
+        # The points on both sides of the extremum.
+        k = 1 + np.abs(gains[1:-1]).argmin(axis=0)
+        each = np.arange(len(columns))
+        low = w[k - 1, each]
+        high = w[k + 1, each]
+        is_sure = np.abs(gains[k, each]) > _MAGNITUDE_TOLERANCE
+        goes_on = ~is_passed & is_sure & (high > (1 + _FINEST) * low)
+        columns, low, high = columns[goes_on], low[goes_on], high[goes_on]
+    return intervals
 
 
 def locate(
@@ -240,47 +338,3 @@ def _phase_to_cross(value: complex) -> float:
     # A lag of 0 must not become 2 pi by rounding.
     is_whole_turn = phase > 2 * np.pi * (1 - AXIS_TOLERANCE)
     return 0.0 if is_whole_turn else phase
-
-
-def _refine(loci: Loci, w: Array) -> tuple[Array, Array]:
-    """Returns a refined sweep (K) that resolves close crossings, and log |l| (K, m).
-
-    A locus may cross 1 twice between two frequencies. Its extrema near 1 are therefore
-    swept more and more finely.
-
-    Args:
-        loci: The eigenloci.
-        w: Ascending frequencies in rad/s, to which others are added.
-    """
-    gains = _log_size(loci.over(w))
-    for _ in range(_NUM_EXTREMUM_SWEEPS):
-        closest = np.flatnonzero(_are_closest(gains).any(axis=1))
-        closest = closest[w[closest + 2] > (1 + _FINEST) * w[closest]]
-        if len(closest) == 0:
-            break
-        low = w[closest]
-        high = w[closest + 2]
-        added = np.geomspace(low, high, _NUM_INNER_POINTS)[1:-1].ravel()
-        w = np.concatenate([w, added])
-        gains = np.concatenate([gains, _log_size(loci.over(added))])
-        order = np.argsort(w, kind="stable")
-        w = w[order]
-        gains = gains[order]
-    return w, gains
-
-
-def _are_closest(gains: Array) -> NDArray[np.bool_]:
-    """Returns whether each locus is closest to 1 without a crossing (K - 2, m).
-
-    Args:
-        gains: log |l| of m loci at K points (K, m); the result leaves out the first and
-            the last point.
-    """
-    size = np.abs(gains)
-    here = size[1:-1]
-    is_least = here <= np.minimum(size[:-2], size[2:])
-    has_passed = np.diff(gains > 0, axis=0)
-    is_on_one_side = ~(has_passed[:-1] | has_passed[1:])
-    # Where |l| is 1, as next to a neutral root, rounding errors look like extrema.
-    is_near = (here > _MAGNITUDE_TOLERANCE) & (here < _NEAR_CROSSING)
-    return is_least & is_on_one_side & is_near
