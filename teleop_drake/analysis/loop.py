@@ -56,7 +56,7 @@ from dataclasses import replace
 from itertools import chain
 
 import numpy as np
-from pydrake.systems.framework import Diagram, System
+from pydrake.systems.framework import Context, Diagram, System
 
 from teleop_drake.analysis.cut_diagram import Cut, CutDiagram, Split, States, TimesOf
 from teleop_drake.analysis.loop_model import (
@@ -219,6 +219,11 @@ class Linearizer:
             by_differences=self._function.by_differences,
             trim_residual=residual,
         )
+
+    def ContextAt(self, point: OperatingPoint) -> Context:
+        """Returns the Context of the teleoperator at an operating point."""
+        self._Linearize(point)
+        return self._root.Clone()
 
     def TwoPort(self, point: OperatingPoint) -> TwoPortModel:
         """Returns the model between hand and environment; requires `at_ports`."""

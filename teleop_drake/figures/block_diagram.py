@@ -21,8 +21,15 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pydrake.systems.framework import Diagram, InputPortIndex, OutputPortIndex, System
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    InputPortIndex,
+    OutputPortIndex,
+    System,
+)
 
+from teleop_drake.figures.delay_wires import DelayWires, MarginsOf
 from teleop_drake.figures.dot_fragments import NUMBERED, Fragment, FragmentOf, Rows
 from teleop_drake.files import Replacing
 from teleop_drake.signals import CheckSystem, PathsIn
@@ -60,6 +67,9 @@ _EXPORTED_OUTPUT = "color=palegreen3, penwidth=0.7"
 # Graphviz 2.43 draws an arrowhead on some lines in spite of dir=none.
 _NO_ARROW = "dir=none, arrowsize=0"
 
+# A node that is as large as the pen that draws it.
+_FILLED = 'shape=box, label="", fixedsize=true, width=0.001, height=0.001'
+
 # Style of the size of a vector, which is written on its connection.
 _WIDTH = "fontsize=10, fontcolor=grey40, labeldistance=1.2, labelangle=30"
 
@@ -69,7 +79,12 @@ _FRAME = "margin=40"
 _CELL = re.compile(r'^<TD PORT="([uy]\d+)"[^>]*>(.+)</TD>$', re.M)
 
 
-def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
+def DiagramDot(
+    system: System,
+    *,
+    max_depth: int | None = None,
+    delay_margins: Mapping[str, float] | None = None,
+) -> str:
     """Returns the block diagram of a system as DOT text, the same in every process.
 
     If several levels are opened, each diagram is drawn separately: the whole with its
@@ -90,6 +105,8 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
         system: Any Drake system; a system without a name is labelled by its class only.
         max_depth: The number of levels of nested diagrams to open: 0 gives a single
             box, 1 shows the system's own parts as boxes, None opens everything.
+        delay_margins: The margins of DelayMargins() in s, which the connections show
+            by their colour, width and label; None: they show nothing.
 
     Raises:
         ValueError: If max_depth is negative.
@@ -108,13 +125,20 @@ def DiagramDot(system: System, *, max_depth: int | None = None) -> str:
     shown = [level for k, level in levels if max_depth is None or k < max_depth]
     numbers: dict[str, int] = {}
     if not shown:
-        box = _Draw(FragmentOf(system, is_open=False), numbers)
+        box = _Draw(FragmentOf(system, is_open=False), numbers, None)
         return _Graph("_0", [_WithoutIdlePorts(box, set())])
     opened = [FragmentOf(level, is_open=True) for level in shown]
-    drawings = [_Draw(level, numbers).text for level in opened]
+    wires = None
+    if delay_margins is not None:
+        wires = DelayWires(system, delay_margins, shown)
+    drawings = [_Draw(level, numbers, wires).text for level in opened]
+    # Attributes at the end of a graph do not apply to the graphs in it.
+    legend = [] if wires is None else [f"graph [{wires.Legend()}]"]
     if len(drawings) == 1:
-        return _Graph("_0", drawings)
-    return _Graph("levels", [_BELOW_EACH_OTHER, *reversed(drawings)])
+        return _Graph("_0", [*drawings, *legend])
+    # Where dot packs graphs, it leaves out the labels of connections.
+    arrange = [_BELOW_EACH_OTHER] if wires is None else []
+    return _Graph("levels", [*arrange, *reversed(drawings), *legend])
 
 
 class _Port(NamedTuple):
@@ -134,11 +158,19 @@ class _Port(NamedTuple):
 
 
 class _Edge(NamedTuple):
-    """A connection in a diagram; it has a `color` if it leads to the diagram's port."""
+    """A connection in a diagram.
+
+    Attributes:
+        color: Its DOT attributes if it leads to a port of the diagram itself.
+        tail: The port from which it leads.
+        head: The port to which it leads.
+        margin: Its delay margin in s, if known.
+    """
 
     color: str
     tail: _Port
     head: _Port
+    margin: float | None = None
 
 
 @dataclass
@@ -160,11 +192,14 @@ def _Graph(name: str, drawings: Iterable[str]) -> str:
     return text + "\n}\n"
 
 
-def _Draw(fragment: Fragment, numbers: dict[str, int]) -> _Drawn:
+def _Draw(
+    fragment: Fragment, numbers: dict[str, int], wires: DelayWires | None
+) -> _Drawn:
     """Returns a system as a box or, if it is opened, a frame with its parts as boxes.
 
     Args:
         numbers: The reproducible numbers of systems by Drake's; new ones are added.
+        wires: The looks of connections by their margins; None: they have no margins.
     """
 
     def Number(found: re.Match[str]) -> str:
@@ -188,26 +223,37 @@ def _Draw(fragment: Fragment, numbers: dict[str, int]) -> _Drawn:
         numbers.setdefault(part.number, len(numbers))
     drawn = _Drawn(Numbered(fragment.text), inputs, outputs)
     if parts:
-        boxes = {part.system.get_name(): _Draw(part, numbers) for part in parts}
-        edges = _Edges(system, drawn, boxes)
+        boxes = {part.system.get_name(): _Draw(part, numbers, None) for part in parts}
+        edges = _Edges(system, drawn, boxes, wires)
         used = {port.name for edge in edges for port in (edge.tail, edge.head)}
         texts = [_WithoutIdlePorts(box, used) for box in boxes.values()]
-        inside = ["", *texts, *_Connections(edges), "}", _FRAME, "}"]
+        inside = ["", *texts, *_Connections(edges, wires), "}", _FRAME, "}"]
         drawn.text += "\n".join(inside)
     return drawn
 
 
-def RenderSvg(system: System, *, max_depth: int | None = None) -> str:
+def RenderSvg(
+    system: System,
+    *,
+    max_depth: int | None = None,
+    delay_margins: Mapping[str, float] | None = None,
+) -> str:
     """Returns the block diagram of a system as SVG text.
 
     Arguments and errors are those of `DiagramDot`. Raises RuntimeError if no program
     can lay the diagram out (see `WriteDiagram`).
     """
-    return LayOut(DiagramDot(system, max_depth=max_depth), "svg").decode()
+    dot = DiagramDot(system, max_depth=max_depth, delay_margins=delay_margins)
+    return LayOut(dot, "svg").decode()
 
 
 def WriteDiagram(
-    system: System, path: str | os.PathLike[str], *, max_depth: int | None = None
+    system: System,
+    path: str | os.PathLike[str],
+    *,
+    max_depth: int | None = None,
+    context: Context | None = None,
+    delay_margins: bool | Mapping[str, float] = False,
 ) -> None:
     """Writes the block diagram of a system to a file, in the format of its suffix.
 
@@ -219,9 +265,15 @@ def WriteDiagram(
             .html. The latter is a page in which boxes open at a click; max_depth has no
             effect on it.
         max_depth: The number of levels of nested diagrams to open; see `DiagramDot`.
+        context: The equilibrium at which the margins are computed; None: the default
+            Context.
+        delay_margins: Whether each connection shows how much later its signal may come,
+            see `DelayMargins`; or these margins, if they have been computed. A page
+            shows none.
 
     Raises:
-        ValueError: If the suffix is another one, or max_depth is negative.
+        ValueError: If the suffix is another one, max_depth is negative, a context or
+            margins are given without effect, or as in DelayMargins().
         RuntimeError: If there is neither a `dot` on the PATH nor graphviz-pure, the
             program fails, or a PDF is requested without the extra `pdf`. A .dot file
             needs none of them.
@@ -232,14 +284,18 @@ def WriteDiagram(
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         Refuse("path", str(path), f"a file that ends in one of {', '.join(_SUFFIXES)}")
+    margins = MarginsOf(system, context, delay_margins)
     if suffix == ".html":
+        if margins is not None:
+            Refuse("delay_margins", "given", "left out of a page")
         content = UpperFunction("DiagramPage")(system).html.encode()
-    elif suffix == ".dot":
-        content = DiagramDot(system, max_depth=max_depth).encode()
-    elif suffix == ".png":
-        content = LayOut(DiagramDot(system, max_depth=max_depth), "png")
     else:
-        content = RenderSvg(system, max_depth=max_depth).encode()
+        dot = DiagramDot(system, max_depth=max_depth, delay_margins=margins)
+        content = dot.encode()
+    if suffix == ".png":
+        content = LayOut(dot, "png")
+    elif suffix in (".svg", ".pdf"):
+        content = LayOut(dot, "svg")
     if suffix == ".pdf":
         content = _SvgToPdf(content)
     with Replacing(path) as temporary:
@@ -266,8 +322,16 @@ def _WithoutIdlePorts(drawn: _Drawn, used: Container[str]) -> str:
     return head + "\n".join([*Rows(columns), end + tail])
 
 
-def _Edges(system: Diagram, own: _Drawn, parts: Mapping[str, _Drawn]) -> list[_Edge]:
+def _Edges(
+    system: Diagram,
+    own: _Drawn,
+    parts: Mapping[str, _Drawn],
+    wires: DelayWires | None,
+) -> list[_Edge]:
     """Returns the connections in a diagram, those with its own ports last."""
+
+    def Margin(part: System, i: int) -> float | None:
+        return None if wires is None else wires.Into(part, i)
 
     def Input(part: System, i: int) -> _Port:
         return parts[part.get_name()].inputs[i]
@@ -276,10 +340,12 @@ def _Edges(system: Diagram, own: _Drawn, parts: Mapping[str, _Drawn]) -> list[_E
         return parts[part.get_name()].outputs[i]
 
     inside = system.connection_map().items()
-    edges = [_Edge("", Output(*tail), Input(*head)) for head, tail in inside]
+    edges = [
+        _Edge("", Output(*tail), Input(*head), Margin(*head)) for head, tail in inside
+    ]
     for port in own.inputs:
         heads = system.GetInputPortLocators(InputPortIndex(port.place))
-        edges += [_Edge("color=blue", port, Input(*head)) for head in heads]
+        edges += [_Edge("color=blue", port, Input(*x), Margin(*x)) for x in heads]
     for port in own.outputs:
         tail = system.get_output_port_locator(OutputPortIndex(port.place))
         edges.append(_Edge(_EXPORTED_OUTPUT, Output(*tail), port))
@@ -287,8 +353,15 @@ def _Edges(system: Diagram, own: _Drawn, parts: Mapping[str, _Drawn]) -> list[_E
     return sorted(edges)
 
 
-def _Connections(edges: Sequence[_Edge]) -> list[str]:
+def _Connections(edges: Sequence[_Edge], wires: DelayWires | None) -> list[str]:
     """Returns the DOT text of the connections inside one diagram."""
+
+    def Look(*shown: _Edge) -> str:
+        """Returns the attributes of a line that some connections share."""
+        if wires is None or shown[0].color == _EXPORTED_OUTPUT:
+            return ""
+        return f", {wires.Look([x.margin for x in shown])}"
+
     feedback = _Feedback(edges)
     text: list[str] = []
     turned: set[str] = set()
@@ -300,33 +373,47 @@ def _Connections(edges: Sequence[_Edge]) -> list[str]:
         if edge.tail.size > 1 and tail not in labelled:
             label = f', taillabel="{edge.tail.size}", {_WIDTH}'
             labelled.add(tail)
-        if edge.color or (edge.tail.system, edge.head.system) not in feedback:
+        own = "" if wires is None else f", {wires.Label(edge.margin)}".rstrip(", ")
+        if edge.color or _Ends(edge) not in feedback:
             # The weight keeps the forward path straight.
             look = edge.color or "weight=10"
-            text.append(f"{tail}:e -> {head}:w [{look}{label}]")
+            text.append(f"{tail}:e -> {head}:w [{look}{label}{Look(edge)}{own}]")
             continue
         # A line with two turns. None of its pieces runs against the direction of the
         # layout, so that dot leads them between the boxes.
-        tail_turn, tail_text = _Turn(tail)
-        head_turn, head_text = _Turn(head)
+        shared = [x for x in edges if x.tail == edge.tail and _Ends(x) in feedback]
+        look = Look(*shared)
+        tail_turn, tail_text = _Turn(tail, look)
         if tail not in turned:
             text += tail_text
-            text.append(f"{tail}:e -> {tail_turn}:e [{_NO_ARROW}{label}]")
+            text.append(f"{tail}:e -> {tail_turn}:e [{_NO_ARROW}{label}{look}]")
             turned.add(tail)
+        look = Look(edge)
+        head_turn, head_text = _Turn(head, look)
         text += head_text
-        text.append(f"{head_turn}:e -> {tail_turn}:w [{_NO_ARROW}]")
-        text.append(f"{head_turn}:w -> {head}:w")
+        text.append(f"{head_turn}:e -> {tail_turn}:w [{_NO_ARROW}{look}{own}]")
+        text.append(f"{head_turn}:w -> {head}:w" + f" [{look[2:]}]" * bool(look))
     return text
 
 
-def _Turn(port: str) -> tuple[str, list[str]]:
+def _Ends(edge: _Edge) -> tuple[int, int]:
+    """Returns the systems at the ends of a connection."""
+    return edge.tail.system, edge.head.system
+
+
+def _Turn(port: str, look: str) -> tuple[str, list[str]]:
     """Returns the node beside a port at which a feedback connection turns, and its DOT.
 
     The node is above or below the box of the port.
+
+    Args:
+        look: The attributes of the line, whose gap at the turn the node fills; empty: a
+            black line with a dot.
     """
     node = port.partition(":")[0]
     turn = f"{port.replace(':', '_')}_turn"
-    text = [f"{turn} [shape=point, width=0.02]", f"{{rank=same; {node}; {turn}}}"]
+    shape = f"{_FILLED}{look}" if look else "shape=point, width=0.02"
+    text = [f"{turn} [{shape}]", f"{{rank=same; {node}; {turn}}}"]
     return turn, text
 
 

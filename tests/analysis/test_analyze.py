@@ -234,3 +234,30 @@ def test_path_of_no_length_has_a_model(key, value, capsys):
     command = ["analyze", "two_dof_combined", "--controller", "direct_force"]
     assert main([*command, "--set", f"{key}={value}"]) == 0
     assert " stable" in capsys.readouterr().out
+
+
+def test_the_map_of_all_connections(capsys):
+    """The margins of the channels are those of the loop, less the delay of 0.2 s."""
+    command = ["analyze", "one_dof", "--controller", "direct_force", "--map"]
+    assert (
+        main([*command, "--out", "out", "--format", "svg", "--json", "map.json"]) == 0
+    )
+    out = capsys.readouterr().out
+    record = json.loads(Path("map.json").read_text())
+    assert record["units"]["delay_map"] == "s"
+    points = {x["name"]: x for x in record["operating_points"]}
+    for name in ("tissue", "free"):
+        own = record["delay_map"][name]
+        more = points[name]["delay_margin"] - 0.2
+        for wire in ("forward_channel.signal", "return_channel.signal"):
+            assert own[wire] == pytest.approx(more, rel=1e-9)
+    # The loop on the bone is unstable at 0.2 s. Under the held force, x'' + 0.2 x' +
+    # 300 x = 0 in the bone tolerates a delay T of the spring with 300 T = 0.2.
+    assert set(record["delay_map"]["bone"].values()) == {0.0}
+    held = record["delay_map"]["bone, force held"]
+    assert held["environment.tool_position"] == pytest.approx(0.2 / 300, rel=1e-3)
+    assert held["forward_channel.signal"] is None
+    row = next(x for x in out.splitlines() if x.startswith("forward_channel.signal"))
+    assert row.split()[1:] == ["0.3327", "0.1479", "unstable", "any"]
+    picture = Path("out/one_dof_direct_force_map_bone_force_held.svg").read_text()
+    assert "667 µs" in picture

@@ -423,3 +423,62 @@ def test_a_renderer_that_fails_is_quoted(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(RuntimeError, match='Format: "svg" not recognized'):
         RenderSvg(MakeLoop())
+
+
+def _Widths(svg: str, color: str) -> set[str]:
+    """Returns the widths of the lines of a colour."""
+    pattern = rf'<path fill="none" stroke="{color}"(?: stroke-width="([\d.]+)")?'
+    return set(re.findall(pattern, svg))
+
+
+def test_connections_show_their_delay_margins():
+    """Four connections: the smallest margin, 3 and 20 times as much, and any delay."""
+    diagram = MakeLoop()
+    wires = ["command.u1", "actuator.demand", "mass.force", "sensor.u"]
+    margins = dict(zip(wires, [0.0123, 0.0369, 0.246, np.inf], strict=True))
+    svg = RenderSvg(diagram, max_depth=1, delay_margins=margins)
+    assert _Widths(svg, "#d55e00") == {"3.6"}
+    assert _Widths(svg, "#e69f00") == {"2.6"}
+    assert _Widths(svg, "#0072b2") == {"1.7"}
+    assert _Widths(svg, "#999999") == {"0.7"}
+    texts = re.findall(r">([^<>]+)</text>", svg)
+    assert {"12.3 ms", "36.9 ms", "246 ms", "up to 24.6 ms", "up to 123 ms"} <= {*texts}
+    assert "shape=point" not in DiagramDot(diagram, max_depth=1, delay_margins=margins)
+
+
+def test_several_levels_have_labels_of_margins():
+    """Where dot packs graphs it leaves out the labels of connections."""
+    margins = {"mass.force": 0.5, "mass/velocity.u0": 0.25}
+    svg = RenderSvg(MakeLoop(), delay_margins=margins)
+    texts = re.findall(r">([^<>]+)</text>", svg)
+    assert "500 ms" in texts and "250 ms" in texts
+
+
+def test_an_unstable_diagram_says_so_once():
+    svg = RenderSvg(MakeLoop(), max_depth=1, delay_margins={"mass.force": 0.0})
+    texts = re.findall(r">([^<>]+)</text>", svg)
+    assert texts.count("unstable already: no signal may come later") == 1
+    assert not any(text[0].isdigit() and text.endswith(" s") for text in texts)
+
+
+def test_margins_are_computed_at_the_context(tmp_path):
+    """dx/dt = -k x tolerates pi/(2 k)."""
+    builder = DiagramBuilder()
+    plant = builder.AddNamedSystem("plant", Integrator(1))
+    gain = builder.AddNamedSystem("gain", Gain(-5.0, 1))
+    builder.Connect(plant.get_output_port(), gain.get_input_port())
+    builder.Connect(gain.get_output_port(), plant.get_input_port())
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    path = tmp_path / "map.svg"
+    WriteDiagram(diagram, path, context=context, delay_margins=True)
+    assert path.read_text().count(">314 ms<") == 2
+    context.SetContinuousState([1.0])
+    with pytest.raises(ValueError, match="'plant' with a derivative of -5"):
+        WriteDiagram(diagram, path, context=context, delay_margins=True)
+    with pytest.raises(ValueError, match="left out without delay_margins=True"):
+        WriteDiagram(diagram, path, context=context)
+    with pytest.raises(ValueError, match="left out of a page"):
+        WriteDiagram(diagram, tmp_path / "map.html", delay_margins=True)
+    with pytest.raises(ValueError, match="left out of a system without connections"):
+        WriteDiagram(Gain(1.0, 1), path, delay_margins=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from teleop_drake.cli import options, output
+from teleop_drake.cli.delay_maps import MapDelays, MapTable
 from teleop_drake.cli.exit_codes import BadInput
 from teleop_drake.cli.progress import SweepProgress
 from teleop_drake.cli.tables import Align, Cell
@@ -56,6 +57,11 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         help="chart the stable delays over a number of the scenario, for example "
         "environment.layers.bone.stiffness=10:400:40, or over the position of the tool "
         "along the normal of the surface, position=0.86:1.2:35",
+    )
+    parser.add_argument(
+        "--map",
+        action="store_true",
+        help="print and draw how much later the signal of each connection may come",
     )
     options.AddFormatOption(parser)
     options.AddRunOptions(
@@ -128,6 +134,12 @@ def Execute(args: argparse.Namespace) -> int:
     record["units"] = _UNITS
     record["transparency"] = [point.ToRecord() for point in transparency]
     texts = [_AnalysisTable(analysis, transparency)]
+    maps = []
+    if args.map:
+        maps = MapDelays(analysis)
+        record["delay_map"] = {x.label: x.ToRecord() for x in maps}
+        record["units"] = {**_UNITS, "delay_map": "s"}
+        texts += ["", MapTable(maps)]
     if chart is not None:
         record["chart"] = chart.ToRecord()
         texts += ["", _ChartTable(chart)]
@@ -136,6 +148,9 @@ def Execute(args: argparse.Namespace) -> int:
         _Draw(figure_paths, analysis, transparency, chart)
         output.WriteText(summary_path, output.ToJson(record))
         written = [*figure_paths, summary_path]
+        for x in maps:
+            path = summary_path.with_name(f"{stem}_map_{x.stem}")
+            written += x.Draw(path, formats)
     output.Tell(args, record, *texts, written=written)
     return 0
 
