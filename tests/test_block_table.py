@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from engines import Compiled, Errors, InWebAssembly
 from pydrake.common import RandomDistribution
+from pydrake.math import RigidTransform
 from pydrake.systems import primitives as drake
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
@@ -23,7 +24,7 @@ from slopes import YES, Ports, Slopes
 from wasm_runs import AssertSame
 
 import teleop_drake
-from teleop_drake import MovingWindow
+from teleop_drake import AbstractDelay, MovingWindow
 from teleop_drake.blocks.operators.hand import HandOperator
 from teleop_drake.engine.check import Compare
 from teleop_drake.engine.evaluator import Evaluator
@@ -105,6 +106,14 @@ def Primitives() -> Diagram:
     return builder.Build()
 
 
+def Poses() -> Diagram:
+    """Returns a diagram with a delay of poses."""
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("delay", AbstractDelay(0.1, 0.02, RigidTransform()))
+    builder.AddNamedSystem("number", drake.ConstantVectorSource([1.0]))
+    return builder.Build()
+
+
 def Scenes() -> Iterator[tuple[str, Diagram, Callable[[], object]]]:
     """Yields the kind of the robot, a diagram, and what runs it in a page."""
     for name, changes in SCENES:
@@ -113,7 +122,7 @@ def Scenes() -> Iterator[tuple[str, Diagram, Callable[[], object]]]:
         yield kind, MakeDiagram(scenario), partial(AssertSame, scenario)
     hand = HandOperator(num_axes=1)
     loop = MakeTeleoperator(LoadScenario("one_dof"), operator=hand)
-    for diagram in (loop, Primitives()):
+    for diagram in (loop, Primitives(), Poses()):
         yield "slider", diagram, partial(AssertRuns, diagram)
 
 

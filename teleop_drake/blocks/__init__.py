@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from teleop_drake.blocks.names import *  # noqa: F403
 
 __all__ = [
+    "AbstractDelay",
     "Actuator",
     "ActuatorConfig",
     "AdaptiveBackstepping",

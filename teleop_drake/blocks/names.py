@@ -35,6 +35,7 @@ from teleop_drake.blocks.architectures.wave_variables import (
     WaveSlave,
     WaveVariablesConfig,
 )
+from teleop_drake.blocks.channels.abstract import AbstractDelay
 from teleop_drake.blocks.channels.base import ChannelConfig
 from teleop_drake.blocks.channels.network import NetworkDelay
 from teleop_drake.blocks.channels.packet_network import PacketNetwork

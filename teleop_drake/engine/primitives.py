@@ -29,7 +29,7 @@ from teleop_drake.engine.expression_tape import MakeTape, UnknownExpression
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.signals import VectorOutputs
-from teleop_drake.wiring import InputPorts
+from teleop_drake.wiring import InputPorts, OutputPorts
 
 # A distance greater than the length of a WrapToSystem's intervals of angles, and the
 # number of bisections that locate the end of an interval.
@@ -42,6 +42,8 @@ _LONG = 1e12
 
 DRAW = "draw"
 """The name of the transition of a random source."""
+
+_NO_NUMBERS = "its outputs are no vectors"
 
 _NO_KERNEL = (
     "it offers no kernel; write it as a plain function of its inputs, or give it a "
@@ -68,7 +70,11 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel:
         return KERNELS[type(system)](system)
     symbolic = system.ToSymbolicMaybe() if IsOfDrake(system) else None
     if symbolic is None:
-        raise UnsupportedSystem(system, _NO_KERNEL)
+        types = [port.get_data_type() for port in OutputPorts(system)]
+        is_abstract = PortDataType.kAbstractValued in types and not VectorOutputs(
+            system
+        )
+        raise UnsupportedSystem(system, _NO_NUMBERS if is_abstract else _NO_KERNEL)
     if context.num_abstract_states() > 0 or context.num_abstract_parameters() > 0:
         raise UnsupportedSystem(
             system, "it has a state or parameter that is not a vector"

@@ -61,7 +61,7 @@ class _Sent(NamedTuple):
 
     shown: float
     sent: float
-    value: Array
+    value: Any
     earlier: tuple[float, Array] | None = None
 
 
@@ -117,7 +117,7 @@ class PacketLine:
         self._nothing = _Sent(
             shown=-math.inf,
             sent=-math.inf,
-            value=np.array(delay.initial_value, float),
+            value=self.InitialValue(),
         )
         packets = AbstractValue.Make(_Packets(0, (self._nothing,)))
         self._packets = block.DeclareAbstractState(packets)
@@ -150,12 +150,25 @@ class PacketLine:
     def BeginStep(self, context: Context) -> None:
         """Does nothing: no jump changes a packet."""
 
+    def InitialValue(self) -> Any:
+        """Returns the value that is shown before the first packet."""
+        return np.array(self._delay.initial_value, float)
+
+    def Take(self, context: Context) -> Any:
+        """Returns a copy of the signal, the value of a packet."""
+        return self._signal.Eval(context).copy()
+
+    def Shown(self, context: Context) -> "_Sent":
+        """Returns the packet that is shown."""
+        time = context.get_time()
+        # A packet that arrives now is shown only after the step has ended here.
+        return self._PacketsIn(context).NewestBefore(time - same_within(time))
+
     def Eval(self, context: Context) -> Array:
         """Returns the value that is shown."""
         time = context.get_time()
-        # A packet that arrives now is shown only after the step has ended here.
-        packet = self._PacketsIn(context).NewestBefore(time - same_within(time))
-        value = packet.value.copy()
+        packet = self.Shown(context)
+        value: Array = packet.value.copy()
         if packet.earlier is not None:
             sent, earlier = packet.earlier
             value += (value - earlier) / (packet.sent - sent) * (time - packet.shown)
@@ -214,7 +227,7 @@ class PacketLine:
         packet = _Sent(
             shown=self._shown(k),
             sent=self._ticks.TimeOf(k),
-            value=self._signal.Eval(context).copy(),
+            value=self.Take(context),
         )
         previous = packets.NewestBefore(packet.shown)
         if self._delay.extrapolates and previous.sent > -math.inf:

@@ -166,8 +166,14 @@ def _NumRejected(simulator: Simulator) -> int:
 
 
 def HasOwnBlocks(system: System) -> bool:
-    """Returns whether a system contains a block of this package."""
-    return any(isinstance(part, KernelBlock) for part in SystemsIn(system))
+    """Returns whether a system contains a block of this package, or one like it.
+
+    A block that announces jumps needs steps that end there; see stepping.
+    """
+    return any(
+        isinstance(part, KernelBlock) or hasattr(part, "NextJumpTime")
+        for part in SystemsIn(system)
+    )
 
 
 def _CallsWatchers(system: Any) -> bool:

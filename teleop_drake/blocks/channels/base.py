@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import System
 
 from teleop_drake.arrays import Array, ArrayLike
@@ -27,6 +28,15 @@ def CheckDelay(path: str, delay: float) -> None:
     """Refuses a delay in s that is neither 0 nor at least SHORTEST_TIME."""
     if delay != 0 and not SHORTEST_TIME <= delay < math.inf:
         Refuse(path, delay, f"0 or a finite number >= {SHORTEST_TIME:g} (s)")
+
+
+def CheckSize(size: Any) -> None:
+    """Refuses a width of a signal that is not a whole number >= 1."""
+    if isinstance(size, AbstractValue):
+        allowed = "the width of a vector; AbstractDelay delays other values"
+        Refuse("size", f"a Value of {type(size.get_value()).__name__}", allowed)
+    if not isinstance(size, int | np.integer) or size < 1:
+        Refuse("size", size, "a whole number >= 1")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,7 +231,7 @@ class ChannelBlock(FixedBlock):
 
     def __init__(self, delay: float, size: int, initial_value: Sequence[float] | None):
         CheckNumber("delay", delay, "s", minimum=0)
-        CheckNumber("size", size, minimum=1)
+        CheckSize(size)
         if initial_value is not None and len(initial_value) != size:
             Refuse("initial_value", initial_value, f"{size} numbers or null")
         self.initial_value = [0.0] * size if initial_value is None else initial_value

@@ -1,7 +1,9 @@
 """Packets at a fixed rate, each held until the next one."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+
+from pydrake.systems.framework import LeafSystem
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels.base import (
@@ -66,22 +68,35 @@ class SampledDelay(ChannelBlock):
         if delay == 0:
             self.DeclarePassThrough()
             return
-        # With the margin, 0.1 / 0.01 is ten whole periods in spite of rounding.
-        num_periods = math.floor(delay / sample_period + TIE)
-        offset = delay - num_periods * sample_period
-        offset = offset if offset > TIE * sample_period else 0.0
-        self.DeclareDelay(
-            period=sample_period,
-            # Rounded as Drake rounds the times of periodic events.
-            shown=lambda k: offset + (k + num_periods) * sample_period,
-        )
-        DeclareTicks(self, Ticks(sample_period, offset), None)
+        self.DeclareDelay(period=sample_period, shown=ShownAfter(delay, sample_period))
+        DeclareDeliveries(self, delay, sample_period)
 
     def ForLinearModel(self, estimates: Array | None) -> LinearPart:
         """Returns the sampling as a linear part."""
         if self._sampling.delay == 0:
             return LinearPart()
         return LinearPart(sampling=self._sampling)
+
+
+def _Split(delay: float, sample_period: float) -> tuple[int, float]:
+    """Returns a delay in s as a number of sample periods, and the rest in s."""
+    # With the margin, 0.1 / 0.01 is ten whole periods in spite of rounding.
+    num_periods = math.floor(delay / sample_period + TIE)
+    rest = delay - num_periods * sample_period
+    return num_periods, rest if rest > TIE * sample_period else 0.0
+
+
+def ShownAfter(delay: float, sample_period: float) -> Callable[[int], float]:
+    """Returns a function that returns when packet k, k = 0, 1, ..., is shown, s."""
+    num_periods, rest = _Split(delay, sample_period)
+    # Rounded as Drake rounds the times of periodic events.
+    return lambda k: rest + (k + num_periods) * sample_period
+
+
+def DeclareDeliveries(block: LeafSystem, delay: float, sample_period: float) -> None:
+    """Declares that a step ends whenever a packet of a block is shown."""
+    _, rest = _Split(delay, sample_period)
+    DeclareTicks(block, Ticks(sample_period, rest), None)
 
 
 MAX_PACKETS = 100_000

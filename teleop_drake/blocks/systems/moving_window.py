@@ -7,7 +7,7 @@ from pydrake.systems.framework import Diagram
 from pydrake.trajectories import PiecewisePolynomial
 
 from teleop_drake.arrays import Array
-from teleop_drake.blocks.channels.base import SHORTEST_TIME
+from teleop_drake.blocks.channels.base import SHORTEST_TIME, CheckSize
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.laws.moving_window import (
@@ -67,7 +67,7 @@ class MovingWindow(Diagram):
     ):
         Diagram.__init__(self)
         breaks, pieces = _PiecesOf(window)
-        CheckNumber("size", size, minimum=1)
+        CheckSize(size)
         before = np.zeros(size) if initial_value is None else np.array(initial_value)
         if before.shape != (size,):
             Refuse("initial_value", initial_value, f"{size} numbers or null")
