@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, System
+from pydrake.systems.framework import Context
 
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn
@@ -128,12 +128,6 @@ def WritePast(evaluator: Evaluator, context: Context, memory: Memory) -> None:
             continue
         line.SetSent(own, times, rows, bends)
         bends = []
-    StoreSent(evaluator.system, context)
-
-
-def StoreSent(system: System, context: Context) -> None:
-    """Stores the signals at the time of a Context in the delays; see DelayLine."""
-    for block, own in ContextsIn(system, context).items():
-        for line in getattr(block, "delays", ()):
-            if isinstance(line, DelayLine):
-                line.Store(own)
+    for line, own, _ in lines:
+        if isinstance(line, DelayLine):
+            line.Store(own)

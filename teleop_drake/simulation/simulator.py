@@ -16,7 +16,6 @@ from pydrake.systems.analysis import (
 from pydrake.systems.framework import Context, EventStatus, System
 
 from teleop_drake.contexts import DiscreteState
-from teleop_drake.engine.past import StoreSent
 from teleop_drake.signals import CheckSystem
 from teleop_drake.simulation.failures import IsDivergence, IsGivingUp
 from teleop_drake.simulation.stale_cache_guard import TrialStep
@@ -229,7 +228,7 @@ class TeleoperatorSimulator(Simulator):
                 continue
             if context.get_time() >= boundary_time or self._IsEndedByOthers(status):
                 # The Context may be changed before the run goes on.
-                StoreSent(self._diagram, self.get_mutable_context())
+                stepping.StoreSent(self.get_mutable_context())
                 return status
 
     def _Settle(self) -> None:

@@ -95,10 +95,13 @@ class Stepping:
         # A Diagram itself is left out: its parts announce the same limits.
         systems = SystemsIn(diagram)[1:] or [diagram]
         self._jumping: list[Any] = [x for x in systems if hasattr(x, "NextJumpTime")]
-        lines = [line for system in systems for line in getattr(system, "delays", ())]
-        delay_lines = [line for line in lines if isinstance(line, DelayLine)]
-        self._has_delay_lines = bool(delay_lines)
-        for line in delay_lines:
+        self._delay_lines = [
+            (system, line)
+            for system in systems
+            for line in getattr(system, "delays", ())
+            if isinstance(line, DelayLine)
+        ]
+        for _, line in self._delay_lines:
             line.repeating.add(self)
         self._jump_times = {
             time for system in systems for time in getattr(system, "jump_times", ())
@@ -107,7 +110,7 @@ class Stepping:
             system for system in systems if getattr(system, "has_guards", False)
         ]
         self._discrete_updates: list[Ticks] = []
-        if self._has_delay_lines or self._guarded:
+        if self._delay_lines or self._guarded:
             self._discrete_updates = _DiscreteUpdates(systems)
         self._surfaces = [
             surface
@@ -133,6 +136,11 @@ class Stepping:
         """
         self._rejected_step = self.step_limit = step
         integrator.set_maximum_step_size(step)
+
+    def StoreSent(self, root_context: Context) -> None:
+        """Stores the present signals in the delays; see DelayLine."""
+        for system, line in self._delay_lines:
+            line.Store(system.GetMyMutableContextFromRoot(root_context))
 
     def EndStep(self, root_context: Context, integrator: IntegratorBase) -> bool:
         """Evaluates guards and jumps at the end of a step, and limits the next steps.
@@ -177,7 +185,7 @@ class Stepping:
         self._stop = min(self._next_jump, time + self._ApproachTime())
         # Drake's periodic events, which end the steps of a diagram without continuous
         # states, begin at time 0.
-        if self._has_delay_lines and time < 0:
+        if self._delay_lines and time < 0:
             self._stop = min(self._stop, time + self.longest_step)
         return self._stop
 
@@ -189,7 +197,7 @@ class Stepping:
             self._last_jump = time
             self._guards = self._guards[-1:]
         step = self.longest_step
-        if self._has_delay_lines:
+        if self._delay_lines:
             step = min(
                 _STEP_GROWTH * (time - self._last_jump),
                 _STEP_GROWTH_AFTER_CROSSING * (time - self._crossing_time),
