@@ -17,12 +17,19 @@ from numpy.typing import ArrayLike
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.primitives import ConstantVectorSource
 
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn
+from teleop_drake.engine.constants import ConstantsOf
 from teleop_drake.kernel import KernelBlock
 from teleop_drake.signals import CheckSystem, PathsIn
 from teleop_drake.validation import Choices, GainMatrix, Range, Refuse
+
+_FIXED = (
+    "left to Compile(...).Run() or to a page: Drake keeps it as a constant of the "
+    "system, which no Context can change"
+)
 
 
 class ParameterValue(NamedTuple):
@@ -45,6 +52,7 @@ class Scalar(NamedTuple):
         is_delay: Whether it is a constant delay of a signal.
         is_state: Whether it is an initial state, not a parameter.
         range: The values that it may have; None: any finite number.
+        is_constant: Whether Drake keeps it as a constant, see engine.constants.
     """
 
     value: float
@@ -53,6 +61,7 @@ class Scalar(NamedTuple):
     is_delay: bool = False
     is_state: bool = False
     range: Range | None = None
+    is_constant: bool = False
 
 
 class _Parameter(NamedTuple):
@@ -73,6 +82,7 @@ class _Parameter(NamedTuple):
     path: str = ""
     system: System | None = None
     range: Range | None = None
+    is_constant: bool = False
 
     @property
     def value(self) -> Array:
@@ -83,6 +93,13 @@ class _Parameter(NamedTuple):
         """Refuses a value that is out of the range; `name` is its full name."""
         if self.range is not None:
             self.range.Check(name, value)
+
+    def InDictionary(self, values: dict[str, Array]) -> "_Parameter":
+        """Returns this parameter with its value in a dictionary, by name."""
+        return self._replace(
+            read=lambda: values.get(self.name, self.value),
+            write=lambda value: values.update({self.name: value}),
+        )
 
     @property
     def places(self) -> dict[str, tuple[int, ...]]:
@@ -99,7 +116,10 @@ def NamedParameters(
 
     Drake's own systems are included. The parameters of a MultibodyPlant are the mass of
     each body, the damping of each joint, and the gear ratio and the rotor inertia of
-    each actuator.
+    each actuator. Numbers that Drake keeps as constants are included: `k` of a Gain,
+    `kp`, `ki` and `kd` of a PidController, `min_value` and `max_value` of a Saturation,
+    and the matrices of linear and affine systems. No Context has them; runs of
+    Compile() and pages can change them.
 
     Args:
         diagram: A Diagram, or a system by itself.
@@ -118,7 +138,10 @@ def NamedParameters(
 
 
 def SetNumbers(
-    diagram: System, context: Context, numbers: Mapping[str, ArrayLike]
+    diagram: System,
+    context: Context,
+    numbers: Mapping[str, ArrayLike],
+    constants: dict[System, dict[str, Array]] | None = None,
 ) -> set[System]:
     """Sets parameters, elements of parameters, or initial states in a Context.
 
@@ -127,6 +150,8 @@ def SetNumbers(
             `delay`. A parameter of several elements takes an array of its shape, or one
             number: a gain is that number times the identity, and the elements of any
             other parameter are that number.
+        constants: A dictionary to which the numbers are added that Drake keeps as
+            constants, by system and name; None: such numbers are refused.
 
     Returns:
         The systems that have these numbers.
@@ -146,8 +171,14 @@ def SetNumbers(
             if whole not in known:
                 names = list(_NumbersIn(diagram, context))
                 Refuse("parameter", name, Choices(name, names))
-            _Set(known[whole], whole, each, number)
-            changed[known[whole].path] = known[whole].system
+            parameter = known[whole]
+            if parameter.is_constant:
+                if constants is None:
+                    Refuse(name, value, _FIXED)
+                own = constants.setdefault(parameter.system, {})
+                parameter = parameter.InDictionary(own)
+            _Set(parameter, whole, each, number)
+            changed[parameter.path] = parameter.system
     # What is not allowed together is refused when all are set.
     contexts = ContextsIn(diagram, context)
     for path, system in changed.items():
@@ -203,6 +234,7 @@ def ScalarsIn(diagram: System, context: Context) -> dict[str, Scalar]:
                 parameter.is_delay,
                 parameter.is_state,
                 parameter.range and parameter.range.Of(place),
+                parameter.is_constant,
             )
     delays = [number for number in scalars.values() if number.is_delay]
     if len({delay.value for delay in delays}) == 1:
@@ -331,7 +363,15 @@ def _ParametersOf(system: System, context: Context) -> Iterator[_Parameter]:
     elif hasattr(system, "kernel_parameters"):
         yield from _ParametersOfKernel(system, context)
     else:
-        yield from _NumericParameters(context)
+        yield from _NumericParameters(system, context)
+        for name, value in ConstantsOf(system).items():
+            yield _Parameter(
+                name, "", partial(np.array, value), _WriteNothing, is_constant=True
+            )
+
+
+def _WriteNothing(value: Array) -> None:
+    """Stands for the write function of a constant, which no Context has."""
 
 
 def _ParametersOfKernel(block: Any, context: Context) -> Iterator[_Parameter]:
@@ -346,8 +386,12 @@ def _ParametersOfKernel(block: Any, context: Context) -> Iterator[_Parameter]:
         )
 
 
-def _NumericParameters(context: Context) -> Iterator[_Parameter]:
+def _NumericParameters(system: System, context: Context) -> Iterator[_Parameter]:
     """Yields the numeric parameters of one of Drake's systems, or of a user's own."""
+    if isinstance(system, ConstantVectorSource):
+        vector = partial(context.get_mutable_numeric_parameter, 0)
+        yield _InVector("value", "", vector, slice(None), (vector().size(),))
+        return
     for number in range(context.num_numeric_parameter_groups()):
         vector = partial(context.get_mutable_numeric_parameter, number)
         size = vector().size()

@@ -19,6 +19,7 @@ from pydrake.common import RandomDistribution
 from pydrake.math import RigidTransform
 from pydrake.systems import primitives as drake
 from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from slopes import YES, Ports, Slopes
 from wasm_runs import AssertSame
@@ -103,6 +104,9 @@ def Primitives() -> Diagram:
         if i:
             last = row[i - 1].get_output_port(0)
             builder.Connect(last, system.get_input_port())
+    pid = builder.AddNamedSystem("pid", PidController([2.0], [0.5], [1.0]))
+    for i in range(pid.num_input_ports()):
+        builder.Connect(row[0].get_output_port(0), pid.get_input_port(i))
     return builder.Build()
 
 

@@ -6,6 +6,7 @@ It is the function `evaluate` of a program; see teleop_drake.engine.program.
 import copy
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.engine.block_events import CheckEvents
+from teleop_drake.engine.constants import ConstantValues, WithConstants
 from teleop_drake.engine.flatten import Flatten, Source, UnsupportedSystem
 from teleop_drake.engine.left_out import EmptyKernel, FindLeftOut
 from teleop_drake.engine.plant_kernel import PlantKernel
@@ -34,23 +36,27 @@ from teleop_drake.signals import SignalsOf
 from teleop_drake.wiring import OutputNames
 
 
-def KernelOf(system: System, context: Context) -> Kernel:
+def KernelOf(
+    system: System, context: Context, constants: Mapping[str, Array] | None = None
+) -> Kernel:
     """Returns the kernel of a block, whose events are not compared: see CheckEvents().
 
     Args:
         system: The block: a system with a method Kernel(), one of Drake's primitives,
             or a MultibodyPlant. A subclass of one of Drake's classes is refused.
         context: The Context of the block.
+        constants: Other values of the block's constants, see engine.constants.
 
     Raises:
         UnsupportedSystem: If the block has no kernel, or one that lacks a part of the
             block's computation.
+        ScenarioError: If Drake does not allow the constants.
     """
     if hasattr(system, "Kernel"):
         return _OwnKernel(system, context)
     if type(system) is MultibodyPlant:
         return PlantKernel(system, context)
-    return PrimitiveKernel(system, context)
+    return PrimitiveKernel(WithConstants(system, constants or {}), context)
 
 
 def _OwnKernel(system: Any, context: Context) -> Kernel:
@@ -214,6 +220,7 @@ class Evaluator:
         context: Context,
         changed: Collection[System],
         kept: "Sequence[Evaluator]" = (),
+        constants: ConstantValues = MappingProxyType({}),
     ) -> "Evaluator":
         """Returns an evaluator with the numbers of another Context.
 
@@ -221,19 +228,19 @@ class Evaluator:
             context: The Context of `system`.
             changed: The blocks of which the numbers differ.
             kept: Further evaluators whose machine code is reused if it is the same.
+            constants: Other values of constants of the blocks.
 
         Raises:
             UnsupportedSystem: If a block cannot be compiled with its numbers.
             AlgebraicLoop: If a signal depends on itself, see Evaluator.
         """
         contexts = ContextsIn(self.system, context)
-        kernels = {
-            i: self._Extended(
-                block.system, KernelOf(block.system, contexts[block.system])
-            )
-            for i, block in enumerate(self.blocks)
-            if block.system in changed and i not in self._left_out
-        }
+        kernels = {}
+        for i, block in enumerate(self.blocks):
+            system = block.system
+            if system in changed and i not in self._left_out:
+                kernel = KernelOf(system, contexts[system], constants.get(system))
+                kernels[i] = self._Extended(system, kernel)
         other = self._WithKernels(kernels)
         if other is None:
             other = copy.copy(self)

@@ -4,8 +4,8 @@ The symbolic form, `system.ToSymbolicMaybe()`, provides expressions of the rate 
 continuous state, the periodic discrete update and the vector outputs. The numeric
 parameters of the Context and the constants in the expressions become parameters of the
 kernel. New values of them therefore need no new compilation, unless Drake simplifies an
-expression because a value is 0 or 1. The matrices of linear systems often have such
-elements, so the kernel of these systems is written by hand.
+expression because a value is 0 or 1. Matrices and gains often have such elements, so
+the kernels of systems with matrices or gains are written by hand.
 """
 
 from collections.abc import Callable
@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 from pydrake.symbolic import Expression, MakeVectorVariable, Variable
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import Context, EventStatus, PortDataType, System
 from pydrake.systems.primitives import (
     AffineSystem,
+    Gain,
     LinearSystem,
     MatrixGain,
     RandomSource,
@@ -25,9 +27,11 @@ from pydrake.systems.primitives import (
 
 from teleop_drake.arrays import Array
 from teleop_drake.contexts import DiscreteState, SetDiscreteState
+from teleop_drake.engine.constants import ConstantsOf
 from teleop_drake.engine.expression_tape import MakeTape, UnknownExpression
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, Term, Transition
+from teleop_drake.kernel.kernel import times
 from teleop_drake.signals import VectorOutputs
 from teleop_drake.wiring import InputPorts, OutputPorts
 
@@ -66,8 +70,9 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel:
     """
     if IsSink(system, context):
         return Kernel(unused=_InputNames(system))
-    if type(system) in KERNELS:
-        return KERNELS[type(system)](system)
+    written = KERNELS[type(system)](system) if type(system) in KERNELS else None
+    if written is not None:
+        return written
     symbolic = system.ToSymbolicMaybe() if IsOfDrake(system) else None
     if symbolic is None:
         types = [port.get_data_type() for port in OutputPorts(system)]
@@ -302,11 +307,60 @@ def _RandomKernel(source: RandomSource) -> Kernel:
     return Kernel(outputs={"output": "mode"}, transitions={DRAW: draw})
 
 
-KERNELS: dict[type[System], Callable[[Any], Kernel]] = {
+def _GainKernel(system: Gain) -> Kernel:
+    """Returns the kernel of a Gain, with its factors as a parameter."""
+    return Kernel(outputs={"y0": (times, "k", "u0")}, parameters=ConstantsOf(system))
+
+
+def pid_control(
+    kp: Array, ki: Array, kd: Array, integral: Array, estimated: Array, desired: Array
+) -> Array:
+    """Returns the control of a PID controller (n).
+
+    Args:
+        kp: The gains on the error (n).
+        ki: The gains on the integral of the error (n).
+        kd: The gains on the rate of the error (n).
+        integral: The integral of the error (n).
+        estimated: The estimated positions and velocities (2 n).
+        desired: The desired positions and velocities (2 n).
+    """
+    error, rate = np.split(desired - estimated, 2)
+    control: Array = kp * error + kd * rate + ki * integral
+    return control
+
+
+def position_error(estimated: Array, desired: Array) -> Array:
+    """Returns the error of the positions (n); see pid_control()."""
+    n = len(desired) // 2
+    return desired[:n] - estimated[:n]
+
+
+def _PidKernel(system: PidController) -> Kernel | None:
+    """Returns the kernel of a PidController, with its gains as parameters.
+
+    Returns None if it selects the controlled states; pydrake does not tell which.
+    """
+    gains = ConstantsOf(system)
+    if not gains:
+        return None
+    inputs = ("estimated_state", "desired_state")
+    return Kernel(
+        outputs={"control": (pid_control, *gains, "state", *inputs)},
+        rate=(position_error, *inputs),
+        parameters=gains,
+    )
+
+
+KERNELS: dict[type[System], Callable[[Any], Kernel | None]] = {
     AffineSystem: _AffineKernel,
+    Gain: _GainKernel,
     LinearSystem: _AffineKernel,
     MatrixGain: _AffineKernel,
+    PidController: _PidKernel,
     RandomSource: _RandomKernel,
     WrapToSystem: _WrapKernel,
 }
-"""Makers of the kernels that are written by hand, keyed by the exact class."""
+"""Makers of the kernels that are written by hand, keyed by the exact class.
+
+A maker returns None if it does not know the system; its symbolic form is taken then."""

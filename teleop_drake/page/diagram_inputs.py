@@ -1,5 +1,6 @@
 """The inputs of a Diagram's page: numbers of its Context, as sliders and as fields."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 from teleop_drake.page.inputs import Input, NotSums
@@ -36,8 +37,14 @@ def MakeDiagramInputs(
     parameters = {
         name: number
         for name, number in numbers.items()
-        if name != "delay" and not number.is_state
+        if name != "delay" and not number.is_state and math.isfinite(number.value)
     }
+    # Elements of matrices have a slider if they are named in `vary`.
+    constants = [x for x, number in parameters.items() if number.is_constant]
+    for name in constants:
+        number = parameters.pop(name)
+        if "," not in name:
+            parameters[name] = number
     ranges = _DefaultRanges(parameters) if vary is None else vary
     for key in ranges:
         CheckChoice("vary", key, numbers)

@@ -5,6 +5,7 @@ import inspect
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels import ChannelConfig
 from teleop_drake.blocks.environments.surface import Surface
 from teleop_drake.blocks.operators.hand import HandOperator
+from teleop_drake.engine.constants import ConstantValues
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import AlgebraicLoop, InputsOf, OutputOf, Source
 from teleop_drake.engine.problem import BREAKS, ROWS, Memory
@@ -36,7 +38,7 @@ from teleop_drake.signals import (
     VectorOutputs,
     Visible,
 )
-from teleop_drake.simulation.compiled_run import StartOf
+from teleop_drake.simulation.compiled_run import SetInitialModes, StartOf
 from teleop_drake.simulation.ending import BoundsOf
 from teleop_drake.simulation.simulate import (
     BoundOf,
@@ -371,6 +373,7 @@ def MakeModel(
     suppress_initialization_events: bool = False,
     like: Model | None = None,
     changed: Collection[System] = (),
+    constants: ConstantValues = MappingProxyType({}),
 ) -> Model:
     """Returns the model of a diagram's run, without metrics.
 
@@ -384,6 +387,7 @@ def MakeModel(
         like: The model of the diagram with other numbers, whose program is kept if
             possible; None: there is none.
         changed: The blocks whose numbers differ from those of `like`.
+        constants: Other values of constants of these blocks.
 
     Raises:
         UnsupportedSystem: If a block has no kernel; the message names the block.
@@ -397,8 +401,10 @@ def MakeModel(
     if like is None:
         evaluator, has_zero_delays = _MakeEvaluator(diagram, context, shown)
     else:
-        evaluator = like.run.evaluator.With(context, changed)
+        evaluator = like.run.evaluator.With(context, changed, constants=constants)
         has_zero_delays = like.has_zero_delays
+        if constants and not suppress_initialization_events:
+            SetInitialModes(evaluator, context)
     end = context.get_time() + duration
     max_step = min(config.max_step_size, LongestStep(diagram, context, of_delays=False))
     run = CompiledRun(

@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from pydrake.systems.framework import Context, System
 
+from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import Surface
 from teleop_drake.page.colors import PageColor
 from teleop_drake.page.diagram_inputs import MakeDiagramInputs
@@ -227,7 +228,8 @@ def _OfDiagram(job: Job, vary: Ranges | None, notes: list[str]) -> dict[str, Any
         """Returns the run at values of inputs; the first one is without any."""
         nonlocal base
         context = job.context.Clone()
-        changed = SetNumbers(system, context, values)
+        constants: dict[System, dict[str, Array]] = {}
+        changed = SetNumbers(system, context, values, constants)
         model = MakeModel(
             system,
             job.config,
@@ -236,6 +238,7 @@ def _OfDiagram(job: Job, vary: Ranges | None, notes: list[str]) -> dict[str, Any
             suppress_initialization_events=job.suppress_initialization_events,
             like=base,
             changed=changed,
+            constants=constants,
         )
         base = base or model
         return model

@@ -20,6 +20,7 @@ from teleop_drake.engine.problem import EVALUATIONS, ROWS, STEPS, TRIES, Past
 from teleop_drake.engine.random_sources import Draw, RandomSourcesIn, TakeDraws
 from teleop_drake.engine.run import CompiledRun, MakeProblem, Visited
 from teleop_drake.jit.native import Packed
+from teleop_drake.kernel.terms import ContextReader
 from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.parameters import SetNumbers
@@ -61,6 +62,7 @@ class CompiledDiagram:
         is_checked: Whether all code of a user's own has been compared with Drake, or
             there is no such code.
         parts: Systems that replace systems of the diagram, by their paths.
+        has_constants: Whether constants of systems differ from those of the diagram.
     """
 
     diagram: System
@@ -73,6 +75,7 @@ class CompiledDiagram:
     longest_step: float
     is_checked: bool
     parts: Mapping[str, System] = field(default_factory=dict)
+    has_constants: bool = False
     _problems: dict[float, Packed] = field(default_factory=dict, init=False)
 
     @cached_property
@@ -86,7 +89,8 @@ class CompiledDiagram:
     @cached_property
     def _has_final_context(self) -> bool:
         """Whether a Context of the diagram can have all that a run ends with."""
-        return CanWritePast(self.evaluator) and not self.parts
+        is_of_diagram = not (self.parts or self.has_constants)
+        return is_of_diagram and CanWritePast(self.evaluator)
 
     @cached_property
     def _random_sources(self) -> list[RandomSource]:
@@ -153,15 +157,19 @@ class CompiledDiagram:
             CannotCompile: If the diagram has no program with these numbers.
         """
         changed_context = context.Clone()
-        changed = SetNumbers(self.diagram, changed_context, numbers)
+        constants: dict[System, dict[str, Array]] = {}
+        changed = SetNumbers(self.diagram, changed_context, numbers, constants)
         start = StartOf(
             self.diagram,
             changed_context,
             suppress_initialization_events=suppress_initialization_events,
         )
         places = self.places
+        if constants:
+            # A user's own code is compared with Drake, which has the old constants.
+            self.Check()
         try:
-            evaluator = self.evaluator.With(start, changed, kept)
+            evaluator = self.evaluator.With(start, changed, kept, constants)
             if evaluator.program.signals is not self.evaluator.program.signals:
                 places = SignalPlaces(evaluator, self.signals)
         except UnsupportedSystem as error:
@@ -170,7 +178,13 @@ class CompiledDiagram:
                 f"{named}: {error}; simulate(system, context=...) runs a Context with "
                 "these numbers in Drake's Simulator, if that can"
             ) from error
-        return _StartingAt(start, self.diagram, evaluator, self.signals, places)
+        if constants and not suppress_initialization_events:
+            SetInitialModes(evaluator, start)
+        compiled = _StartingAt(start, self.diagram, evaluator, self.signals, places)
+        if constants:
+            compiled.is_checked = True
+            compiled.has_constants = True
+        return compiled
 
     def _FinalContext(self, run: CompiledRun) -> Context:
         """Returns the Context at the end of a run."""
@@ -272,6 +286,27 @@ def _StartingAt(
         longest_step=LongestStep(diagram, context, of_delays=False),
         is_checked=not HoldsOwnCode(evaluator),
     )
+
+
+def SetInitialModes(evaluator: Evaluator, context: Context) -> None:
+    """Sets the initial modes of blocks whose inputs depend on other constants.
+
+    Args:
+        evaluator: The evaluator with the constants.
+        context: The Context of the diagram, in which Drake has set the modes with the
+            diagram's own constants. Inputs of these blocks are fixed.
+    """
+    y, _ = evaluator.Evaluate(context)
+    contexts = ContextsIn(evaluator.system, context)
+    program = evaluator.program
+    for block, kernel in zip(evaluator.blocks, program.kernels, strict=True):
+        if kernel.initial_mode is None:
+            continue
+        own = contexts[block.system]
+        for name, source in block.inputs.items():
+            block.system.GetInputPort(name).FixValue(own, y[program.signals[source]])
+        reader = ContextReader(block.system, kernel, "initial_mode")
+        SetDiscreteState(own, reader.Read(kernel.initial_mode)(own))
 
 
 def StartOf(

@@ -14,6 +14,11 @@ from teleop_drake.simulation.inputs import CheckInputs
 from teleop_drake.simulation.simulate import MakeJob, NotesOnSinks, RecordingOf
 from teleop_drake.validation import CheckNumber
 
+_HAS_CONSTANTS = (
+    "Drake keeps some of the numbers as constants, which no Context has: the run has "
+    "no final_context."
+)
+
 
 class CompiledSystem:
     """A System as machine code; see Compile(). Threads may call Run() concurrently.
@@ -82,7 +87,10 @@ class CompiledSystem:
             job = job._replace(duration=duration)
         compiled = self._With(numbers) if numbers else self._compiled
         notes = NotesOnSinks(compiled.evaluator.left_out)
-        return RecordingOf(job, compiled.Run(job), notes)
+        outcome = compiled.Run(job)
+        if compiled.has_constants:
+            return RecordingOf(job, outcome, notes, _HAS_CONSTANTS)
+        return RecordingOf(job, outcome, notes)
 
     def _With(self, numbers: Mapping[str, ArrayLike]) -> CompiledDiagram:
         """Returns the compiled System with other numbers; keeps its program."""

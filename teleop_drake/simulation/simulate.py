@@ -284,11 +284,17 @@ def MakeJob(
     )
 
 
-def RecordingOf(job: Job, run: Outcome, notes: list[str]) -> Recording:
+def RecordingOf(
+    job: Job,
+    run: Outcome,
+    notes: list[str],
+    no_final_context: str = _NO_FINAL_CONTEXT,
+) -> Recording:
     """Makes the recording of a System's run.
 
     Args:
-        notes: Notes on the run; one may be appended.
+        notes: Notes on the run; some may be appended.
+        no_final_context: The note on a run without a final Context.
     """
     _EndWhereFinite(run)
     start = job.config.start_time
@@ -299,7 +305,7 @@ def RecordingOf(job: Job, run: Outcome, notes: list[str]) -> Recording:
         )
     make_final = run.make_final_context
     if make_final is None:
-        notes.append(_NO_FINAL_CONTEXT)
+        notes.append(no_final_context)
     recording = MakeRecording(None, job.config, run, notes)
     if make_final is not None:
         recording.FindLater({"final_context": lambda _: make_final()})

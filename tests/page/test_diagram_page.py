@@ -165,7 +165,7 @@ def test_a_notebook_names_ranges_and_a_context():
 def test_a_kept_program_takes_all_delays_and_initial_states():
     diagram = MakePendulum()
     context = diagram.CreateDefaultContext()
-    numbers = {"delay": 0.1, "plant/theta(0)": 0.4, "aim.parameter0(0)": 0.2}
+    numbers = {"delay": 0.1, "plant/theta(0)": 0.4, "aim.value(0)": 0.2}
     program = Compile(diagram, context=context, duration=1.0)
     SetNumbers(diagram, context, numbers)
     expected = simulate(diagram, context=context, duration=1.0)
