@@ -13,7 +13,7 @@ from teleop_drake.numerics.delay_course import (
     Course,
     delay_course,
     drift_error,
-    held_share,
+    missing_packets,
     row_spread,
 )
 from teleop_drake.numerics.lagged_signal import Lag
@@ -26,7 +26,7 @@ LAGS = {"none": (0,), "first": (0, 1), "second": (0, 1, 2)}
 # The attributes of Latency that its record has unchanged.
 _NUMBERS = (
     *("delay", "interval", "reason", "gain", "offset", "noise", "explained"),
-    *("drift", "drift_error", "spread", "spread_error", "losses"),
+    *("drift", "drift_error", "spread", "spread_error", "losses", "hidden"),
 )
 
 # Rows that are needed, and windows in which the delay is estimated.
@@ -75,8 +75,10 @@ class Latency:
         spread: The standard deviation of the delay from row to row, s. None if the
             response has a lag, which hides it.
         spread_error: Its standard error, s.
-        losses: The share of packets that left the response unchanged. None if the
-            response does not show it; see numerics.delay_course.held_share.
+        losses: The share of packets that left the response unchanged: lost, too late,
+            or replaced before a row showed them. None if the response does not show
+            it; see numerics.delay_course.missing_packets.
+        hidden: The most of this share that may have been replaced within one row.
         course: The dead time over the record.
         explained: The share of the response's variance that the command explains.
         search: Dead times in s, and the root mean square error of the best fit with
@@ -98,6 +100,7 @@ class Latency:
     spread: float | None
     spread_error: float | None
     losses: float | None
+    hidden: float | None
     course: Course
     explained: float
     search: Array
@@ -178,6 +181,7 @@ def EstimateLatency(
     intervals = _Widened(found.intervals, pair)
     reason = _Reason(pair, found, intervals)
     is_direct = fit.lag.order == 0
+    missing = missing_packets(pair, fit) if is_direct else None
     return Latency(
         delay=None if reason else fit.delay,
         reason=reason,
@@ -195,7 +199,8 @@ def EstimateLatency(
         drift_error=drift_error(pair, fit, found.num_independent),
         spread=rows.spread if is_direct else None,
         spread_error=rows.error if is_direct else None,
-        losses=held_share(pair, fit) if is_direct else None,
+        losses=None if missing is None else missing.share,
+        hidden=None if missing is None else missing.hidden,
         course=delay_course(pair, fit, _NUM_WINDOWS),
         explained=found.explained,
         search=found.search,

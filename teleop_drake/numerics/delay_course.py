@@ -26,9 +26,15 @@ _BLUR = 0.3
 _NUM_STEPS = 8
 _SEARCH_SHARE = 0.5
 
-# A row counts as moving if the command changes by more than this number of quanta, or
-# of standard deviations of the noise, from the row before.
-_MOVES = 3.0
+# The sending time of a packet is told by a command that is faster than this share of
+# its root mean square speed.
+_SLOW = 0.1
+
+# The share of gaps between packets, at most, that are shorter than one period; how far
+# gaps may be from whole periods, in periods (random times: 0.29); the fewest gaps.
+_ADJACENT = 0.1
+_UNEVEN = 0.15
+_FEWEST_PACKETS = 10
 
 
 class Course(NamedTuple):
@@ -170,48 +176,80 @@ def _quantum(signal: Array) -> float:
     return float(changes[changes > 0].min(initial=np.inf))
 
 
-def held_share(pair: SignalPair, fit: Fit) -> float | None:
-    """Returns the share of packets that left the response unchanged: lost, or too late.
+class Missing(NamedTuple):
+    """Packets that a response does not show.
 
-    The response must hold each packet until the next one, and more than half of the
-    packets must arrive. Packets are counted while the command moves.
+    Attributes:
+        share: The share of all packets that left the response unchanged.
+        hidden: The most of this share that is due to packets that came, and were
+            replaced by the next one before a row showed them.
+    """
+
+    share: float
+    hidden: float
+
+
+def missing_packets(pair: SignalPair, fit: Fit) -> Missing | None:
+    """Returns the packets that left the response unchanged: lost, late or replaced.
+
+    The response must hold each packet until the next one, and packets must be sent at
+    equal times. Each value of the response tells when its packet was sent, because it
+    is the command of that instant. Packets are counted while the command moves.
+
+    Two packets that come within a row spacing h of each other are seen as one if no row
+    is between them. If the probability density of the time between them does not fall
+    up to 2 h, packets that are hidden are at most half of the gaps of one row.
 
     Returns:
-        The share; None if the response never holds a value, as with noise of its own.
+        The shares; None if the response does not consist of such packets, as with noise
+        of its own.
     """
     t = pair.time[pair.time >= pair.t[0]]
     y = pair.response[-len(t) :]
-    gain = pair.gain(fit)
-    delays = fit.delay + fit.drift * (t - pair.middle)
-    z = pair.read(pair.on_grid, t - delays)
-    moves = np.abs(gain * np.diff(z))
-    changes = np.diff(y)
-    is_changed = changes != 0
-    is_moving = moves > _MOVES * _quantum(y)
-    # The times of changes, and the number of slow rows up to each.
-    at = np.flatnonzero(is_changed & is_moving)
-    slow = np.cumsum(~is_moving)[at]
-    gaps = np.diff(t[at + 1])[np.diff(slow) == 0]
-    if len(gaps) < 2:
+    if pair.gain(fit) == 0:
         return None
-    # Gaps without more rows than usual have lost nothing: their rows are uneven.
-    rows = np.diff(at)[np.diff(slow) == 0]
-    share = _missing_share(gaps) if np.any(rows > np.median(rows)) else 0.0
-    noise = np.sqrt(np.mean(pair.left(fit) ** 2))
-    if share == 0 and noise > np.median(moves[is_moving]):
+    at = np.flatnonzero(np.diff(y)) + 1
+    sent = _sending_times(pair, fit, t[at], y[at])
+    gaps = np.diff(sent)
+    is_known = np.isfinite(gaps)
+    gaps = gaps[is_known]
+    if len(gaps) < _FEWEST_PACKETS:
         return None
-    return share
-
-
-def _missing_share(gaps: Array) -> float:
-    """Returns the share of missing packets, from the times between those that came.
-
-    With a share q missing, gaps are longer by 1/(1 - q) on average. Of the gaps, the
-    share 1 - q is one period long, more or less, so that the period is the quantile of
-    (1 - q)/2. Single gaps may vary by more than half a period.
-    """
-    share = 0.0
+    period = np.quantile(gaps, _ADJACENT)
     for _ in range(_NUM_STEPS):
-        period = np.quantile(gaps, (1 - share) / 2)
-        share = min(max(1 - float(period / gaps.mean()), 0.0), 0.5)
-    return share
+        counts = np.maximum(np.round(gaps / period), 1)
+        period = gaps.sum() / counts.sum()
+    if np.sqrt(np.mean((gaps / period - counts) ** 2)) > _UNEVEN:
+        return None
+    share = 1 - len(gaps) / counts.sum()
+    rows = np.diff(at)[is_known]
+    replaced = (1 - share) * np.mean(rows == 1) / 2
+    return Missing(float(share), float(min(share, replaced)))
+
+
+def _sending_times(pair: SignalPair, fit: Fit, t: Array, y: Array) -> Array:
+    """Returns when the command had the values of a response, s.
+
+    Args:
+        t: Times of rows, s (K).
+        y: The response there (K).
+
+    Returns:
+        The times nearest to the rows' times less the dead time; NaN where the command
+        moves too slowly to tell (K).
+    """
+    offset, gain, *_ = pair.combination(fit)
+    slope = np.gradient(pair.on_grid, pair.step)
+    speed = np.sqrt(np.mean(slope**2))
+    # The time in which the command changes by its own size.
+    reach = _SEARCH_SHARE * np.std(pair.on_grid) / speed
+    guess = t - fit.delay - fit.drift * (t - pair.middle)
+    sent = guess
+    for _ in range(_NUM_STEPS):
+        error = pair.read(pair.on_grid, sent) - (y - offset) / gain
+        rate = pair.read(slope, sent)
+        step = error / np.where(np.abs(rate) > 0, rate, np.inf)
+        sent = np.clip(sent - step, guess - reach, guess + reach)
+    is_slow = np.abs(rate) < _SLOW * speed
+    is_open = np.abs(step) > 1e-3 * pair.step
+    return np.where(is_slow | is_open, np.nan, sent)

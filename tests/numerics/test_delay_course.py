@@ -7,7 +7,7 @@ from teleop_drake.numerics.dead_time import find_dead_time
 from teleop_drake.numerics.delay_course import (
     delay_course,
     drift_error,
-    held_share,
+    missing_packets,
     row_spread,
 )
 from teleop_drake.numerics.lagged_signal import Lag
@@ -69,18 +69,18 @@ def test_spread_and_noise_are_told_apart():
     assert found.noise == pytest.approx(0.03, rel=0.15)
 
 
-def test_held_share_counts_packets():
+def test_missing_packets_counts_packets():
     """Packets every third row; of 100 packets, those with a 7 at the end are lost."""
     packets = np.arange(334) * 0.03
     got = packets[np.arange(334) % 10 != 7]
     last = np.searchsorted(got, TIME - DELAY + 1e-9, side="right") - 1
     pair = Pair(Signal(got[np.maximum(last, 0)]))
     fit = find_dead_time(pair, [0]).fit
-    assert held_share(pair, fit) == pytest.approx(0.1, abs=0.02)
+    assert missing_packets(pair, fit).share == pytest.approx(0.1, abs=0.02)
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.1, 0.3])
-def test_held_share_of_packets_with_jitter(loss):
+def test_missing_packets_of_packets_with_jitter(loss):
     """Gaps that vary by more than half a period are no losses."""
     draw = np.random.default_rng(5)
     packets = np.arange(490) * 0.02
@@ -89,11 +89,30 @@ def test_held_share_of_packets_with_jitter(loss):
     last = np.searchsorted(arrivals, TIME, side="right") - 1
     pair = Pair(Signal(packets[came][np.maximum(last, 0)]))
     fit = find_dead_time(pair, [0]).fit
-    found = held_share(pair, fit)
+    found = missing_packets(pair, fit).share
     assert found == pytest.approx(np.mean(~came[50:]), abs=0.03)
 
 
-def test_held_share_is_unknown_with_noise():
+@pytest.mark.parametrize("jitter", [0.004, 0.012])
+def test_packets_that_are_replaced_between_two_rows(jitter):
+    """The rows show a known number of packets; less is lost, by at most `hidden`."""
+    draw = np.random.default_rng(1)
+    packets = np.arange(480) * 0.02
+    arrivals = packets + DELAY + draw.exponential(jitter, 480)
+    order = np.argsort(arrivals)[draw.random(480) >= 0.11]
+    # The receiver drops what was overtaken.
+    newest = np.maximum.accumulate(packets[order])
+    last = np.searchsorted(arrivals[order], TIME, side="right") - 1
+    pair = Pair(Signal(newest[np.maximum(last, 0)]))
+    found = missing_packets(pair, find_dead_time(pair, [0]).fit)
+    missed = 1 - len(np.unique(newest)) / 480
+    in_rows = np.unique(newest[last[last >= 0]])
+    assert found.share == pytest.approx(1 - len(in_rows) / 480, abs=0.03)
+    assert found.share - found.hidden - 0.02 < missed < found.share + 0.02
+    assert found.hidden < 0.1
+
+
+def test_missing_packets_is_unknown_with_noise():
     noise = 0.2 * np.random.default_rng(3).standard_normal(len(TIME))
     pair = Pair(Signal(TIME - DELAY) + noise)
-    assert held_share(pair, Fit(DELAY, 0.0, Lag(), 0.0)) is None
+    assert missing_packets(pair, Fit(DELAY, 0.0, Lag(), 0.0)) is None

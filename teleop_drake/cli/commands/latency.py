@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from teleop_drake.tables import Table
 
 # The names of the lags by their order, in sentences.
+# Hidden packets are told if they are more than this share of the losses.
+_VISIBLE = 0.02
+
 _LAGS = ("none", "first order", "second order")
 
 
@@ -263,6 +266,13 @@ def _Spread(latency: "Latency") -> list[str]:
 
 
 def _Losses(latency: "Latency") -> str:
-    if latency.losses is None:
+    if latency.losses is None or latency.hidden is None:
         return "The response holds no value, so that losses are unknown"
-    return f"Lost or too late {100 * latency.losses:.3g} %"
+    most = f"{100 * latency.losses:.3g} %"
+    if latency.hidden < _VISIBLE * latency.losses or latency.losses == 0:
+        return f"Lost or too late {most}"
+    least = f"{100 * (latency.losses - latency.hidden):.3g}"
+    return (
+        f"Lost or too late {least} to {most}: between two rows a packet may be "
+        "replaced by the next one"
+    )
