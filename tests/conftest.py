@@ -59,7 +59,15 @@ def pytest_terminal_summary(terminalreporter, config):
 
 @pytest.hookimpl(tryfirst=True)  # Before `-m slow` selects.
 def pytest_collection_modifyitems(config, items):
-    """Lets the slow run search with every property."""
+    """Marks slow cases, and lets the slow run search with every property."""
+    seen = set()
+    for item in items:
+        if not item.get_closest_marker("mostly_slow") or "slow" in item.keywords:
+            continue
+        # The first case belongs to the short run.
+        if item.obj in seen:
+            item.add_marker("slow")
+        seen.add(item.obj)
     for item in items if _IsSlowRun(config) else []:
         if getattr(item.obj, "is_hypothesis_test", False):
             item.add_marker("slow")

@@ -88,6 +88,7 @@ def Compare(
             assert metrics[name] == value, name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("against", ["ground", "command"])
 @pytest.mark.parametrize("name", Slow(TASKS, but=[2]))
 def test_damped_force(name, against):
@@ -95,6 +96,7 @@ def test_damped_force(name, against):
     Compare(name, "damped_force", (0.02, 0.1), DURATIONS[name], "auto", 2.0, against)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("name", "arrival"),
     [("one_dof", 14.951), ("two_dof_collision", 1.502), ("two_dof_combined", 2.558)],
@@ -123,6 +125,7 @@ OTHER_DELAYS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kind", "delays"),
     Slow(OTHER_DELAYS, but=[OTHER_DELAYS.index(case) for case in SHORT_RUN]),

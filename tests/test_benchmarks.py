@@ -70,6 +70,7 @@ CHANNELS: dict[str, dict] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", Slow(list(CHANNELS)))
 @pytest.mark.parametrize("controller", Slow(CONTROLLERS, but=[1]))
 def test_channels_agree_with_their_oracle(controller, kind):

@@ -107,6 +107,7 @@ def test_reflections(damper):
     AssertRow(f"{damper:g}", f"{reflection + 0.0:.3g}", rests)
 
 
+@pytest.mark.slow
 def test_an_open_end_never_rests():
     recording = wave_line.Reflecting(0.0, duration=40.0)
     force = recording["environment_force"][:, 0]
@@ -396,6 +397,7 @@ def test_felt_stiffness(trip):
 # The page.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("study", Slow(STUDIES, but=[6]))
 def test_figures_are_those_of_the_studies(study, tmp_path):
     assert PictureOf(study).stat().st_size <= 60_000

@@ -50,12 +50,14 @@ def AssertSameTable(path, expected):
     np.testing.assert_allclose(values, right, rtol=1e-11, atol=0)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("name", tasks.TASKS)
 def test_a_file_is_what_its_closed_form_gives(name):
     expected = reference_text(name, tasks.TASKS[name]())
     AssertSameTable(FOLDER / f"{name}.csv", expected)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     "name",
     Slow(
@@ -133,6 +135,7 @@ def test_a_scalar_loop_is_what_the_method_of_steps_gives(name, k, T):
     AssertSame([x(t)[0] for t in times], name, "x", 1e-11)
 
 
+@pytest.mark.slow
 def test_the_pd_loops_are_what_the_method_of_steps_gives():
     """Each force is that of a controller that saw x 0.1 s ago.
 
@@ -292,6 +295,7 @@ def Texts():
     return ParseYaml((FOLDER / "faults.yaml").read_text("utf-8"), "faults")
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(("name", "signal", "fault"), Wrong())
 def test_a_fault_is_named(name, signal, fault, tmp_path, capsys):
     wrong = ReadTable(FOLDER / "faults" / f"{name}.csv").columns[f"{signal}:{fault}"]
@@ -406,6 +410,7 @@ def test_an_error_of_another_form_has_no_name(tmp_path, capsys):
     assert "force_echo is" not in printed
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("name", Names())
 def test_a_template_that_is_filled_in_is_inside(name, tmp_path, capsys):
     assert main(["check", "--template", name]) == 0

@@ -81,6 +81,7 @@ def _Graph(picture: Path) -> Counter[tuple[str, str]]:
     )
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     "script",
     [
@@ -267,6 +268,7 @@ def _Functions(path: Path) -> dict[str, Any]:
 NOTEBOOK = DIRECTORY.parent / "notebooks" / "01_building_the_diagram.ipynb"
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("path", "maker", "arguments"),
     [

@@ -108,6 +108,7 @@ def test_command_lines_are_understood(tmp_path, monkeypatch):
         assert parser.parse_args(shlex.split(line)[1:]).command, line
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("task", ["one_dof", "two_dof_collision"])
 def test_delay_margins(task):
     (cells,) = re.findall(
@@ -131,6 +132,7 @@ def test_delay_margins(task):
                 assert margins[layer] == pytest.approx(float(cell), rel=3e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "task", Slow(["one_dof", "two_dof_collision", "two_dof_combined"])
 )
@@ -191,6 +193,7 @@ def test_the_number_of_architectures(page, sentence):
         assert f"`{kind}`" in Sentences(LEAGUE)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("name", "adaptive", "robust"),
     Slow(
@@ -232,6 +235,7 @@ def test_examples_of_channels_and_operators_are_valid(tmp_path):
     assert "with a bandwidth of 5 Hz" in surgeon.MakePlan().notes[0]
 
 
+@pytest.mark.slow
 def test_figure_is_that_of_the_runs(tmp_path):
     recordings = {kind: Run("two_dof_combined", kind) for kind in CONTROLLERS}
     SaveFigure(PlotComparison(recordings), tmp_path / "now.png")

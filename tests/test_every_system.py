@@ -57,6 +57,7 @@ def test_the_tables_name_every_class_of_pydrake():
     }
 
 
+@pytest.mark.mostly_slow
 @each
 def test_every_system_has_a_box_and_its_number(name):
     """The k-th system in a diagram has the number k, which names boxes of a page."""
@@ -75,6 +76,7 @@ def test_every_system_has_a_box_and_its_number(name):
     assert {end for edge in ends for end in edge} <= declared
 
 
+@pytest.mark.slow
 def test_one_picture_holds_every_system():
     builder = DiagramBuilder()
     names = FindSystems()
@@ -90,6 +92,7 @@ def test_one_picture_holds_every_system():
     assert {*names} <= {*shown}
 
 
+@pytest.mark.mostly_slow
 @each
 def test_a_page_leaves_every_system_out_or_runs_it(name):
     diagram = MakeBeside(MAKERS[name])
@@ -110,6 +113,7 @@ def test_a_page_leaves_every_system_out_or_runs_it(name):
         assert evaluator.left_out
 
 
+@pytest.mark.slow
 def test_a_page_with_the_default_visualization_runs_in_a_browser(look, tmp_path):
     """The solution is 1 - (t - T) between T and 2 T, as the delay begins with 0."""
     diagram = MakeBeside(VISUALIZERS["AddDefaultVisualization"])
@@ -132,6 +136,7 @@ def test_every_system_is_in_a_page(name, tmp_path):
     assert (tmp_path / "page.html").stat().st_size > 30_000
 
 
+@pytest.mark.mostly_slow
 @each
 def test_linear_models_leave_every_system_out(name):
     diagram = MakeBeside(MAKERS[name])

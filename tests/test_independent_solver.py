@@ -120,6 +120,7 @@ def test_undamped_spring_hit_and_every_event_on_the_way():
     assert result.events[0].force_after[0] == 0.0
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("delays", [(0.0, 0.0), (0.07, 0.0), (0.0, 0.113), (0.1, 0.09)])
 def test_the_operator_switches_when_the_contact_has_come_back(delays):
     task = thesis_task("one_dof", False, delays=delays)

@@ -75,6 +75,7 @@ def test_the_linear_core_contains_the_damper_against_the_command():
     assert found == pytest.approx(F_e - 4.0 / 5.0 * s)
 
 
+@pytest.mark.slow
 def test_no_two_runs_are_alike():
     held_out, training = (
         [
@@ -89,6 +90,7 @@ def test_no_two_runs_are_alike():
     assert not set(training) & set(held_out)
 
 
+@pytest.mark.slow
 def test_the_outcome_of_a_run_has_its_metrics():
     entry = ENTRIES[BASELINE]
     runs = Runs("league", entry)
@@ -115,6 +117,7 @@ def test_the_impact_of_a_free_mass():
     assert 0.4 * 20000 * depth**2.5 == pytest.approx(0.5 * 0.5 * 1e-6)
 
 
+@pytest.mark.slow
 def test_a_rest_counts_from_the_stop():
     """An operator who never switches to force pushes on until the stop."""
     runs = Runs("league_held_out", ENTRIES[BASELINE])
@@ -179,6 +182,7 @@ def test_fronts_and_their_volume():
     assert Hypervolume([trial, other]) > Hypervolume([trial])
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("name", ["adaptive", "waves", "linear core"])
 def test_the_felt_stiffness_is_that_of_the_analysis(name):
     scenario = OneAxis(ENTRIES[name], {}, 0.1)
@@ -284,6 +288,7 @@ def test_a_sentence_is_right(claim):
     assert claim.holds(claim.Rows())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "title", "number"),
     Slow(

@@ -105,6 +105,7 @@ def KernelBlocks():
     return found
 
 
+@pytest.mark.slow
 def test_docstrings_name_the_parameters_of_the_contexts():
     found = KernelBlocks()
     tables = {kind.__name__: ParameterTable(kind) for kind in found}

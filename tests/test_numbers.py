@@ -52,6 +52,7 @@ CONVERGED = [
 ]
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("engine", "name", "kind", "change"), Slow(CONVERGED, but=range(8))
 )

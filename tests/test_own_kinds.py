@@ -43,6 +43,7 @@ def Options(*overrides):
     return [x for override in overrides for x in ("--set", override)]
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     "own",
     Slow([[CHANNEL, *LAW], [CHANNEL], LAW, [*ROBOT, *LAW], [OPERATOR]], but=[1, 2, 4]),
@@ -80,6 +81,7 @@ def test_show_and_list_run_nothing_of_a_scenario(tmp_path, capsys):
     assert Path("ran").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.xdist_group("sweep")  # In a process of its own.
 def test_compare_and_sweep(capsys, unrendered):
     table = Run(
@@ -117,6 +119,7 @@ def test_a_scenario_keeps_it():
     assert ScenarioFromYaml(ScenarioToYaml(scenario)) == scenario
 
 
+@pytest.mark.slow
 def test_a_robot_without_a_plant(capsys, in_this_process, unrendered):
     """It works wherever nothing derives from its inertia, which it does not tell."""
     direct = Options(*ROBOT, "controller.kind=direct_force", SHORT)
@@ -144,6 +147,7 @@ def test_a_robot_without_a_plant(capsys, in_this_process, unrendered):
         MakeTeleoperator(LoadScenario("one_dof", [*ROBOT, smith]))
 
 
+@pytest.mark.slow
 def test_systems_in_the_operators_hand():
     """Who and what the scenario has, made by oneself, gives the scenario's run."""
     scenario = LoadScenario("one_dof", ["controller.kind=direct_force", SHORT])

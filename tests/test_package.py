@@ -19,6 +19,7 @@ import teleop_drake as dut
 from teleop_drake.teleoperator import AddTeleoperator
 
 
+@pytest.mark.slow
 def test_a_sweep_starts_without_scipy():
     """Which takes longer to import than the runs of a short sweep."""
     code = "import sys, teleop_drake.sweep; print('scipy' in sys.modules)"
@@ -28,6 +29,7 @@ def test_a_sweep_starts_without_scipy():
     assert run.stdout.strip() == "False"
 
 
+@pytest.mark.slow
 def test_the_tests_limit_blas_before_numpy_is_imported():
     """NumPy reads the number of threads of BLAS when it is imported, not later."""
     code = "import sys, conftest; print('numpy' in sys.modules)"

@@ -63,6 +63,7 @@ def test_plain_solver_agrees_where_it_is_accurate():
     assert solve_plainly(1e-9, 0.05) == pytest.approx(CONVERGED, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_loose_tolerances_scatter_and_tight_ones_do_not():
     """The first printed number is common; no setting gives all three."""
     steps = np.geomspace(0.05, 0.5, 20)

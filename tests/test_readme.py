@@ -59,6 +59,7 @@ def test_all_commands_are_looked_at():
     assert len(ROWS) == 5 and set(parts) <= set(COMMANDS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("claim", "numbers", "commands"), ROWS, ids=[row[0][:30] for row in ROWS]
 )

@@ -244,6 +244,7 @@ LOOPS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "duration", "engine"), Slow(LOOPS, but=(2,)))
 def test_the_loop_by_hand(kind, duration, engine):
     bounds = {"force_rate_bound": 5.0, "force_width": 0.1}
@@ -296,6 +297,7 @@ SAME = {
 }
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("why", SAME)
 def test_architectures_that_are_the_same_here(why):
     runs, times = [run(**own) for own in SAME[why]], np.linspace(0, 0.3, 31)
@@ -305,6 +307,7 @@ def test_architectures_that_are_the_same_here(why):
         assert np.all(np.abs(found - expected) <= 1e-4 * moved)
 
 
+@pytest.mark.slow
 def test_passivity_control_bounds_the_energy_of_each_axis():
     """Moments have budgets of their own; idle, the channels make more."""
     runs = run(IDLE["kind"], 3.0, 0.1), run(**IDLE, duration=3.0, delay=0.1)

@@ -27,6 +27,7 @@ FIGURE_2_1 = {
 TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("name", "kind"),
     [*product(TASKS, ARCHITECTURES[:1]), *product(TASKS[-1:], ARCHITECTURES[1:])],
@@ -55,6 +56,7 @@ def test_every_station_opens_and_every_system_is_named():
     assert stations | {"controller.adaptive_backstepping", "robot.plant"} <= names
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("kind", ARCHITECTURES)
 def test_no_delay_makes_no_algebraic_loop(kind):
     overrides = {"controller.kind": kind, "delay": 0.0, "duration": 0.05}
@@ -95,6 +97,7 @@ def test_an_invalid_scenario_is_refused():
         MakeTeleoperator(scenario)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     "kind", ["smith_predictor", "adaptive_backstepping", "four_channel"]
 )
@@ -149,6 +152,7 @@ def test_outputs_with_the_name_of_another_signal_are_refused(output, owner):
     assert MakeTeleoperator(scenario, control_law=Telling("doubt"))
 
 
+@pytest.mark.slow
 def test_a_diagram_is_run_and_analysed_in_any_order():
     """An analysis and runs of one diagram do not change each other's results."""
     scenario = LoadScenario(

@@ -47,6 +47,7 @@ RATES = {
 }
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("name", Slow(list(RATES), but=[0, 1]))
 def test_rest_at_higher_rates_of_adaptation(name, task):
@@ -79,6 +80,7 @@ def metric_of(task, metric, **overrides):
     return RunMetrics(simulate(LoadScenario(task, overrides)))["collision"][metric]
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("task", TASKS)
 def test_what_adaptation_changes(task):
     """At most 0.5 % of the table's numbers, and 6.1 % of the settling of case II."""
@@ -92,6 +94,7 @@ def test_what_adaptation_changes(task):
         assert change("settling_time") == pytest.approx(-0.061, abs=1e-3)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("task", ["one_dof", "two_dof_combined"])
 def test_the_highest_rate_gains_little(task):
     assert 0.9 < rest_time(task, beta3=1000.0) / rest_time(task) < 1.0
@@ -105,6 +108,7 @@ def test_learning_costs_delay():
     assert ends == ["diverged", "completed"]
 
 
+@pytest.mark.slow
 def test_the_margin_that_a_human_leaves():
     text = " ".join(page("operators").split())
     (share,) = re.findall(r"takes (\d+) % of the adaptive", text)

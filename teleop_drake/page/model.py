@@ -392,18 +392,15 @@ def MakeModel(
     Raises:
         UnsupportedSystem: If a block has no kernel; the message names the block.
     """
-    context = StartOf(
-        diagram,
-        context,
-        suppress_initialization_events=suppress_initialization_events,
-    )
+    suppress = suppress_initialization_events
+    context = StartOf(diagram, context, suppress_initialization_events=suppress)
     shown = SignalsOf(diagram) if signals is None else signals
     if like is None:
         evaluator, has_zero_delays = _MakeEvaluator(diagram, context, shown)
     else:
         evaluator = like.run.evaluator.With(context, changed, constants=constants)
         has_zero_delays = like.has_zero_delays
-        if constants and not suppress_initialization_events:
+        if constants and not suppress:
             SetInitialModes(evaluator, context)
     end = context.get_time() + duration
     max_step = min(config.max_step_size, LongestStep(diagram, context, of_delays=False))

@@ -47,6 +47,7 @@ def test_table(capsys):
     assert os.listdir() == []
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("options", "text"),
     [
@@ -88,6 +89,7 @@ def test_json_on_stdout(capsys):
     assert record["forward_delay"] == 0.05
 
 
+@pytest.mark.slow
 def test_files(capsys, unrendered):
     command = ["analyze", "one_dof", "--out", "here", "--max-delay", "0.5"]
     vary = ["--vary", "robot.mass=0.4:0.8:2", "--quiet"]
@@ -122,6 +124,7 @@ def test_files(capsys, unrendered):
     assert record["chart"]["analyses"][0]["controller"] == "direct_force"
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("command", "message"),
     [
@@ -162,6 +165,7 @@ def Chart(capsys, *options):
     return capsys.readouterr().out.partition("Delay margins\n")[2].splitlines()
 
 
+@pytest.mark.slow
 def test_stable_and_absent_are_told_apart(capsys):
     vary = ["--vary", "surgeon.velocity.0=0.0001,0.1"]
     lines = Chart(capsys, "--controller", "four_channel", *vary)
@@ -176,6 +180,7 @@ def test_stable_and_absent_are_told_apart(capsys):
     ]
 
 
+@pytest.mark.slow
 def test_unstable_at_every_delay_is_said(capsys):
     key = "controller.wave_variables.master_damping"
     lines = Chart(capsys, "--controller", "wave_variables", "--vary", f"{key}=0,2")

@@ -233,6 +233,7 @@ _SHORT = ("pd", "nested", "turning", "pendulum")
 _SHORT_PLACES = [i for i, name in enumerate(CASES) if name in _SHORT]
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("name", Slow(list(CASES), but=_SHORT_PLACES))
 def test_runs_on_both_sides_of_the_margin_of_every_connection(name):
     case = CASES[name]
@@ -245,6 +246,7 @@ def test_runs_on_both_sides_of_the_margin_of_every_connection(name):
         assert case.Grows(wire, 1.03 * margin), wire
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("name", Slow(list(CASES), but=_SHORT_PLACES))
 def test_each_margin_is_that_of_the_loop_opened_there(name):
     case = CASES[name]
@@ -369,6 +371,7 @@ def test_a_motion_is_refused_unless_it_is_named():
     assert moving["law.u0"] != DelayMargins(diagram, case.At(diagram))["law.u0"]
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("kind", ["direct_force", "adaptive_backstepping"])
 def test_a_teleoperator_with_all_of_its_states(kind):
     """The estimates of an adaptive law are states."""

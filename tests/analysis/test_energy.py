@@ -78,6 +78,7 @@ BONE = {"name": "bone", "stiffness": 150.0}
 TISSUE = {"name": "tissue", "start": -math.inf, "stiffness": 0.01, "damping": 0.5}
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.filterwarnings("ignore:.*no event is located")
 @pytest.mark.parametrize(
     ("robot", "v0", "surface"),

@@ -108,6 +108,7 @@ def test_force_that_is_let_go_and_caught_between_packets():
     )
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("channel", Slow(["transport", "network"]))
 @pytest.mark.parametrize("kind", ARCHITECTURES)
 def test_every_architecture_has_a_balance(kind, channel):

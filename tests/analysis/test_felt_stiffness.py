@@ -33,6 +33,7 @@ def OnBone(scenario, *frequencies):
     return FeltStiffness(scenario, OperatingPoints(scenario)[-1], frequencies)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("round_trip", Slow([0.2, 0.0]))
 @pytest.mark.parametrize(
     ("kind", "name"),
@@ -54,6 +55,7 @@ def test_slow_motions(kind, name, round_trip):
     assert OnBone(scenario, omega)[0] == pytest.approx(1 / series, rel=1e-3, abs=1e-3)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("round_trip", [0.0, 1.0])
 def test_direct_force_with_a_damper_and_a_predictor(round_trip, subtests):
     s = 1j * OMEGA

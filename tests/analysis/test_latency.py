@@ -63,6 +63,7 @@ CASES = [
 ]
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(("lag", "noise"), CASES)
 def test_dead_time_and_lag_are_told_apart(lag, noise):
     response = 1.7 * Signal(TIME - DELAY, LAGS[lag]) - 0.4 + noise * Noise()
@@ -86,6 +87,7 @@ def test_a_lag_that_is_not_allowed_goes_into_the_delay():
     assert latency.interval[0] > DELAY
 
 
+@pytest.mark.slow
 def test_interval_has_its_confidence():
     """At least 95 % of the intervals of many records hold the dead time."""
     hits = []
@@ -125,6 +127,7 @@ def test_drift_is_a_change_of_the_delay():
     assert np.abs(errors).max() < 4
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 def test_spread_of_delays_that_differ_from_row_to_row(noise):
     """They also blur the response, which must not be taken for a lag."""
@@ -185,6 +188,7 @@ UNKNOWN = {
 }
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("name", UNKNOWN)
 def test_what_cannot_be_told_is_not_told(name):
     command, response, reason = UNKNOWN[name]

@@ -375,6 +375,7 @@ def Bent(v_bend, share=0.1):
     return ForcePlus(lambda r, v: share * np.abs(v - v_bend))
 
 
+@pytest.mark.slow
 def test_law_that_bends_at_the_point_has_no_linear_model():
     scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
     point = OperatingPoints(scenario)[0]

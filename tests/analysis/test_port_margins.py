@@ -87,6 +87,7 @@ def test_an_integrator_tolerates_a_quarter_turn():
         assert margins.gain == pytest.approx((0.0, highest), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_state_feedback_of_a_double_integrator():
     """|k1 + j w k2| = w^2 at the crossover, where the phase is atan(k2 w/k1)."""
     k1, k2 = 4.0, 2.0
@@ -386,6 +387,7 @@ def test_delays_in_series_are_settled():
         assert margin == pytest.approx(math.pi / 2 / 4 - 0.15, rel=1e-7)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     "kind", ["direct_force", "wave_variables", "proportional_damping"]
 )

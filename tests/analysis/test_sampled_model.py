@@ -110,6 +110,7 @@ LOOPS = {
 }
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("kinds", LOOPS.values(), ids=LOOPS.keys())
 def test_runs_decay_below_the_delay_margin_and_grow_above_it(kinds):
     def Loop(extra, start=None):

@@ -93,6 +93,7 @@ def test_direct_force_on_one_axis_by_hand(layer, k, d):
     assert point.num_neutral == 1 and len(point.hidden_modes) == 0
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", TASKS)
 def test_collocation_agrees_at_every_border(name, kind):
@@ -122,6 +123,7 @@ def test_collocation_agrees_at_every_border(name, kind):
         assert len(point.stable_delays) > 3
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("kind", OTHERS)
 @pytest.mark.parametrize("name", Slow(["one_dof", "two_dof_combined"]))
 def test_collocation_and_counting_agree_for_all_architectures(name, kind, subtests):
@@ -235,6 +237,7 @@ SPRING = [
 ]
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("kind", "delay", "grows"),
     [
@@ -302,6 +305,7 @@ def test_force_that_is_held_leaves_the_slider_alone():
     assert held.stable_delays == [(0.0, 2.0)] and held.margin is None
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("overrides", "reason"),
     [
@@ -335,6 +339,7 @@ def PredictorDeterminant(s, T, model_mass, k, d):
     return 1 + H * (P * z + Q * (1 - z))
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("layer", "k", "d", "T"),
     [("tissue", 0.01, 0.5, 0.05), ("free", 0, 0, 1.3), ("bone", 150, 0, 0.3)],
@@ -388,6 +393,7 @@ IN_FREE_SPACE = {
 PERIOD = 0.02
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("kind", "share"),
     Slow([(kind, x) for kind in IN_FREE_SPACE for x in (0.9, 1.1)], but=[1, 2, 6]),

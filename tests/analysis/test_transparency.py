@@ -98,6 +98,7 @@ def test_an_ideal_four_channel_loop_adds_a_mass_without_delay():
     assert np.abs(result.transmitted - result.environment).max() > 0.5
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("name", Slow(["one_dof", "two_dof_combined"]))
 @pytest.mark.parametrize(
     ("kind", "is_stable"),

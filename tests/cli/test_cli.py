@@ -311,6 +311,7 @@ def interrupted(monkeypatch):
     monkeypatch.setattr(teleop_drake.simulation, "simulate", interrupted_simulate)
 
 
+@pytest.mark.slow
 def test_compare_values(capsys):
     """Trajectories at several values of any number, as wide as asked for."""
     options = ["--vary", "delay=0.05,0.1", "--controllers", "direct_force"]
@@ -387,6 +388,7 @@ def test_figures_of_sweeps_and_of_analyses_have_the_formats_asked_for():
     assert text.count("<title>") == 1
 
 
+@pytest.mark.slow
 def test_what_is_interrupted_keeps_what_there_is(interrupted, capsys, unrendered):
     assert main(["run", "one_dof", *SHORT, "--out", "here", "--json", "a.json"]) == 130
     assert len(os.listdir("here")) == 3

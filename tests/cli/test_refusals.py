@@ -62,6 +62,7 @@ def Refusal(command):
     return code, err.getvalue()
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.usefixtures("in_an_empty_folder")
 @pytest.mark.parametrize("command", Commands())
 def test_a_refusal_is_that_of_the_table(command):

@@ -42,6 +42,7 @@ def test_controllers_stand_in_one_scene():
     assert Runs("a.html") == ["direct force", "proportional damping"]
 
 
+@pytest.mark.slow
 def test_recordings_stand_in_one_scene(recording, capsys):
     MakeRecording(kind="adaptive_backstepping").Save("b.npz")
     assert main(["replay", recording, "b.npz", "--out", "c.html"]) == 0

@@ -23,6 +23,7 @@ def Printed(capsys, *arguments):
     return capsys.readouterr().out.splitlines()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["run", "compare"])
 def test_what_the_solver_did_is_printed_if_asked_for(command, capsys):
     plain = Printed(capsys, command, "one_dof", *SHORT)
@@ -32,6 +33,7 @@ def test_what_the_solver_did_is_printed_if_asked_for(command, capsys):
     assert not any(line.startswith(SOLVER) for line in plain)
 
 
+@pytest.mark.slow
 def test_more_than_three_runs_have_a_row_each(capsys):
     kinds = ["direct_force", "damped_force", "wave_variables", "four_channel"]
     names = ",".join(kinds)
@@ -58,6 +60,7 @@ def test_more_than_three_runs_have_a_row_each(capsys):
     assert sum(line.startswith("one_dof, ") for line in three) == 3
 
 
+@pytest.mark.slow
 def test_a_sweep_prints_its_runs(capsys, in_this_process):
     lines = Printed(
         capsys, "sweep", "one_dof", *SHORT, "--delay", "0.05,0.1", "--jobs", "1"
@@ -69,6 +72,7 @@ def test_a_sweep_prints_its_runs(capsys, in_this_process):
     assert [key[0] for key in keys] == [kinds[0]] * 2 + [kinds[1]] * 2
 
 
+@pytest.mark.slow
 def test_a_long_table_of_a_sweep_ends_with_the_file(capsys, in_this_process):
     lines = Printed(
         capsys,
@@ -97,6 +101,7 @@ def test_a_table_that_cannot_be_written_is_refused_before_the_run(capsys):
     assert "--csv = 'no/run.csv': must be where 'run.csv' can be written" in line
 
 
+@pytest.mark.slow
 def test_a_page_without_a_name_is_opened(monkeypatch, capsys):
     opened = []
     monkeypatch.setattr(webbrowser, "open", lambda url: opened.append(url) or True)

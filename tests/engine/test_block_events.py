@@ -145,6 +145,7 @@ def integrated(block):
     return builder.Build()
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("make", BLOCKS.values(), ids=BLOCKS)
 def test_a_block_with_another_event_runs_in_drake(make):
     config = SimulatorConfig(integration_scheme="runge_kutta5", max_step_size=1e-3)
@@ -405,6 +406,7 @@ class DeadMan(ControlLawConfig):
         return DeadManLaw()
 
 
+@pytest.mark.slow
 def test_a_control_law_with_a_dead_man_switch_lets_go():
     scenario = LoadScenario("one_dof", [f"controller.kind={__name__}:DeadMan"])
     recording = simulate(scenario, duration=0.4)

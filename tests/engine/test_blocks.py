@@ -136,6 +136,7 @@ BLOCKS = {
 }
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("block", BLOCKS)
 def test_transitions_and_delays_are_checked(block):
     assert CheckKernel(BLOCKS[block](), num_states=3) == []

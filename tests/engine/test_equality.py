@@ -65,6 +65,7 @@ DRIVES_AND_SENSORS = (
 )
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     "controller, channels, overrides",
     [
@@ -84,6 +85,7 @@ def test_the_engines_agree(controller, channels, overrides):
     assert error < 1e-6, name
 
 
+@pytest.mark.slow
 def test_the_engines_agree_in_chapter_3():
     error, name = largest_error("network_tracking_coupled", duration=0.01, num_times=2)
     assert error < 1e-8, name

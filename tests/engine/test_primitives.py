@@ -79,6 +79,7 @@ PRIMITIVES = {
 }
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("make", PRIMITIVES.values(), ids=PRIMITIVES)
 def test_a_system_of_drake_has_a_kernel(make):
     CheckKernel(make())

@@ -49,6 +49,7 @@ def check_equal(one, other, times):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_compiled_run_has_the_draws_of_drake(seed):
     diagram = noisy()
@@ -69,6 +70,7 @@ def test_other_seeds_have_other_draws_and_runs_of_one_program_the_same():
     assert np.abs(first.Run()["noise"][-1] - second.Run()["noise"][-1]) > 1e-3
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("split", [0.42, 0.45, 0.5])
 @pytest.mark.parametrize("latter", ["compiled", "drake"])
 def test_the_draws_go_on_where_a_run_has_ended(split, latter):

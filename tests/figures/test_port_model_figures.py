@@ -64,6 +64,7 @@ def Labels(figure):
     return [text.get_text() for text in legend.get_texts()]
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("delay", [0.0, 0.3])
 def test_a_bode_plot_has_the_margins_of_a_third_order_loop(delay, tmp_path):
     """Without delay the gain margin is 3, at the frequency sqrt 2 where L = -1/3."""

@@ -214,6 +214,7 @@ def test_constant_signal_is_not_blown_up():
     assert high - low == pytest.approx(0.08, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_run_shows_what_an_adaptive_controller_learns(subtests):
     recording = MakeRecording("two_dof_combined", "adaptive_backstepping")
     figure = PlotRun(recording)
@@ -451,6 +452,7 @@ def test_saving_fails_without_leftovers(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_nothing_overlaps():
     """Labels, legend and panels keep clear of each other."""
     recordings = Pair("one_dof", growth=5.0)

@@ -42,6 +42,7 @@ def test_the_name_of_a_varied_key_stands_in_the_first_label(labels, short):
     assert ShortLabels(labels) == short
 
 
+@pytest.mark.slow
 def test_a_sweep_plots_itself():
     """Without metrics, the most used ones that its runs have."""
     grid = {"delay": [0.05, 0.1]}

@@ -40,6 +40,7 @@ def in_drake(diagram, context):
     return simulator
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("system", SYSTEMS, ids=lambda system: system.name)
 def test_it_is_drawn_and_runs(system):
     diagram, context = system.Make()
@@ -49,6 +50,7 @@ def test_it_is_drawn_and_runs(system):
     assert simulator.get_context().get_time() == 0.1
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("system", COMPILED, ids=lambda system: system.name)
 def test_it_compiles_and_moves_as_in_drake(system):
     diagram, context = system.Make()

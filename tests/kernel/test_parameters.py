@@ -246,6 +246,7 @@ def write(diagram, context, name, value):
     number.write(array)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("kind", "key", "bad", "good", "name"), CASES, ids=[x[1] for x in CASES]
 )

@@ -67,6 +67,7 @@ def test_the_layout_is_the_documented_one():
     assert packet["tick"] == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("num", Slow([10_000, 100_000]))
 def test_packets_that_are_not_meant_change_nothing(num):
     """Forged, truncated, replayed and old packets are rejected."""

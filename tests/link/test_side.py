@@ -55,6 +55,7 @@ RUNS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "name", "seeds"), Slow(RUNS, but=(0,)))
 def test_the_run_is_what_its_trace_predicts(kind, name, seeds, tmp_path, unrendered):
     """They agree within the accuracy of the solvers, although the clocks differ."""
@@ -71,6 +72,7 @@ def test_the_run_is_what_its_trace_predicts(kind, name, seeds, tmp_path, unrende
     CheckTraces(sides, tmp_path)
 
 
+@pytest.mark.slow
 def test_the_delays_are_those_of_the_network():
     """They are exact in whole periods, except for the error of the robot's clock."""
     fates = Fates(0, delay=0.0203, std=0, loss=0), Fates(0, delay=0.0303, std=0, loss=0)
@@ -90,6 +92,7 @@ def test_the_delays_are_those_of_the_network():
         assert report["period_s"]["deviation"] < 1e-5
 
 
+@pytest.mark.slow
 def test_a_clock_that_drifts_makes_packets_early(tmp_path, unrendered):
     """The operator's clock jumps ahead of the robot's by more than the delay."""
     fates = Fates(0, delay=0.005, std=0, loss=0), Fates(2)
@@ -259,6 +262,7 @@ def test_a_driver_of_ones_own():
         network.MakeSides(Scenario(), period=0.0)
 
 
+@pytest.mark.slow
 def test_files_and_a_prediction_that_is_wrong(tmp_path):
     """The files can be loaded as those of any run, and differences are found."""
     network, sides = Made(duration=0.3)
@@ -392,6 +396,7 @@ def test_a_caller_who_falls_silent_before_the_start_is_given_up():
     assert pair.robot.reason == "nothing was heard for 0.5 s"
 
 
+@pytest.mark.slow
 def test_the_log_has_every_tick_while_the_side_runs(tmp_path):
     """It is complete even if the side does not end, as after a kill."""
     files = [tmp_path / f"{name}.csv" for name in ("operator", "robot")]

@@ -38,6 +38,7 @@ def test_a_slider_ten_times_as_heavy_moves_alike():
     )
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("kind", ARCHITECTURES)
 def test_without_forgetting_it_is_exact(kind):
     changes = {**FAST, "controller.leakage": 0.0, "controller.supervision": 0.0}

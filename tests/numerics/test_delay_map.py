@@ -117,6 +117,7 @@ def rightmost(net, wire, more_delay):
     return characteristic_roots(late, count=2)[0].real
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("seed", range(12))
 def test_random_networks_pass_the_axis_at_the_margins(seed):
     net = random_network(seed)
@@ -138,6 +139,7 @@ def test_random_networks_pass_the_axis_at_the_margins(seed):
         assert margin == pytest.approx(single.delay, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_random_networks_are_of_all_sorts():
     every = [
         delay_margins(random_network(seed), [wires([i]) for i in range(3)])

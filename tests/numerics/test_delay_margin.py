@@ -218,6 +218,7 @@ def test_roots_that_pass_two_neutral_ones():
     assert unstable_roots(loop, 2.0)[1].tolist() == [0, 1, 2]
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(("c", "direction"), [(0.1, -1), (-0.1, 1)])
 def test_root_that_leaves_the_neutral_one_with_the_delay(c, direction):
     """s^2 + c (1 - e^(-s T)) = s [s + c T - ...] has a double root 0 at T = 0.

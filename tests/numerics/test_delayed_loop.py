@@ -37,6 +37,7 @@ def rightmost_root(system, more_delay=0.0, gain=1.0):
     return characteristic_roots(loop, count=2)[0].real
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("seed", range(12))
 def test_a_root_passes_the_axis_at_the_margins(seed):
     system = random_system(seed, gain=0.6)

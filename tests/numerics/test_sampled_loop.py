@@ -96,6 +96,7 @@ def third_order(late=0.0):
     )
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(("late", "gain"), [(0.0, 2.792786), (0.37 * 0.05, 2.658288)])
 def test_margins_of_a_loop_of_third_order(late, gain):
     margins = sampled_margins(third_order(late))

@@ -83,6 +83,7 @@ def test_numbers_of_a_context_are_inputs(look, tmp_path):
         np.testing.assert_allclose(np.transpose(states), expected, atol=2e-6)
 
 
+@pytest.mark.slow
 def test_a_page_goes_on_where_a_run_has_ended(look, tmp_path):
     """The delay's signal and packets are under way; a random source draws on.
 
@@ -152,6 +153,7 @@ def _Inputs(page):
     return {one["name"]: one for one in DataOf(page.html)["inputs"]}
 
 
+@pytest.mark.slow
 def test_a_notebook_names_ranges_and_a_context():
     diagram = MakePendulum()
     context = diagram.CreateDefaultContext()

@@ -31,6 +31,7 @@ def shown(tmp_path, monkeypatch, capsys):
     return Show
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("is_named", [True, False], ids=["name", "scenario"])
 @pytest.mark.parametrize(
     "overrides",

@@ -20,6 +20,7 @@ def Change(key, low, high, at, **more):
     return FindChange(one, lambda values: Make(values, **more))
 
 
+@pytest.mark.slow
 def test_another_one_has_stops():
     """The first estimate is the inverse of the mass."""
     law = {"controller.kind": "adaptive_backstepping", "controller.initial_psi": "auto"}
@@ -32,6 +33,7 @@ def test_another_one_has_stops():
         np.testing.assert_allclose(z, expected, rtol=1e-9, atol=1e-15)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(("own", "other"), [(0.1, 0.0), (0.0, 0.1)])
 def test_a_delay_reaches_zero(own, other):
     change = Change("forward_channel.delay", 0.0, 0.2, own)
@@ -41,6 +43,7 @@ def test_a_delay_reaches_zero(own, other):
         np.testing.assert_allclose(z, expected, rtol=1e-9, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_what_changes_nothing_or_the_program_is_refused():
     with pytest.raises(ScenarioError, match="another one"):
         Change("actuator.coulomb_friction", 0.0, 0.2, 0.1)
@@ -49,6 +52,7 @@ def test_what_changes_nothing_or_the_program_is_refused():
         MakePage("one_dof", controllers=["direct_force"], vary=vary)
 
 
+@pytest.mark.slow
 def test_an_input_may_change_one_controller_of_two():
     page = MakePage("one_dof", vary={"controller.initial_psi": (1.0, 8.0)})
     direct, adaptive = (x["changes"] for x in page.data["controllers"])

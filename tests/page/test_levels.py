@@ -46,6 +46,7 @@ def MakeOdd():
     return diagram
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("make", "boxes", "port", "crumbs"),
     [

@@ -81,6 +81,7 @@ def AssertSame(result, kind, values, name="one_dof"):
     assert result["sentence"] == RunSentence(native)
 
 
+@pytest.mark.slow
 def test_runs_are_those_of_simulate(seen):
     assert seen["controllers"] == ["direct_force", "adaptive_backstepping"]
     AssertSame(seen["first"], "direct_force", {})
@@ -88,6 +89,7 @@ def test_runs_are_those_of_simulate(seen):
         AssertSame(result, kind, {"delay": 0.0731, STIFFNESS: 93.7})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kinds", "operators"),
     [
@@ -164,6 +166,7 @@ def test_packets_are_under_way_as_long_as_the_delay(seen):
         )
 
 
+@pytest.mark.slow
 def test_names_with_html_are_text(tmp_path):
     text = "<b>x<b>"
     more = {"title": text, "story": f"1 {text}"}
@@ -229,6 +232,7 @@ def ByHand():
     return builder.Build()
 
 
+@pytest.mark.slow
 def test_the_printed_command_repeats_a_drive(look, tmp_path, monkeypatch, capsys):
     """Every metric, with sliders that were moved after the page was written."""
     monkeypatch.chdir(tmp_path)
@@ -316,6 +320,7 @@ def test_a_run_that_ends_before_the_hand_has_its_own_metrics(look, tmp_path):
                 assert is_missing == (name not in column["metrics"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "more", "reason"),
     [
@@ -339,6 +344,7 @@ def test_it_ends_where_the_native_run_does(look, tmp_path, name, more, reason):
     AssertSameMetrics(seen["metrics"], native, 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "kinds", "more"),
     [

@@ -140,6 +140,7 @@ def test_paper(look, browser, arm_page):
     assert len(re.findall(rb"/Type\s*/Page\b", base64.b64decode(data))) == 1
 
 
+@pytest.mark.slow
 def test_curves_and_signals_are_saved(look, page):
     seen = look(page, "paper.js")
     root = ElementTree.fromstring(seen["svg"])
@@ -222,6 +223,7 @@ def test_axe_finds_nothing(look, tmp_path, arm_page, is_dark):
     assert look(path, "axe.js", is_dark=is_dark) == []
 
 
+@pytest.mark.slow
 def test_search(look, page):
     seen = look(page, "search.js")
     assert seen["first"] == "direct_force"
@@ -236,6 +238,7 @@ def test_search(look, page):
     ]
 
 
+@pytest.mark.slow
 def test_a_link_is_a_state(look, page):
     link = f"#delay=0.2&{STIFFNESS}=111&controller=adaptive_backstepping&t=2.4"
     first = look(
@@ -257,6 +260,7 @@ def test_a_link_that_is_wrong_is_reported(look, page):
     assert "there is no signal nothing" in seen["status"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blank", ["", "%20", "abc"])
 def test_a_blank_number_in_a_link_is_reported(look, page, blank):
     """JavaScript's Number("") is 0."""
@@ -266,6 +270,7 @@ def test_a_blank_number_in_a_link_is_reported(look, page, blank):
         assert words in seen["status"]
 
 
+@pytest.mark.slow
 def test_a_blank_number_field_gives_way_to_the_present_number(look, page):
     seen = look(page, "blank.js")
     assert seen["status"] == "delay = NaN: must be from 0 to 0.5"

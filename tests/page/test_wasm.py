@@ -15,6 +15,7 @@ from teleop_drake.page.page import MakePage
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioNames
 
 
+@pytest.mark.slow
 def test_it_ends_where_the_native_run_does():
     """At the range of a joint, and at a speed."""
     back = {"surgeon.velocity": [-0.1, 0.0, 0.0], "duration": 2.5}

@@ -44,6 +44,7 @@ def filtered_push(scheme, step):
     return diagram.GetOutputPort("tool_position").Eval(simulator.get_context())[0]
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("scheme", INTEGRATION_SCHEMES)
 def test_accepted_schemes_converge_to_one_motion(scheme):
     coarse, fine = (filtered_push(scheme, step) for step in (0.02, 0.01))

@@ -31,6 +31,7 @@ def test_one_number_is_no_range_of_a_page():
         Explore("one_dof", delay=0.1)
 
 
+@pytest.mark.slow
 def test_one_text_is_no_list_of_signals():
     recording = simulate(LoadScenario("one_dof", {"duration": 0.1}))
     message = r"signals = 'tool_velocity': must be a list of names: \['tool_velocity'\]"

@@ -36,6 +36,7 @@ def test_stiff_walls_leave_psi_above_its_limit(name, settling, peak):
         assert least > 5 * scenario.controller.minimum_psi
 
 
+@pytest.mark.slow
 def test_the_needle_keeps_its_direction():
     """The direction is constant to 1 degree, although the law moves only the tip."""
     fast = {"surgeon.velocity": [0.15, 0.0, 0.0], "duration": 1.6}
@@ -47,6 +48,7 @@ def test_the_needle_keeps_its_direction():
         assert RotationMatrix(first.T @ R).ToAngleAxis().angle() < np.radians(1)
 
 
+@pytest.mark.slow
 def test_a_straight_wrist_on_the_way_leaves_the_run_finite():
     """The arm comes closer to a straight wrist than is allowed for a start."""
     q = [0.0, 0.5, -2.2, 0.0, 0.1, 0.0]

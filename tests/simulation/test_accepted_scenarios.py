@@ -91,6 +91,7 @@ OVERFLOWS = {
 }
 
 
+@pytest.mark.slow
 @given(odd_scenarios())
 @example(("network_tracking_coupled", OVERFLOWS))
 @settings(max_examples=3)

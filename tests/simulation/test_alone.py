@@ -58,6 +58,7 @@ NOT_ALONE = {
 }
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("name", sorted({*FindSystems()} - NOT_ALONE))
 def test_a_system_of_drake_runs_alone(name):
     make = WITH_ARGUMENTS.get(name) or FindClasses()[name]
@@ -115,6 +116,7 @@ def test_an_observer_runs_alone_as_on_paper():
 NO_VECTOR = {"AbstractDelay"}
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("name", sorted(block_classes().keys() - NO_VECTOR))
 def test_a_block_of_the_package_runs_alone(name, makers):
     check(makers[name](), engine="compiled")

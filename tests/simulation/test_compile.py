@@ -104,6 +104,7 @@ def Load(task, kind, **others):
     return LoadScenario(task, SHORT | {"controller.kind": kind} | others)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("task", "kind", "num"),
     [
@@ -172,6 +173,7 @@ OUTSIDE = {
 }
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     "scene",
     [
@@ -213,6 +215,7 @@ VALUES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "task", ["one_dof", pytest.param("two_dof_puncture", marks=pytest.mark.slow)]
 )
@@ -236,6 +239,7 @@ def test_any_other_numbers_need_no_other_program(task, traced):
         assert Numbers(simulate(LoadScenario(task, SHORT | given | changes))) == numbers
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
@@ -433,6 +437,7 @@ class Reader(KernelBlock):
         return Kernel(outputs={"environment_force": law})
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("law", "place"),
     [

@@ -123,6 +123,7 @@ def test_a_context_is_of_the_system_that_is_simulated():
 
 
 # A plain Simulator's run is recorded at the ends of steps, with straight lines between.
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("delay", "engines", "inside"),
     [
@@ -181,6 +182,7 @@ def loop_with_jumps():
     return builder.Build()
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("split", [0.55, 1.2, 1.31])
 def test_jumps_under_way_arrive_in_the_second_half(split):
     """The hold jumps at 0.4 s, 0.8 s, ...; 1.2 s is the end of a first half."""
@@ -318,6 +320,7 @@ def test_a_logger_is_left_out_of_a_compiled_run_with_a_note():
     np.testing.assert_allclose(log.data()[0, -1], recording["plant.y0"][-1], rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("split", [0.45, 0.5])
 @pytest.mark.parametrize("former", ENGINES)
 @pytest.mark.parametrize("latter", ENGINES)
@@ -381,6 +384,7 @@ def lossy(receiver):
     return NetworkDelay(network, 1, receiver=receiver)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("split", "former", "latter"),
     Slow(

@@ -48,6 +48,7 @@ NUMBERS = [
 ]
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     "engine", ["compiled", pytest.param("drake", marks=pytest.mark.slow)]
 )
@@ -202,6 +203,7 @@ SHARED = {
 }
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("name", "takes_all"),
     [

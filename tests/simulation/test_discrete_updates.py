@@ -55,6 +55,7 @@ PERIOD, DELAY, FREQUENCY = 0.05, 0.037, 3.0
 END = 0.9
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("period", [PERIOD, 0.01, 0.4])
 def test_a_held_signal_is_delayed_exactly(engine, period):

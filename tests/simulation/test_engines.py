@@ -90,6 +90,7 @@ def run_against(law, kind):
     return simulate(scenario, teleoperator=teleoperator, engine=kind)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     "law, reason, step",
     [
@@ -127,6 +128,7 @@ def test_ctrl_c_keeps_what_there_is(in_python, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.slow
 def test_what_cannot_be_compiled_says_why():
     scenario = LoadScenario(
         "one_dof", ["duration=0.05", "simulator.integration_scheme=runge_kutta3"]

@@ -71,6 +71,7 @@ def Exact(t):
     )
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("gain", "engine", "used"),
     [

@@ -66,6 +66,7 @@ def integral(delay):
     return builder.Build()
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("kind", "former", "latter"),
     [
@@ -133,6 +134,7 @@ def test_it_jumps_in_drakes_own_simulator_after_the_pending_events():
     assert x == pytest.approx(1.1, abs=2e-3)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("names", ["long short packets", "packets short long"])
 @pytest.mark.parametrize(("former", "latter"), PAIRS)
 def test_delays_of_one_signal_each_deliver_it(names, former, latter):
@@ -198,6 +200,7 @@ def test_a_packet_of_a_later_run_has_the_input_of_that_run(former, latter):
     np.testing.assert_allclose(late, [1.0, 1.0, 3.0, 3.0, 3.0, 3.0], atol=1e-12)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(("former", "latter"), PAIRS)
 def test_a_jump_that_arrives_at_a_seam_comes_after_the_packet(former, latter):
     """A step at 0.1 s arrives at 0.4 s, where a packet is sent and a run ends."""

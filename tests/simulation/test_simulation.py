@@ -34,6 +34,7 @@ def sides(recording, name, time):
     return recording[name][i], recording[name][i + 1]
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("kind", CONTROLLERS)
 @pytest.mark.parametrize("name", TASKS)
 def test_all_signals_of_the_loop(name, kind):
@@ -272,6 +273,7 @@ def test_more_steps_than_anyone_waits_for_are_refused():
         simulate(scenario)
 
 
+@pytest.mark.slow
 def test_progress_is_reported_in_order_and_once_in_a_period(monkeypatch):
     scenario = LoadScenario("one_dof", {"duration": 0.1})
     reports = []
@@ -285,6 +287,7 @@ def test_progress_is_reported_in_order_and_once_in_a_period(monkeypatch):
     assert reports == []
 
 
+@pytest.mark.slow
 def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
     """A KeyboardInterrupt in a callback of Drake would become another error."""
     scenario = LoadScenario("one_dof", {"duration": 0.3})
@@ -317,6 +320,7 @@ def test_interrupt_waits_for_the_end_of_the_step(monkeypatch):
     )
 
 
+@pytest.mark.slow
 def test_interrupt_in_the_step_that_diverges(monkeypatch):
     """The interrupt takes precedence, so that it also ends a comparison of runs."""
     scenario = LoadScenario("one_dof", {"divergence_speed_ratio": 1.1})
@@ -427,6 +431,7 @@ def test_spring_hit_peaks_at_v_sqrt_k_m():
     assert force.max() == pytest.approx(speed * math.sqrt(150 * 0.5), rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_run_leaves_no_samples_behind(monkeypatch):
     recorders = []
 
@@ -448,6 +453,7 @@ def test_a_delay_too_short_for_drakes_simulator_is_refused():
         simulate(scenario, engine="drake")
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(("period", "is_told"), [(0.005, True), (0.05, False)])
 def test_samples_too_dense_for_drakes_delays_are_told(period, is_told):
     """Sensors of 5 ms before a delay of 0.1 s: settling is off by 0.2 per cent.

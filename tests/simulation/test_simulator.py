@@ -45,6 +45,7 @@ def record(simulator, diagram, names):
     return rows
 
 
+@pytest.mark.slow
 def test_an_arm_wired_by_hand_runs_as_simulate_does():
     """With Drake's Simulator, the penetration of the bone is 1.7 % off."""
     overrides = {"robot.start": [0.985, 0.0], "duration": 0.4}
@@ -71,6 +72,7 @@ def test_an_arm_wired_by_hand_runs_as_simulate_does():
     np.testing.assert_allclose(signals[-1], expected[-1], rtol=0, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_no_step_is_longer_than_the_shortest_delay():
     scenario = LoadScenario(
         "one_dof", {"forward_channel.delay": 0.02, "return_channel.delay": 0.013}

@@ -124,6 +124,7 @@ def test_the_longest_step_does_not_decide_whether_a_run_diverges():
     np.testing.assert_allclose(*ends, rtol=1e-3)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("engine", ["drake", "compiled"])
 def test_steps_without_end_are_refused(engine, monkeypatch):
     """A run is refused after about a hundredth of the steps that are allowed."""

@@ -32,6 +32,7 @@ def Find(delay_key="delay", overrides=COMMANDING, largest=0.5):
     return {boundary.point: boundary.ends for boundary in found}
 
 
+@pytest.mark.slow
 def test_the_ends_are_the_margins_of_the_analysis():
     each_way = Find()
     assert list(each_way) == ["tissue", "free", "bone"]

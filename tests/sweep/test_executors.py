@@ -59,6 +59,7 @@ class Here(Executor):
         return future
 
 
+@pytest.mark.slow
 def test_threads_give_the_same_bytes(expected):
     """The sweep does not shut down the executor."""
     with ThreadPoolExecutor(4) as executor:
@@ -67,6 +68,7 @@ def test_threads_give_the_same_bytes(expected):
     assert Files("out") == expected
 
 
+@pytest.mark.slow
 def test_calls_of_one_sweep_share_its_programs(monkeypatch):
     """A worker traces a structure once in a sweep, and again in the next one."""
     compiled = []
@@ -91,6 +93,7 @@ def test_processes_of_the_standard_library_give_the_same_bytes(expected):
     assert Files("out") == expected
 
 
+@pytest.mark.slow
 def test_a_lost_call_is_done_again_run_by_run(expected, monkeypatch):
     monkeypatch.setattr(run, "_MIN_CALLS", 4)
     executor = Here(lambda number: OSError("lost") if number == 2 else None)
@@ -109,6 +112,7 @@ def test_a_run_that_is_lost_again_fails():
     assert result.records[0]["reason"] == "lost twice (no worker)"
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("error", "expected_error"),
     [
@@ -182,6 +186,7 @@ def Cluster(distributed, **options):
     )
 
 
+@pytest.mark.slow
 def test_the_command_waits_for_workers(
     distributed, expected, capsys, monkeypatch, unrendered
 ):

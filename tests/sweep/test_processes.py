@@ -50,6 +50,7 @@ def Run(folder, masses, **deaths):
     return records, dict(line.split() for line in lines)
 
 
+@pytest.mark.slow
 def test_a_run_whose_process_dies_is_tried_again(tmp_path):
     masses = [1.0, 2.0, 3.0, 4.0, 5.0]
     records, _ = Run(tmp_path, masses, deaths={"2.0": 2, "4.0": 1})
@@ -64,6 +65,7 @@ def test_a_run_whose_process_dies_is_tried_again(tmp_path):
     assert [record["varied"]["robot.mass"] for record in records] == [1, 3, 4, 5]
 
 
+@pytest.mark.slow
 def test_processes_are_recycled(tmp_path, monkeypatch):
     """A new process gets the present environment."""
     monkeypatch.setattr("teleop_drake.sweep.workers._CALLS_PER_PROCESS", 1)

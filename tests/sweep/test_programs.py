@@ -25,6 +25,7 @@ def Plan(points=POINTS, **overrides):
     return PlanSweep("one_dof", grid, overrides=SHORT | overrides)
 
 
+@pytest.mark.slow
 def test_runs_are_those_of_simulate():
     programs = {}
     for point in POINTS:

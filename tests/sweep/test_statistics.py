@@ -122,6 +122,7 @@ NETWORK = (
 )
 
 
+@pytest.mark.slow
 def test_the_commands(tmp_path, monkeypatch, capsys, in_this_process, unrendered):
     """Seeds work with a single random channel, in `sweep` and in `compare`."""
     monkeypatch.chdir(tmp_path)

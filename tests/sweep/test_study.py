@@ -32,6 +32,7 @@ def Mine(capsys):
     Write(capsys.readouterr().out, "mine.yaml")
 
 
+@pytest.mark.slow
 def test_a_study_has_a_folder_for_each_scenario(capsys, unrendered):
     """A study that was interrupted and resumed has the same bytes."""
     Mine(capsys)
@@ -58,6 +59,7 @@ def test_a_study_has_a_folder_for_each_scenario(capsys, unrendered):
     assert journal.read_bytes() == whole
 
 
+@pytest.mark.slow
 def test_the_progress_of_a_study_is_that_of_all_its_runs():
     plan = study.LoadStudy(Write(STUDY.replace(", mine.yaml", ""))).plans["one_dof"]
     seen = []

@@ -99,6 +99,7 @@ def test_parse_refuses(text):
     assert "\n" not in str(info.value)
 
 
+@pytest.mark.slow
 def test_records_are_those_of_single_runs(in_this_process):
     grid = {"controller": CONTROLLERS, "delay": np.array([0.0, 0.05])}
     result = Sweep("one_dof", grid, overrides=SHORT)
@@ -129,6 +130,7 @@ def test_records_are_those_of_single_runs(in_this_process):
     assert (result.Status() == "completed").all()
 
 
+@pytest.mark.slow
 def test_a_file_with_a_trace_can_be_swept(in_this_process):
     os.mkdir("mine")
     Path("mine/lag.csv").write_text("time_s,delay_s\n0,0.01\n1,0.02\n")
@@ -252,6 +254,7 @@ def test_a_whole_and_then_a_part_can_be_varied():
     assert len(PlanSweep("one_dof", grid).points) == 4
 
 
+@pytest.mark.slow
 def test_large_grids_are_checked_quickly(monkeypatch):
     """Not every combination is tried, so that an error is found soon."""
     calls = []
@@ -335,6 +338,7 @@ def test_files(in_this_process):
     assert rows[1]["diverged"] == "false"
 
 
+@pytest.mark.slow
 def test_resume_does_only_the_rest(in_this_process):
     grid = {"robot.mass": [1.0, 2.0, 3.0, 4.0]}
     kwargs = {"overrides": SHORT, "engine": "auto", "jobs": 1}
@@ -368,6 +372,7 @@ def test_resume_does_only_the_rest(in_this_process):
         assert Files("torn") == expected
 
 
+@pytest.mark.slow
 def test_another_trace_is_another_sweep(in_this_process):
     """The contents of the files that a run reads belong to the sweep."""
     trace = Path("trace.csv")
@@ -385,6 +390,7 @@ def test_another_trace_is_another_sweep(in_this_process):
     assert Files("out") == before
 
 
+@pytest.mark.slow
 def test_folders_that_are_refused(in_this_process):
     kwargs = {"out": "out"}
     Sweep("one_dof", {"robot.mass": [1.0]}, overrides=SHORT, **kwargs)
@@ -470,6 +476,7 @@ def test_kill():
         time.sleep(0.01)
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_finished():
     process = Start("--delay", "0.01:0.2:20", "--jobs", "2", "--quiet")
     process.send_signal(signal.SIGINT)
@@ -484,6 +491,7 @@ def test_ctrl_c_keeps_what_is_finished():
     )
 
 
+@pytest.mark.slow
 def test_command(capsys, monkeypatch, in_this_process, unrendered):
     options = ["--vary", "environment.layers.tissue.stiffness=0.01,0.02", "--json", "-"]
     command = ["sweep", "one_dof", *OPTIONS, "--delay", "0:0.1:2", "--jobs", "1"]
@@ -547,6 +555,7 @@ def test_a_sweep_is_machine_code_where_it_can_be(monkeypatch, in_this_process):
         sweep.PlanSweep("one_dof", grid, engine="steam")
 
 
+@pytest.mark.slow
 def test_short_compiled_sweeps_need_no_worker_processes(monkeypatch):
     """Records are those of single runs, with and without worker processes."""
     grid = {"delay": [0.02, 0.05, 0.1, 0.15]}
@@ -728,6 +737,7 @@ def test_bands_over_seeds():
     ]
 
 
+@pytest.mark.slow
 def test_more_that_varies():
     axes = {
         "controller": CONTROLLERS,
@@ -776,6 +786,7 @@ def test_more_that_varies():
         )
 
 
+@pytest.mark.slow
 def test_words_that_look_like_a_formula(tmp_path):
     """Matplotlib would parse a text between dollar signs as a formula."""
     value = r"$\frac{$ a $b^$ c"

@@ -91,6 +91,7 @@ def report(tmp_path_factory):
     return ReportTrace(trace, "one_dof", controllers, overrides=SHORT, jobs=1)
 
 
+@pytest.mark.slow
 def test_margins_are_those_of_the_analysis(report):
     direct, waves = report.loops
     overrides = {"delay": report.age, "controller": "direct_force", "duration": 0.4}
@@ -135,6 +136,7 @@ def test_record_and_picture(report):
     assert points == pytest.approx([1e3 * x for x in errors])
 
 
+@pytest.mark.slow
 def test_command(tmp_path, capsys):
     Write(tmp_path / "t.csv", [0.03, 0.05, np.nan, 0.04] * 30)
     main(["show", "one_dof", "--duration", "0.3"])

@@ -94,6 +94,7 @@ def test_a_time_that_never_comes_is_the_duration(fake_runs):
         Tune(**TASK, gains=["damping=0.1:10"], minimize=[FORCE], evaluations=8)
 
 
+@pytest.mark.slow
 def test_a_margin_holds(fake_runs):
     """The best damping is the least one whose loop stays stable for 0.4 s more."""
     fake_runs(lambda x: Contact(1.0, 1 + x.get(B, 9.0)))
@@ -121,6 +122,7 @@ def test_felt_stiffness_is_a_spring_in_series():
     assert FeltStiffnessLoss(scenario) == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_best_of_real_runs(tmp_path):
     """They are as good as a grid's best. A resumed search writes the same bytes."""
     overrides = {"simulator.accuracy": 1e-5, "duration": 6}

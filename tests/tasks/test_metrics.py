@@ -599,6 +599,7 @@ def test_summary_has_the_promised_fields():
     assert set(metrics) == scalars
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("kind", ["direct_force", "damped_force"])
 def test_a_run_by_dense_samples(kind, subtests):
     """The metrics of all axes equal those of dense samples.

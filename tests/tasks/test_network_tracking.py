@@ -98,6 +98,7 @@ def Reference(name):
     return times, {key: np.array([row[key] for row in rows]) for key in rows[0]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", Slow(CASES, but=[1]))
 def test_agrees_with_a_second_solver(name):
     times, expected = Reference(name)

@@ -86,6 +86,7 @@ def test_a_task_limits_the_speed(engine):
     assert recording.reason.endswith("m/s, exceeds a snail")
 
 
+@pytest.mark.slow
 def test_a_scenario_names_a_task_of_ones_own(capsys, tmp_path):
     """The task's metrics are those of runs and sweeps."""
     options = ["one_dof", "--set", SHORT, "--set", "task=own_kinds:Reach", "--quiet"]

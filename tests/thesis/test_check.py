@@ -9,6 +9,7 @@ from teleop_drake.thesis.check import Agree, CheckClaims, Outcome, Published
 pytestmark = pytest.mark.xdist_group("thesis")
 
 
+@pytest.mark.slow
 def test_the_published_ledger_is_that_of_the_runs(ledger):
     """Where a claim or the model has changed, its row has to change, too."""
     published = Published()

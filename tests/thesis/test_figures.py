@@ -120,6 +120,7 @@ def test_stiffness_profile():
     assert force == pytest.approx(150 * (x - 15))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", Slow(["2.1", "4.5"], but=[1]))
 def test_files_are_reproducible(thesis_runs, reproduced, tmp_path, number):
     picture = FIGURES[number].make(thesis_runs)

@@ -155,6 +155,7 @@ def test_commands_are_those_of_the_runs(rows):
     assert [key for key, row in rows.items() if not row.runs] == ["4-delay-of-channels"]
 
 
+@pytest.mark.slow
 def test_short_runs_have_the_metrics_of_the_full_ones(thesis_runs):
     for name in SHORT:
         if name == "two_dof_puncture":

@@ -75,6 +75,7 @@ def test_sliders_are_numbers_of_the_scenario(task):
         assert low <= scenario.Value(key) < high
 
 
+@pytest.mark.slow
 def test_a_figure_of_a_run_is_live(seen):
     assert seen["inputs"] == ["delay", *SLIDERS["one_dof"]]
     assert seen["scopes"] == ["tool_velocity", "psi", "change of psi"]
@@ -112,6 +113,7 @@ def test_the_filter_shows_refuted_claims(seen):
     assert seen["all"] > seen["shown"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_dark", Slow([False, True]), ids=["light", "dark"])
 def test_it_fits_a_phone(look, reproduced, is_dark):
     path = reproduced.folder / "report.html"
@@ -181,6 +183,7 @@ def test_a_page_measures_as_the_ledger(look, whole, thesis_runs, task):
     assert turned & {"no longer holds", "holds here"}
 
 
+@pytest.mark.slow
 def test_a_number_of_the_thesis_is_no_claim_about_another_delay(look, reproduced):
     seen = look(
         reproduced.folder / "report.html",
@@ -207,6 +210,7 @@ def test_runs_that_ended_are_not_judged(look, whole):
     assert texts["5-III-stable-on-bone"].startswith("still holds (")
 
 
+@pytest.mark.slow
 def test_only_some_figures_make_no_report(tmp_path):
     assert main(["reproduce", "--only", "2.4", "--quiet", "--out", str(tmp_path)]) == 0
     assert not (tmp_path / "report.html").exists()

@@ -219,6 +219,7 @@ WITH_VELOCITY = {
 }
 
 
+@pytest.mark.slow
 def test_velocity_as_an_input_of_the_networks():
     """The engines agree, the analysis knows it, and it changes the run."""
     scenario = LoadScenario("one_dof", WITH_VELOCITY | {"duration": 0.5})

@@ -60,6 +60,7 @@ def test_arrival_is_that_of_the_closed_form(against, delays):
     assert recording.EventTimes("contact")[0] == pytest.approx(expected, abs=2e-3)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("name", ["one_dof", "two_dof_collision"])
 def test_against_the_command_it_is_the_thesis_law_with_z_0(name):
     """With B Lambda = 1 and B = Psi^-1 G1, to three digits; z goes by 1/G2."""
@@ -84,6 +85,7 @@ def test_against_the_command_it_is_the_thesis_law_with_z_0(name):
         assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05), signal
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("against", AGAINST)
 @pytest.mark.parametrize(
     ("layer", "position", "velocity", "stiffness", "margin"),

@@ -34,6 +34,7 @@ def Largest(a, b, signal="tool_velocity"):
     return np.abs(a.Interpolate(signal, times) - b.Interpolate(signal, times)).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["compiled", "drake"])
 def test_a_function_is_the_block_that_computes_the_same(engine):
     own = Run("own_kinds:Damped", {"damping": 2.0}, engine)
@@ -46,12 +47,14 @@ def test_a_function_is_the_block_that_computes_the_same(engine):
     assert Largest(own, Run("own_kinds:Damped", {}, engine)) > 1e-6
 
 
+@pytest.mark.slow
 def test_a_class_is_named_as_it_is():
     own = Run("own_kinds:Unconverted", {"damping": 0.4})
     config = Run("own_kinds:BrakedForce", {"damping": 0.4})
     np.testing.assert_array_equal(own["tool_velocity"], config["tool_velocity"])
 
 
+@pytest.mark.slow
 def test_a_function_in_the_place_of_a_law(subtests):
     scenario = LoadScenario("one_dof", SHORT)
     laws = {
@@ -91,6 +94,7 @@ def test_it_linearises_exactly(law):
     np.testing.assert_array_equal(slopes, [1.0, 2.0, 0.0, -2.0, 0.0])
 
 
+@pytest.mark.slow
 def test_a_page_and_a_search_see_its_gains():
     changes = {"controller.kind": "own_kinds:Damped", **SHORT}
     scenario = LoadScenario("one_dof", changes)
@@ -169,6 +173,7 @@ def test_a_law_without_a_kernel_is_told_how_to_get_one():
     assert any("write it as a plain function" in note for note in recording.notes)
 
 
+@pytest.mark.slow
 def test_all_and_an_own_one_side_by_side(tmp_path, monkeypatch, capsys, unrendered):
     monkeypatch.chdir(tmp_path)
     rest = ["--duration", "0.1", "--out", "out", "--quiet"]

@@ -85,6 +85,7 @@ def test_statistics_are_recorded_for_each_direction(tmp_path):
     assert {f"forward_channel.{name}" for name in dataclasses.asdict(back)} < set(units)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("engine", ["drake", "compiled"])
 def test_packets_are_counted_until_a_run_ends_early(engine):
     scenario = LoadScenario(

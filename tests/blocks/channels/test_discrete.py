@@ -49,6 +49,7 @@ def test_it_is_drakes_block():
     assert DiscreteChannelConfig(delay=0.0, sample_period=H).PacketPeriod() == H
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("controller", ["direct_force", "adaptive_backstepping"])
 def test_it_compiles_and_is_the_sampled_channel(controller):
     scenario = Scenario(**{"controller.kind": controller})

@@ -24,6 +24,7 @@ def Signals(run, times):
 TIMES = np.arange(0.4, 1.5, 0.013)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("engine", ["drake", "compiled"])
 def test_a_field_is_older_than_the_packet(engine):
     """The velocity takes 0.1 s; the force 0.08 s more."""
@@ -38,6 +39,7 @@ def test_a_field_is_older_than_the_packet(engine):
     assert np.abs(received[:, 0] - velocity[:, 0]).max() > 1e2 * tolerance
 
 
+@pytest.mark.slow
 def test_both_fields_are_lost_with_their_packet():
     """The delayed field of a packet has the loss of the packet."""
     network = {

@@ -43,6 +43,7 @@ def Correlated(rho, num, seed):
     return np.array(list(itertools.accumulate(u, Next)))
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("name", ["normal", "pareto", "paretonormal"])
 def test_tables_are_those_of_tc(name):
     """tc's tables are integrals in steps, and differ by one unit here and there."""
@@ -214,6 +215,7 @@ def test_more_packets_leave_the_first_unchanged():
     assert np.array_equal(network.Arrivals(2000)[:100], first)
 
 
+@pytest.mark.slow
 def test_both_engines_show_the_same_packets():
     line = "delay 20ms 15ms loss 10% duplicate 10% reorder 10%"
     channel = {"kind": "network", "delay": 0.02, "sample_period": 0.01, "netem": line}

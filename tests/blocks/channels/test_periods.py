@@ -91,6 +91,7 @@ def Scenario(policy="newest", **fields):
     )
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     "fields",
     [

@@ -66,6 +66,7 @@ def build(source, dut):
     return simulator, logger.FindLog(simulator.get_context())
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("name", PROFILES)
 def test_smooth_signal_is_delayed_exactly(name):
     profile = PROFILES[name]

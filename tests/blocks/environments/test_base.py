@@ -102,6 +102,7 @@ def test_without_surfaces_the_metrics_are_left_out_and_that_is_said():
     assert "reports no surfaces" in note
 
 
+@pytest.mark.slow
 def test_commands(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     own = [
@@ -143,6 +144,7 @@ def test_a_run_without_surfaces_says_so(monkeypatch, capsys):
     assert "notes" not in json.loads(output.out) and output.err == ""
 
 
+@pytest.mark.slow
 def test_three_axes_meet_a_slope():
     """On a plane that no axis is normal to."""
     normal_W = np.array([0.6, 0.0, -0.8])
@@ -170,6 +172,7 @@ def test_three_axes_meet_a_slope():
     assert surface.Depth(deepest) > 0
 
 
+@pytest.mark.slow
 def test_a_block_of_ones_own_runs_as_machine_code():
     """Also without modes: contact is found where the tool crosses its surface."""
     overrides = [

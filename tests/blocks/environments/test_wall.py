@@ -79,6 +79,7 @@ def test_kernel_and_surface_in_any_direction(config, n):
         assert (surface.Along(F_e) > 0) == (depth > 0)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_has_a_linear_model(kind):
     scenario = Collision(kind, "controller.kind=direct_force")

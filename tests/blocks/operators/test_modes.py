@@ -37,6 +37,7 @@ def Config(kind, hand_file):
     )
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("kind", OPERATOR_KINDS.names)
 def test_kernel_mode_and_seam(kind, hand_file):
     config = Config(kind, hand_file)

@@ -80,6 +80,7 @@ def Moves(delay):
     return moves
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("engine", "forward", "back"),
     Slow([("compiled", 0.3, 0.5), ("drake", 0.3, 0.1), ("compiled", 0.0, 0.0)]),

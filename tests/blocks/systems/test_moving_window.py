@@ -110,6 +110,7 @@ def test_an_average_is_the_integral_over_the_window(engine):
     check(recording, average, before=(0.7, -0.2), atol=1e-7)
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("latter", ["drake", "compiled"])
 def test_two_halves_of_a_run_that_begins_later_are_the_whole(latter):
     diagram = behind(source(), MovingWindow(T, 2))

@@ -132,6 +132,7 @@ def test_slabs_begin_at_surfaces(monkeypatch):
     assert low < 0.0
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("name", "last", "seen"),
     [("two_dof_puncture", 1.3, (1.3, 1.6)), ("two_dof_combined", 1.8, (1.1, 1.4))],
