@@ -39,6 +39,8 @@ NETWORK = {
         "jitter": {"kind": "normal", "std": 0.01},
     }
 }
+FIELDS = {"forward_channel": {"delay": 0.1, "fields": {"force": {"delay": 0.08}}}}
+UNEVEN = {"sample_period": 0.02, "period_jitter": {"kind": "normal", "std": 0.004}}
 NETEM = "delay 100ms 30ms loss gemodel 2% 30% duplicate 5% reorder 9%"
 SEED = {"forward_channel.seed": (0.0, 5.0)}
 VARY = {"environment.layers.bone.stiffness": (50.0, 400.0)}
@@ -101,6 +103,8 @@ def Kinds():
         ("sampled", {"sample_period": 0.01}),
         ("network", {"sample_period": 0.01, "seed": 3}),
         ("network", {"sample_period": 0.01, "netem": NETEM}),
+        ("network", UNEVEN),
+        ("transport", {"fields": FIELDS["forward_channel"]["fields"]}),
         ("network", {"sample_period": 0.04, "periods": [0.02, 0.06], "seed": 3}),
     ):
         channel = {"kind": kind, "delay": 0.1, **more}
