@@ -2,25 +2,22 @@
 
 import math
 import time as clock
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 
 import numpy as np
 from pydrake.systems.analysis import (
     ApplySimulatorConfig,
     InitializeParams,
     Simulator,
+    SimulatorStatus,
 )
 from pydrake.systems.framework import Context, EventStatus, OutputPort, System
 
 from teleop_drake.contexts import ContextsIn, DiscreteState
-from teleop_drake.numerics.instants import same_within
-from teleop_drake.numerics.step_polynomials import (
-    DEGREE,
-    Series,
-    shares,
-    straight_steps,
-)
+from teleop_drake.numerics.instants import TIE, same_within
+from teleop_drake.numerics.step_polynomials import DEGREE, Series
 from teleop_drake.signals import SystemsByPath
+from teleop_drake.simulation.bends import CHECKED, INSIDE, Bends
 from teleop_drake.simulation.failures import (
     IsDivergence,
     NamingBlocks,
@@ -38,6 +35,7 @@ from teleop_drake.simulation.run import (
 from teleop_drake.simulation.simulator import (
     EVENT_ACCURACY,
     CountsOf,
+    IsEnded,
     TeleoperatorSimulator,
 )
 from teleop_drake.simulation.stale_cache_guard import HasOwnBlocks
@@ -47,26 +45,25 @@ from teleop_drake.validation import Refuse, ScenarioError
 # The most steps that a block may force on a run. Each takes some milliseconds.
 _MOST_FORCED_STEPS = 100_000
 
-# A run that is recorded at the ends of steps only is checked after so many steps.
-_STRIDE = 64
-
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
 
-# The instants of samples within a step, as shares of its length, and for each instant
-# the weights of a cubic Hermite polynomial: those of the values at both ends, and those
-# of the rates at both ends times the length. They are the powers of the share times the
-# matrix of Hermite's coefficients.
-_INSIDE = shares(DEGREE)[1:-1]
-_HERMITE = [[1, 0, 0, 0], [0, 0, 1, 0], [-3, 3, -2, -1], [2, -2, 1, 1]]
-_WEIGHTS = np.vander(_INSIDE, 4, increasing=True) @ _HERMITE
+# The coefficients of a cubic Hermite polynomial, by ascending powers: of the values at
+# both ends, and of the rates at both ends times the length.
+_HERMITE = np.array(
+    [[1.0, 0, 0, 0], [0, 0, 1, 0], [-3, 3, -2, -1], [2, -2, 1, 1]],
+)
+
+# The shortest piece as a share of its step, and the most pieces of a step. A kink needs
+# some fifteen.
+_SHORTEST_PIECE = 2.0**-14
+_MOST_PIECES = 200
 
 
 def RunInDrake(job: Job) -> Outcome:
     """Runs a system in Drake's Simulator.
 
-    A system without a block of this package runs in the plain Simulator. If it also has
-    no discrete state, its signals are recorded at the ends of steps only.
+    A system without a block of this package runs in the plain Simulator.
 
     Raises:
         ScenarioError: If a block forces more than 100 000 steps.
@@ -109,7 +106,18 @@ def RunInDrake(job: Job) -> Outcome:
         is_beyond_bound=run.is_beyond_bound,
         systems=SystemsByPath(job.diagram),
         make_final_context=simulator.get_context().Clone().Clone,
+        notes=_NotesOnUnresolved(run.recorder.unresolved),
     )
+
+
+def _NotesOnUnresolved(names: Collection[str]) -> list[str]:
+    """Returns a note on signals that are not accurate between rows."""
+    if not names:
+        return []
+    return [
+        f"{', '.join(sorted(names))}: jumps or bends at an instant that no event "
+        "announces; between the rows around it the signal is not accurate"
+    ]
 
 
 def _MakeSimulator(job: Job) -> Simulator:
@@ -122,12 +130,6 @@ def _MakeSimulator(job: Job) -> Simulator:
     if context.get_accuracy() is None:
         context.SetAccuracy(EVENT_ACCURACY)
     return simulator
-
-
-def _IsDense(job: Job) -> bool:
-    """Returns whether samples are also taken within steps and after updates."""
-    num_groups = job.context.num_discrete_state_groups()
-    return num_groups > 0 or HasOwnBlocks(job.diagram)
 
 
 def _CheckSteps(job: Job) -> None:
@@ -154,18 +156,21 @@ class Recorder:
 
     Drake provides the states at the ends of a step only. Within a step they are
     interpolated by cubic polynomials that match states and rates at both ends. The
-    outputs are evaluated at these states, in a separate Context. If the discrete state
-    differs from that of the last sample, a block has changed it at the beginning of the
-    step. The beginning is then sampled again, with the new discrete state.
+    outputs are evaluated at these states, in a separate Context. Where a polynomial
+    through the samples does not follow a signal, the step is recorded in shorter
+    pieces, down to 2^-14 of its length. If the discrete state differs from that of the
+    last sample, a block has changed it at the beginning of the step. The beginning is
+    then sampled again, with the new discrete state.
 
     Attributes:
         names: The names of the signals, in the order of a sample's values.
+        unresolved: The names of the signals that jump or bend within a step, more
+            sharply than the shortest piece follows.
 
     Args:
         diagram: The simulated System.
         signals: The output port of each signal, by name.
         root_context: The Context of the Simulator.
-        is_dense: Whether samples are also taken within steps.
     """
 
     def __init__(
@@ -173,10 +178,10 @@ class Recorder:
         diagram: System,
         signals: Mapping[str, OutputPort],
         root_context: Context,
-        *,
-        is_dense: bool = True,
     ):
         self.names = list(signals)
+        self.unresolved: set[str] = set()
+        self._bends = Bends([port.size() for port in signals.values()])
         self._inner_context = root_context.Clone()
         self._at_end, self._inside = (
             [
@@ -186,7 +191,6 @@ class Recorder:
             for root in (root_context, self._inner_context)
         )
         self._diagram = diagram
-        self._is_dense = is_dense
         self._root_context = root_context
         self._rows: list[tuple[float, list[np.ndarray]]] = []
         self._step_ends: list[int] = []
@@ -197,21 +201,19 @@ class Recorder:
         root = self._root_context
         time = root.get_time()
         values = [evaluate(context) for evaluate, context in self._at_end]
-        if not self._is_dense:
-            self._rows.append((time, values))
-            return values
         state = root.get_continuous_state_vector().CopyToVector()
         rate = self._RateIn(root)
         mode = DiscreteState(root)
-        if self._rows and time > self._rows[-1][0]:
+        is_finite = all(np.isfinite(x).all() for x in values)
+        if is_finite and self._rows and time > self._rows[-1][0]:
             self._inner_context.SetTimeStateAndParametersFrom(root)
             if not np.array_equal(mode, self._mode):
                 # A block has changed its discrete state at the beginning of the step.
                 self._SampleAt(self._rows[-1][0], self._state)
                 self._rate = self._RateIn(self._inner_context)
-            self._SampleInside(time, state, rate)
-            self._step_ends.append(len(self._rows))
-        self._rows.append((time, values))
+            self._SampleStep(time, state, rate, values)
+        else:
+            self._rows.append((time, values))
         self._state = state
         self._rate = rate
         self._mode = mode
@@ -227,25 +229,63 @@ class Recorder:
             return np.empty(0)  # Some systems without such a state raise an error.
         return self._diagram.EvalTimeDerivatives(root_context).CopyToVector()
 
-    def _SampleInside(self, end: float, state: np.ndarray, rate: np.ndarray) -> None:
-        """Takes the samples between the last one and the end of the step.
+    def _SampleStep(
+        self,
+        end: float,
+        state: np.ndarray,
+        rate: np.ndarray,
+        values: list[np.ndarray],
+    ) -> None:
+        """Records the samples from the last one to the end of the step.
 
         Args:
             end: The time of the end, s.
             state: The state at the end.
             rate: The rate of the state at the end.
+            values: The sample at the end.
         """
         begin = self._rows[-1][0]
         h = end - begin
-        ends = [self._state, state, h * self._rate, h * rate]
-        for share, inside in zip(_INSIDE.tolist(), _WEIGHTS @ ends, strict=True):
-            self._SampleAt(begin + share * h, inside)
+        states = np.array([self._state, state, h * self._rate, h * rate])
+        a, b, c, d = _HERMITE @ states
+
+        def At(share: float) -> tuple[float, list[np.ndarray]]:
+            inside = a + share * (b + share * (c + share * d))
+            return self._Evaluate(begin + share * h, inside)
+
+        # The pieces ahead, the next one last, each with the sample at its end.
+        pieces = [(0.0, 1.0, (end, values))]
+        num_pieces = 1
+        while pieces:
+            first, last, sample = pieces.pop()
+            width = last - first
+            inside = [At(first + share * width) for share in INSIDE]
+            _, checked = At(first + CHECKED * width)
+            samples = [x for _, x in (self._rows[-1], *inside, sample)]
+            bent = self._bends.Find(samples, checked)
+            if len(bent) and width > _SHORTEST_PIECE and num_pieces < _MOST_PIECES:
+                middle = first + width / 2
+                pieces += [(middle, last, sample), (first, middle, inside[1])]
+                num_pieces += 1
+                continue
+            self.unresolved |= {self.names[k] for k in bent}
+            if num_pieces == _MOST_PIECES:
+                # Noise bends everywhere.
+                self._bends.Leave(bent)
+            self._rows += inside
+            self._step_ends.append(len(self._rows))
+            self._rows.append(sample)
 
     def _SampleAt(self, time: float, state: np.ndarray) -> None:
+        self._rows.append(self._Evaluate(time, state))
+
+    def _Evaluate(
+        self, time: float, state: np.ndarray
+    ) -> tuple[float, list[np.ndarray]]:
+        """Returns a time in s and the values of the signals there, at a state."""
         self._inner_context.SetTime(time)
         self._inner_context.SetContinuousState(state)
-        values = [evaluate(context) for evaluate, context in self._inside]
-        self._rows.append((time, values))
+        return time, [evaluate(context) for evaluate, context in self._inside]
 
     def Finish(self) -> Series:
         """Returns the times (N,), the signals (N, k) and the steps."""
@@ -254,8 +294,6 @@ class Recorder:
             name: np.array([values[i] for _, values in self._rows])
             for i, name in enumerate(self.names)
         }
-        if not self._is_dense:
-            return times, signals, straight_steps(times)
         ends = np.array(self._step_ends, int)
         return times, signals, ends[:, np.newaxis] + np.arange(-DEGREE, 1)
 
@@ -274,13 +312,8 @@ class _DrakeRun:
         self._job = job
         self._pace = Pace(job.duration, job.start)
         self._num_samples = 0
-        is_dense = _IsDense(job)
-        self._stride = 1 if is_dense else _STRIDE
         self.recorder = Recorder(
-            job.diagram,
-            job.signals,
-            simulator.get_mutable_context(),
-            is_dense=is_dense,
+            job.diagram, job.signals, simulator.get_mutable_context()
         )
         self._ending: Ending | None = None
         self.is_beyond_bound = False
@@ -302,18 +335,36 @@ class _DrakeRun:
                 self._simulator.Initialize(
                     InitializeParams(suppress_initialization_events=True)
                 )
-            status = self._simulator.AdvanceTo(self._job.end)
-        # The stride may have skipped the check of the last step.
-        self._Check(*self.recorder.Last())
+            status = self._AdvanceInSteps()
         # If the monitor has not ended the run, an event of a block has.
         return self._ending or Ending("terminated", status.message())
+
+    def _AdvanceInSteps(self) -> SimulatorStatus:
+        """Runs to the end of the job, or until an event or the monitor ends the run.
+
+        Drake takes no steps for a system without continuous states. Its signals may
+        depend on time nevertheless, so it stops at each multiple of the longest step,
+        where periodic events of this period are, too.
+        """
+        step = self._job.config.max_step_size
+        if self._job.context.num_continuous_states():
+            step = math.inf
+        is_ended: Callable[[SimulatorStatus], bool] = IsEnded
+        if isinstance(self._simulator, TeleoperatorSimulator):
+            is_ended = self._simulator.IsEndedByOthers
+        while True:
+            time = self._simulator.get_context().get_time()
+            boundary = self._job.end
+            if math.isfinite(step):
+                boundary = min((math.floor(time / step + TIE) + 1) * step, boundary)
+            status = self._simulator.AdvanceTo(boundary)
+            if boundary == self._job.end or is_ended(status):
+                return status
 
     def Monitor(self, root_context: Context) -> EventStatus | None:
         """Records a step at its end; ends the run if a check requires it."""
         now = self.recorder.Sample()
         self._num_samples += 1
-        if self._num_samples % self._stride:
-            return None
         return self._Check(root_context.get_time(), now)
 
     def _Check(self, time: float, now: list[np.ndarray]) -> EventStatus | None:

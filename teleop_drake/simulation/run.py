@@ -3,7 +3,7 @@
 import math
 import signal
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import FrameType
 from typing import NamedTuple
@@ -111,6 +111,7 @@ class Outcome:
         systems: The systems of the model by their paths.
         make_final_context: A function that returns the Context at the end of the run;
             None if there is no such Context, see Recording.
+        notes: Remarks on the run.
     """
 
     engine: str
@@ -122,6 +123,7 @@ class Outcome:
     is_beyond_bound: bool
     systems: Mapping[str, System]
     make_final_context: Callable[[], Context] | None = None
+    notes: Sequence[str] = ()
 
 
 class Pace:

@@ -329,7 +329,9 @@ def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:
             return compiled.Run(job), NotesOnSinks(compiled.evaluator.left_out)
         except CannotCompile as error:
             notes = [f"Run in Drake's Simulator: {error}."]
-    return RunInDrake(job), notes + NotesOnSamples(job.diagram, job.context)
+    run = RunInDrake(job)
+    samples = NotesOnSamples(job.diagram, job.context)
+    return run, [*notes, *samples, *run.notes]
 
 
 def NotesOnSinks(paths: Sequence[str]) -> list[str]:

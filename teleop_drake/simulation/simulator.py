@@ -103,6 +103,12 @@ def CountsOf(simulator: Simulator) -> Counts:
     )
 
 
+def IsEnded(status: SimulatorStatus) -> bool:
+    """Returns whether AdvanceTo() has ended before its boundary."""
+    reached = SimulatorStatus.ReturnReason.kReachedBoundaryTime
+    return bool(status.reason() != reached)
+
+
 class TeleoperatorSimulator(Simulator):
     """A Simulator that ends its steps where signals jump; see MakeSimulator().
 
@@ -196,7 +202,7 @@ class TeleoperatorSimulator(Simulator):
         """
         if not self._is_initialized:
             status = self.Initialize()
-            if self._IsEndedByOthers(status):
+            if self.IsEndedByOthers(status):
                 return status
         stepping = self._stepping
         context = self.get_context()
@@ -206,7 +212,7 @@ class TeleoperatorSimulator(Simulator):
             if stepping.IsAtJump(context.get_time()):
                 # The monitor is called before and after the jump.
                 status = self.AdvancePendingEvents()
-                if self._IsEndedByOthers(status):
+                if self.IsEndedByOthers(status):
                     return status
             # A jump that is due now may have been rounded to an earlier time.
             stop = max(stepping.NextStop(context), context.get_time())
@@ -226,7 +232,7 @@ class TeleoperatorSimulator(Simulator):
             if self._rejected_to is not None:
                 self._BeginAgain(self._rejected_to)
                 continue
-            if context.get_time() >= boundary_time or self._IsEndedByOthers(status):
+            if context.get_time() >= boundary_time or self.IsEndedByOthers(status):
                 # The Context may be changed before the run goes on.
                 stepping.StoreSent(self.get_mutable_context())
                 return status
@@ -273,10 +279,9 @@ class TeleoperatorSimulator(Simulator):
             integrator.request_initial_step_size_target(first_step)
         self._trial.Begin(self)
 
-    def _IsEndedByOthers(self, status: SimulatorStatus) -> bool:
+    def IsEndedByOthers(self, status: SimulatorStatus) -> bool:
         """Returns whether a monitor or an event of a block has ended AdvanceTo()."""
-        reason = SimulatorStatus.ReturnReason.kReachedBoundaryTime
-        return not self._is_stopped and status.reason() != reason
+        return not self._is_stopped and IsEnded(status)
 
     def _EndStep(self, root_context: Context) -> EventStatus:
         """Checks a step at its end, calls the monitor and limits the next step.

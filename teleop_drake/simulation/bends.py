@@ -1,0 +1,83 @@
+"""Where recorded signals bend more than a polynomial between their samples follows."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from teleop_drake.arrays import Array, Indices
+from teleop_drake.numerics.step_polynomials import DEGREE, lagrange, shares
+
+INSIDE: list[float] = shares(DEGREE)[1:-1].tolist()
+"""The instants of samples within a piece of a step, as shares of its length."""
+
+CHECKED = 0.382
+"""The instant of the sample with which the polynomial is compared, as such a share."""
+
+# The weights of the five samples and of the compared one: of the fourth difference, and
+# of four times what the polynomial misses the compared sample by. At a kink anywhere in
+# a piece, the error of the polynomial is at most 2.2 times the larger one of both.
+_WEIGHTS = np.array(
+    [
+        [1.0, -4.0, 6.0, -4.0, 1.0, 0.0],
+        [*(4 * lagrange(np.array(CHECKED), DEGREE)), -4.0],
+    ]
+)
+
+# The larger one of both as a share of a signal's range, for an error of at most 1e-4.
+_TOLERANCE = 4e-5
+
+# Rounding as a share of the largest value of any signal. Differences of large values
+# may be signals that consist of rounding.
+_ROUNDING = 1e-13
+
+_NO_SIGNAL: Indices = np.empty(0, dtype=np.intp)
+
+
+class Bends:
+    """Finds the signals that the polynomial of a piece does not follow.
+
+    The polynomial passes through the samples at the ends of a piece and at INSIDE.
+
+    Args:
+        sizes: The size of each signal.
+    """
+
+    def __init__(self, sizes: Sequence[int]):
+        self._owners = np.repeat(np.arange(len(sizes)), sizes)
+        # The range of each component so far.
+        self._lowest = np.full(sum(sizes), np.inf)
+        self._highest = -self._lowest
+        self._is_followed = np.ones(len(sizes), dtype=bool)
+
+    def Find(
+        self, samples: Iterable[Sequence[Array]], checked: Sequence[Array]
+    ) -> Indices:
+        """Returns the indices of the signals that the polynomial does not follow.
+
+        Args:
+            samples: The values of all signals at the five instants of the piece.
+            checked: Their values at CHECKED.
+        """
+        rows = np.array([np.concatenate(values) for values in (*samples, checked)])
+        if not rows.size:
+            return _NO_SIGNAL
+        self._lowest = np.minimum(self._lowest, rows.min(axis=0))
+        self._highest = np.maximum(self._highest, rows.max(axis=0))
+        # An infinite or undefined signal is not compared.
+        with np.errstate(invalid="ignore"):
+            misfit = np.abs(_WEIGHTS @ rows).max(axis=0)
+            is_bent = misfit > _TOLERANCE * (self._highest - self._lowest)
+        if not is_bent.any():
+            return _NO_SIGNAL
+        is_bent &= misfit > self._Rounding()
+        bent: Indices = np.unique(self._owners[is_bent])
+        return bent[self._is_followed[bent]]
+
+    def _Rounding(self) -> float:
+        """Returns the error by which rounding may change a signal."""
+        largest = np.maximum(np.abs(self._lowest), np.abs(self._highest))
+        return float(_ROUNDING * largest[np.isfinite(largest)].max(initial=0.0))
+
+    def Leave(self, signals: Indices) -> None:
+        """Ends the search for bends of some signals, given by their indices."""
+        self._is_followed[signals] = False

@@ -1,0 +1,164 @@
+"""Signals between the rows of runs in Drake's engine, against closed forms."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import Saturation, Sine, ZeroOrderHold
+
+from teleop_drake.blocks.environments.layered_force_field import (
+    LayerConfig,
+    LayeredForceField,
+)
+from teleop_drake.scenario.config import DefaultSimulator
+from teleop_drake.simulation import simulate
+
+
+class PythonGain(LeafSystem):
+    """y = 2 u in Python, for which there is no kernel."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareVectorInputPort("u", 1)
+        self.DeclareVectorOutputPort("y", 1, self._CalcOutput)
+
+    def _CalcOutput(self, context, output):
+        output.SetFromVector(2 * self.get_input_port().Eval(context))
+
+
+class Oscillator(LeafSystem):
+    """x'' = -36 x, from x = 1 at rest."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        index = self.DeclareContinuousState(2)
+        self.DeclareStateOutputPort("state", index)
+
+    def DoCalcTimeDerivatives(self, context, derivatives):
+        x, v = context.get_continuous_state_vector().CopyToVector()
+        derivatives.SetFromVector([v, -36 * x])
+
+
+class Step(LeafSystem):
+    """A plain function of time that steps from 0 to 1 at 0.5 s, without an event."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareVectorOutputPort(
+            "y",
+            1,
+            lambda context, y: y.SetFromVector([float(context.get_time() >= 0.5)]),
+            prerequisites_of_calc={self.time_ticket()},
+        )
+
+
+def chain(*systems):
+    """Returns systems in a row; the last one's output is exported as `y`."""
+    builder = DiagramBuilder()
+    added = [builder.AddSystem(system) for system in systems]
+    for source, target in pairwise(added):
+        builder.Connect(source.get_output_port(0), target.get_input_port())
+    builder.ExportOutput(added[-1].get_output_port(0), "y")
+    return builder.Build()
+
+
+def largest_error(recording, expected, name="y"):
+    times = np.linspace(recording.time[0], recording.time[-1], 5001)
+    found = recording.Interpolate(name, times)[:, 0]
+    return np.abs(found - expected(times)).max()
+
+
+def test_a_diagram_without_continuous_states_has_rows_where_its_signals_bend():
+    diagram = chain(Sine(1.0, 6.0, 0.0, 1), PythonGain())
+    recording = simulate(diagram, duration=2.0)
+    assert recording.solver.engine == "drake"
+    assert largest_error(recording, lambda t: 2 * np.sin(6 * t)) < 2e-4
+
+
+@pytest.mark.parametrize("longest", [None, 0.1])
+def test_states_of_python_systems_are_interpolated_by_their_slopes(longest):
+    system = Oscillator()
+    context = system.CreateDefaultContext()
+    context.SetContinuousState([1.0, 0.0])
+    config = DefaultSimulator()
+    if longest is not None:
+        config.max_step_size = longest
+    options = {"context": context, "duration": 2.0, "simulator": config}
+    recording = simulate(system, **options)
+    assert recording.solver.engine == "drake"
+    assert largest_error(recording, lambda t: np.cos(6 * t), "state") < 1e-6
+
+
+@pytest.mark.parametrize("frequency", [6.0, 40.0])
+def test_a_kink_has_short_pieces_around_it(frequency):
+    limit = Saturation(min_value=[-0.5], max_value=[0.5])
+    diagram = chain(Sine(1.0, frequency, 0.0, 1), limit, PythonGain())
+    recording = simulate(diagram, duration=2.0)
+    assert recording.solver.engine == "drake"
+
+    def Expected(t):
+        return 2 * np.clip(np.sin(frequency * t), -0.5, 0.5)
+
+    assert largest_error(recording, Expected) < 2e-4
+    assert not any("not accurate" in note for note in recording.notes)
+
+
+def test_a_jump_without_an_event_is_enclosed_and_named():
+    diagram = chain(Step(), PythonGain())
+    recording = simulate(diagram, duration=1.0)
+    times = np.array([0.0, 0.49999, 0.50001, 1.0])
+    y = recording.Interpolate("y", times)[:, 0]
+    np.testing.assert_allclose(y, [0.0, 0.0, 2.0, 2.0], atol=1e-12)
+    (note,) = [note for note in recording.notes if "not accurate" in note]
+    assert note.startswith("y: jumps or bends")
+
+
+def test_a_held_signal_jumps_at_its_samples():
+    diagram = chain(Sine(1.0, 6.0, 0.0, 1), ZeroOrderHold(0.2, 1), PythonGain())
+    recording = simulate(diagram, duration=2.0)
+    times = np.linspace(0.001, 1.999, 1999)
+    held = 0.2 * np.floor(times / 0.2 + 1e-9)
+    inner = np.abs(times - 0.2 * np.round(times / 0.2)) > 1e-6
+    y = recording.Interpolate("y", times[inner])[:, 0]
+    np.testing.assert_allclose(y, 2 * np.sin(6 * held[inner]), atol=1e-12)
+
+
+def test_a_wall_is_felt_in_a_diagram_without_continuous_states():
+    """A sine of 1 m enters a wall at 0.5 m with 90 N/m: 45 N at most."""
+    bone = LayerConfig(name="bone", start=0.5, stiffness=90.0, reference=0.5)
+    builder = DiagramBuilder()
+    hand = builder.AddNamedSystem("hand", Sine(1.0, 6.0, 0.0, 1))
+    wall = builder.AddNamedSystem("wall", LayeredForceField([bone], 1))
+    twice = builder.AddNamedSystem("twice", PythonGain())
+    builder.Connect(hand.get_output_port(0), wall.GetInputPort("tool_position"))
+    builder.Connect(hand.get_output_port(1), wall.GetInputPort("tool_velocity"))
+    builder.Connect(wall.GetOutputPort("environment_force"), twice.get_input_port())
+    builder.ExportOutput(twice.get_output_port(), "y")
+    recording = simulate(builder.Build(), duration=2.0)
+    assert recording.solver.engine == "drake"
+
+    def Expected(t):
+        return 2 * 90 * np.maximum(np.sin(6 * t) - 0.5, 0)
+
+    assert largest_error(recording, Expected) < 90e-4
+
+
+class Noise(LeafSystem):
+    """A function of time that differs from instant to instant."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        self.DeclareVectorOutputPort(
+            "y",
+            1,
+            lambda context, y: y.SetFromVector([np.sin(1e9 * context.get_time())]),
+            prerequisites_of_calc={self.time_ticket()},
+        )
+
+
+def test_noise_is_named_and_costs_little():
+    recording = simulate(chain(Noise(), PythonGain()), duration=1.0)
+    (note,) = [note for note in recording.notes if "not accurate" in note]
+    assert note.startswith("y: jumps or bends")
+    assert len(recording.time) < 10_000
