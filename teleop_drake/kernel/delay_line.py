@@ -236,6 +236,13 @@ class DelayLine:
             before = math.nextafter(history.now, -math.inf)
             context.SetAbstractState(self._history, replace(history, now=before))
 
+    def StoreJump(self, context: Context) -> None:
+        """Stores that the signal has jumped since Store(), if it has."""
+        history = self._GetHistory(context)
+        value = self._signal.Eval(context)
+        if history.times and value.tolist() != history.values[-1].tolist():
+            context.SetDiscreteState(self._jump, [history.times[-1], *value])
+
     def _HistoryNow(self, context: Context) -> SampleHistory:
         """Returns the history with a sample at the time of the Context.
 

@@ -205,7 +205,8 @@ class Recorder:
         rate = self._RateIn(root)
         mode = DiscreteState(root)
         is_finite = all(np.isfinite(x).all() for x in values)
-        if is_finite and self._rows and time > self._rows[-1][0]:
+        last = self._rows[-1][0] if self._rows else math.inf
+        if is_finite and time > last + same_within(time):
             self._inner_context.SetTimeStateAndParametersFrom(root)
             if not np.array_equal(mode, self._mode):
                 # A block has changed its discrete state at the beginning of the step.

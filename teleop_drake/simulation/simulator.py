@@ -127,7 +127,7 @@ class TeleoperatorSimulator(Simulator):
         Simulator.__init__(self, diagram, context)
         self._trial = TrialStep(self, diagram)
         self._diagram = diagram
-        self._stepping = Stepping(diagram, math.inf, 0.0)
+        self._stepping = Stepping(diagram, math.inf)
         self._is_initialized = False
         self._monitor: _Monitor | None = None
         self._is_stopped = False
@@ -171,8 +171,7 @@ class TeleoperatorSimulator(Simulator):
             longest_step = self._stepping.longest_step
         longest_step = min(longest_step, LongestStep(self._diagram, self.get_context()))
         integrator.set_maximum_step_size(longest_step)
-        start = self.get_context().get_time()
-        self._stepping = Stepping(self._diagram, longest_step, start)
+        self._stepping = Stepping(self._diagram, longest_step, self.get_context())
         self._is_initialized = True
         self.earlier_counts = Counts(0, 0, 0)
         self._is_stopped = False
@@ -214,8 +213,18 @@ class TeleoperatorSimulator(Simulator):
                 status = self.AdvancePendingEvents()
                 if self.IsEndedByOthers(status):
                     return status
+            jump = stepping.SourceJump(context.get_time())
+            if jump is not None and jump.after <= boundary_time:
+                self.earlier_counts = CountsOf(self)
+                stepping.Cross(jump, self.get_mutable_context())
+                self._ContinueFromHere(stepping.step_limit)
+                status = self.AdvancePendingEvents()
+                if self.IsEndedByOthers(status):
+                    return status
             # A jump that is due now may have been rounded to an earlier time.
             stop = max(stepping.NextStop(context), context.get_time())
+            if jump is not None and jump.after > boundary_time:
+                stop = boundary_time
             stop = min(stop, boundary_time)
             try:
                 status = Simulator.AdvanceTo(self, stop, interruptible)
@@ -259,11 +268,18 @@ class TeleoperatorSimulator(Simulator):
 
     def _BeginAgain(self, step: float) -> None:
         """Restores the start of a step, to be repeated with at most `step` s."""
-        integrator = self.get_mutable_integrator()
         counts = CountsOf(self)
         self.earlier_counts = counts._replace(rejected=counts.rejected + 1)
         self._trial.PutBack(self)
-        self._stepping.Reject(step, integrator)
+        self._stepping.Reject(step, self.get_mutable_integrator())
+        self._ContinueFromHere(step)
+
+    def _ContinueFromHere(self, step: float) -> None:
+        """Prepares Drake for steps from a time that has been set, of at most `step` s.
+
+        The counts of the integrator begin at 0 again.
+        """
+        integrator = self.get_mutable_integrator()
         # Drake requires that the first step is not longer than the maximum step size.
         first_step = integrator.get_initial_step_size_target()
         integrator.request_initial_step_size_target(step)

@@ -27,7 +27,9 @@ from teleop_drake.kernel import KernelBlock
 from teleop_drake.kernel.delay_line import DelayLine
 from teleop_drake.kernel.events import Ticks
 from teleop_drake.numerics.instants import SAME
+from teleop_drake.numerics.jumps import Jump
 from teleop_drake.signals import PathsIn
+from teleop_drake.simulation.source_jumps import SourceJumps
 
 # A step across a boundary as short as twice this many s is not bisected any further.
 _EVENT_WINDOW = 2e-7
@@ -88,10 +90,12 @@ class Stepping:
     Args:
         diagram: The simulated System.
         longest_step: The longest step of the run, s.
-        start: The time when the run begins, s.
+        root_context: The Context in which the run begins; None: there is no run yet.
     """
 
-    def __init__(self, diagram: System, longest_step: float, start: float):
+    def __init__(
+        self, diagram: System, longest_step: float, root_context: Context | None = None
+    ):
         # A Diagram itself is left out: its parts announce the same limits.
         systems = SystemsIn(diagram)[1:] or [diagram]
         self._jumping: list[Any] = [x for x in systems if hasattr(x, "NextJumpTime")]
@@ -122,7 +126,12 @@ class Stepping:
         self._guards: list[tuple[float, np.ndarray]] = []
         self.longest_step = longest_step
         self.step_limit = longest_step
-        self._last_jump = start
+        self._sources: SourceJumps | None = None
+        self._last_jump = 0.0
+        if root_context is not None:
+            self._last_jump = root_context.get_time()
+            if self._delay_lines and longest_step < math.inf:
+                self._sources = SourceJumps(systems, root_context, longest_step)
         self._crossing_time = -math.inf
         self._next_jump = math.inf
         self._stop = 0.0
@@ -142,6 +151,19 @@ class Stepping:
         for system, line in self._delay_lines:
             line.Store(system.GetMyMutableContextFromRoot(root_context))
 
+    def SourceJump(self, time: float) -> Jump | None:
+        """Returns the jump of a source that begins at a time in s, if there is one."""
+        jump = None if self._sources is None else self._sources.Next(time)
+        return jump if jump is not None and jump.before <= time else None
+
+    def Cross(self, jump: Jump, root_context: Context) -> None:
+        """Passes a jump of a source, so that delays store both sides of it."""
+        self.StoreSent(root_context)
+        root_context.SetTime(jump.after)
+        for system, line in self._delay_lines:
+            line.StoreJump(system.GetMyMutableContextFromRoot(root_context))
+        self._last_jump = jump.after
+
     def EndStep(self, root_context: Context, integrator: IntegratorBase) -> bool:
         """Evaluates guards and jumps at the end of a step, and limits the next steps.
 
@@ -156,6 +178,7 @@ class Stepping:
             is_at_jump
             or self._ApproachTime() < math.inf
             or self._FindNextJump(root_context) < self._stop
+            or self._NextSourceJump(time) < self._stop
         )
 
     def IsAtJump(self, time: float) -> bool:
@@ -168,6 +191,7 @@ class Stepping:
         is_next = abs(time - self._next_jump) <= SAME
         is_crossing = time == self._crossing_time
         is_known = is_next or is_crossing or time in self._jump_times
+        is_known = is_known or self.SourceJump(time) is not None
         return is_known or self.IsAtDiscreteUpdate(time)
 
     def IsAtDiscreteUpdate(self, time: float) -> bool:
@@ -183,6 +207,7 @@ class Stepping:
         time = root_context.get_time()
         self._next_jump = self._FindNextJump(root_context)
         self._stop = min(self._next_jump, time + self._ApproachTime())
+        self._stop = min(self._stop, self._NextSourceJump(time))
         # Drake's periodic events, which end the steps of a diagram without continuous
         # states, begin at time 0.
         if self._delay_lines and time < 0:
@@ -210,6 +235,11 @@ class Stepping:
         if step != self.step_limit:
             self.step_limit = step
             integrator.set_maximum_step_size(step)
+
+    def _NextSourceJump(self, time: float) -> float:
+        """Returns when the next jump of a source begins, s; infinity: not near."""
+        jump = None if self._sources is None else self._sources.Next(time)
+        return math.inf if jump is None else jump.before
 
     def _FindNextJump(self, root_context: Context) -> float:
         return min(

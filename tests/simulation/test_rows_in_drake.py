@@ -5,8 +5,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import Saturation, Sine, ZeroOrderHold
+from pydrake.systems.primitives import (
+    Integrator,
+    Saturation,
+    Sine,
+    TrajectorySource,
+    ZeroOrderHold,
+)
+from pydrake.trajectories import PiecewisePolynomial
 
+from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.blocks.environments.layered_force_field import (
     LayerConfig,
     LayeredForceField,
@@ -162,3 +170,31 @@ def test_noise_is_named_and_costs_little():
     (note,) = [note for note in recording.notes if "not accurate" in note]
     assert note.startswith("y: jumps or bends")
     assert len(recording.time) < 10_000
+
+
+@pytest.mark.parametrize(
+    ("breaks", "values", "integral"),
+    [
+        ([0.0, 0.5037, 2.0], [1.0, 0.5, 0.5], 0.5037 + 0.5 * 0.3963),
+        ([0.0, 0.5, 0.501, 2.0], [0.0, 4.0, 0.0, 0.0], 0.004),
+    ],
+)
+def test_a_delay_has_the_jumps_of_a_trajectory(breaks, values, integral):
+    """Pieces are constant; behind a delay of 0.1 s an integrator adds them up."""
+    path = PiecewisePolynomial.ZeroOrderHold(breaks, [values])
+    delay = TransportDelay(0.1, 1)
+    diagram = chain(TrajectorySource(path), delay, Integrator(1))
+    recording = simulate(diagram, duration=1.0, engine="drake")
+    assert recording["y"][-1, 0] == pytest.approx(integral, abs=1e-8)
+
+
+def test_a_delay_has_the_jump_of_a_function_in_python():
+    recording = simulate(chain(Step(), TransportDelay(0.1, 1)), duration=1.0)
+    times = np.array([0.59999, 0.60001, 0.7])
+    late = recording.Interpolate("y", times)[:, 0]
+    np.testing.assert_allclose(late, [0.0, 1.0, 1.0], atol=1e-12)
+
+
+def test_a_source_of_noise_is_no_source_of_jumps():
+    diagram = chain(Noise(), TransportDelay(0.1, 1))
+    assert simulate(diagram, duration=0.3).termination == "completed"
