@@ -279,6 +279,16 @@ class EventBlock(LeafSystem):
         if context.get_accuracy() is None and not self._has_warned:
             self._has_warned = True
             self._WarnOfAccuracy()
+        is_due = self.ChangeModes(context, values)
+        return EventStatus.Succeeded() if is_due else EventStatus.DidNothing()
+
+    def ChangeModes(self, context: Context, values: DiscreteValues) -> bool:
+        """Makes the transitions whose guards are at least 0; returns if there are any.
+
+        Args:
+            context: The Context of the block.
+            values: The values that are changed.
+        """
         due = [
             mode
             for guard, mode in self.transitions.values()
@@ -286,7 +296,7 @@ class EventBlock(LeafSystem):
         ]
         for mode in due:
             _Change(mode, context, values)
-        return EventStatus.Succeeded() if due else EventStatus.DidNothing()
+        return bool(due)
 
     def _WarnOfAccuracy(self) -> None:
         """Warns that a Simulator steps across the events of the block."""

@@ -20,6 +20,7 @@ from teleop_drake.simulation.drake_run import RunInDrake
 from teleop_drake.simulation.ending import EndAtBound
 from teleop_drake.simulation.inputs import CheckContext, CheckInputs
 from teleop_drake.simulation.run import Job, NormBound, Outcome
+from teleop_drake.simulation.sample_ties import NotesOnTies
 from teleop_drake.simulation.stepping import NotesOnSamples
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.validation import CheckChoice, CheckNumber, Refuse, RefuseGiven
@@ -330,8 +331,9 @@ def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:
         except CannotCompile as error:
             notes = [f"Run in Drake's Simulator: {error}."]
     run = RunInDrake(job)
-    samples = NotesOnSamples(job.diagram, job.context)
-    return run, [*notes, *samples, *run.notes]
+    notes += NotesOnSamples(job.diagram, job.context)
+    notes += NotesOnTies(job.diagram, job.start, job.end)
+    return run, [*notes, *run.notes]
 
 
 def NotesOnSinks(paths: Sequence[str]) -> list[str]:

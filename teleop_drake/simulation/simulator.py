@@ -179,7 +179,9 @@ class TeleoperatorSimulator(Simulator):
         if root_context.get_accuracy() is None:
             root_context.SetAccuracy(EVENT_ACCURACY)
         self._trial.Begin(self)
-        return Simulator.Initialize(self, *arguments, **keywords)
+        status = Simulator.Initialize(self, *arguments, **keywords)
+        self._stepping.BeginModes(root_context)
+        return status
 
     def AdvancePendingEvents(self) -> SimulatorStatus:
         """Executes the pending events, as in Drake."""

@@ -137,6 +137,15 @@ class Stepping:
         self._stop = 0.0
         self._rejected_step = math.inf
 
+    def BeginModes(self, root_context: Context) -> None:
+        """Makes the transitions that are due at the start, before samples are taken."""
+        for block in self._guarded:
+            context = block.GetMyMutableContextFromRoot(root_context)
+            values = block.AllocateDiscreteVariables()
+            values.SetFrom(context.get_discrete_state())
+            if block.ChangeModes(context, values):
+                context.SetDiscreteState(values)
+
     def Reject(self, step: float, integrator: IntegratorBase) -> None:
         """Limits the length of the next step, after which steps grow again.
 

@@ -5,6 +5,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder, DiscreteStateIndex, LeafSystem
 from pydrake.systems.primitives import (
     ConstantVectorSource,
+    DiscreteDerivative,
     Integrator,
     LinearSystem,
     Sine,
@@ -142,6 +143,25 @@ def test_a_relay_behind_a_difference_equation_switches_with_it(engine):
     (place,) = np.flatnonzero(np.diff(recording["y1"][:, 0]))
     assert recording.time[place : place + 2] == pytest.approx([0.06, 0.06], abs=1e-12)
     assert recording["y3"][-1, 0] == pytest.approx(0.5 - 0.06 - DELAY, abs=1e-9)
+
+
+@pytest.mark.parametrize(("period", "is_noted"), [(0.02, True), (0.015, False)])
+def test_rounding_that_decides_which_sample_is_earlier_is_noted(period, is_noted):
+    """33 * 0.02 is not 22 * 0.03; multiples of 0.015 are those of 0.03."""
+    source = Sine(1.0, FREQUENCY, 0.4, True)
+    diagram = chain(source, ZeroOrderHold(0.03, 1), ZeroOrderHold(period, 1))
+    recording = simulate(diagram, duration=0.7, engine="drake")
+    notes = [note for note in recording.notes if "both sample at 0.66 s" in note]
+    assert len(notes) == is_noted
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_relay_that_is_due_at_the_start_precedes_the_first_sample(engine):
+    """It is on from the start, so that its difference quotient is 0."""
+    source = ConstantVectorSource([1.0])
+    diagram = chain(source, relay(), DiscreteDerivative(1, PERIOD))
+    recording = simulate(diagram, duration=0.2, engine=engine)
+    assert np.abs(recording["y1"]).max() == 0
 
 
 @pytest.mark.parametrize("engine", ENGINES)
