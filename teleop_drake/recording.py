@@ -316,8 +316,8 @@ class Recording:
         Returns:
             (M, k) values; at the instant of a jump, the value before it. In a run of
             simulate() they are accurate to 1e-4 of the signal's range; the outputs of
-            delays in Drake's Simulator, to 5e-4. Notes name the signals that jump or
-            bend within a step of Drake's Simulator.
+            delays in Drake's Simulator, to 5e-4. Notes name the signals of a System
+            that jump or bend within a step.
         """
         return interpolate(self.time, self[name], self.steps, np.asarray(times))
 

@@ -1,11 +1,11 @@
 """Where recorded signals bend more than a polynomial between their samples follows."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 
 from teleop_drake.arrays import Array, Indices
-from teleop_drake.numerics.step_polynomials import DEGREE, lagrange, shares
+from teleop_drake.numerics.step_polynomials import DEGREE, Series, lagrange, shares
 
 INSIDE: list[float] = shares(DEGREE)[1:-1].tolist()
 """The instants of samples within a piece of a step, as shares of its length."""
@@ -81,3 +81,52 @@ class Bends:
     def Leave(self, signals: Indices) -> None:
         """Ends the search for bends of some signals, given by their indices."""
         self._is_followed[signals] = False
+
+
+# The fourth difference of a step with a kink is larger than those of its neighbours by
+# this factor, which the change of smooth signals from step to step is far below.
+_SPIKE = 30.0
+
+
+def Kinked(series: Series) -> list[str]:
+    """Returns the names of signals that jump or bend within a step of a compiled run.
+
+    A fourth difference, divided by the fourth power of the step, is a derivative. It
+    changes little from one step to the next, unless there is a kink in a step.
+
+    Args:
+        series: Times, signals and steps of the run.
+    """
+    time, signals, steps = series
+    if len(steps) < 5:
+        return []
+    lengths = time[steps[:, -1]] - time[steps[:, 0]]
+    is_step = lengths > 0
+    steps = steps[is_step]
+    fourth_powers = lengths[is_step, np.newaxis] ** 4
+    names = []
+    for name, values in signals.items():
+        differences = np.abs(np.einsum("i,sik->sk", _WEIGHTS[0, :5], values[steps]))
+        rounding = _ROUNDING * np.abs(values).max(initial=0.0)
+        is_large = differences > _TOLERANCE * np.ptp(values, axis=0) + rounding
+        if not is_large.any():
+            continue
+        derivatives = (differences + rounding) / fourth_powers
+        around = np.full_like(derivatives, -np.inf)
+        for shift in (-2, -1, 1, 2):
+            begin, end = max(0, -shift), len(steps) - max(0, shift)
+            moved = derivatives[begin + shift : end + shift]
+            around[begin:end] = np.maximum(around[begin:end], moved)
+        if np.any(is_large & (derivatives > _SPIKE * around)):
+            names.append(name)
+    return names
+
+
+def NotesOnBends(names: Collection[str]) -> list[str]:
+    """Returns a note on signals that are not accurate between rows."""
+    if not names:
+        return []
+    return [
+        f"{', '.join(sorted(names))}: jumps or bends at an instant that no event "
+        "announces; between the rows around it the signal is not accurate"
+    ]

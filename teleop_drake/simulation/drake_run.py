@@ -2,7 +2,7 @@
 
 import math
 import time as clock
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from pydrake.systems.analysis import (
@@ -17,7 +17,7 @@ from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.numerics.instants import TIE, same_within
 from teleop_drake.numerics.step_polynomials import DEGREE, Series
 from teleop_drake.signals import SystemsByPath
-from teleop_drake.simulation.bends import CHECKED, INSIDE, Bends
+from teleop_drake.simulation.bends import CHECKED, INSIDE, Bends, NotesOnBends
 from teleop_drake.simulation.failures import (
     IsDivergence,
     NamingBlocks,
@@ -106,18 +106,8 @@ def RunInDrake(job: Job) -> Outcome:
         is_beyond_bound=run.is_beyond_bound,
         systems=SystemsByPath(job.diagram),
         make_final_context=simulator.get_context().Clone().Clone,
-        notes=_NotesOnUnresolved(run.recorder.unresolved),
+        notes=NotesOnBends(run.recorder.unresolved),
     )
-
-
-def _NotesOnUnresolved(names: Collection[str]) -> list[str]:
-    """Returns a note on signals that are not accurate between rows."""
-    if not names:
-        return []
-    return [
-        f"{', '.join(sorted(names))}: jumps or bends at an instant that no event "
-        "announces; between the rows around it the signal is not accurate"
-    ]
 
 
 def _MakeSimulator(job: Job) -> Simulator:

@@ -14,8 +14,8 @@ _MOST_TICKS = 1000
 def NotesOnTies(diagram: System, start: float, end: float) -> list[str]:
     """Returns a note if rounding decides in Drake which of two samples is earlier.
 
-    Drake computes the times of periodic events in floating point: 33 * 0.02 is not equal
-    to 22 * 0.03. Blocks of this package and compiled runs treat them as equal.
+    Drake computes the times of periodic events in floating point, where 33 * 0.02
+    differs from 22 * 0.03. Blocks of this package and compiled runs treat both as one.
 
     Args:
         diagram: The simulated System.

@@ -16,6 +16,7 @@ from teleop_drake.recording import Event, Recording, SolverStatistics
 from teleop_drake.scenario import AnyScenario, AsScenario, CheckSteps, ScenarioLike
 from teleop_drake.scenario.config import DefaultSimulator
 from teleop_drake.signals import NamedSignals, SelectSignals, Signals
+from teleop_drake.simulation.bends import Kinked, NotesOnBends
 from teleop_drake.simulation.drake_run import RunInDrake
 from teleop_drake.simulation.ending import EndAtBound
 from teleop_drake.simulation.inputs import CheckContext, CheckInputs
@@ -304,6 +305,8 @@ def RecordingOf(
             f"simulator.start_time = {start:g} has no effect: the run begins at the "
             f"time of its Context, {job.start:g} s."
         )
+    if run.engine == "compiled":
+        notes += NotesOnBends(Kinked(run.series))
     make_final = run.make_final_context
     if make_final is None:
         notes.append(no_final_context)

@@ -1,4 +1,4 @@
-"""Signals between the rows of runs in Drake's engine, against closed forms."""
+"""Signals between the rows of runs, against closed forms."""
 
 from itertools import pairwise
 
@@ -10,6 +10,7 @@ from pydrake.systems.primitives import (
     Saturation,
     Sine,
     TrajectorySource,
+    WrapToSystem,
     ZeroOrderHold,
 )
 from pydrake.trajectories import PiecewisePolynomial
@@ -61,6 +62,13 @@ class Step(LeafSystem):
         )
 
 
+def Wrapped():
+    """Returns a block that wraps its input to an interval from -1 to 1."""
+    block = WrapToSystem(1)
+    block.set_interval(0, -1.0, 1.0)
+    return block
+
+
 def chain(*systems):
     """Returns systems in a row; the last one's output is exported as `y`."""
     builder = DiagramBuilder()
@@ -110,6 +118,21 @@ def test_a_kink_has_short_pieces_around_it(frequency):
 
     assert largest_error(recording, Expected) < 2e-4
     assert not any("not accurate" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(
+    ("blocks", "is_bent"),
+    [
+        ([Sine(1.0, 6.0, 0.0, 1), Saturation([-0.5], [0.5])], True),
+        ([Sine(4.0, 6.0, 0.0, 1), Wrapped()], True),
+        ([Sine(1.0, 60.0, 0.0, 1), TransportDelay(0.1, 1), Integrator(1)], False),
+        ([Sine(1, 6, 0, 1), ZeroOrderHold(0.1, 1), TransportDelay(0.13, 1)], False),
+    ],
+)
+def test_a_compiled_run_names_the_signals_that_bend_within_a_step(blocks, is_bent):
+    recording = simulate(chain(*blocks), duration=2.0, engine="compiled")
+    notes = [note for note in recording.notes if note.startswith("y: jumps or bends")]
+    assert len(notes) == is_bent
 
 
 def test_a_jump_without_an_event_is_enclosed_and_named():
