@@ -6,7 +6,7 @@ of the delays are written into y before each evaluation. advance() repeats:
 
 1. _next_stop() finds the latest time for the end of the step. No step crosses a break:
    the instant of an event or of its echo, at which its effect leaves a delay.
-2. _step() tries a step. If its error is too large, a shorter step is tried.
+2. step() tries a step. If its error is too large, a shorter step is tried.
 3. _end_step() accepts the step. If a guard reaches 0 within it, the instant is located
    on the dense output, and the step ends there. A guard that comes near to 0 is also
    evaluated within the step, because it may have been positive for a moment. Signals
@@ -19,24 +19,46 @@ All functions here are in the part of Python that jit/typed_code compiles.
 """
 
 import math
-from collections.abc import Callable
 
-import numpy as np
-
-from teleop_drake.arrays import Array
 from teleop_drake.engine.breaks import MAX_ECHO, NO_BREAK, add_echoes, take_break
-from teleop_drake.engine.delays import NODES, fetch
-from teleop_drake.engine.dormand_prince import NUM_STAGES, A, C, E, P
+from teleop_drake.engine.delays import NODES
+from teleop_drake.engine.dormand_prince import NUM_STAGES
 from teleop_drake.engine.problem import (
+    AHEAD,
     BREAKS,
     END,
     EVALUATIONS,
+    JUMPS,
     ROWS,
     STEPS,
     TRIES,
     Delays,
     Memory,
     Problem,
+    Steered,
+)
+from teleop_drake.engine.steered import (
+    is_passed,
+    is_refused,
+    is_too_fast,
+    may_have_passed,
+    note_sent,
+    order_passed,
+    stand_before_jumps,
+)
+from teleop_drake.engine.step import (
+    WEIGHTS_AT_NODES,
+    Evaluate,
+    copy,
+    evaluate_at,
+    evaluate_beside,
+    evaluate_with,
+    evaluate_within,
+    move,
+    repeat,
+    set_weights,
+    step,
+    write,
 )
 from teleop_drake.engine.transitions import (
     change_modes,
@@ -45,111 +67,28 @@ from teleop_drake.engine.transitions import (
     next_time,
     note_guards,
 )
-from teleop_drake.jit.scalar_code import ALL, RATE, SIGNALS
+from teleop_drake.jit.scalar_code import ALL, SIGNALS
 from teleop_drake.numerics.instants import SAME, same_within
-
-Evaluate = Callable[..., None]
 
 # The most tries of one call of advance(). Between the calls, its caller can check the
 # progress of the run, and Python handles Ctrl-C.
 _MOST_TRIES = 500
 
-# The weights of the stages in the dense output at NODES (5, 7).
-WEIGHTS_AT_NODES = (NODES[:, np.newaxis] ** np.arange(1, 5)) @ P.T
+# A step need not be shorter than this because of a delay whose time is a signal, s.
+_SHORT = 0.01
+
+# A step is not repeated to end where an output passes a jump so close to its end, s.
+_CLOSE = 1e-7
+
+# The error of a step, in multiples of the accuracy, in which a delayed signal moves too
+# far: the next try has half the length.
+_TOO_FAST = 20.0
 
 # The results of advance().
 DONE = 0
 FULL = 1
 STUCK = 2
-
-
-def _evaluate(
-    wanted: int,
-    evaluate: Evaluate,
-    t: float,
-    x: Array,
-    problem: Problem,
-    memory: Memory,
-    dx: Array,
-) -> None:
-    """Writes the outputs of the delays into y, and evaluates RATE, ALL or SIGNALS.
-
-    At the start of the step, jumps that arrive at that instant are included.
-    """
-    is_after = t <= memory.clock[0]
-    _evaluate_beside(is_after, wanted, evaluate, t, x, problem, memory, dx)
-
-
-def _evaluate_beside(
-    is_after: bool,
-    wanted: int,
-    evaluate: Evaluate,
-    t: float,
-    x: Array,
-    problem: Problem,
-    memory: Memory,
-    dx: Array,
-) -> None:
-    """Evaluates after the jumps that arrive at the time t, or before them."""
-    fetch(t, is_after, problem.delays, memory)
-    evaluate(t, x, memory.m, problem.p, memory.y, dx, wanted)
-    memory.counts[EVALUATIONS] += 1
-
-
-def _move(start: Array, weights: Array, h: float, stages: Array, target: Array) -> None:
-    """Writes a state plus the change by the weighted rates of all stages in a step.
-
-    There is a variable for each row: the processor adds several elements at once.
-    """
-    k0 = stages[0]
-    k1 = stages[1]
-    k2 = stages[2]
-    k3 = stages[3]
-    k4 = stages[4]
-    k5 = stages[5]
-    k6 = stages[6]
-    w0 = h * weights[0]
-    w1 = h * weights[1]
-    w2 = h * weights[2]
-    w3 = h * weights[3]
-    w4 = h * weights[4]
-    w5 = h * weights[5]
-    w6 = h * weights[6]
-    for i in range(len(target)):
-        first = w0 * k0[i] + w1 * k1[i] + w2 * k2[i] + w3 * k3[i]
-        target[i] = start[i] + first + (w4 * k4[i] + w5 * k5[i] + w6 * k6[i])
-
-
-def _set_weights(share: float, weights: Array) -> None:
-    """Computes the weights of the stages in the dense output at a share of the step."""
-    for s in range(NUM_STAGES):
-        power = share
-        weights[s] = 0.0
-        for k in range(4):
-            weights[s] += P[s, k] * power
-            power *= share
-
-
-def _evaluate_within(
-    share: float, evaluate: Evaluate, h: float, problem: Problem, memory: Memory
-) -> None:
-    """Evaluates all signals at a share of the step, on the dense output."""
-    _set_weights(share, memory.weights)
-    _evaluate_with(memory.weights, share, evaluate, h, problem, memory)
-
-
-def _evaluate_with(
-    weights: Array,
-    share: float,
-    evaluate: Evaluate,
-    h: float,
-    problem: Problem,
-    memory: Memory,
-) -> None:
-    """Evaluates all signals at a share of the step, given the weights of its stages."""
-    _move(memory.x, weights, h, memory.stages, memory.x_stage)
-    t = memory.clock[0] + share * h
-    _evaluate(SIGNALS, evaluate, t, memory.x_stage, problem, memory, memory.dx)
+REFUSED = 3
 
 
 def _record_step(
@@ -163,40 +102,25 @@ def _record_step(
     """Records a step up to a length in s: three rows within it, and one at its end."""
     row = memory.counts[ROWS]
     # First the end, whose signals are in y until the evaluations below.
-    _write(row + 3, end, memory)
+    write(row + 3, end, memory)
     for node in range(1, 4):
         s = NODES[node] * length
         if length == h:
             weights = WEIGHTS_AT_NODES[node]
-            _evaluate_with(weights, NODES[node], evaluate, h, problem, memory)
+            evaluate_with(weights, NODES[node], evaluate, h, problem, memory)
         else:
-            _evaluate_within(s / h, evaluate, h, problem, memory)
-        _write(row + node - 1, memory.clock[0] + s, memory)
+            evaluate_within(s / h, evaluate, h, problem, memory)
+        write(row + node - 1, memory.clock[0] + s, memory)
     memory.row_ends[row + 3] = 1
     memory.counts[END] = row + 3
     memory.counts[ROWS] = row + 4
-
-
-def _copy(source: Array, target: Array) -> None:
-    for i in range(len(source)):
-        target[i] = source[i]
-
-
-def _clear(target: Array) -> None:
-    for i in range(len(target)):
-        target[i] = 0.0
-
-
-def _write(row: int, t: float, memory: Memory) -> None:
-    """Copies the signals y to a row of the recording, with their time."""
-    memory.row_times[row] = t
-    memory.row_ends[row] = 0
-    _copy(memory.y, memory.rows[row])
+    if memory.steered is not None:
+        memory.steered.marks[AHEAD] = 0
 
 
 def _record(t: float, memory: Memory) -> None:
     """Records a row at a time; it does not end a step."""
-    _write(memory.counts[ROWS], t, memory)
+    write(memory.counts[ROWS], t, memory)
     memory.counts[ROWS] += 1
 
 
@@ -212,12 +136,14 @@ def _settle(evaluate: Evaluate, order: int, problem: Problem, memory: Memory) ->
             break
         if has_changed:
             order = 0
-        _evaluate(ALL, evaluate, t, memory.x, problem, memory, memory.stages[0])
+        evaluate_at(ALL, evaluate, t, memory.x, problem, memory, memory.stages[0])
         has_jumped = False
     if order != NO_BREAK:
         _record(t, memory)
         add_echoes(t, order, problem.delays, memory)
     note_guards(True, problem.transitions, memory)
+    if memory.steered is not None:
+        note_sent(t, True, memory.steered, problem.delays, memory)
 
 
 def _show_packets(t: float, delays: Delays, memory: Memory) -> bool:
@@ -236,11 +162,31 @@ def _let_happen(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     """Executes the breaks, packets and transitions of this instant."""
     t = memory.clock[0]
     order = take_break(t, memory)
+    rate = memory.stages[0]
+    if memory.steered is not None:
+        # The signals before any jump of this instant tell which jumps are passed.
+        evaluate_beside(False, SIGNALS, evaluate, t, memory.x, problem, memory, rate)
+        passed = order_passed(t, memory.steered, problem.delays, memory)
+        if passed != NO_BREAK and (order == NO_BREAK or passed < order):
+            order = passed
     # Transitions use the signals before the jumps that arrive now.
     is_after = order == NO_BREAK
-    rate = memory.stages[0]
-    _evaluate_beside(is_after, ALL, evaluate, t, memory.x, problem, memory, rate)
+    evaluate_beside(is_after, ALL, evaluate, t, memory.x, problem, memory, rate)
     _settle(evaluate, order, problem, memory)
+    if memory.steered is not None:
+        _settle_passing(evaluate, problem, memory, memory.steered)
+
+
+def _settle_passing(
+    evaluate: Evaluate, problem: Problem, memory: Memory, steered: Steered
+) -> None:
+    """Executes the jumps of this instant that leave delays of 0 s."""
+    t = memory.clock[0]
+    for _ in range(10):
+        order = order_passed(t, steered, problem.delays, memory)
+        if order == NO_BREAK:
+            break
+        _settle(evaluate, order, problem, memory)
 
 
 def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
@@ -260,45 +206,30 @@ def _next_stop(t_end: float, problem: Problem, memory: Memory) -> float:
     return stop
 
 
-def _step(evaluate: Evaluate, h: float, problem: Problem, memory: Memory) -> float:
-    """Tries a step of the length h; returns its largest error in any state, or inf.
+def _is_event(t: float, problem: Problem, memory: Memory) -> bool:
+    """Returns whether a guard is due at t, or an output has to pass a jump."""
+    if is_due(problem.transitions, memory):
+        return True
+    if memory.steered is not None:
+        return is_passed(t, memory.steered, problem.delays, memory)
+    return False
 
-    Afterwards, x_next and y have the state and the signals at the end of the step.
-    """
-    t = memory.clock[0]
-    stages = memory.stages
-    for s in range(1, NUM_STAGES):
-        # A rate of nan from the last step would count even with a weight of 0.
-        _clear(stages[s])
-    for s in range(1, NUM_STAGES):
-        is_last = s == NUM_STAGES - 1
-        target = memory.x_stage
-        wanted = RATE
-        if is_last:
-            target = memory.x_next
-            wanted = ALL
-        _move(memory.x, A[s], h, stages, target)
-        _evaluate(wanted, evaluate, t + C[s] * h, target, problem, memory, stages[s])
-    error = 0.0
-    errors = memory.dx
-    _clear(errors)
-    _move(errors, E, h, stages, errors)
-    for i in range(len(errors)):
-        # This comparison is false for nan, too.
-        if not abs(errors[i]) < math.inf:
-            return math.inf
-        error = max(error, abs(errors[i]))
-    return error
+
+def _is_refused(delays: Delays, memory: Memory) -> bool:
+    """Returns whether a signal that is a delay's time is outside of its range."""
+    if memory.steered is not None:
+        return is_refused(memory.steered, delays, memory)
+    return False
 
 
 def _find_moment(
     evaluate: Evaluate, h: float, problem: Problem, memory: Memory
 ) -> float:
-    """Returns the first of nine shares of the step at which a guard is due, or 1."""
+    """Returns the first of nine shares of the step at which an event is due, or 1."""
     for node in range(1, 2 * len(NODES)):
         share = node / (2 * len(NODES))
-        _evaluate_within(share, evaluate, h, problem, memory)
-        if is_due(problem.transitions, memory):
+        evaluate_within(share, evaluate, h, problem, memory)
+        if _is_event(memory.clock[0] + share * h, problem, memory):
             return share
     return 1.0
 
@@ -306,18 +237,40 @@ def _find_moment(
 def _locate(
     evaluate: Evaluate, h: float, high: float, problem: Problem, memory: Memory
 ) -> float:
-    """Returns the share at which a guard becomes due; at `high`, one is due."""
+    """Returns the share at which an event becomes due; at `high`, one is due."""
     low = 0.0
     while (high - low) * h > SAME:
         middle = (low + high) / 2
         if middle <= low or middle >= high:
             break
-        _evaluate_within(middle, evaluate, h, problem, memory)
-        if is_due(problem.transitions, memory):
+        evaluate_within(middle, evaluate, h, problem, memory)
+        if _is_event(memory.clock[0] + middle * h, problem, memory):
             high = middle
         else:
             low = middle
     return high
+
+
+def _time_to_passage(
+    evaluate: Evaluate, h: float, problem: Problem, memory: Memory, steered: Steered
+) -> float:
+    """Returns after which time in a step of h an output passes a jump; h: it does not.
+
+    Afterwards, y has the signals at the end of the step.
+    """
+    end = memory.clock[0] + h
+    delays = problem.delays
+    length = h
+    if is_passed(end, steered, delays, memory):
+        length = h * _locate(evaluate, h, 1.0, problem, memory)
+    elif may_have_passed(end, steered, delays, memory):
+        share = _find_moment(evaluate, h, problem, memory)
+        if share < 1.0:
+            length = h * _locate(evaluate, h, share, problem, memory)
+    else:
+        return h
+    evaluate_at(SIGNALS, evaluate, end, memory.x_next, problem, memory, memory.dx)
+    return length
 
 
 def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
@@ -327,17 +280,36 @@ def _start(evaluate: Evaluate, problem: Problem, memory: Memory) -> None:
     """
     t = memory.clock[0]
     rate = memory.stages[0]
-    _evaluate_beside(False, ALL, evaluate, t, memory.x, problem, memory, rate)
+    if memory.steered is not None:
+        # Some jumps of the past are behind an output.
+        evaluate_beside(True, SIGNALS, evaluate, t, memory.x, problem, memory, rate)
+        stand_before_jumps(t, memory.steered, problem.delays, memory)
+    evaluate_beside(False, ALL, evaluate, t, memory.x, problem, memory, rate)
     _record(t, memory)
     _settle(evaluate, 0, problem, memory)
+    if memory.steered is not None:
+        _settle_passing(evaluate, problem, memory, memory.steered)
 
 
 def is_full(delays: Delays, memory: Memory) -> bool:
     """Returns whether there may be no room for the rows and breaks of another step."""
     counts = memory.counts
-    return counts[ROWS] + 5 > len(memory.row_times) or counts[BREAKS] + len(
+    room = 5
+    if memory.steered is not None:
+        # The rows of a try, and those of several events at one instant.
+        room = 24
+        if memory.steered.marks[JUMPS] + 12 > len(memory.steered.jumps):
+            return True
+    return counts[ROWS] + room > len(memory.row_times) or counts[BREAKS] + len(
         delays.times
     ) > len(memory.breaks)
+
+
+def _limit(h: float, t: float, steered: Steered) -> float:
+    """Returns a step's length h, at most the present steered delays or _SHORT, in s."""
+    for k in range(len(steered.sides)):
+        h = min(h, max(t - float(steered.sent[k, 0]), _SHORT))
+    return h
 
 
 def _length_of_step(h: float, t: float, stop: float) -> float:
@@ -378,7 +350,8 @@ def advance(
 
     Returns:
         DONE; FULL if advance() has to be called again, with more memory or for more
-        tries; or STUCK if even the smallest step is too inaccurate.
+        tries; STUCK if even the smallest step is too inaccurate; or REFUSED if the
+        signal that is a delay's time is outside of its range.
     """
     clock = memory.clock
     counts = memory.counts
@@ -391,6 +364,8 @@ def advance(
     if counts[EVALUATIONS] == 0:
         _start(evaluate, problem, memory)
     last_try = counts[TRIES] + _MOST_TRIES
+    # Where an output passes a jump within the step that has been tried, s.
+    passage = math.inf
     while clock[0] < t_end - SAME:
         if is_full(delays, memory) or counts[TRIES] == last_try:
             return FULL
@@ -399,17 +374,36 @@ def advance(
         stop = _next_stop(t_end, problem, memory)
         if stop - t <= SAME:  # Events at the end of the last call, left until now.
             _let_happen(evaluate, problem, memory)
+            passage = math.inf
             continue
-        h = _length_of_step(min(clock[1], longest), t, stop)
-        error = _step(evaluate, h, problem, memory)
+        h = min(clock[1], longest)
+        if memory.steered is not None:
+            stop = min(stop, passage)
+            h = _limit(h, t, memory.steered)
+            memory.steered.marks[AHEAD] = 0
+        h = _length_of_step(h, t, stop)
+        error = step(evaluate, h, problem, memory)
+        if memory.steered is not None:
+            steered = memory.steered
+            error = repeat(error, evaluate, h, accuracy, problem, memory, steered)
+            if error <= accuracy and is_too_fast(t + h, steered, delays, memory):
+                error = _TOO_FAST * accuracy
         factor = _growth_of_step(error, accuracy)
         if not error <= accuracy:
             clock[1] = h * min(factor, 0.9)
             if clock[1] < 1e-14 * max(1.0, abs(t)):
                 return STUCK
             continue
+        if memory.steered is not None:
+            time = _time_to_passage(evaluate, h, problem, memory, memory.steered)
+            if time > 2 * SAME and time < h - _CLOSE:
+                passage = t + time
+                continue
+            passage = math.inf
         counts[STEPS] += 1
         _end_step(evaluate, h, h * factor, stop, t_end, problem, memory)
+        if _is_refused(delays, memory):
+            return REFUSED
     return DONE
 
 
@@ -433,7 +427,7 @@ def _end_step(
     clock = memory.clock
     t = clock[0]
     # Whether a guard becomes due in the step, and at which share of it.
-    has_come = is_due(problem.transitions, memory)
+    has_come = _is_event(t + h, problem, memory)
     is_searched = not has_come and is_near(problem.transitions, memory)
     share = 1.0
     if is_searched:
@@ -443,21 +437,23 @@ def _end_step(
     if has_come:
         length = h * _locate(evaluate, h, share, problem, memory)
         if length < h:
-            _set_weights(length / h, memory.weights)
-            _move(memory.x, memory.weights, h, memory.stages, memory.x_next)
+            set_weights(length / h, memory.weights)
+            move(memory.x, memory.weights, h, memory.stages, memory.x_next)
     if has_come or is_searched:
         # The search has overwritten the signals at the end of the step.
-        _evaluate(
+        evaluate_at(
             SIGNALS, evaluate, t + length, memory.x_next, problem, memory, memory.dx
         )
     note_guards(False, problem.transitions, memory)
+    if memory.steered is not None:
+        note_sent(t + length, False, memory.steered, problem.delays, memory)
     # The step is recorded, and its end becomes the state.
     is_at_stop = h == stop - t and length == h
     end = t + length
     if is_at_stop:
         end = stop
     _record_step(evaluate, length, h, end, problem, memory)
-    _copy(memory.x_next, memory.x)
+    copy(memory.x_next, memory.x)
     # A step that a stop has shortened does not shorten the next one.
     if not is_at_stop or next_h > clock[1]:
         clock[1] = next_h
@@ -466,4 +462,4 @@ def _end_step(
         _let_happen(evaluate, problem, memory)
         return
     # Without an event, the last stage is the first stage of the next step.
-    _copy(memory.stages[NUM_STAGES - 1], memory.stages[0])
+    copy(memory.stages[NUM_STAGES - 1], memory.stages[0])

@@ -10,6 +10,7 @@ import math
 
 from teleop_drake.engine.delays import arrival
 from teleop_drake.engine.problem import BREAKS, ROWS, Delays, Memory
+from teleop_drake.engine.steered import note_jump
 from teleop_drake.numerics.instants import SAME
 
 # Each passage through an integrator makes a jump smoother by one derivative. An echo of
@@ -28,23 +29,40 @@ def add_break(t: float, order: int, memory: Memory) -> None:
     memory.counts[BREAKS] = num + 1
 
 
-def add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
-    """Adds a break where the effect of the present event leaves each delay.
+def _order_after(order: int, d: int, delays: Delays, memory: Memory) -> int:
+    """Returns the order of the present event's effect after it has passed delay d.
 
-    The last two rows have the signals before and after the event. The echo of a jump
+    The last two rows have the signals before and after the event. The effect of a jump
     has order 1, because a jump remains a jump after any number of delays.
     """
     row = memory.counts[ROWS] - 1
+    echo = order + 1
+    for i in range(delays.sizes[d]):
+        before = memory.rows[row - 1, delays.signals[d] + i]
+        after = memory.rows[row, delays.signals[d] + i]
+        if abs(after - before) > 1e-9 * (abs(after) + abs(before)):
+            echo = 1
+    return echo
+
+
+def add_echoes(t: float, order: int, delays: Delays, memory: Memory) -> None:
+    """Adds a break where the effect of the present event leaves each delay.
+
+    For the delays whose time is a signal, the event is noted as a jump.
+    """
     for d in range(len(delays.times)):
-        echo = order + 1
-        for i in range(delays.sizes[d]):
-            before = memory.rows[row - 1, delays.signals[d] + i]
-            after = memory.rows[row, delays.signals[d] + i]
-            if abs(after - before) > 1e-9 * (abs(after) + abs(before)):
-                echo = 1
+        echo = _order_after(order, d, delays, memory)
         is_finite = delays.times[d] > 0.0 and delays.times[d] < math.inf
         if echo <= MAX_ECHO and is_finite:
             add_break(arrival(t, d, delays), echo, memory)
+    if memory.steered is not None:
+        least = MAX_ECHO + 1
+        for k in range(len(delays.steering.delays)):
+            echo = _order_after(order, delays.steering.delays[k], delays, memory)
+            if echo < least:
+                least = echo
+        if least <= MAX_ECHO:
+            note_jump(t, least, memory.steered, memory)
 
 
 def take_break(t: float, memory: Memory) -> int:

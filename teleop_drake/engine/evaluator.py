@@ -132,7 +132,7 @@ def PassAtZero(system: System, kernel: Kernel) -> Kernel:
     outputs: dict[str, Any] = dict(kernel.outputs)
     parameters = dict(kernel.parameters)
     for k, delay in enumerate(delays):
-        if delay.shown is not None or callable(delay.time):
+        if not delay.is_constant:
             continue
         time = f"time of {delay.output}"
         under_way = f"{delay.output} under way"

@@ -108,6 +108,11 @@ def _Distinct(times: ArrayLike) -> Array:
     return distinct
 
 
+def _Preference(line: _Line) -> tuple[bool, bool]:
+    """Returns how well a line stores the bends of all delays, a key for sorting."""
+    return getattr(line.line, "stores_bends", False), line.line.is_constant
+
+
 def WritePast(evaluator: Evaluator, context: Context, memory: Memory) -> None:
     """Writes the signals and packets under way at the end of a run to a Context.
 
@@ -120,7 +125,7 @@ def WritePast(evaluator: Evaluator, context: Context, memory: Memory) -> None:
     steps = steps_of(memory.row_ends[:num_rows])
     # A step ends at the jumps and bends of all delays, so one delay stores all of them.
     bends = memory.breaks[: memory.counts[BREAKS], 0].tolist()
-    lines = sorted(_LinesIn(evaluator, context), key=lambda x: x.line.is_constant)
+    lines = sorted(_LinesIn(evaluator, context), key=_Preference)
     for line, own, signal in lines[::-1]:
         rows = memory.rows[:num_rows, signal]
         if isinstance(line, PacketLine):

@@ -11,6 +11,32 @@ from teleop_drake.arrays import Array, Indices
 from teleop_drake.numerics.instants import same_within
 
 
+class Steering(NamedTuple):
+    """The k delays whose time is a signal.
+
+    Attributes:
+        delays: The index of each delay (k); its time in Delays.times is infinity.
+        controls: The index in y of the signal that steers each delay (k).
+        lengths: 0 if the signal is the delay in s; otherwise the signal is the position
+            of a conveyor, whose length this is in the same unit (k).
+        longest: The longest delay that is allowed, s (k).
+    """
+
+    delays: Indices
+    controls: Indices
+    lengths: Array
+    longest: Array
+
+
+NO_STEERING = Steering(
+    delays=np.empty(0, np.int64),
+    controls=np.empty(0, np.int64),
+    lengths=np.empty(0),
+    longest=np.empty(0),
+)
+"""The Steering of a problem in which no delay's time is a signal."""
+
+
 class Delays(NamedTuple):
     """The d delays of a problem.
 
@@ -29,6 +55,7 @@ class Delays(NamedTuple):
             empty unless the delay varies.
         knots: The begin and end of each piece in s (p, 2).
         coefficients: The coefficients of each piece, as in piecewise.Pieces (p, 8).
+        steering: The delays whose time is a signal.
     """
 
     times: Array
@@ -40,6 +67,7 @@ class Delays(NamedTuple):
     piece_ranges: Indices
     knots: Array
     coefficients: Array
+    steering: Steering = NO_STEERING
 
 
 class Transitions(NamedTuple):
@@ -79,6 +107,34 @@ class Problem(NamedTuple):
     transitions: Transitions
 
 
+class Steered(NamedTuple):
+    """The part of the memory for the k delays whose time is a signal.
+
+    An output of such a delay is found by the jumps behind it: it lies on the piece of
+    its signal between two of them until a step has ended where it passes one.
+
+    Attributes:
+        marks: Integers at the places JUMPS to AHEAD (3): the number of jumps; whether
+            an output was sent within the present step, 0 or 1; and the first row of the
+            last try of the step, 0 if there is none.
+        jumps: Time in s, order and row of each event behind that an output may still
+            pass (j, 3). The row is the one after the event; for the order, see
+            Memory.breaks.
+        sides: The number of jumps behind each output (k).
+        used: The value of each control with which the output was found (k).
+        sent: When each output was sent, s, at the start of the step and of the step
+            before (k, 2).
+        x_before: The state at the end of the last try (n).
+    """
+
+    marks: Indices
+    jumps: Array
+    sides: Indices
+    used: Array
+    sent: Array
+    x_before: Array
+
+
 class Memory(NamedTuple):
     """The working memory and the results of advance().
 
@@ -111,6 +167,7 @@ class Memory(NamedTuple):
         row_ends: 1 for a row at the end of a step, else 0 (r). Three rows within the
             step precede it, and the row at the start of the step precedes these.
         rows: Signals of the recorded rows (r, y).
+        steered: The memory of the delays whose time is a signal; None: there are none.
     """
 
     clock: Array
@@ -131,6 +188,7 @@ class Memory(NamedTuple):
     row_times: Array
     row_ends: Indices
     rows: Array
+    steered: Steered | None = None
 
 
 class Past(NamedTuple):
@@ -151,6 +209,9 @@ class Past(NamedTuple):
 
 # The places in Memory.counts.
 STEPS, EVALUATIONS, END, BREAKS, ROWS, TRIES, FIRST = range(7)
+
+# The places in Steered.marks.
+JUMPS, BEYOND, AHEAD = range(3)
 
 
 def make_memory(
@@ -210,10 +271,26 @@ def make_memory(
         row_times=np.empty(room),
         row_ends=np.empty(room, np.int64),
         rows=np.empty((room, len(y))),
+        steered=_make_steered(len(delays.steering.delays), n, past),
     )
     if past is not None:
         _put_past(past, memory)
     return memory
+
+
+def _make_steered(k: int, n: int, past: Past | None) -> Steered | None:
+    """Returns the memory of k delays whose time is a signal; None without any."""
+    if k == 0:
+        return None
+    num_past = 0 if past is None else len(past.times)
+    return Steered(
+        marks=np.zeros(3, np.int64),
+        jumps=np.zeros((1024 + num_past, 3)),
+        sides=np.zeros(k, np.int64),
+        used=np.zeros(k),
+        sent=np.zeros((k, 2)),
+        x_before=np.zeros(n),
+    )
 
 
 def _put_past(past: Past, memory: Memory) -> None:
@@ -231,3 +308,17 @@ def _put_past(past: Past, memory: Memory) -> None:
     memory.breaks[:num_breaks, 0] = past.arrivals
     memory.breaks[:num_breaks, 1] = 1
     memory.counts[BREAKS] = num_breaks
+    if memory.steered is not None:
+        _put_jumps(past, memory.steered)
+
+
+def _put_jumps(past: Past, steered: Steered) -> None:
+    """Writes the jumps of the past: its beginning, and where two steps do not meet."""
+    num = len(past.times)
+    ends = past.rows[5 : num - 1 : 5]
+    begins = past.rows[6:num:5]
+    differ = np.abs(begins - ends) > 1e-9 * (np.abs(begins) + np.abs(ends))
+    after = np.append(1, 6 + 5 * np.flatnonzero(differ.any(axis=1)))
+    jumps = np.stack([past.times[after], np.ones(len(after)), after], axis=1)
+    steered.marks[JUMPS] = len(after)
+    steered.jumps[: len(after)] = jumps

@@ -57,6 +57,8 @@ class Program:
         fed: The slice of y of each input that is not connected, keyed by
             Source(block, input port).
         delays: Each delay, with the slices of y of its input signal and its output.
+        controls: The slice of y of the signal that is the time of each delay; None: its
+            time is no signal.
         transitions: Each transition, with the slices of y of its guard (None: periodic)
             and of its new mode, and the slice of m of the block's mode.
         states: The slice of x of each block's continuous state.
@@ -89,6 +91,8 @@ class Program:
         self._values: dict[Source, ValueIn] = {}
         # The outputs whose terms are being read, each an argument of the one before.
         self._under_way: list[Source] = []
+        # The name of the signal that is the time of a delay, by the delay's output.
+        self._steered: dict[Source, str] = {}
         # The names that terms and delays of each block use: (block, port).
         self._taken: set[tuple[int, str]] = set()
         for i, kernel in enumerate(kernels):
@@ -98,6 +102,11 @@ class Program:
             self.Add(Source(i, _RATE))
         self.delays: list[tuple[Delay, slice, slice]] = [
             (delay, self.Slot(i, delay.signal), self.signals[Source(i, delay.output)])
+            for i, kernel in enumerate(kernels)
+            for delay in kernel.delays
+        ]
+        self.controls: list[slice | None] = [
+            self.Slot(i, delay.time) if isinstance(delay.time, str) else None
             for i, kernel in enumerate(kernels)
             for delay in kernel.delays
         ]
@@ -122,6 +131,7 @@ class Program:
             self.layouts,
             self.fed,
             [places for _, *places in self.delays],
+            self.controls,
             [self.states, self.modes, self.sizes],
         ]
 
@@ -242,6 +252,8 @@ class Program:
         for delay in kernel.delays:
             output = Source(i, delay.output)
             self.signals[output] = self._NewSignal(len(delay.initial_value))
+            if isinstance(delay.time, str):
+                self._steered[output] = delay.time
         modes = self.modes[i]
         for name, transition in kernel.transitions.items():
             guard = None
@@ -278,15 +290,19 @@ class Program:
 
     def Add(self, output: Source) -> None:
         """Adds an output to the order of computation, after its arguments."""
-        if output in self._values or output not in self._terms:
+        is_steered = output in self._steered
+        if output in self._values or not (output in self._terms or is_steered):
             return
         i, name = output
         if output in self._under_way:
             raise AlgebraicLoop(self._blocks[i].system, f"{name} depends on itself")
         self._under_way.append(output)
-        value = _Reader(self, i).Read(self._terms[output])
+        if is_steered:
+            # The caller sets it, but its time must not depend on it.
+            self.Slot(i, self._steered[output])
+        else:
+            self._values[output] = _Reader(self, i).Read(self._terms[output])
         self._under_way.pop()
-        self._values[output] = value
 
     def Slot(self, i: int, name: str) -> slice:
         """Returns the slice of y of a block's input or, else, of its own output.

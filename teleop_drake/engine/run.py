@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.systems.framework import Context
 
 from teleop_drake.arrays import Array, Indices
-from teleop_drake.engine.advance import DONE, STUCK, advance, is_full
+from teleop_drake.engine.advance import DONE, REFUSED, STUCK, advance, is_full
 from teleop_drake.engine.delays import delay_at
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.past import ReadPast
@@ -22,6 +22,7 @@ from teleop_drake.engine.problem import (
     Memory,
     Past,
     Problem,
+    Steering,
     Transitions,
     make_memory,
 )
@@ -33,9 +34,11 @@ from teleop_drake.jit.typed_code import CompileTyped
 from teleop_drake.jit.typed_values import EVALUATE, TypeOf
 from teleop_drake.kernel import Delay, Packet
 from teleop_drake.kernel.packet_line import PacketsBetween
+from teleop_drake.kernel.steered_line import RefusalOfDelay
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.piecewise import NUM_COEFFICIENTS, Pieces, fit_pieces
 from teleop_drake.numerics.step_polynomials import steps_of
+from teleop_drake.validation import ScenarioError
 
 _NO_PIECES = Pieces(np.empty((0, 2)), np.empty((0, NUM_COEFFICIENTS)))
 
@@ -200,6 +203,8 @@ class CompiledRun:
         if len(rows):
             visited = self.time, memory.x.copy(), memory.m.copy(), rows[-1]
             self.visited[_MAX_VISITED - 1 :] = [Visited(*visited)]
+        if status == REFUSED:
+            self.error = self._Refusal()
         if status == STUCK:
             # The message of Drake.
             self.failure = (
@@ -207,6 +212,23 @@ class CompiledRun:
                 f"({1e-14 * max(1.0, abs(self.time)):g})"
             )
         return rows
+
+    def _Refusal(self) -> ScenarioError:
+        """Returns the error of a delay that is a signal outside of its range."""
+        steering = self.problem.delays.steering
+        row = self.memory.rows[self.memory.counts[ROWS] - 1]
+        times = row[steering.controls]
+        is_time = steering.lengths == 0
+        k = int(np.argmax(is_time & ((times < -SAME) | (times > steering.longest))))
+        paths = [
+            block.path
+            for block, kernel in zip(
+                self.evaluator.blocks, self.evaluator.program.kernels, strict=True
+            )
+            for _ in kernel.delays
+        ]
+        path = paths[steering.delays[k]]
+        return RefusalOfDelay(path, times[k], steering.longest[k], self.time)
 
     def Feed(self, place: slice, values: Array) -> None:
         """Sets the value of an unconnected input from now on; signals jump.
@@ -274,13 +296,12 @@ class CompiledRun:
 
     def _MakeRoom(self) -> Memory:
         """Doubles the room for rows and breaks, or more; returns the memory."""
-        larger = {}
+        larger: dict[str, Any] = {}
         for name in ("row_times", "row_ends", "rows", "breaks"):
-            array = getattr(self.memory, name)
-            # Elements that are not written yet take no memory.
-            length = max(2 * len(array), _ROOM)
-            larger[name] = np.empty((length, *array.shape[1:]), array.dtype)
-            larger[name][: len(array)] = array
+            larger[name] = _Enlarged(getattr(self.memory, name))
+        steered = self.memory.steered
+        if steered is not None:
+            larger["steered"] = steered._replace(jumps=_Enlarged(steered.jumps))
         self.memory = self.memory._replace(**larger)
         if isinstance(self._memory, Packed):
             self._memory = Packed(self.memory)
@@ -315,21 +336,32 @@ class CompiledRun:
         self._first_row = max(0, self._first_row - first)
 
 
-# The compiled integrator, after its first use.
-_advance: list[Callable[..., int]] = []
+def _Enlarged(array: Array) -> Array:
+    """Returns an array with twice the room, or more, that begins with another one."""
+    # Elements that are not written yet take no memory.
+    length = max(2 * len(array), _ROOM)
+    larger = np.empty((length, *array.shape[1:]), array.dtype)
+    larger[: len(array)] = array
+    return larger
+
+
+# The compiled integrators after their first use, by whether there are delays whose time
+# is a signal.
+_advance: dict[bool, Callable[..., int]] = {}
 
 
 def _CompiledAdvance(system: Problem, memory: Memory) -> Callable[..., int]:
-    """Returns the compiled integrator; the same code integrates all programs.
+    """Returns the compiled integrator; the same code integrates all such programs.
 
     Args:
         system: The problem of any program; the types of its arrays are compiled.
         memory: The memory of that problem, for the same reason.
     """
-    if not _advance:
+    is_steered = memory.steered is not None
+    if is_steered not in _advance:
         types = map(TypeOf, (system, memory, 0.0, 0.0, 0.0))
-        _advance.append(CompileTyped(advance, (EVALUATE, *types)))
-    return _advance[0]
+        _advance[is_steered] = CompileTyped(advance, (EVALUATE, *types))
+    return _advance[is_steered]
 
 
 def MakeProblem(
@@ -351,10 +383,7 @@ def _Delays(program: Program, start: float, end: float, begin: float) -> Delays:
     delays = [delay for delay, _, _ in program.delays]
     packets = [np.reshape(_Packets(delay, begin, end), (-1, 3)) for delay in delays]
     pieces = [_PiecesOf(delay, start, end) for delay in delays]
-    times = [
-        _Shortest(x) if callable(delay.time) else delay.time
-        for delay, x in zip(delays, pieces, strict=True)
-    ]
+    times = [_Time(delay, x) for delay, x in zip(delays, pieces, strict=True)]
     rows = [
         (signal.start, output.start, output.stop - output.start)
         for _, signal, output in program.delays
@@ -370,6 +399,31 @@ def _Delays(program: Program, start: float, end: float, begin: float) -> Delays:
         piece_ranges=_Ranges([x.knots for x in pieces]),
         knots=np.concatenate([x.knots for x in (_NO_PIECES, *pieces)]),
         coefficients=np.concatenate([x.coefficients for x in (_NO_PIECES, *pieces)]),
+        steering=_Steering(program),
+    )
+
+
+def _Time(delay: Delay, pieces: Pieces) -> float:
+    """Returns the time of a delay in Delays.times, s."""
+    if isinstance(delay.time, str):
+        return math.inf
+    return _Shortest(pieces) if callable(delay.time) else delay.time
+
+
+def _Steering(program: Program) -> Steering:
+    """Returns the delays of a program whose time is a signal."""
+    found = [
+        (d, place.start, delay)
+        for d, ((delay, _, _), place) in enumerate(
+            zip(program.delays, program.controls, strict=True)
+        )
+        if place is not None
+    ]
+    return Steering(
+        delays=np.array([d for d, _, _ in found], np.int64),
+        controls=np.array([place for _, place, _ in found], np.int64),
+        lengths=np.array([delay.length for _, _, delay in found], float),
+        longest=np.array([delay.longest for _, _, delay in found], float),
     )
 
 

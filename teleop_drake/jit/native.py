@@ -210,7 +210,12 @@ def BoundEvaluate(library: Library, p: Array, dx: Array) -> Callable[[], None]:
 
 
 def Header(value: Any) -> list[int]:
-    """Returns the header of a named tuple: its arrays' addresses and dimensions."""
+    """Returns the header of a named tuple: its arrays' addresses and dimensions.
+
+    A field that is None has no place in it.
+    """
+    if value is None:
+        return []
     if isinstance(value, np.ndarray):
         return [_Address(value), *value.shape]
     if isinstance(value, (int, np.integer)):

@@ -2,8 +2,9 @@
 
 The functions must be written in a part of Python: numbers, arrays, named tuples of
 arrays, loops, conditions, and calls of functions in the same part. Types follow from
-the arguments, and a variable has one type. Other code raises an error with a note that
-names its line.
+the arguments, and a variable has one type. A field of a named tuple may be None; what
+`if field is not None` then excludes is not compiled. Other code raises an error with a
+note that names its line.
 
 Statements of control flow are translated here. Python itself executes all other
 statements and expressions, with `Value`s in the place of numbers and arrays: each
@@ -277,6 +278,15 @@ class _Function(ValueWriter):
             case ast.Assign(targets=[ast.Subscript()]) | ast.AugAssign() | ast.Expr():
                 code = compile(ast.Module([node], []), self._Where(), "exec")
                 exec(code, self._names, self._variables)
+            case ast.If(
+                test=ast.Compare(
+                    left=left, ops=[ast.IsNot()], comparators=[ast.Constant(value=None)]
+                ),
+                body=body,
+                orelse=orelse,
+            ):
+                # The type decides, so that the other branch makes no code.
+                self._Block(orelse if self._Evaluate(left) is None else body)
             case ast.If(test=test, body=body, orelse=orelse):
                 self._If(test, body, orelse)
             case ast.While(test=test, body=body, orelse=[]):

@@ -12,6 +12,7 @@ from teleop_drake.jit.scalar_code import (
     BOOLEAN,
     FLOAT,
     INTEGER,
+    NOTHING,
     CodeWriter,
     ConstantText,
     Instruction,
@@ -43,9 +44,11 @@ Type = Any
 
 
 def TypeOf(value: Any) -> Type:
-    """Returns the type of an argument."""
+    """Returns the type of an argument; None has its own."""
     if isinstance(value, Value):
         return value._kind
+    if value is None:
+        return NOTHING
     if isinstance(value, bool):
         return BOOLEAN
     if isinstance(value, (int, np.integer)):
@@ -71,6 +74,8 @@ def _NumSlots(kind: Type) -> int:
     """Returns how many numbers a type has in the header of a named tuple."""
     if isinstance(kind, TupleType):
         return sum(_NumSlots(inner) for _, inner in kind.fields)
+    if kind == NOTHING:
+        return 0
     return 1 + kind.num_dimensions if isinstance(kind, ArrayType) else 1
 
 
@@ -110,10 +115,12 @@ class Value(Symbol):
         result = BOOLEAN if operation in COMPARISONS else kind
         return Value(code, result, code.Do(Instruction(operation, kind, texts)))
 
-    def __getattr__(self, name: str) -> "Value":
-        """Returns a field of a named tuple."""
+    def __getattr__(self, name: str) -> "Value | None":
+        """Returns a field of a named tuple; None if its type is that of None."""
         place = 0
         for field, kind in getattr(self._kind, "fields", ()):
+            if field == name and kind == NOTHING:
+                return None
             if field == name:
                 return self._code.Field(kind, self._operand, place)
             place += _NumSlots(kind)

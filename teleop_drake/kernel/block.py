@@ -27,6 +27,7 @@ from teleop_drake.kernel.events import EndStep, EventBlock, Weakly
 from teleop_drake.kernel.kernel import Delay, Kernel
 from teleop_drake.kernel.packet_line import PacketLine
 from teleop_drake.kernel.parameters import BlockParameters
+from teleop_drake.kernel.steered_line import SteeredLine
 from teleop_drake.kernel.terms import ContextReader, ValueIn
 from teleop_drake.validation import Range, Refuse
 
@@ -208,8 +209,7 @@ class KernelBlock(_Rated, EventBlock):
         self.kernel_parameters = _MakeParameters(self, kernel, self.numeric_parameters)
         lines: dict[str, DelayLine | PacketLine] = {}
         for delay in kernel.delays:
-            is_packets = delay.shown is not None
-            line = PacketLine if is_packets else DelayLine
+            line = _LineOf(delay)
             lines[delay.output] = line(self, delay, _DelayName(kernel, delay))
         self.delays = tuple(lines.values())
         delayed = {output: (x.Eval, x.tickets) for output, x in lines.items()}
@@ -252,6 +252,13 @@ class KernelBlock(_Rated, EventBlock):
         times = [line.NextJumpTime(context) for line in self.delays]
         times += [x.After(context.get_time()) for x in self.ticks]
         return min(times, default=math.inf)
+
+
+def _LineOf(delay: Delay) -> type[DelayLine] | type[PacketLine]:
+    """Returns the class that implements a delay in Drake."""
+    if delay.shown is not None:
+        return PacketLine
+    return SteeredLine if isinstance(delay.time, str) else DelayLine
 
 
 def _Noting(declare: Callable[..., Any]) -> Callable[..., Any]:
@@ -297,7 +304,7 @@ def _MakeParameters(
     delays = {
         _DelayName(kernel, delay): delay.time
         for delay in kernel.delays
-        if delay.shown is None and not callable(delay.time)
+        if delay.is_constant
         if not block.has_fixed_delays
     }
     return BlockParameters(

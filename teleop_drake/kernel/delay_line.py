@@ -107,6 +107,7 @@ class DelayLine:
         tickets: The prerequisites of the output.
         repeating: The Simulators, or parts of them, that execute the updates of an
             instant until no signal changes any more.
+        stores_bends: Whether SetSent() stores the arrivals of bends.
 
     Args:
         block: The block, which has declared its inputs and its parameters.
@@ -114,6 +115,8 @@ class DelayLine:
         parameter: The name of the block's parameter that is the constant delay; not
             used if the delay varies.
     """
+
+    stores_bends = True
 
     def __init__(self, block: Any, delay: Delay, parameter: str):
         self._block = block
@@ -130,6 +133,8 @@ class DelayLine:
             block.all_parameters_ticket(),
         }
         shortest = delay.shortest if callable(delay.time) else delay.time
+        if isinstance(shortest, str):
+            shortest = math.inf
         interval = _SampleInterval(delay.max_sample_interval, shortest)
         if interval < math.inf:
             DeclareTicks(block, Ticks(interval), None)
@@ -151,6 +156,7 @@ class DelayLine:
         """Returns the constant delay of a Context in s, or the function T(t)."""
         if callable(self._delay.time):
             return self._delay.time
+        assert not isinstance(self._delay.time, str)
         values = self._block.kernel_parameters.In(context).values
         return values.get(self._parameter, self._delay.time)
 
@@ -273,7 +279,7 @@ class DelayLine:
     @property
     def is_constant(self) -> bool:
         """Whether the delay does not vary in a run."""
-        return not callable(self._delay.time)
+        return self._delay.is_constant
 
     def Sent(self, context: Context) -> SentSignal:
         """Returns the input signal up to the time of a Context."""

@@ -96,7 +96,12 @@ class Delay:
         initial_value: The output before the first sample arrives.
         time: The delay T in s, > 0, or a function that returns the delay T(t) in s of
             the output at the time t in s: continuous, of slope < 1. Not used with
-            packets.
+            packets. A string names the input of the block, or its result, that is T in
+            s or, with a `length`, the position of a conveyor.
+        length: The length of a conveyor, > 0. Its position, the signal `time`, turns at
+            events only. The output was sent the last time that the position was less by
+            this length. 0: `time` is a time.
+        longest: The longest delay T that is a signal, s.
         shortest: The minimum of T(t), s, > 0; no step of Drake's may be longer.
         nonsmooth_times: The times at which the slope of T(t) jumps, s.
         end: The time until which T(t), or the arrival of the packets, is known, s.
@@ -115,7 +120,9 @@ class Delay:
     signal: str
     output: str
     initial_value: Sequence[float]
-    time: float | Callable[[float], float] = math.inf
+    time: float | Callable[[float], float] | str = math.inf
+    length: float = 0.0
+    longest: float = math.inf
     shortest: float = 0.0
     nonsmooth_times: Sequence[float] = ()
     end: float = math.inf
@@ -124,6 +131,11 @@ class Delay:
     instants: Sequence[float] = ()
     shown: Callable[[int], float] | None = None
     extrapolates: bool = False
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether the delay is a number, which does not vary in a run."""
+        return not (callable(self.time) or isinstance(self.time, str) or self.shown)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,7 @@ from teleop_drake.blocks.operators.hand import HandOperator
 from teleop_drake.engine.constants import ConstantValues
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import AlgebraicLoop, InputsOf, OutputOf, Source
-from teleop_drake.engine.problem import BREAKS, ROWS, Memory
+from teleop_drake.engine.problem import BREAKS, JUMPS, ROWS, Memory
 from teleop_drake.engine.run import CompiledRun
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.rigid_body import RigidBodyTree
@@ -58,6 +58,7 @@ _ROW = re.compile(r"^\s*\|\s*(?:in|out)\s*\|\s*(\w+)\s*\|[^|]*\|\s*([^|]*?)\s*\|
 _START = (
     *("clock", "counts", "x", "m", "m_before", "y", "next_packets", "ticks"),
     *("breaks", "row_times", "row_ends", "rows"),
+    *("steered.marks", "steered.jumps"),
 )
 
 PERIOD = 0.02
@@ -67,7 +68,7 @@ PERIOD = 0.02
 _LONGEST_FLIGHTS = 60.0
 
 # The arrays of Memory that the page enlarges as a run needs more room.
-_GROWING = ("row_times", "row_ends", "rows", "breaks")
+_GROWING = ("row_times", "row_ends", "rows", "breaks", "steered.jumps")
 
 # Larger signals end a run, because their squares may overflow in a sum.
 _LARGEST = 1e150
@@ -247,7 +248,12 @@ def _PortTable(block: Any) -> dict[str, str]:
 
 
 def Fields(value: Any, path: str = "") -> dict[str, NDArray[Any]]:
-    """Returns the arrays in nested named tuples, keyed by their dotted names."""
+    """Returns the arrays in nested named tuples, keyed by their dotted names.
+
+    A field that is None has none.
+    """
+    if value is None:
+        return {}
     if isinstance(value, np.ndarray):
         return {path: value}
     return {
@@ -359,8 +365,14 @@ def _Begun(memory: Memory) -> dict[str, Array]:
     num_rows = memory.counts[ROWS]
     filled = dict.fromkeys(("row_times", "row_ends", "rows"), num_rows)
     filled["breaks"] = memory.counts[BREAKS]
+    if memory.steered is not None:
+        filled["steered.jumps"] = memory.steered.marks[JUMPS]
     fields = Fields(memory)
-    return {f"memory.{name}": fields[name][: filled.get(name)] for name in _START}
+    return {
+        f"memory.{name}": fields[name][: filled.get(name)]
+        for name in _START
+        if name in fields
+    }
 
 
 def MakeModel(

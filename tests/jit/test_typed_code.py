@@ -107,6 +107,34 @@ def test_machine_code_and_python_agree(t):
     np.testing.assert_allclose(results[1], results[0], rtol=1e-14)
 
 
+class Optional(NamedTuple):
+    other: np.ndarray | None
+    result: np.ndarray
+
+
+def add_other(work, n):
+    if work.other is not None:
+        work.result[0] = n + work.other[0]
+    else:
+        work.result[0] = n
+    return n
+
+
+@pytest.mark.parametrize("other", [None, np.array([5.0])])
+def test_a_field_that_is_none_has_no_code(other):
+    """What `is not None` excludes is not even translated: None has no element 0."""
+    work = Optional(other, np.zeros(1))
+    code = MakeTypedCode(add_other, [TypeOf(work), INTEGER])
+    library = Library(ObjectFile(code), "add_other")
+    kind = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)
+    header = np.array(Header(work), np.int64)
+    kind(library.Address("add_other"))(header.ctypes.data, 2)
+    expected = Optional(other, np.zeros(1))
+    add_other(expected, 2)
+    assert work.result == expected.result
+    assert ("fadd" in code) == (other is not None)
+
+
 def last_of(x, result, i):
     result[0] = x[2] + x[1] + x[i]
 
