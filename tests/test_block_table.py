@@ -25,7 +25,11 @@ from slopes import YES, Ports, Slopes
 from wasm_runs import AssertSame
 
 import teleop_drake
-from teleop_drake import AbstractDelay, MovingWindow
+from teleop_drake import (
+    AbstractDelay,
+    MovingWindow,
+    VariableTransportDelay,
+)
 from teleop_drake.blocks.operators.hand import HandOperator
 from teleop_drake.engine.check import Compare
 from teleop_drake.engine.evaluator import Evaluator
@@ -104,6 +108,10 @@ def Primitives() -> Diagram:
         if i:
             last = row[i - 1].get_output_port(0)
             builder.Connect(last, system.get_input_port())
+    conveyor = builder.AddNamedSystem("conveyor", VariableTransportDelay(0.2))
+    speed = builder.AddNamedSystem("speed", drake.ConstantVectorSource([1.0]))
+    for i in range(2):
+        builder.Connect(speed.get_output_port(), conveyor.get_input_port(i))
     pid = builder.AddNamedSystem("pid", PidController([2.0], [0.5], [1.0]))
     for i in range(pid.num_input_ports()):
         builder.Connect(row[0].get_output_port(0), pid.get_input_port(i))

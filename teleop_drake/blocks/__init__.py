@@ -85,6 +85,7 @@ __all__ = [
     "TrackingGains",
     "TransportDelay",
     "VariableDelay",
+    "VariableTransportDelay",
     "WaveMaster",
     "WaveSlave",
     "WaveVariablesConfig",

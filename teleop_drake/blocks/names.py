@@ -37,6 +37,7 @@ from teleop_drake.blocks.architectures.wave_variables import (
 )
 from teleop_drake.blocks.channels.abstract import AbstractDelay
 from teleop_drake.blocks.channels.base import ChannelConfig
+from teleop_drake.blocks.channels.conveyor import VariableTransportDelay
 from teleop_drake.blocks.channels.network import NetworkDelay
 from teleop_drake.blocks.channels.packet_network import PacketNetwork
 from teleop_drake.blocks.channels.packet_options import Receiver

@@ -208,6 +208,18 @@ class ChannelConfig(KindConfig, ABC):
         return np.asarray(sent, dtype=float) + self.delay
 
 
+def CheckedInterval(max_sample_interval: float | None) -> float:
+    """Returns the longest time in s between two samples of a delay that is a signal.
+
+    Raises:
+        ScenarioError: If it is not > 0 and finite.
+    """
+    if max_sample_interval is None:
+        return 0.01
+    CheckNumber("max_sample_interval", max_sample_interval, "s", above=0)
+    return max_sample_interval
+
+
 class ChannelBlock(FixedBlock):
     """Base of the channels' blocks, which deliver a vector signal later.
 
@@ -262,5 +274,6 @@ class ChannelBlock(FixedBlock):
     def _Declare(self, kernel: Kernel) -> None:
         size = len(self.initial_value)
         inputs = {"signal": size}
+        inputs |= {x.time: 1 for x in kernel.delays if isinstance(x.time, str)}
         outputs = {"delayed_signal": size}
         FixedBlock.__init__(self, "", kernel, inputs=inputs, outputs=outputs)

@@ -15,6 +15,7 @@ from teleop_drake.blocks.channels.base import (
     SHORTEST_TIME,
     ChannelBlock,
     ChannelConfig,
+    CheckedInterval,
     ConstantDelay,
 )
 from teleop_drake.blocks.channels.netem import Netem
@@ -28,6 +29,7 @@ from teleop_drake.validation import (
     FixedFields,
     Number,
     Refuse,
+    RefuseGiven,
     Within,
 )
 
@@ -309,29 +311,47 @@ class VariableDelay(ChannelBlock):
         delayed_signal(t) = signal(t - T(t))    for t - T(t) > t0
                           = initial_value       before
 
-    where t0 is the time at which the simulation starts. Because dT/dt < 1, no part of
-    the signal is delivered twice or in the wrong order.
+    where t0 is the time at which the simulation starts. T(t) is a function of time, the
+    `profile`, or a signal, the input `delay`. This is a variable time delay: T belongs
+    to the time of arrival. See VariableTransportDelay for what travels on a conveyor or
+    in a pipe.
 
     | port | name           | size | unit      |
     |------|----------------|------|-----------|
     | in   | signal         | size | any       |
+    | in   | delay          | 1    | s         |
     | out  | delayed_signal | size | of signal |
 
-    State and treatment of jumps: those of DelayLine.
+    The input `delay` exists without a profile only.
+
+    A profile has dT/dt < 1, so that no part of the signal is delivered twice or in the
+    wrong order. A signal T may have any slope, and may jump by an event: the output
+    then goes backwards through the signal, or omits a part of it. T may depend on the
+    state, and on the outputs of other delays but not on this one's. If it is < 0 or
+    > maximum_delay at the end of a step, the run is refused.
+
+    State and treatment of jumps: those of DelayLine or, without a profile, SteeredLine.
 
     Initial value: `initial_value` is delivered until the first sample arrives.
 
-    Direct feedthrough: none.
+    Direct feedthrough: none with a profile; else from both inputs, because T may be 0.
 
-    It does not extrapolate, so no step can be longer than the smallest delay.
+    Steps: with a profile, no step can be longer than the smallest delay. A signal T may
+    be shorter than a step, which is then repeated until it agrees with its own output.
+    In Drake's Simulator, such an output is interpolated within the step, and no step is
+    longer than max_sample_interval.
 
     Args:
-        profile: T(t) in s, at least SHORTEST_TIME and of slope < 1.
+        profile: T(t) in s, at least SHORTEST_TIME and of slope < 1. None: T is the
+            input `delay`.
         size: Width of the signal, >= 1.
         initial_value: The output before the first sample arrives (size); zeros if None.
         max_sample_interval: Longest time between two samples in s, at most the
             smallest delay; infinity: one sample for each step of the integrator. None:
-            0.01 s, or the smallest delay if that is less.
+            0.01 s, or the smallest delay if that is less. Without a profile, > 0 and
+            finite.
+        maximum_delay: The longest T in s, > 0, for which samples are stored; required
+            without a profile, and not allowed with one.
 
     Raises:
         ValueError: If a parameter is outside its range.
@@ -339,12 +359,25 @@ class VariableDelay(ChannelBlock):
 
     def __init__(
         self,
-        profile: DelayProfile,
-        size: int,
+        profile: DelayProfile | None = None,
+        size: int = 1,
         initial_value: Sequence[float] | None = None,
         *,
         max_sample_interval: float | None = None,
+        maximum_delay: float | None = None,
     ):
+        if profile is None:
+            CheckNumber("maximum_delay", maximum_delay, "s", above=0)
+            ChannelBlock.__init__(
+                self, delay=0.0, size=size, initial_value=initial_value
+            )
+            self.DeclareDelay(
+                time="delay",
+                longest=maximum_delay,
+                max_sample_interval=CheckedInterval(max_sample_interval),
+            )
+            return
+        RefuseGiven("left out with a profile", maximum_delay=maximum_delay)
         profile.CheckContinuous()
         ChannelBlock.__init__(
             self, delay=profile.minimum, size=size, initial_value=initial_value
