@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks.delay_standard import tasks
+from benchmarks.delay_standard import signal_tasks, tasks
 from benchmarks.delay_standard.by_steps import by_steps
 from benchmarks.delay_standard.simulator import ANSWERS
 from benchmarks.delay_standard.table import ADAPTERS, answers, verdict
@@ -15,7 +15,7 @@ from benchmarks.delay_standard.write_references import (
     reference_text,
 )
 from grids import Slow
-from scipy.integrate import solve_ivp
+from scipy.integrate import cumulative_simpson, solve_ivp
 
 from teleop_drake.cli.main import main
 from teleop_drake.cli.reference_runs import Compare, Names, ReadTable
@@ -229,6 +229,33 @@ def test_the_bounce_is_what_scipy_finds_between_events():
 
 
 # Packets, by a clock of milliseconds that looks into the mail at each tick.
+
+
+def test_delays_that_are_signals_are_what_other_methods_find():
+    """The state by Heun's method; the conveyor by the integral of its velocity."""
+    times = Columns("delay_signal")["time"]
+    sent = times - 0.12 - 0.08 * np.cos(20 * times)
+    AssertSame(np.sin(3 * np.maximum(sent, 0)), "delay_signal", "late", 1e-11)
+    x = np.array(signal_tasks._state_loop(lambda T: T, 1.0))
+    AssertSame(x[100::100][:60], "delay_state", "x", 1e-6)
+    columns = Columns("delay_conveyor")
+    for time, entered in zip(columns["time"], columns["entered"], strict=True):
+        grid = np.linspace(entered, time, 2001)
+        speed = 0.5 + np.sin(2 * grid)
+        gone = cumulative_simpson(speed[::-1], x=-grid[::-1], initial=0)
+        assert (gone[1:-1] < 0.3 + 1e-9).all()
+        if entered > 0:
+            assert gone[-1] == pytest.approx(0.3, abs=1e-9)
+
+
+def test_the_sampled_loop_is_what_a_recursion_gives():
+    x = [1.0, 1.0 - 4 * 0.06]
+    for _ in range(19):
+        x.append(x[-1] - 4 * (0.04 * x[-2] + 0.06 * x[-1]))
+    columns = Columns("delay_sampled")
+    at_samples = np.arange(4, 100, 5)
+    np.testing.assert_allclose(columns["time"][at_samples], np.arange(1, 21) / 10)
+    np.testing.assert_allclose(columns["x"][at_samples], x[1:], atol=1e-11)
 
 
 def test_packets_are_what_a_clock_finds():

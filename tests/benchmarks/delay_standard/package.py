@@ -12,10 +12,11 @@ from benchmarks.delay_standard.simulator import Input, Simulator
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator
+from signal_delays import Conveyor, Loop, Source, TimeDelay
 
 from teleop_drake import Compile
 from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.blocks.channels.variable import DelayProfile, VariableDelay
+from teleop_drake.blocks.channels.variable import VariableDelay
 from teleop_drake.kernel import Delay, FixedBlock, Kernel, Transition
 from teleop_drake.parameters import SetNumbers
 from teleop_drake.simulation import simulate
@@ -39,15 +40,17 @@ def source(signal: Input) -> FixedBlock:
     return block
 
 
-def take_turns() -> FixedBlock:
-    """Returns a block that shows `even` and `odd` by turns, from each fall on."""
-    turn = Transition(
-        mode=(lambda mode: 1 - mode, "mode"), period=SAW_PERIOD, offset=FIRST_FALL
+def sawtooth(start: float) -> FixedBlock:
+    """Returns a block whose output rises by half of the time, and falls at events."""
+    fall = Transition(
+        mode=(lambda falls: falls + 1, "mode"), period=SAW_PERIOD, offset=FIRST_FALL
     )
-    shown = (lambda m, even, odd: (1 - m) * even + m * odd, "mode", "even", "odd")
-    kernel = Kernel(outputs={"shown": shown}, transitions={"turn": turn})
-    inputs = {"even": 1, "odd": 1}
-    block = FixedBlock("turns", kernel, inputs=inputs, outputs={"shown": 1})
+
+    def delay(t, falls):
+        return start + (t - SAW_PERIOD * falls) / 2
+
+    kernel = Kernel(outputs={"T": (delay, "time", "mode")}, transitions={"fall": fall})
+    block = FixedBlock("sawtooth", kernel, inputs={}, outputs={"T": 1})
     block.DeclareDiscreteState([0.0])
     return block
 
@@ -205,30 +208,72 @@ class Package(Simulator):
         return self._simulate(builder, watchdog.get_output_port(), times)
 
     def varying_echo(self, signal, T, times):
-        """Delays have to be continuous in time: two that take turns are.
-
-        T rises for 0.2 s and falls at once; the one that is not shown falls slowly.
-        """
-        falls = FIRST_FALL + SAW_PERIOD * np.arange(6)
-        highest = T(FIRST_FALL - 1e-12)
-        lowest = T(FIRST_FALL + 1e-12)
-        # At the falls; the one that is shown first is high at the first fall.
-        high_first = [highest, lowest] * 3
-        low_first = [lowest, highest] * 3
-        delays = {
-            "even": [T(0.0), *high_first],
-            "odd": [highest + lowest - T(0.0), *low_first],
-        }
+        """T rises for 0.2 s and falls at once; the signal goes forward there."""
         builder = DiagramBuilder()
-        port = builder.AddSystem(source(signal)).get_output_port()
-        turns = builder.AddSystem(take_turns())
-        for name, values in delays.items():
-            trace = ([0.0, *falls], values)
-            late = VariableDelay(profile=DelayProfile(delay=0.0, trace=trace), size=1)
-            builder.AddNamedSystem(name, late)
-            builder.Connect(port, late.get_input_port())
-            builder.Connect(late.get_output_port(), turns.GetInputPort(name))
-        return self._simulate(builder, turns.get_output_port(), times)
+        sender = builder.AddSystem(source(signal))
+        steering = builder.AddSystem(sawtooth(float(T(0.0))))
+        late = builder.AddNamedSystem("late", VariableDelay(size=1, maximum_delay=0.2))
+        builder.Connect(sender.get_output_port(), late.GetInputPort("signal"))
+        builder.Connect(steering.get_output_port(), late.GetInputPort("delay"))
+        return self._simulate(builder, late.get_output_port(), times)
+
+    def signal_delay(self, times):
+        def wave(t):
+            return np.array([np.sin(3 * t)])
+
+        def swings(t):
+            return np.array([0.12 + 0.08 * np.cos(20 * t)])
+
+        diagram = TimeDelay(Source(wave), Source(swings))
+        return self._out(diagram, times)
+
+    def _out(self, diagram, times, name="out"):
+        config = SimulatorConfig(
+            integration_scheme="runge_kutta5", accuracy=1e-10, max_step_size=0.01
+        )
+        end = times[-1] + 0.01
+        run = simulate(diagram, duration=end, engine=self._engine, simulator=config)
+        return run.Interpolate(name, times)[:, 0]
+
+    def state_delay(self, times):
+        diagram, _ = Loop(
+            lambda t, late: late / (2 * np.sqrt(1 + t)),
+            lambda t, x: t - x + np.sqrt(2.0),
+            (0.0, 1.0),
+            maximum_delay=3.0,
+        )
+        return self._out(diagram, times, "x")
+
+    def conveyor(self, times):
+        def clock(t):
+            return np.array([t])
+
+        def velocity(t):
+            return np.array([0.5 + np.sin(2 * t)])
+
+        return self._out(Conveyor(Source(clock), Source(velocity), 0.3), times)
+
+    def sampled(self, times):
+        """The last sample is a mode, which the delay of 0.04 s delivers."""
+        sample = Transition(mode=(lambda x: x, "x"), period=0.1)
+        hold = FixedBlock(
+            "hold",
+            Kernel(
+                outputs={"held": (lambda m: -4 * m, "mode")},
+                transitions={"sample": sample},
+            ),
+            inputs={"x": 1},
+            outputs={"held": 1},
+            mode=[0.0],
+        )
+        builder = DiagramBuilder()
+        builder.AddSystem(hold)
+        plant = builder.AddNamedSystem("plant", Integrator([1.0]))
+        late = builder.AddNamedSystem("late", TransportDelay(0.04, 1))
+        builder.Connect(plant.get_output_port(), hold.get_input_port())
+        builder.Connect(hold.get_output_port(), late.get_input_port())
+        builder.Connect(late.get_output_port(), plant.get_input_port())
+        return self._simulate(builder, plant.get_output_port(), times)[:, 0]
 
     def switched_echo(self, signal, delays, times):
         """Runs of one program, or of one Diagram with another Context each."""

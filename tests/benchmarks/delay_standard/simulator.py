@@ -72,6 +72,22 @@ class Simulator:
         """Returns x of the PD loop with two delays (N)."""
         raise NotOffered("no loops")
 
+    def signal_delay(self, times: Array) -> Array:
+        """Returns what delay_signal shows (N)."""
+        raise NotOffered("no adapter for it")
+
+    def state_delay(self, times: Array) -> Array:
+        """Returns x of delay_state (N)."""
+        raise NotOffered("no adapter for it")
+
+    def conveyor(self, times: Array) -> Array:
+        """Returns what leaves the conveyor in delay_conveyor (N)."""
+        raise NotOffered("no adapter for it")
+
+    def sampled(self, times: Array) -> Array:
+        """Returns x of delay_sampled (N)."""
+        raise NotOffered("no adapter for it")
+
     def packets(self, times: Array) -> Array:
         """Returns what the receiver shows in delay_packets (N)."""
         raise NotOffered("no packets")
@@ -166,5 +182,9 @@ ANSWERS: dict[str, Callable[[Simulator, Array], Array]] = {
     "delay_switch": lambda simulator, times: simulator.switched_echo(
         SHIFTED_RAMP, [float(T) for T in SWITCHED.values()], times
     ),
+    "delay_signal": lambda simulator, times: simulator.signal_delay(times),
+    "delay_state": lambda simulator, times: simulator.state_delay(times),
+    "delay_conveyor": lambda simulator, times: simulator.conveyor(times),
+    "delay_sampled": lambda simulator, times: simulator.sampled(times),
 }
 """By task, the signals of a simulator at times, a column each."""

@@ -13,6 +13,12 @@ from benchmarks.delay_standard import closed_forms
 from benchmarks.delay_standard.by_steps import by_steps
 from benchmarks.delay_standard.closed_forms import Ball, pd_loop, scalar_loop
 from benchmarks.delay_standard.packet_tasks import packets, stale_command
+from benchmarks.delay_standard.signal_tasks import (
+    conveyor,
+    sampled,
+    signal_delay,
+    state_delay,
+)
 from benchmarks.delay_standard.task import (
     EXACT,
     MILLISECOND,
@@ -374,4 +380,8 @@ TASKS: dict[str, Callable[[], Task]] = {
     "delay_bounce": bounce,
     "delay_tie": tie,
     "delay_switch": switch,
+    "delay_signal": signal_delay,
+    "delay_state": state_delay,
+    "delay_conveyor": conveyor,
+    "delay_sampled": sampled,
 }
