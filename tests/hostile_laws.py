@@ -340,6 +340,15 @@ class Right:
         lists = np.sum([a, 1.0]), np.clip([a], -0.1, 0.1)[0], np.searchsorted([0, 1], a)
         return np.array([*angles, *waves, *rests, *lists, *x[::-1]])
 
+    def remainders_and_lengths(x):
+        a, b = x[0], x[1]
+        rests = a % 0.7, a % -0.7, np.mod(a, b), 2.5 % b, math.fmod(a, 0.3), np.sign(a)
+        lengths = np.hypot(1e200 * a, 1e200), math.hypot(a, b), np.trunc(3 * a)
+        ends = np.max(x), np.min(x), np.mean(x), math.radians(a), np.rad2deg(b)
+        table = np.interp(a, [-0.5, 0.0, 1.0], [1.0, -1.0, 2.0]), np.isclose(a, b)
+        counts = int(7 * a) % 3, int(7 * a) % -3
+        return np.array([*rests, *lengths, *ends, *table, *counts])
+
     def matrices_of_numpy(x):
         A, M = np.outer(x[:3], x[3:]) + np.diag(x[1:4]), x.reshape(2, 3)
         solutions = np.linalg.solve(A, x[:3]), np.linalg.inv(A)[0], np.sum(M, axis=0)
@@ -530,20 +539,11 @@ class Refused:
         y[0] = 0.7
         return y
 
-    def size_of_large_numbers(x):
-        return np.hypot(1e200 * x, 1e200)  # here
-
-    def size_of_a_large_number(x):
-        return np.array([math.hypot(1e200 * x[0], 1e200)])  # here
-
     def signs_of_eigenvectors(x):
         return np.linalg.eigh(np.outer(x, x))[1][0]  # here
 
     def signs_of_singular_vectors(x):
         return np.linalg.svd(x.reshape(2, 3))[0][0]  # here
-
-    def remainder(x):
-        return np.array([x[0] % 0.7])  # here
 
     def quotient(x):
         return np.array([x[0] // 0.7])  # here

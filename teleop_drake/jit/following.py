@@ -73,6 +73,10 @@ def Follow(graph: Graph, value: Any, name: str) -> Any:
         value: The value: a function, module, object, number or container.
         name: The name of the value, for messages.
     """
+    if graph.stand_in is not None:
+        found = graph.stand_in(value, name)
+        if found is not None:
+            return found
     # Functions of numpy, math and Python.
     try:
         if value in REPLACED:
@@ -234,6 +238,8 @@ class _Followed(Replacement):
             return module if is_of_numpy else follow(module, name)
 
         own = {**BUILTINS, "__import__": Import}
+        if self._graph.stand_in is not None:
+            own["super"] = follow(super, "super")
         names = {**function.__globals__, "__builtins__": own}
         for name in {name for code in codes for name in code.co_names} & names.keys():
             names[name] = follow(names[name], name)

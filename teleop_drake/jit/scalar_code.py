@@ -47,9 +47,9 @@ _INTRINSICS = (
 )  # fmt: skip
 # The functions of C's mathematics library that have no intrinsic.
 _LIBRARY_FUNCTIONS = (
-    "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh",
+    "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "fmod", "hypot",
 )  # fmt: skip
-_WITH_TWO_SIDES = ("pow", "atan2")
+_WITH_TWO_SIDES = ("pow", "atan2", "fmod", "hypot")
 
 # Operations with an instruction of their own, to which the operands are appended.
 _INSTRUCTIONS = {

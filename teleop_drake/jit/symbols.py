@@ -265,7 +265,7 @@ def _Logical(operation: str, a: Any, b: Any) -> Any:
 NUMPY: dict[str, Callable[..., Any]] = {}
 """The functions that call numpy's functions on Numbers, set by traced_numpy.
 
-They are `ufunc`, for numpy's ufuncs, and `function`, for all others.
+They are `ufunc`, for numpy's ufuncs, `function`, for all others, and `remainder`.
 """
 
 
@@ -336,6 +336,12 @@ class Number(Dispatched, Symbol):
         if self.kind is bool:
             return self
         return self._Alike("fabs")
+
+    def __mod__(self, other: Any) -> Any:
+        return NUMPY["remainder"](self, other)
+
+    def __rmod__(self, other: Any) -> Any:
+        return NUMPY["remainder"](other, self)
 
     def _Alike(self, operation: str) -> "Number":
         """Returns an operation on the Number, which has the same kind."""

@@ -4,6 +4,7 @@ A function of numpy that is not defined here is refused when it is called with N
 """
 
 import builtins
+import copy
 import math
 import operator
 from collections.abc import Callable, Sequence
@@ -11,6 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from teleop_drake.jit.array_functions import (
+    Interp,
+    Inverse,
+    IsClose,
+    Remainder,
+    Sign,
+    Solve,
+)
 from teleop_drake.jit.symbolic_arrays import (
     BOOLEAN,
     REAL,
@@ -65,6 +74,10 @@ def _Opposite(a: Any) -> Any:
     if not IsBoolean(a):
         raise Untraceable("~ of a number")
     return Not(a)
+
+
+def _Scaled(factor: float) -> Callable[..., Any]:
+    return lambda a: a * factor
 
 
 def _Logical(combine: Callable[..., Any]) -> Callable[..., Any]:
@@ -162,38 +175,6 @@ def _SearchSorted(a: Any, x: Any, side: str = "left") -> Any:
     return count
 
 
-def _Solve(A: Any, B: Any) -> Any:
-    """Returns A^-1 B by Gaussian elimination with partial pivoting."""
-    A = Objects(A)
-    B = Objects(B)
-    n = len(A)
-    if A.ndim != 2 or n != A.shape[1]:
-        raise Untraceable("np.linalg of a matrix that is not square")
-    # The augmented matrix [A B]. A plant without joints has n = 0.
-    rows = AsNumbers(np.hstack((A, B.reshape(n, math.prod(B.shape[1:])))))
-    for i in range(n):
-        # Exchanges move the largest element of column i at or below row i to row i.
-        for j in range(i + 1, n):
-            is_larger = abs(rows[j, i]) > abs(rows[i, i])
-            upper = Where(is_larger, rows[j], rows[i])
-            rows[j] = Where(is_larger, rows[i], rows[j])
-            rows[i] = upper
-        for j in range(i + 1, n):
-            pivot = Where(rows[i, i] == 0.0, 1.0, rows[i, i])
-            rows[j] = rows[j] - rows[j, i] / pivot * rows[i]
-    # Back substitution.
-    solution = rows[:, n:]
-    for i in reversed(range(n)):
-        for j in range(i + 1, n):
-            solution[i] = solution[i] - rows[i, j] * solution[j]
-        solution[i] = solution[i] * (1.0 / rows[i, i])
-    return solution.reshape(B.shape)
-
-
-def _Inverse(A: Any) -> Any:
-    return _Solve(A, np.eye(len(A)))
-
-
 def _Norm(a: Any) -> Any:
     """Returns the Euclidean norm of a vector, or the Frobenius norm of a matrix."""
     a = AsNumbers(a)
@@ -276,10 +257,11 @@ def _Plain(value: Any) -> Any:
 
 NUMPY["ufunc"] = _CallUfunc
 NUMPY["function"] = _CallFunction
+NUMPY["remainder"] = Remainder
 
 # The tables. First the operations of a graph, by their names in numpy; the values are
 # their names in `math` and in the graph.
-_OPERATIONS = {
+OPERATIONS = {
     "arcsin": "asin", "arccos": "acos", "arctan": "atan", "arctan2": "atan2",
     "sin": "sin", "cos": "cos", "tan": "tan", "sinh": "sinh", "cosh": "cosh",
     "tanh": "tanh", "exp": "exp", "log": "log", "sqrt": "sqrt",
@@ -288,10 +270,14 @@ _OPERATIONS = {
 _ELEMENTWISE: dict[Any, Callable[..., Any]] = {
     **{
         getattr(np, usual): _Operation(name, getattr(np, usual))
-        for usual, name in _OPERATIONS.items()
+        for usual, name in OPERATIONS.items()
     },
     np.floor: _Operation("floor", np.floor),
-    np.ceil: _Operation("ceil", np.ceil),
+    np.ceil: _Operation("ceil", np.ceil), np.trunc: _Operation("trunc", np.trunc),
+    np.sign: Sign, np.remainder: Remainder,
+    np.fmod: _Operation("fmod", np.fmod), np.hypot: _Operation("hypot", np.hypot),
+    np.deg2rad: _Scaled(math.pi / 180), np.rad2deg: _Scaled(180 / math.pi),
+    np.radians: _Scaled(math.pi / 180), np.degrees: _Scaled(180 / math.pi),
     np.less: operator.lt, np.less_equal: operator.le,
     np.greater: operator.gt, np.greater_equal: operator.ge,
     np.equal: operator.eq, np.not_equal: operator.ne,
@@ -332,9 +318,12 @@ def _Method(name: str) -> Callable[..., Any]:
 FUNCTIONS: dict[Any, Callable[..., Any]] = {
     **{function: _Structural(function) for function in _STRUCTURAL},
     np.sum: _Method("sum"), np.any: _Method("any"), np.all: _Method("all"),
+    np.max: _Method("max"), np.min: _Method("min"), np.squeeze: _Method("squeeze"),
+    np.mean: lambda a: AsNumbers(a).sum() / np.size(a),
+    np.isclose: IsClose, np.interp: Interp,
     np.zeros_like: _ZerosLike,
     np.where: Where, np.clip: _Clip, np.searchsorted: _SearchSorted,
-    np.linalg.solve: _Solve, np.linalg.inv: _Inverse, np.linalg.norm: _Norm,
+    np.linalg.solve: Solve, np.linalg.inv: Inverse, np.linalg.norm: _Norm,
 }  # fmt: skip
 """The replacements of other functions of numpy."""
 
@@ -405,6 +394,11 @@ def _Log(value: Any, *base: Any) -> Any:
     return _ELEMENTWISE[np.log](value) if not base else math.log(value, *base)
 
 
+def _OfPlain(usual: Callable[..., Any], own: Callable[..., Any]) -> Callable[..., Any]:
+    """Returns a function of `math`, extended to Numbers by another function."""
+    return lambda *values: own(*values) if HasNumbers(values) else usual(*values)
+
+
 _ARRAYS = (
     np.array, np.asarray, np.empty, np.eye, np.full, np.ones, np.zeros,
 )  # fmt: skip
@@ -421,9 +415,14 @@ _OF_PYTHON: dict[Any, Any] = {
 REPLACED: dict[Any, Any] = {
     **{
         getattr(math, name): _Operation(name, getattr(math, name))
-        for name in _OPERATIONS.values()
+        for name in OPERATIONS.values()
     },
     math.log: _Log,
+    math.hypot: _OfPlain(math.hypot, np.hypot),
+    math.fmod: _OfPlain(math.fmod, np.fmod),
+    math.fabs: _OfPlain(math.fabs, abs), copy.copy: lambda value: value.copy(),
+    math.radians: _OfPlain(math.radians, np.deg2rad),
+    math.degrees: _OfPlain(math.degrees, np.rad2deg),
     **{function: _Array(function) for function in _ARRAYS},
     **_OF_PYTHON,
     np.float64: _Float,
@@ -435,8 +434,8 @@ REPLACED: dict[Any, Any] = {
 # because they have effects or would show that a value from outside has a replacement.
 _KNOWS_NO_NUMBERS = ("hasattr", "getattr")
 _REFUSED = (
-    "callable", "compile", "dir", "eval", "exec", "globals", "id", "input", "locals",
-    "next", "open", "type", "vars",
+    "breakpoint", "callable", "compile", "dir", "eval", "exec", "globals", "id",
+    "input", "locals", "next", "open", "print", "type", "vars",
 )  # fmt: skip
 BUILTINS: dict[str, Any] = {
     **vars(builtins),

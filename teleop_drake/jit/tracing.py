@@ -115,6 +115,10 @@ class Graph:
         followed: The replacements of traced functions, keyed by the functions.
         codes: The code of the traced functions, which may operate on Numbers.
         given: The places in `nodes` of the elements of each array of Given().
+        stand_in: A function of a value from outside of the traced functions, and of its
+            name. It returns what replaces the value; None: what Follow() chooses.
+        folders: Folders of code that may operate on Numbers without being followed,
+            besides this one and numpy's.
     """
 
     is_given_finite: bool = True
@@ -122,6 +126,8 @@ class Graph:
     followed: dict[Any, Any] = field(default_factory=dict)
     codes: set[CodeType] = field(default_factory=set)
     given: dict[str, range] = field(default_factory=dict)
+    stand_in: Callable[[Any, str], Any] | None = None
+    folders: tuple[Path, ...] = ()
     _places: dict[Node, Ref] = field(default_factory=dict)
     _infinite: set[int] = field(default_factory=set)
     # Whether the function that is being traced is one of the package.
@@ -211,7 +217,7 @@ class Graph:
         """Refuses code that operates on Numbers without being followed."""
         frame = sys._getframe(2)
         while self._assumed is not None and frame.f_code not in self.codes:
-            if not _IsOwn(frame.f_code.co_filename):
+            if not _IsOwn(frame.f_code.co_filename, self.folders):
                 name = frame.f_code.co_qualname
                 raise Untraceable(f"{name}() works with numbers and is not followed")
             assert frame.f_back is not None
@@ -247,7 +253,7 @@ class Graph:
         self._is_of_package = _IsOfPackage(function)
         try:
             if self._assumed is None:
-                return self._CallLaw(lambda: function(*_Copied(arguments), **keywords))
+                return self.CallLaw(lambda: function(*_Copied(arguments), **keywords))
             call = functools.partial(function, *arguments, **keywords)
             if all(isinstance(x, _SINGLE) for x in (*arguments, *keywords.values())):
                 return self._CallOfNumbers(call)
@@ -255,7 +261,7 @@ class Graph:
         finally:
             self._is_of_package = was_of_package
 
-    def _CallLaw(self, call: Callable[[], Any]) -> Any:
+    def CallLaw(self, call: Callable[[], Any]) -> Any:
         """Calls the outermost function, with new copies of its arrays on each way."""
         with np.errstate(all="ignore"):
             ways = self._EachWay(call)
@@ -319,9 +325,9 @@ def _IsOfPackage(function: FunctionType) -> bool:
 
 
 @functools.cache
-def _IsOwn(file: str) -> bool:
-    """Returns whether a file of code is in this folder or in that of numpy."""
-    folders = Path(__file__).parent, Path(np.__file__).parent
+def _IsOwn(file: str, others: tuple[Path, ...]) -> bool:
+    """Returns whether a file of code is in this folder, numpy's, or one of others."""
+    folders = Path(__file__).parent, Path(np.__file__).parent, *others
     return any(folder in Path(file).parents for folder in folders)
 
 

@@ -26,7 +26,7 @@ export class Loop {
     const table = new WebAssembly.Table({ initial: 2, element: "anyfunc" });
     const env = { __linear_memory: this.memory, __indirect_function_table: table };
     for (const { name, kind } of WebAssembly.Module.imports(module)) {
-      if (kind === "function") env[name] = Math[name];
+      if (kind === "function") env[name] = Math[name] ?? ((a, b) => a % b); // fmod
     }
     await WebAssembly.instantiate(module, { env });
     this.run = table.get(1);
