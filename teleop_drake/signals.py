@@ -126,19 +126,13 @@ def SignalsOf(system: System) -> dict[str, OutputPort]:
     of its systems, named `system.port`. A system without a name is named after its
     class, with a number if there are several. For the systems of a scenario, see
     NamedSignals().
-
-    Raises:
-        ValueError: If there is no vector output.
     """
     parts: list[System] = system.GetSystems() if isinstance(system, Diagram) else []
-    signals = {port.get_name(): port for port in VectorOutputs(system)} or {
+    return {port.get_name(): port for port in VectorOutputs(system)} or {
         f"{name}.{port.get_name()}": port
         for part, name in zip(parts, NamesOf(parts), strict=True)
         for port in VectorOutputs(part)
     }
-    if not signals:
-        Refuse(f"outputs of {NameOf(system)}", None, "one vector or more")
-    return signals
 
 
 Signals = Sequence[str] | Mapping[str, OutputPort]

@@ -1,6 +1,7 @@
 """Comparison of a program with Drake's callbacks, for a user's own blocks and laws."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 
 import numpy as np
 from pydrake.systems.analysis import (
@@ -14,7 +15,9 @@ from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn, DiscreteState, SetDiscreteState
 from teleop_drake.engine.block_events import OwnContext
 from teleop_drake.engine.evaluator import Evaluator, IsDelayed
-from teleop_drake.engine.run import Visited
+from teleop_drake.engine.flatten import Block, Source
+from teleop_drake.engine.leaf_tracing import IsPlainLeaf
+from teleop_drake.engine.run import CompiledRun, Visited
 from teleop_drake.kernel import KernelBlock
 from teleop_drake.kernel.events import Ticks
 
@@ -34,11 +37,20 @@ class KernelDisagrees(ValueError):
     """Raised for a kernel whose values differ from those of its block's callbacks."""
 
 
+class ReadingDisagrees(KernelDisagrees):
+    """Raised for a block in Python that was not read as Drake calls it.
+
+    Nobody wrote its kernel, so the block runs in Drake's Simulator.
+    """
+
+
 def HoldsOwnCode(evaluator: Evaluator) -> bool:
     """Returns whether a program contains a user's own block or function."""
     blocks = [type(block.system) for block in evaluator.blocks]
     code = [*blocks, *evaluator.program.laws]
-    return any(item.__module__.partition(".")[0] not in _TESTED for item in code)
+    return bool(evaluator.read) or any(
+        item.__module__.partition(".")[0] not in _TESTED for item in code
+    )
 
 
 def CheckVisited(
@@ -73,6 +85,24 @@ def CheckVisited(
             context.SetTime(t)
             context.SetContinuousState(x + _BESIDE * (1 + np.abs(x)))
             _CompareAll(evaluator, system, context, y)
+
+
+def CheckRead(evaluator: Evaluator, context: Context) -> None:
+    """Compares Python code that was read with Drake, at the first steps of a run.
+
+    Args:
+        context: The Context of the evaluator's system where runs begin.
+
+    Raises:
+        ReadingDisagrees: If Drake calls the code in another way.
+    """
+    if not evaluator.read:
+        return
+    end = context.get_time() + 1.0
+    run = CompiledRun(evaluator, context, end=end, accuracy=1e-6, max_step=0.1)
+    run.Advance(end)
+    states = [run.start, *run.visited]
+    CheckVisited(evaluator, evaluator.system, context.Clone(), states)
 
 
 def _CompareAll(
@@ -111,6 +141,15 @@ def Compare(
     y, dx = evaluator.Evaluate(context, delayed)
     program = evaluator.program
     contexts = ContextsIn(system, context)
+    errors: dict[Source, KernelDisagrees] = {}
+
+    def Note(i: int, name: str, value: Array, expected: Callable[[], Array]) -> None:
+        block = evaluator.blocks[i]
+        try:
+            _CompareVector(block, name, value, _ExpectedOf(block, expected))
+        except KernelDisagrees as error:
+            errors[Source(i, name)] = error
+
     for output, part in program.signals.items():
         block = evaluator.blocks[output.block]
         kernel = program.kernels[output.block]
@@ -121,13 +160,37 @@ def Compare(
             continue
         port = block.system.GetOutputPort(output.port)
         if port.get_data_type() == PortDataType.kVectorValued:
-            expected = port.Eval(contexts[block.system])
-            _CompareVector(block.path, output.port, y[part], expected)
-    for block, part in zip(evaluator.blocks, program.states, strict=True):
-        if block.system.num_continuous_states() == 0:
+            Note(*output, y[part], partial(port.Eval, contexts[block.system]))
+    for i, part in enumerate(program.states):
+        leaf = evaluator.blocks[i].system
+        if leaf.num_continuous_states() == 0:
             continue  # Some of Drake's discrete systems refuse the next call.
-        rate = block.system.EvalTimeDerivatives(contexts[block.system])
-        _CompareVector(block.path, "rate", dx[part], rate.CopyToVector())
+        Note(i, "rate", dx[part], partial(_RateOf, leaf, contexts[leaf]))
+    # Name a block whose inputs agree, rather than one that receives a wrong signal.
+    for (i, _), error in errors.items():
+        if not errors.keys() & set(evaluator.blocks[i].inputs.values()):
+            raise error
+    for error in errors.values():
+        raise error
+
+
+def _RateOf(system: System, context: Context) -> Array:
+    rate: Array = system.EvalTimeDerivatives(context).CopyToVector()
+    return rate
+
+
+def _ExpectedOf(block: Block, evaluate: Callable[[], Array]) -> Array:
+    """Returns what Drake evaluates for a block.
+
+    Raises:
+        ReadingDisagrees: If the Python code of a block that was read raises an error.
+    """
+    try:
+        return evaluate()
+    except Exception as error:
+        if not IsPlainLeaf(block.system):
+            raise
+        raise ReadingDisagrees(f"{block.path}: {error}") from error
 
 
 def CompareTransitions(
@@ -153,13 +216,18 @@ def CompareTransitions(
         kernel = evaluator.program.kernels[i]
         if isinstance(block.system, KernelBlock):
             _CompareTerms(evaluator, i, contexts[block.system], y)
-        elif hasattr(block.system, "Kernel") and not kernel.delays:
+        elif _HasHandlers(block.system) and not kernel.delays:
             periodic = [x for x in kernel.transitions.values() if x.guard is None]
             due = {Ticks(x.period, x.offset).After(time) for x in periodic}
             for tick in sorted(due - {np.inf}):
                 context.SetTime(tick)
                 _CompareUpdate(evaluator, i, context, contexts[block.system], delayed)
             context.SetTime(time)
+
+
+def _HasHandlers(system: System) -> bool:
+    """Returns whether a block that is no KernelBlock has events in Python."""
+    return hasattr(system, "Kernel") or IsPlainLeaf(system)
 
 
 def _CompareTerms(evaluator: Evaluator, i: int, own: Context, y: Array) -> None:
@@ -176,7 +244,7 @@ def _CompareTerms(evaluator: Evaluator, i: int, own: Context, y: Array) -> None:
         for kind, value in zip(("guard", "mode"), functions, strict=True):
             if value is not None:
                 found = y[program.SignalOf(i, kind, name)]
-                _CompareVector(block.path, f"{kind} of {name}", found, value(own))
+                _CompareVector(block, f"{kind} of {name}", found, value(own))
 
 
 def _CompareUpdate(
@@ -201,14 +269,14 @@ def _CompareUpdate(
             f"kernel does not: {status.message()}"
         )
     kept = alone.get_continuous_state_vector().CopyToVector()
-    _CompareVector(block.path, "state after its event", x, kept)
+    _CompareVector(block, "state after its event", x, kept)
     before = DiscreteState(own)
     for is_discrete in (False, True):
         y, _ = evaluator.Evaluate(context, delayed)
         SetDiscreteState(own, _ModeAfter(evaluator, i, own, y, is_discrete))
     mode = DiscreteState(own)
     SetDiscreteState(own, before)
-    _CompareVector(block.path, "mode after its event", mode, DiscreteState(alone))
+    _CompareVector(block, "mode after its event", mode, DiscreteState(alone))
 
 
 def _ModeAfter(
@@ -230,12 +298,18 @@ def _ModeAfter(
     return after
 
 
-def _CompareVector(path: str, name: str, value: Array, expected: Array) -> None:
+def _CompareVector(block: Block, name: str, value: Array, expected: Array) -> None:
     """Raises KernelDisagrees, with the block's path, unless two vectors agree."""
     scale = max(1.0, np.nanmax(np.abs(expected), initial=0.0))
     tolerance = _TOLERANCE * scale
     if not np.isclose(value, expected, rtol=0, atol=tolerance, equal_nan=True).all():
+        found = np.array(expected).tolist()
+        if IsPlainLeaf(block.system):
+            raise ReadingDisagrees(
+                f"{block.path}: as read from its Python code, {name} = "
+                f"{value.tolist()}; Drake has {found}"
+            )
         raise KernelDisagrees(
-            f"{path}: its kernel says {name} = {value.tolist()}, the block "
-            f"{np.array(expected).tolist()}"
+            f"{block.path}: its kernel says {name} = {value.tolist()}, the block "
+            f"{found}"
         )

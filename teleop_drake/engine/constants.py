@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydrake.geometry import Meshcat
 from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import System
 from pydrake.systems.primitives import (
@@ -19,6 +20,7 @@ from pydrake.systems.primitives import (
 )
 
 from teleop_drake.arrays import Array
+from teleop_drake.engine.leaf_tracing import IsPlainLeaf
 from teleop_drake.signals import NameOf
 from teleop_drake.validation import ScenarioError
 
@@ -40,8 +42,20 @@ class _Constants(NamedTuple):
 
 def ConstantsOf(system: System) -> dict[str, Array]:
     """Returns the constants of a system by their names; empty if none can change."""
+    if IsPlainLeaf(system):
+        return _SlidersOf(system)
     kind = _KINDS.get(type(system))
     return {} if kind is None else kind.read(system)
+
+
+def _SlidersOf(system: System) -> dict[str, Array]:
+    """Returns the values of the sliders of each Meshcat that a user's block keeps."""
+    return {
+        name: np.array(meshcat.GetSliderValue(name))
+        for meshcat in vars(system).values()
+        if isinstance(meshcat, Meshcat)
+        for name in meshcat.GetSliderNames()
+    }
 
 
 def WithConstants(system: System, values: Mapping[str, Array]) -> System:

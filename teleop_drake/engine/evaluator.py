@@ -24,10 +24,16 @@ from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.engine.block_events import CheckEvents
 from teleop_drake.engine.constants import ConstantValues, WithConstants
-from teleop_drake.engine.flatten import Flatten, Source, UnsupportedSystem
+from teleop_drake.engine.flatten import (
+    Flatten,
+    Source,
+    UnreadableLeaf,
+    UnsupportedSystem,
+)
+from teleop_drake.engine.leaf_tracing import CheckSink, IsPlainLeaf, LeafReader
 from teleop_drake.engine.left_out import EmptyKernel, FindLeftOut
 from teleop_drake.engine.plant_kernel import PlantKernel
-from teleop_drake.engine.primitives import IsOfDrake, PrimitiveKernel
+from teleop_drake.engine.primitives import IsOfDrake, IsSilent, PrimitiveKernel
 from teleop_drake.engine.program import Program
 from teleop_drake.jit.native import Evaluate, Kept, Library
 from teleop_drake.jit.scalar_code import ALL, MakeCode
@@ -56,7 +62,38 @@ def KernelOf(
         return _OwnKernel(system, context)
     if type(system) is MultibodyPlant:
         return PlantKernel(system, context)
+    if IsReadable(system, context):
+        return ReadLeaf(LeafReader(system), context, constants)
     return PrimitiveKernel(WithConstants(system, constants or {}), context)
+
+
+def IsReadable(system: System, context: Context) -> bool:
+    """Returns whether a system is a user's in Python, with numbers but no kernel."""
+    return IsPlainLeaf(system) and not IsSilent(system, context)
+
+
+def ReadLeaf(
+    reader: LeafReader, context: Context, constants: Mapping[str, Array] | None = None
+) -> Kernel:
+    """Returns the kernel of a user's block in Python, as it stands.
+
+    If its functions cannot be followed, the symbolic form serves that a TemplateSystem
+    has.
+
+    Raises:
+        UnsupportedSystem: If there is neither.
+    """
+    try:
+        return reader.Read(context, constants)
+    except UnreadableLeaf:
+        try:
+            kernel = PrimitiveKernel(reader.system, context)
+        except UnsupportedSystem:
+            kernel = None
+        if kernel is None:
+            raise
+        reader.is_symbolic = True
+        return kernel
 
 
 def _OwnKernel(system: Any, context: Context) -> Kernel:
@@ -170,6 +207,8 @@ class Evaluator:
         function: The function `evaluate`: Program.Evaluate() or its machine code.
         left_out: The paths of the blocks without effect, such as logs and visualizers;
             see FindLeftOut().
+        read: The paths of the blocks that a user wrote in Python without a kernel, and
+            whose functions were followed.
 
     Raises:
         UnsupportedSystem: If a block cannot be compiled; the message names it.
@@ -194,7 +233,9 @@ class Evaluator:
         self._has_zero_delays = has_zero_delays
         contexts = ContextsIn(system, context)
         # The kernels, with the parameter values of the blocks' Contexts.
+        self._readers: dict[int, LeafReader] = {}
         kernels, obstacles = self._ReadKernels(contexts)
+        self.read = [self.blocks[i].path for i in self._readers]
         self._left_out = FindLeftOut(
             self.blocks,
             contexts,
@@ -202,12 +243,17 @@ class Evaluator:
             recorded=SignalsOf(system).values() if recorded is None else recorded,
             needs_states=needs_states,
         )
+        has_own = any(IsPlainLeaf(block.system) for block in self.blocks)
+        if has_own and len(self._left_out) == len(self.blocks):
+            raise UnsupportedSystem(system, "nothing in it has a signal or a state")
         self.left_out = [self.blocks[i].path for i in sorted(self._left_out)]
         for i, block in enumerate(self.blocks):
             is_left_out = i in self._left_out
             own = contexts[block.system]
             # A user may have added an event to a block that is left out, too.
-            if i not in obstacles:
+            if is_left_out and IsPlainLeaf(block.system):
+                CheckSink(block.system)
+            elif i not in obstacles and not self._HasKnownEvents(i):
                 CheckEvents(block.system, kernels[i], own, is_sink=is_left_out)
             if is_left_out:
                 kernels[i] = EmptyKernel(block.system)
@@ -224,6 +270,8 @@ class Evaluator:
     ) -> "Evaluator":
         """Returns an evaluator with the numbers of another Context.
 
+        Functions of a user's blocks without a kernel are followed anew.
+
         Args:
             context: The Context of `system`.
             changed: The blocks of which the numbers differ.
@@ -238,7 +286,10 @@ class Evaluator:
         kernels = {}
         for i, block in enumerate(self.blocks):
             system = block.system
-            if system in changed and i not in self._left_out:
+            if i in self._readers:
+                own = constants.get(system)
+                kernels[i] = ReadLeaf(self._readers[i], contexts[system], own)
+            elif system in changed and i not in self._left_out:
                 kernel = KernelOf(system, contexts[system], constants.get(system))
                 kernels[i] = self._Extended(system, kernel)
         other = self._WithKernels(kernels)
@@ -323,17 +374,26 @@ class Evaluator:
         code = MakeCode(program.Trace())
         self.function = Evaluate(Library(Kept("evaluate", code), "evaluate"))
 
+    def _HasKnownEvents(self, i: int) -> bool:
+        """Returns whether the events of a block were found as its functions were."""
+        return i in self._readers and not self._readers[i].is_symbolic
+
     def _ReadKernels(
         self, contexts: Mapping[System, Context]
     ) -> tuple[dict[int, Kernel], dict[int, UnsupportedSystem]]:
-        """Returns the kernels of the blocks, or why one of Drake's has none."""
+        """Returns the kernels of the blocks, or why one without effect has none."""
         kernels = {}
         obstacles = {}
         for i, block in enumerate(self.blocks):
+            context = contexts[block.system]
             try:
-                kernels[i] = KernelOf(block.system, contexts[block.system])
+                if IsReadable(block.system, context):
+                    self._readers[i] = LeafReader(block.system)
+                    kernels[i] = ReadLeaf(self._readers[i], context)
+                else:
+                    kernels[i] = KernelOf(block.system, context)
             except UnsupportedSystem as error:
-                if not IsOfDrake(block.system):
+                if not (IsOfDrake(block.system) or IsSilent(block.system, context)):
                     raise
                 obstacles[i] = error
         return kernels, obstacles

@@ -31,6 +31,20 @@ class UnsupportedSystem(ValueError):
         super().__init__(f"{name} cannot be compiled: {reason}")
 
 
+class UnreadableLeaf(UnsupportedSystem):
+    """Raised for a user's block in Python whose functions cannot be followed.
+
+    Attributes:
+        name: The name of the block.
+        reason: The function, the line and the reason, with advice.
+    """
+
+    def __init__(self, system: System, reason: str):
+        super().__init__(system, reason)
+        self.name = NameOf(system)
+        self.reason = reason
+
+
 class AlgebraicLoop(UnsupportedSystem):
     """Raised for a signal that depends on itself at the same instant."""
 

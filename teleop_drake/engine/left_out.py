@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pydrake.systems.framework import Context, OutputPort, System
 
 from teleop_drake.engine.flatten import Block, OutputOf, Reached, UnsupportedSystem
-from teleop_drake.engine.primitives import IsSink
+from teleop_drake.engine.primitives import IsSilent, IsSink
 from teleop_drake.kernel import Kernel
 from teleop_drake.wiring import InputPorts
 
@@ -48,7 +48,8 @@ def FindLeftOut(
     }
     for i, block in enumerate(blocks):
         has_state = needs_states and HasState(contexts[block.system])
-        if has_state or _IsOwn(block.system):
+        is_own = _IsOwn(block.system)
+        if has_state or (is_own and not IsSilent(block.system, contexts[block.system])):
             needed.add(i)
     receivers: dict[int, list[int]] = {i: [] for i, _ in enumerate(blocks)}
     for i, block in enumerate(blocks):

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from pydrake.multibody.meshcat import JointSliders
 from pydrake.symbolic import Expression, MakeVectorVariable, Variable
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.controllers import PidController
@@ -30,6 +31,7 @@ from teleop_drake.contexts import DiscreteState, SetDiscreteState
 from teleop_drake.engine.constants import ConstantsOf
 from teleop_drake.engine.expression_tape import MakeTape, UnknownExpression
 from teleop_drake.engine.flatten import UnsupportedSystem
+from teleop_drake.engine.leaf_tracing import IsPlainLeaf
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.kernel.kernel import times
 from teleop_drake.signals import VectorOutputs
@@ -70,10 +72,14 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel:
     """
     if IsSink(system, context):
         return Kernel(unused=_InputNames(system))
+    if type(system) is JointSliders:
+        return _SlidersKernel(system)
     written = KERNELS[type(system)](system) if type(system) in KERNELS else None
     if written is not None:
         return written
-    symbolic = system.ToSymbolicMaybe() if IsOfDrake(system) else None
+    symbolic = None
+    if IsOfDrake(system) or IsPlainLeaf(system):
+        symbolic = system.ToSymbolicMaybe()
     if symbolic is None:
         types = [port.get_data_type() for port in OutputPorts(system)]
         is_abstract = PortDataType.kAbstractValued in types and not VectorOutputs(
@@ -92,17 +98,28 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel:
 
 
 def IsSink(system: System, context: Context) -> bool:
-    """Returns whether a system is one of Drake's, and no signal or state depends on it.
+    """Returns whether no signal or state depends on a system.
 
-    Examples are logs, visualizers and a SceneGraph. They have no continuous or discrete
-    state and no vector output.
+    Examples are logs, visualizers and a SceneGraph of Drake's. They have no continuous
+    or discrete state and no vector output. A user's system in Python is a sink if it
+    has no output at all.
+    """
+    is_own_sink = IsPlainLeaf(system) and system.num_output_ports() == 0
+    return (IsOfDrake(system) or is_own_sink) and IsSilent(system, context)
+
+
+def IsSilent(system: System, context: Context) -> bool:
+    """Returns whether a system has no vector output and no state of numbers.
+
+    Such a system of Drake's, or of a user in Python, is left out where nothing that is
+    recorded depends on it.
     """
     has_numbers = (
         bool(VectorOutputs(system))
         or context.num_continuous_states() > 0
         or context.num_discrete_state_groups() > 0
     )
-    return IsOfDrake(system) and not has_numbers
+    return (IsOfDrake(system) or IsPlainLeaf(system)) and not has_numbers
 
 
 def _InputNames(system: System) -> tuple[str, ...]:
@@ -142,7 +159,10 @@ class _SymbolicReader:
             vector.SetFromVector(self._New(name, len(numbers)))
         for name in _InputNames(system):
             port = symbolic.GetInputPort(name)
-            if port.get_data_type() == PortDataType.kVectorValued:
+            # An input without a value remains open; primitives need all of theirs.
+            is_given = type(system).__module__ == "pydrake.systems.primitives"
+            is_given = is_given or system.GetInputPort(name).HasValue(context)
+            if is_given and port.get_data_type() == PortDataType.kVectorValued:
                 port.FixValue(own, self._New(name, port.size()))
         self._context = own
 
@@ -350,6 +370,13 @@ def _PidKernel(system: PidController) -> Kernel | None:
         rate=(position_error, *inputs),
         parameters=gains,
     )
+
+
+def _SlidersKernel(system: JointSliders) -> Kernel:
+    """Returns the kernel of sliders in Meshcat, with their present values."""
+    port = system.get_output_port()
+    values = port.Eval(system.CreateDefaultContext())
+    return Kernel(outputs={port.get_name(): "values"}, parameters={"values": values})
 
 
 KERNELS: dict[type[System], Callable[[Any], Kernel | None]] = {

@@ -3,7 +3,7 @@
 import functools
 import inspect
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -18,6 +18,7 @@ from teleop_drake.arrays import Array
 from teleop_drake.blocks.channels import ChannelConfig
 from teleop_drake.blocks.environments.surface import Surface
 from teleop_drake.blocks.operators.hand import HandOperator
+from teleop_drake.engine.check import CheckRead
 from teleop_drake.engine.constants import ConstantValues
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import AlgebraicLoop, InputsOf, OutputOf, Source
@@ -31,6 +32,7 @@ from teleop_drake.page.wasm import ConstantsOf, MakeModule
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import (
     NamedSignals,
+    NameOf,
     PathsIn,
     SignalsOf,
     SystemsByPath,
@@ -38,8 +40,9 @@ from teleop_drake.signals import (
     VectorOutputs,
     Visible,
 )
-from teleop_drake.simulation.compiled_run import SetInitialModes, StartOf
+from teleop_drake.simulation.compiled_run import StartOf
 from teleop_drake.simulation.ending import BoundsOf
+from teleop_drake.simulation.initial_modes import SetInitialModes
 from teleop_drake.simulation.simulate import (
     BoundOf,
     HasConstantCommand,
@@ -49,6 +52,7 @@ from teleop_drake.simulation.stepping import LongestStep
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.metrics import MetricUnits
 from teleop_drake.teleoperator import MakeTeleoperator
+from teleop_drake.validation import Refuse
 from teleop_drake.wiring import InputPorts
 
 # A row of the port table in a block's docstring: the port's name and its unit.
@@ -406,7 +410,7 @@ def MakeModel(
     """
     suppress = suppress_initialization_events
     context = StartOf(diagram, context, suppress_initialization_events=suppress)
-    shown = SignalsOf(diagram) if signals is None else signals
+    shown = _ShownOf(diagram) if signals is None else signals
     if like is None:
         evaluator, has_zero_delays = _MakeEvaluator(diagram, context, shown)
     else:
@@ -423,6 +427,8 @@ def MakeModel(
         accuracy=config.accuracy,
         max_step=max_step,
     )
+    if like is None:
+        CheckRead(evaluator, context)
     surfaces = SurfacesIn(SystemsByPath(diagram)) or ()
     # The run ends when a signal is not finite, or is too large.
     width = run.evaluator.program.sizes[0]
@@ -441,17 +447,30 @@ def MakeModel(
         has_zero_delays=has_zero_delays,
         numbers=_Flat(numbers),
         surfaces=surfaces,
-        facts={
-            "reasons": ["the run is not finite"],
-            "metrics": "",
-            "labels": {},
-            "has_constant_command": True,
-            "draws": [[x.time, x.place.start, *x.value] for x in run.draws],
-            "surfaces": [surface.name for surface in surfaces],
-            "materials": [getattr(x.material, "name", "") for x in surfaces],
-        },
+        facts=_FactsOf(run, surfaces),
         plants=TreesIn(diagram, context, evaluator.left_out),
     )
+
+
+def _FactsOf(run: CompiledRun, surfaces: Sequence[Surface]) -> dict[str, Any]:
+    """Returns what the page's script knows of a run, besides numbers."""
+    return {
+        "reasons": ["the run is not finite"],
+        "metrics": "",
+        "labels": {},
+        "has_constant_command": True,
+        "draws": [[x.time, x.place.start, *x.value] for x in run.draws],
+        "surfaces": [surface.name for surface in surfaces],
+        "materials": [getattr(x.material, "name", "") for x in surfaces],
+    }
+
+
+def _ShownOf(diagram: System) -> dict[str, OutputPort]:
+    """Returns the signals that are shown by default, one or more."""
+    shown = SignalsOf(diagram)
+    if not shown:
+        Refuse(f"outputs of {NameOf(diagram)}", None, "one vector or more")
+    return shown
 
 
 def _MakeEvaluator(

@@ -24,7 +24,7 @@ from teleop_drake.blocks.architectures import Architecture
 from teleop_drake.blocks.environments import CONTACT, FindSurface, SurfacesOf
 from teleop_drake.blocks.robots.facts import FactsOfConfig
 from teleop_drake.contexts import ContextsIn, DiscreteState
-from teleop_drake.engine.check import HoldsOwnCode
+from teleop_drake.engine.check import HoldsOwnCode, ReadingDisagrees
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.engine.run import Visited
@@ -45,7 +45,13 @@ from teleop_drake.simulation.compiled_run import (
     WhyNotSolved,
 )
 from teleop_drake.simulation.compiled_system import CompiledSystem
-from teleop_drake.simulation.simulate import Finish, JobOf
+from teleop_drake.simulation.drake_run import RunInDrake
+from teleop_drake.simulation.simulate import (
+    Finish,
+    JobOf,
+    NoteOnDrake,
+    NotesOnBlocks,
+)
 from teleop_drake.stations import MakeArchitecture, WithDrivesAndSensors
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.teleoperator import MakeChannelOf
@@ -182,7 +188,13 @@ class CompiledScenario:
             compiled.context,
             signals=compiled.signals,
         )
-        return Finish(scenario, self._task, job, compiled.Run(job), [])
+        notes = NotesOnBlocks(compiled.evaluator)
+        try:
+            outcome = compiled.Run(job)
+        except ReadingDisagrees as error:
+            notes = [NoteOnDrake(error)]
+            outcome = RunInDrake(job)
+        return Finish(scenario, self._task, job, outcome, notes)
 
     def _Changed(self, changes: Mapping[str, Any]) -> tuple[Any, CompiledDiagram]:
         """Returns the changed scenario, and the compiled diagram that runs it."""

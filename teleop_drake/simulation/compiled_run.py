@@ -20,13 +20,14 @@ from teleop_drake.engine.problem import EVALUATIONS, ROWS, STEPS, TRIES, Past
 from teleop_drake.engine.random_sources import Draw, RandomSourcesIn, TakeDraws
 from teleop_drake.engine.run import CompiledRun, MakeProblem, Visited
 from teleop_drake.jit.native import Packed
-from teleop_drake.kernel.terms import ContextReader
 from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.parameters import SetNumbers
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import SystemsByPath
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
+from teleop_drake.simulation.initial_modes import SetInitialModes
+from teleop_drake.simulation.inputs import CheckInitialization
 from teleop_drake.simulation.run import (
     COMPLETED,
     INTERRUPTED,
@@ -186,6 +187,21 @@ class CompiledDiagram:
             compiled.has_constants = True
         return compiled
 
+    def ReadAnew(self) -> "CompiledDiagram":
+        """Returns the same diagram, with a user's Python code as it stands now.
+
+        Raises:
+            CannotCompile: If the code has changed so that it cannot be followed.
+        """
+        if not self.evaluator.read:
+            return self
+        try:
+            evaluator = self.evaluator.With(self.context, ())
+        except UnsupportedSystem as error:
+            raise CannotCompile(str(error)) from error
+        places = SignalPlaces(evaluator, self.signals)
+        return _StartingAt(self.context, self.diagram, evaluator, self.signals, places)
+
     def _FinalContext(self, run: CompiledRun) -> Context:
         """Returns the Context at the end of a run."""
         context: Context = self.context.Clone()
@@ -240,12 +256,14 @@ def CompileDiagram(
     why = WhyNotSolved(config)
     if why:
         raise CannotCompile(why)
-    context = StartOf(
-        diagram,
-        context,
-        suppress_initialization_events=suppress_initialization_events,
-    )
     try:
+        if not suppress_initialization_events:
+            CheckInitialization(diagram, context, signals)
+        context = StartOf(
+            diagram,
+            context,
+            suppress_initialization_events=suppress_initialization_events,
+        )
         evaluator = Evaluator(
             diagram,
             context,
@@ -286,27 +304,6 @@ def _StartingAt(
         longest_step=LongestStep(diagram, context, of_delays=False),
         is_checked=not HoldsOwnCode(evaluator),
     )
-
-
-def SetInitialModes(evaluator: Evaluator, context: Context) -> None:
-    """Sets the initial modes of blocks whose inputs depend on other constants.
-
-    Args:
-        evaluator: The evaluator with the constants.
-        context: The Context of the diagram, in which Drake has set the modes with the
-            diagram's own constants. Inputs of these blocks are fixed.
-    """
-    y, _ = evaluator.Evaluate(context)
-    contexts = ContextsIn(evaluator.system, context)
-    program = evaluator.program
-    for block, kernel in zip(evaluator.blocks, program.kernels, strict=True):
-        if kernel.initial_mode is None:
-            continue
-        own = contexts[block.system]
-        for name, source in block.inputs.items():
-            block.system.GetInputPort(name).FixValue(own, y[program.signals[source]])
-        reader = ContextReader(block.system, kernel, "initial_mode")
-        SetDiscreteState(own, reader.Read(kernel.initial_mode)(own))
 
 
 def StartOf(

@@ -6,12 +6,19 @@ from numpy.typing import ArrayLike
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, System
 
+from teleop_drake.engine.check import ReadingDisagrees
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.recording import Recording
 from teleop_drake.signals import Signals
 from teleop_drake.simulation.compiled_run import CompiledDiagram, CompileDiagram
+from teleop_drake.simulation.drake_run import RunInDrake
 from teleop_drake.simulation.inputs import CheckInputs
-from teleop_drake.simulation.simulate import MakeJob, NotesOnSinks, RecordingOf
+from teleop_drake.simulation.simulate import (
+    MakeJob,
+    NoteOnDrake,
+    NotesOnBlocks,
+    RecordingOf,
+)
 from teleop_drake.validation import CheckNumber
 
 _HAS_CONSTANTS = (
@@ -85,9 +92,18 @@ class CompiledSystem:
         if duration is not None:
             CheckNumber("duration", duration, "s", above=0)
             job = job._replace(duration=duration)
+        self._compiled = self._compiled.ReadAnew()
         compiled = self._With(numbers) if numbers else self._compiled
-        notes = NotesOnSinks(compiled.evaluator.left_out)
-        outcome = compiled.Run(job)
+        notes = NotesOnBlocks(compiled.evaluator)
+        try:
+            outcome = compiled.Run(job)
+        except ReadingDisagrees as error:
+            if compiled.has_constants:
+                raise
+            job = job._replace(
+                context=compiled.context, suppress_initialization_events=True
+            )
+            return RecordingOf(job, RunInDrake(job), [NoteOnDrake(error)])
         if compiled.has_constants:
             return RecordingOf(job, outcome, notes, _HAS_CONSTANTS)
         return RecordingOf(job, outcome, notes)

@@ -1,12 +1,20 @@
-"""Checks that the inputs of a system are connected or fixed before a run."""
+"""Checks of a system before a run: its inputs, and its initialization events."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context, InputPort, PortDataType, System
+from pydrake.systems.framework import (
+    Context,
+    InputPort,
+    OutputPort,
+    PortDataType,
+    System,
+)
 
 from teleop_drake.contexts import ContextsIn
+from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import Flatten, InputsOf
+from teleop_drake.engine.leaf_tracing import HasInitialization
 from teleop_drake.signals import NameOf
 from teleop_drake.validation import Refuse
 from teleop_drake.wiring import InputPorts
@@ -41,6 +49,21 @@ def CheckInputs(system: System, context: Context) -> None:
     for block in Flatten(system):
         if _NeedsInputs(block.system):
             _CheckPorts(block.path, block.system, contexts[block.system], block.inputs)
+
+
+def CheckInitialization(
+    diagram: System, context: Context | None, signals: Mapping[str, OutputPort]
+) -> None:
+    """Refuses a diagram that cannot be compiled, before a user's initialization events.
+
+    They may have effects outside of the Context, and are executed only once.
+
+    Raises:
+        UnsupportedSystem: If a block cannot be compiled.
+    """
+    if any(HasInitialization(block.system) for block in Flatten(diagram)):
+        start = diagram.CreateDefaultContext() if context is None else context
+        Evaluator(diagram, start, recorded=signals.values())
 
 
 def _CheckPorts(

@@ -1,7 +1,7 @@
 """Simulates scenarios and Systems, and makes their recordings."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, cast
 
 from pydrake.systems.analysis import SimulatorConfig
@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context, Diagram, OutputPort, System
 from teleop_drake.blocks.channels.network import NetworkDelay
 from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
 from teleop_drake.blocks.environments import Surface, SurfacesOf
+from teleop_drake.engine.flatten import UnreadableLeaf
 from teleop_drake.numerics.step_polynomials import finite_part
 from teleop_drake.parameters import CheckNumbers
 from teleop_drake.recording import Event, Recording, SolverStatistics
@@ -320,6 +321,7 @@ def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:
     """Runs a diagram; returns its outcome and notes, such as why Drake ran it."""
     notes: list[str] = []
     if engine != "drake":
+        from teleop_drake.engine.check import ReadingDisagrees
         from teleop_drake.simulation.compiled_run import CannotCompile, CompileDiagram
 
         try:
@@ -330,23 +332,42 @@ def _Run(job: Job, engine: str) -> tuple[Outcome, list[str]]:
                 job.context,
                 suppress_initialization_events=job.suppress_initialization_events,
             )
-            return compiled.Run(job), NotesOnSinks(compiled.evaluator.left_out)
-        except CannotCompile as error:
-            notes = [f"Run in Drake's Simulator: {error}."]
+            return compiled.Run(job), NotesOnBlocks(compiled.evaluator)
+        except (CannotCompile, ReadingDisagrees) as error:
+            notes = [NoteOnDrake(error)]
     run = RunInDrake(job)
     notes += NotesOnSamples(job.diagram, job.context)
     notes += NotesOnTies(job.diagram, job.start, job.end)
     return run, [*notes, *run.notes]
 
 
-def NotesOnSinks(paths: Sequence[str]) -> list[str]:
-    """Returns notes on the blocks that a compiled run has left out."""
-    if not paths:
-        return []
-    return [
-        f"{', '.join(paths)}: left out of the compiled run: nothing depends on them. "
-        'Logs stay empty and nothing is drawn; engine="drake" executes them.'
-    ]
+def NotesOnBlocks(evaluator: Any) -> list[str]:
+    """Returns notes on the blocks that a compiled run has left out or read.
+
+    Args:
+        evaluator: The engine.evaluator.Evaluator of the run.
+    """
+    notes = []
+    if evaluator.left_out:
+        notes.append(
+            f"{', '.join(evaluator.left_out)}: left out of the compiled run: nothing "
+            "depends on them. Logs stay empty and nothing is drawn; "
+            'engine="drake" executes them.'
+        )
+    if evaluator.read:
+        notes.append(
+            f"{', '.join(evaluator.read)}: machine code of the Python code as it "
+            "stands, compared with Drake."
+        )
+    return notes
+
+
+def NoteOnDrake(error: Exception) -> str:
+    """Returns the note on why a run is not a compiled one."""
+    cause = error.__cause__
+    if isinstance(cause, UnreadableLeaf):
+        return f"{cause.name} runs in Drake: {cause.reason}."
+    return f"Run in Drake's Simulator: {error}."
 
 
 def _EndWhereFinite(run: Outcome) -> None:

@@ -144,6 +144,6 @@ MANIPULATION = [
     Published("inverse dynamics", ArmWithInverseDynamics, compiles=True),
     Published("gravity compensation", ArmWithoutWeight, compiles=True),
     Published("joint stiffness", StiffArm, compiles=True),
-    Published("own law", ArmWithOwnLaw, compiles=False),
+    Published("own law", ArmWithOwnLaw, compiles=True),
     Published("position interface", PositionInterface, compiles=True),
 ]

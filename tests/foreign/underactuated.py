@@ -245,7 +245,7 @@ def TriplePendulum(builder):
 UNDERACTUATED = [
     Published("pendulum with LQR", PendulumWithLqr, compiles=True),
     Published("pendulum with wrapped LQR", PendulumWithWrappedLqr, compiles=True),
-    Published("pendulum swings up", PendulumSwingsUp, compiles=False),
+    Published("pendulum swings up", PendulumSwingsUp, compiles=True),
     Published("pendulum, limited torque", PendulumWithLimitedTorque, compiles=True),
     Published("pendulum with network", PendulumWithNetwork, compiles=True),
     Published("acrobot with LQR", AcrobotWithLqr, compiles=True),
@@ -256,9 +256,9 @@ UNDERACTUATED = [
     Published("Dubins car", DubinsCar, compiles=True),
     Published("double integrator, LQR", DoubleIntegratorWithLqr, compiles=True),
     Published("double integrator in steps", DoubleIntegratorInSteps, compiles=True),
-    Published("minimal time", DoubleIntegratorInMinimalTime, compiles=False),
+    Published("minimal time", DoubleIntegratorInMinimalTime, compiles=True),
     Published("finite horizon", DoubleIntegratorWithFiniteHorizon, compiles=False),
-    Published("perching glider", Glider, compiles=False),
-    Published("spring loaded hopper", SpringLoadedHopper, compiles=False),
+    Published("perching glider", Glider, compiles=True),
+    Published("spring loaded hopper", SpringLoadedHopper, compiles=True),
     Published("triple pendulum", TriplePendulum, compiles=True),
 ]

@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from foreign import leaves
+from foreign.test_leaves import wired
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import Gain, Integrator, Sine
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Gain, Integrator
 from wasm_runs import AssertSameMetrics, RunModule
 
 import teleop_drake
@@ -187,25 +189,25 @@ def test_what_is_no_number_is_refused(key, words, tmp_path):
         WritePage("one_dof", tmp_path / "a.html", vary={key: (0.0, 1.0)})
 
 
-class Own(LeafSystem):
-    """A block of a user's, without a kernel."""
-
-    def __init__(self):
-        LeafSystem.__init__(self)
-        self.DeclareVectorInputPort("u", 1)
-
-
-def test_a_diagram_by_hand_runs_and_a_block_without_a_kernel_is_named(tmp_path):
-    builder = DiagramBuilder()
-    sine = builder.AddNamedSystem("sine", Sine(1.0, 1.0, 0.0, 1))
-    own = builder.AddNamedSystem("own", Own())
-    builder.Connect(sine.get_output_port(0), own.get_input_port())
-    with pytest.raises(UnsupportedSystem, match=r"'own' .* no kernel"):
-        WritePage(builder.Build(), tmp_path / "a.html")
+def test_a_diagram_by_hand_runs_and_a_block_that_is_not_read_is_named(tmp_path):
+    with pytest.raises(UnsupportedSystem, match=r"'block0' .* assigns to self"):
+        WritePage(wired(leaves.Assigns)[0], tmp_path / "a.html")
     model = MakeModel(ByHand(), SimulatorConfig(), 1.0)
     times, rows, _ = RunModule(model)
     begin, _, _ = model.Ports()["x:y0"]
     assert rows[-1, begin] == pytest.approx(math.exp(-times[-1]), rel=1e-3)
+
+
+def test_python_as_it_stands_runs_in_a_page():
+    diagram, context = wired(leaves.SawTooth, leaves.Pid, leaves.Filter)
+    config = SimulatorConfig(integration_scheme="runge_kutta5", accuracy=1e-8)
+    model = MakeModel(diagram, config, 0.5, context)
+    times, rows, _ = RunModule(model)
+    run = simulate(diagram, context=context, duration=0.5, simulator=config)
+    assert times[-1] == run.time[-1]
+    for block in ("block0", "block1", "block2"):
+        begin, _, _ = model.Ports()[f"{block}:y"]
+        assert rows[-1, begin] == pytest.approx(run[f"{block}.y"][-1, 0], abs=1e-9)
 
 
 def test_the_runs_of_a_page_begin_at_a_context():
@@ -386,6 +388,6 @@ def test_metrics_of_a_page_are_those_of_its_own_rows(look, tmp_path, name, kinds
 
 def test_any_diagram_is_a_page_without_a_model(look, tmp_path):
     builder = DiagramBuilder()
-    builder.AddNamedSystem("own", Own())
+    builder.AddNamedSystem("own", leaves.Assigns())
     WriteDiagram(builder.Build(), tmp_path / "a.html")
     assert "own" in look(tmp_path / "a.html", "diagram.js")

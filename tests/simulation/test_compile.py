@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from foreign.leaves import Assigns
 from pydrake.systems.framework import LeafSystem
 
 from teleop_drake import Compile
@@ -295,8 +296,24 @@ def test_a_run_leaves_no_trace(one_dof):
 
 
 def test_what_drake_runs_is_not_compiled():
-    with pytest.raises(CannotCompile, match=r"BrakedForceLaw .*: it offers no kernel"):
-        Compile(Load("one_dof", "own_kinds:BrakedForce"))
+    system = Assigns()
+    context = system.CreateDefaultContext()
+    system.get_input_port().FixValue(context, [1.0, 2.0])
+    with pytest.raises(CannotCompile, match=r"Assigns .*it assigns to self\.integral"):
+        Compile(system, context=context, duration=1.0)
+
+
+def test_a_law_without_a_kernel_is_compiled_as_it_stands():
+    scenario = Load("one_dof", "own_kinds:BrakedForce", duration=1.0)
+    recording = Compile(scenario).Run()
+    assert recording.notes == [
+        "controller/braked_force: machine code of the Python code as it stands, "
+        "compared with Drake."
+    ]
+    expected = simulate(scenario, engine="drake")
+    assert recording["tool_position"][-1] == pytest.approx(
+        expected["tool_position"][-1], abs=1e-7
+    )
 
 
 def Delays(k):

@@ -167,10 +167,10 @@ def test_a_gain_that_it_has_not_is_refused():
         FunctionLaw(own_kinds.Damped, [0.0], {"mass": 1.0})
 
 
-def test_a_law_without_a_kernel_is_told_how_to_get_one():
+def test_a_law_without_a_kernel_is_read_as_it_stands():
     recording = Run("own_kinds:Unconverted")
-    assert recording.solver.engine == "drake"
-    assert any("write it as a plain function" in note for note in recording.notes)
+    assert recording.solver.engine == "compiled"
+    assert any("machine code of the Python code" in note for note in recording.notes)
 
 
 @pytest.mark.slow

@@ -92,8 +92,8 @@ def test_a_pose_is_delayed_and_its_jumps_are_located():
     values = [-5.0, *(PERIOD * np.arange(8))]
     assert recording["sum"][-1, 0] == pytest.approx(held @ values, abs=1e-9)
     assert recording.notes == [
-        "Run in Drake's Simulator: Pose 'source' cannot be compiled: its outputs are "
-        "no vectors."
+        "Run in Drake's Simulator: AbstractDelay 'delay' cannot be compiled: its "
+        "outputs are no vectors."
     ]
 
 

@@ -1,0 +1,42 @@
+"""Drake's functions of numbers, and types of indices, in followed functions."""
+
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import (
+    AbstractParameterIndex,
+    AbstractStateIndex,
+    CacheIndex,
+    ContinuousStateIndex,
+    DiscreteStateIndex,
+    InputPortIndex,
+    NumericParameterIndex,
+    OutputPortIndex,
+)
+
+from teleop_drake.jit.traced_numpy import OPERATIONS
+
+Index = (
+    AbstractParameterIndex
+    | AbstractStateIndex
+    | CacheIndex
+    | ContinuousStateIndex
+    | DiscreteStateIndex
+    | InputPortIndex
+    | NumericParameterIndex
+    | OutputPortIndex
+)
+
+
+def wrap_to(value: Any, low: Any, high: Any) -> Any:
+    """Returns a number, wrapped to the interval from low to below high."""
+    span = high - low
+    return value - span * np.floor((value - low) / span)
+
+
+MATH: dict[str, Any] = {
+    **{name: getattr(np, usual) for usual, name in OPERATIONS.items()},
+    "abs": abs, "min": min, "max": max, "pow": np.power, "floor": np.floor,
+    "ceil": np.ceil, "wrap_to": wrap_to, "inv": np.linalg.inv,
+}  # fmt: skip
+"""The functions of pydrake.math and their equals, by name."""
