@@ -28,6 +28,7 @@ from teleop_drake.signals import SystemsByPath
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
 from teleop_drake.simulation.initial_modes import SetInitialModes
 from teleop_drake.simulation.inputs import CheckInitialization
+from teleop_drake.simulation.logs import WriteLogs
 from teleop_drake.simulation.run import (
     COMPLETED,
     INTERRUPTED,
@@ -214,6 +215,7 @@ class CompiledDiagram:
         for block, part in zip(self.evaluator.blocks, modes, strict=True):
             SetDiscreteState(contexts[block.system], run.memory.m[part])
         WritePast(self.evaluator, context, run.memory)
+        WriteLogs(run, self.evaluator, context)
         return context
 
     def Check(self, visited: Iterable[Visited] = ()) -> None:

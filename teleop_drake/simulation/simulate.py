@@ -347,13 +347,18 @@ def NotesOnBlocks(evaluator: Any) -> list[str]:
     Args:
         evaluator: The engine.evaluator.Evaluator of the run.
     """
+    from teleop_drake.simulation.logs import LogsIn
+
     notes = []
-    if evaluator.left_out:
+    logs = [block.path for block in LogsIn(evaluator)]
+    others = [path for path in evaluator.left_out if path not in logs]
+    if others:
         notes.append(
-            f"{', '.join(evaluator.left_out)}: left out of the compiled run: nothing "
-            "depends on them. Logs stay empty and nothing is drawn; "
-            'engine="drake" executes them.'
+            f"{', '.join(others)}: left out of the compiled run: nothing depends on "
+            'them. Nothing is drawn; engine="drake" executes them.'
         )
+    if logs:
+        notes.append(f"{', '.join(logs)}: filled in final_context only.")
     if evaluator.read:
         notes.append(
             f"{', '.join(evaluator.read)}: machine code of the Python code as it "

@@ -302,22 +302,34 @@ class Speed(LeafSystem):
         output.SetFromVector([0.0])
 
 
-def test_a_logger_is_left_out_of_a_compiled_run_with_a_note():
+@pytest.mark.parametrize("period", [0.1, 0.04, 0.0])
+def test_a_log_is_filled_by_a_compiled_run(period):
+    """At Drake's times, before the updates of an instant, and by a further run, too."""
     builder = DiagramBuilder()
-    plant = builder.AddNamedSystem("plant", Integrator([1.0]))
-    gain = builder.AddNamedSystem("gain", Gain(-1.0, 1))
-    builder.Connect(plant.get_output_port(), gain.get_input_port())
-    builder.Connect(gain.get_output_port(), plant.get_input_port())
-    LogVectorOutput(plant.get_output_port(), builder).set_name("log")
+    wave = builder.AddNamedSystem("wave", Sine(1.0, 2.0, 0.5, 1))
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.1, 1))
+    builder.Connect(wave.get_output_port(0), hold.get_input_port())
+    log = LogVectorOutput(hold.get_output_port(), builder, period)
+    log.set_name("log")
     diagram = builder.Build()
-    recording = simulate(diagram, duration=0.5)
-    assert recording.solver.engine == "compiled"
-    assert [note[:38] for note in recording.notes] == [
-        "log: left out of the compiled run: not"
-    ]
-    other = simulate(diagram, duration=0.5, engine="drake")
-    log = diagram.GetSubsystemByName("log").FindLog(other.final_context)
-    np.testing.assert_allclose(log.data()[0, -1], recording["plant.y0"][-1], rtol=1e-6)
+    context = diagram.CreateDefaultContext()
+    simulator = Simulator(diagram, context.Clone())
+    for end in (0.5, 1.0):
+        run = simulate(diagram, context=context, duration=0.5)
+        assert run.notes == ["log: filled in final_context only."]
+        simulator.Initialize()
+        simulator.AdvanceTo(end)
+        found = log.FindLog(run.final_context)
+        expected = log.FindLog(simulator.get_context())
+        if period:
+            np.testing.assert_array_equal(found.sample_times(), expected.sample_times())
+            np.testing.assert_allclose(found.data(), expected.data(), atol=1e-14)
+        else:
+            own = run.time[run.time == found.sample_times()[-1]]
+            assert own[-1] == end
+            value = np.sin(2.0 * (found.sample_times()[-1] - 0.1) + 0.5)
+            np.testing.assert_allclose(found.data()[0, -1], value, atol=1e-14)
+        context = run.final_context
 
 
 @pytest.mark.slow
