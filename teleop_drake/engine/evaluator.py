@@ -30,6 +30,7 @@ from teleop_drake.engine.flatten import (
     UnreadableLeaf,
     UnsupportedSystem,
 )
+from teleop_drake.engine.known_programs import KnownFunction, Remember
 from teleop_drake.engine.leaf_tracing import CheckSink, IsPlainLeaf, LeafReader
 from teleop_drake.engine.left_out import EmptyKernel, FindLeftOut
 from teleop_drake.engine.plant_kernel import PlantKernel
@@ -371,8 +372,14 @@ class Evaluator:
             if program.HasCodeOf(other.program):
                 self.function = other.function
                 return
+        known = None if self._readers else KnownFunction(program)
+        if known is not None:
+            self.function = known
+            return
         code = MakeCode(program.Trace())
         self.function = Evaluate(Library(Kept("evaluate", code), "evaluate"))
+        if not self._readers:
+            Remember(program, self.function)
 
     def _HasKnownEvents(self, i: int) -> bool:
         """Returns whether the events of a block were found as its functions were."""

@@ -14,6 +14,7 @@ from pydrake.systems.primitives import Gain, Integrator
 from teleop_drake.engine.check import Compare
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import UnsupportedSystem
+from teleop_drake.engine.known_programs import ForgetPrograms
 from teleop_drake.jit.packing import Group, Parameters, Place
 from teleop_drake.kernel import Kernel
 
@@ -21,6 +22,7 @@ from teleop_drake.kernel import Kernel
 @pytest.fixture(autouse=True)
 def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    ForgetPrograms()
     return tmp_path / "teleop-drake" / "kernels"
 
 
@@ -42,6 +44,8 @@ def check_machine_code(diagram):
 
 def test_numbers_are_data_and_structure_is_code(cache):
     first = check_machine_code(decay(3.0))
+    assert check_machine_code(decay(4.0)) is first
+    ForgetPrograms()
     other = check_machine_code(decay(4.0))
     assert other is not first
     assert len(list(cache.rglob("evaluate_*.o"))) == 1

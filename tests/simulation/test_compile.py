@@ -20,6 +20,7 @@ from teleop_drake.engine import check
 from teleop_drake.engine.check import KernelDisagrees
 from teleop_drake.engine.evaluator import KernelOf
 from teleop_drake.engine.flatten import Flatten
+from teleop_drake.engine.known_programs import ForgetPrograms
 from teleop_drake.engine.program import Program
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.scenario import LoadScenario, ScenarioError
@@ -86,6 +87,7 @@ def traced(monkeypatch):
         return trace(program)
 
     monkeypatch.setattr(Program, "Trace", Trace)
+    ForgetPrograms()
     return programs
 
 

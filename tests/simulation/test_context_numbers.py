@@ -8,6 +8,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, Integrator
 
 from teleop_drake.blocks.channels.transport import TransportDelay
+from teleop_drake.engine.known_programs import ForgetPrograms
 from teleop_drake.engine.program import Program
 from teleop_drake.parameters import NamedParameters, ScalarsIn, SetNumbers
 from teleop_drake.scenario import LoadScenario, ScenarioError
@@ -180,6 +181,7 @@ def traced(monkeypatch):
         return trace(program)
 
     monkeypatch.setattr(Program, "Trace", Trace)
+    ForgetPrograms()
     return programs
 
 
