@@ -403,7 +403,19 @@ class Evaluator:
                 if not (IsOfDrake(block.system) or IsSilent(block.system, context)):
                     raise
                 obstacles[i] = error
+        if any(x.shown is None for kernel in kernels.values() for x in kernel.delays):
+            self._CheckSources()
         return kernels, obstacles
+
+    def _CheckSources(self) -> None:
+        """Refuses users' functions of time that may jump before a delay.
+
+        Drake's Simulator searches their jumps, which a delay has to deliver.
+        """
+        for reader in self._readers.values():
+            if reader.may_jump:
+                reason = "it is a function of time that may jump, and there is a delay"
+                raise UnreadableLeaf(reader.system, reason)
 
     def Evaluate(
         self, context: Context, delayed: Array | None = None

@@ -58,9 +58,9 @@ class Bends:
             samples: The values of all signals at the five instants of the piece.
             checked: Their values at CHECKED.
         """
-        rows = np.array([np.concatenate(values) for values in (*samples, checked)])
-        if not rows.size:
+        if not checked:
             return _NO_SIGNAL
+        rows = np.array([np.concatenate(values) for values in (*samples, checked)])
         self._lowest = np.minimum(self._lowest, rows.min(axis=0))
         self._highest = np.maximum(self._highest, rows.max(axis=0))
         # An infinite or undefined signal is not compared.

@@ -76,6 +76,9 @@ from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.signals import VectorOutputs
 from teleop_drake.wiring import InputPorts
 
+# The operations by which a smooth function of time becomes one that may jump.
+_JUMPING = frozenset({"select", "floor", "ceil", "trunc", "fmod"})
+
 # The value of each input where known handlers are executed.
 _INPUT = 0.5
 
@@ -113,6 +116,7 @@ class LeafReader:
     Attributes:
         graph: The graph of the function that is being followed.
         is_symbolic: Whether another form of the block was taken, see ReadLeaf().
+        may_jump: Whether the outputs are functions of time alone that may jump.
 
     Args:
         system: The LeafSystem.
@@ -123,6 +127,7 @@ class LeafReader:
         self.context: Any = None
         self.graph: Any = None
         self.is_symbolic = False
+        self.may_jump = False
         self._handlers: list[Handler] | None = None
         self._terms: dict[int, Term] = {}
         self._symbolic: dict[Any, Any] = {}
@@ -163,6 +168,7 @@ class LeafReader:
     def _Use(self, context: Context) -> None:
         """Takes the sizes and the parameters of a Context."""
         system = self.system
+        self.may_jump = False
         self.context = context
         self.num_states = context.num_continuous_states()
         groups = range(context.num_discrete_state_groups())
@@ -289,7 +295,12 @@ class LeafReader:
             return call()
 
         try:
-            return AsFloats(graph.CallLaw(Once))
+            values = AsFloats(graph.CallLaw(Once))
+            is_source = not (self.num_states or self.num_modes)
+            if is_source and not self.system.num_input_ports():
+                operations = {node.operation for node in graph.nodes}
+                self.may_jump |= not operations.isdisjoint(_JUMPING)
+            return values
         except Untraceable as error:
             error.place = error.place or found.name
             raise
