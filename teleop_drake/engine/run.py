@@ -412,9 +412,10 @@ def _Time(delay: Delay, pieces: Pieces) -> float:
 
 def _Steering(program: Program) -> Steering:
     """Returns the delays of a program whose time is a signal."""
+    # The position is read from the signal, whose past is known.
     found = [
-        (d, place.start, delay)
-        for d, ((delay, _, _), place) in enumerate(
+        (d, signal.stop - 1 if delay.length > 0 else place.start, delay)
+        for d, ((delay, signal, _), place) in enumerate(
             zip(program.delays, program.controls, strict=True)
         )
         if place is not None

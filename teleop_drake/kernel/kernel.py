@@ -98,9 +98,10 @@ class Delay:
             the output at the time t in s: continuous, of slope < 1. Not used with
             packets. A string names the input of the block, or its result, that is T in
             s or, with a `length`, the position of a conveyor.
-        length: The length of a conveyor, > 0. Its position, the signal `time`, turns at
-            events only. The output was sent the last time that the position was less by
-            this length. 0: `time` is a time.
+        length: The length of a conveyor, > 0. Its position, the signal `time`, is also
+            the last element of the delayed signal, and turns at events only. The output
+            was sent the last time that the position was less by this length. 0: `time`
+            is a time.
         longest: The longest delay T that is a signal, s.
         shortest: The minimum of T(t), s, > 0; no step of Drake's may be longer.
         nonsmooth_times: The times at which the slope of T(t) jumps, s.

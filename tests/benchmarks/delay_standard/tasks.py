@@ -81,6 +81,7 @@ def half_step() -> Task:
             "rounded_up": echo(ramp, T + STEP / 2),
             "one_step_early": echo(ramp, T - STEP),
             "one_step_late": echo(ramp, T + STEP),
+            "half_delay": echo(ramp, T / 2),
             "no_delay": ramp,
             "delay_error": echo(ramp, T + MILLISECOND),
         },
@@ -110,10 +111,12 @@ def short_delay() -> Task:
         "ramp_echo": {
             "rounded_up": echo(ramp, STEP),
             "one_step_late": echo(ramp, T + STEP),
+            "half_delay": echo(ramp, T / 2),
             "no_delay": ramp,
             "delay_error": echo(ramp, T + MILLISECOND),
         },
         "x": {
+            "half_delay": loop(T / 2),
             "rounded_up": loop(STEP),
             "one_step_late": loop(T + STEP),
             "no_delay": loop(Fraction(0)),
@@ -261,6 +264,7 @@ def sawtooth() -> Task:
         "rounded": rounded,
         "delay_of_start": echo(ramp, sawtooth_delay(Fraction(0))),
         "mean_delay": echo(ramp, Fraction("0.1")),
+        "half_delay": lambda t: float(max(t - sawtooth_delay(t) / 2, 0)),
         "one_step_early": lambda t: read(t) + float(STEP) if read(t) else 0.0,
         "no_delay": ramp,
         "delay_error": late_reading,
@@ -329,6 +333,7 @@ def tie() -> Task:
             "one_step_late": {
                 name: echo(jump, T + STEP) for name in ("direct", "chain")
             },
+            "half_delay": {name: echo(jump, T / 2) for name in ("direct", "chain")},
             "one_step_apart": {"area": lambda t: float(STEP * (t > arrival))},
         },
     )

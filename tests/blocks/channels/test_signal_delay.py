@@ -178,6 +178,24 @@ def test_conveyor(name, length, engine="compiled", within=2e-6):
     assert np.median(error) < 1e-11
 
 
+@pytest.mark.parametrize(
+    "diagram",
+    [
+        TimeDelay(Square(0.8), AsSource(DELAYS["overtaking"])),
+        Conveyor(AsSource(wave), AsSource(CONVEYORS["reverses"][0]), 0.7),
+    ],
+    ids=["time", "conveyor"],
+)
+def test_a_run_goes_on(diagram):
+    """The jumps and turns of the first part are passed in the second one."""
+    whole = simulate(diagram, duration=6.0)
+    first = simulate(diagram, duration=2.9)
+    rest = simulate(diagram, context=first.final_context, duration=3.1)
+    times = TIMES[TIMES > 2.9]
+    expected = whole.Interpolate("out", times)[:, 0]
+    assert Error(rest, "out", expected, times) < 2e-6
+
+
 @pytest.mark.slow
 def test_conveyor_in_drake():
     test_conveyor("reverses", 0.7, "drake", 1e-3)
