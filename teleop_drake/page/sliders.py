@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from numbers import Real
 from typing import Any
 
+from teleop_drake.engine.flatten import AlgebraicLoop
 from teleop_drake.figures.style import AxisLabel
 from teleop_drake.page.inputs import CheckSums, FindChange, Input, Maker, NotSums
 from teleop_drake.scenario import AnyScenario, ScenarioError
@@ -85,6 +86,7 @@ class Runs:
 
         Raises:
             ScenarioError: If an input is wanted, but cannot be changed.
+            AlgebraicLoop: If a wanted input makes a signal depend on itself.
         """
         try:
             self._CheckZero(one)
@@ -92,7 +94,7 @@ class Runs:
             if not any(change.names for change in one.changes):
                 words = "a number that changes something in the run"
                 Refuse(one.key, one.span, words)
-        except ScenarioError as error:
+        except (ScenarioError, AlgebraicLoop) as error:
             if one.is_wanted:
                 raise
             if one.is_delay and one.low == 0 < one.value:

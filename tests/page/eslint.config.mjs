@@ -72,6 +72,8 @@ const page = [
   "shownLoop",
   "signalsAsCsv",
   "state",
+  "strip",
+  "takeGuess",
   "teleop",
   "toggleDrive",
   "zoom",

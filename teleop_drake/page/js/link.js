@@ -1,10 +1,12 @@
 // A link to a state of the page: inputs, the controller of the diagram, the cursor and the scopes.
 //
-// An example is page.html#delay=0.2&controller=direct_force&t=2.4&show=tool_velocity.
+// An example is page.html#delay=0.2&controller=direct_force&t=2.4&show=tool_velocity. With
+// `guess=0.14` the strip with this guess is shown; with `guess=` the page asks for one.
 
 import { setCursor } from "./clock.js";
 import { chooseTab } from "./diagram.js";
 import { $, say } from "./elements.js";
+import { takeGuess } from "./guess.js";
 import { setInput } from "./inputs.js";
 import { parse } from "./numbers.js";
 import { makeScopes } from "./scopes.js";
@@ -25,12 +27,13 @@ export function linkOfState() {
   link.set("controller", shownLoop().kind);
   link.set("t", state.cursor.toFixed(4));
   link.set("show", state.scopes.map(nameOf).join(","));
+  if (state.guess !== null) link.set("guess", state.guess);
   return `${location.href.split("#")[0]}#${link}`;
 }
 
 // Shows the state in the address of the page. Invalid parts of it are reported and ignored.
 export async function showLinkedState() {
-  const { controller, t, show, ...values } = Object.fromEntries(
+  const { controller, t, show, guess, ...values } = Object.fromEntries(
     new URLSearchParams(location.hash.slice(1)),
   );
   const wrong = [];
@@ -50,6 +53,11 @@ export async function showLinkedState() {
   if (t !== undefined) {
     if (Number.isFinite(parse(t))) setCursor(parse(t));
     else wrong.push("t: must be a number");
+  }
+  try {
+    if (guess !== undefined) takeGuess(guess === "" ? null : parse(guess));
+  } catch (error) {
+    wrong.push(error.message);
   }
   if (wrong.length) say(`the link is not understood: ${wrong.join("; ")}`, "bad");
 }

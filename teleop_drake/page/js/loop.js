@@ -10,7 +10,7 @@ const SHORTEST_HAND = 8; // s, of a run without commands
 // The module of a controller, and its memory.
 export class Loop {
   constructor(data, inputs) {
-    Object.assign(this, data, { inputs, room: FIRST_ROOM });
+    Object.assign(this, data, { data, inputs, room: FIRST_ROOM });
   }
 
   // Compiles the module, once.

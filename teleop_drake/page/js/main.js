@@ -4,6 +4,7 @@ import { setCursor, togglePlay } from "./clock.js";
 import { answer, goUp, makeSearch, makeTabs } from "./diagram.js";
 import { isDriveKey, makeHand, toggleDrive } from "./drive.js";
 import { $, say } from "./elements.js";
+import { makeGuess } from "./guess.js";
 import { makeInputs, setInput } from "./inputs.js";
 import { range } from "./numbers.js";
 import "./scene.js";
@@ -119,6 +120,7 @@ async function start() {
   }
   makeTries();
   makeOutcome();
+  makeGuess();
   chooseScopes();
   makeScopes();
   await refresh();

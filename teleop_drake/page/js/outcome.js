@@ -9,11 +9,11 @@ import { sentencesOn } from "./words.js";
 
 const MOST_SENTENCES = 3; // on the signals of a Diagram
 
-// The sentences on the signals that a Diagram's page shows at first.
-function sentencesOnSignals(run) {
+// The signals that a Diagram's page shows at first, and what each does in words.
+export function shownMotions(run) {
   const { ports, references, signals } = run.loop;
   const names = state.data.scopes.length ? state.data.scopes : Object.keys(signals);
-  const sentences = [];
+  const motions = [];
   for (const name of names) {
     const port = signals[name];
     const columns = run.columns(port) ?? [];
@@ -23,9 +23,15 @@ function sentencesOnSignals(run) {
       const reference = found && found[1] + column - found[0];
       const words = motionInWords(run, column, ports[port][2], reference);
       const title = `${name.replaceAll(/[_:/.]/g, " ")} ${components[i]}`.trim();
-      sentences.push(`${title} ${words}.`);
+      motions.push([title, words]);
     });
   }
+  return motions;
+}
+
+// The sentences on the first of these signals.
+function sentencesOnSignals(run) {
+  const sentences = shownMotions(run).map(([title, words]) => `${title} ${words}.`);
   return sentences.slice(0, MOST_SENTENCES).join(" ");
 }
 

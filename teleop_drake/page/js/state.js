@@ -22,6 +22,7 @@ export const state = {
   hand: [], // its commands, [time, ...v_d],
   keys: new Set(), // the pressed keys,
   pull: [], // and the pull of a pointer along each axis.
+  guess: null, // The guessed delay, s.
 };
 
 // Returns the data that are packed in the page; see PackedData() of document.py.
