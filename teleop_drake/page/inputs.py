@@ -212,7 +212,7 @@ def _FindSlopes(
         with np.errstate(invalid="ignore"):
             slope = np.nan_to_num((last[name] - first[name]) / (high - low))
         for v, x in known:
-            if not _IsSame(z + (v - value) * slope, x[name]):
+            if not NearlyEqual(z + (v - value) * slope, x[name]).all():
                 return None
         places = np.flatnonzero(slope)
         if places.size:
@@ -247,16 +247,16 @@ def CheckSums(base: Numbers, changes: Mapping[str, Change], make: Maker) -> None
             expected = base[key]
             for name, value in corner.items():
                 expected = changes[name].Added(key, base[key], expected, value)
-            if expected.shape != x.shape or not _IsSame(expected, x):
+            if expected.shape != x.shape or not NearlyEqual(expected, x).all():
                 raise NotSums(
                     f"{', '.join(corner)}: must not change {key} together, of which "
                     "each is to change its own part"
                 )
 
 
-def _IsSame(a: Array, b: Array) -> bool:
-    """Returns whether two arrays are equal but for rounding."""
+def NearlyEqual(a: Array, b: Array) -> NDArray[np.bool_]:
+    """Returns which elements of two arrays are equal but for rounding."""
     scale = np.maximum(np.abs(a), np.abs(b))
     with np.errstate(invalid="ignore"):
         is_near = np.abs(a - b) <= _ROUNDING * scale + 1e-15
-    return bool(np.all(is_near | (a == b)))
+    return is_near | (a == b)

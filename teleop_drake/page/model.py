@@ -29,6 +29,7 @@ from teleop_drake.numerics.rigid_body import RigidBodyTree
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.plants import PlantData, TreesIn
 from teleop_drake.page.wasm import ConstantsOf, MakeModule
+from teleop_drake.parameters import SetNumbers
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import (
     NamedSignals,
@@ -324,6 +325,31 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
             "has_constant_command": HasConstantCommand(SystemsByPath(diagram)),
         },
     )
+
+
+def WithNumbers(model: Model, values: Mapping[str, float]) -> Model:
+    """Returns the model of a scenario's run with other numbers; see SetNumbers().
+
+    Bounds, packets and facts do not depend on these numbers.
+    """
+    context = model.diagram.CreateDefaultContext()
+    constants: dict[System, dict[str, Array]] = {}
+    changed = SetNumbers(model.diagram, context, values, constants)
+    end, accuracy, max_step = model.numbers["run"]
+    config = SimulatorConfig(accuracy=accuracy, max_step_size=max_step)
+    other = MakeModel(
+        model.diagram,
+        config,
+        end,
+        context,
+        signals=model.signals,
+        like=model,
+        changed=changed,
+        constants=constants,
+    )
+    is_of_run = ("problem.", "memory.", "run")
+    kept = {x: z for x, z in model.numbers.items() if not x.startswith(is_of_run)}
+    return replace(other, numbers=other.numbers | kept, facts=model.facts)
 
 
 def _PageMetrics(task: Task[Any]) -> str:

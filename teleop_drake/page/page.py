@@ -16,13 +16,15 @@ from teleop_drake.blocks.environments import Surface
 from teleop_drake.page.colors import PageColor
 from teleop_drake.page.diagram_inputs import MakeDiagramInputs
 from teleop_drake.page.document import Page
+from teleop_drake.page.fields import FieldNumbers, FindFields, FixedNumbers
 from teleop_drake.page.hand import HandData
 from teleop_drake.page.inputs import Input, Maker
 from teleop_drake.page.levels import Levels
-from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf
+from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf, WithNumbers
 from teleop_drake.page.plants import ViewOf
+from teleop_drake.page.python_lines import DiagramParts, ScenarioParts
 from teleop_drake.page.sliders import DataOfInputs, MakeInputs, Ranges, Runs
-from teleop_drake.parameters import ScalarsIn, SetNumbers
+from teleop_drake.parameters import Scalar, ScalarsIn, SetNumbers
 from teleop_drake.scenario import (
     AnyScenario,
     AsTeleoperation,
@@ -172,6 +174,7 @@ def MakePage(
             scenario_or_diagram, duration, context, suppress_initialization_events
         )
         data = _OfDiagram(job, vary, notes)
+        data["python"] = DiagramParts(scenario_or_diagram, job)
     else:
         RefuseGiven(
             "left out where a page is of a scenario",
@@ -181,6 +184,7 @@ def MakePage(
         scenario, _ = LoadOverridden(scenario_or_diagram, overrides)
         story = scenario.story
         data = _OfScenario(scenario, controllers, vary or {}, has_hand, notes)
+        data["python"] = ScenarioParts(scenario_or_diagram, overrides)
         if has_hand:
             data["hand"] = HandData(
                 AsTeleoperation(scenario),
@@ -256,9 +260,11 @@ def _OfDiagram(job: Job, vary: Ranges | None, notes: list[str]) -> dict[str, Any
         for name, number in ScalarsIn(system, job.context).items()
         if not set(number.paths) <= set(left_out)
     }
-    inputs = MakeDiagramInputs(numbers, runs, vary, notes)
+    inputs = MakeDiagramInputs(numbers, runs, vary)
+    fields, why = FindFields([FieldNumbers(numbers, inputs)], inputs, runs)
     return {
-        **_Data(title.replace("_", " "), inputs, {}, runs),
+        **_Data(title.replace("_", " "), [*inputs, *fields], {}, runs),
+        "fixed": FixedNumbers([numbers], why),
         "view": ViewOf(model.plants.values()),
         "hand": None,
         "isDiagram": True,
@@ -285,8 +291,13 @@ def _OfScenario(
     if not first.facts["metrics"]:
         notes.append("the metrics of this task are its own: `run` prints them")
     inputs = MakeInputs(scenario, ranges, runs)
+    numbers = [] if has_hand else [_ScalarsOf(x) for x in runs.models.values()]
+    fields, why = FindFields(
+        [FieldNumbers(own, inputs) for own in numbers], inputs, runs
+    )
     return {
-        **_Data(scenario.title or scenario.name, inputs, choices, runs),
+        **_Data(scenario.title or scenario.name, [*inputs, *fields], choices, runs),
+        "fixed": FixedNumbers(numbers, why),
         "view": _View(scenario, first.surfaces),
         "hand": None,
         "isDiagram": False,
@@ -348,14 +359,41 @@ def _View(scenario: AnyScenario, surfaces: tuple[Surface, ...]) -> list[list[flo
 def _Maker(source: AnyScenario, overrides: Mapping[str, Any], has_hand: bool) -> Maker:
     """Returns a function that makes the run of a scenario from values of inputs."""
 
+    base: Model | None = None
+    names: set[str] = set()
+
     def Make(values: Mapping[str, float]) -> Model:
-        scenario, _ = LoadOverridden(source, {**overrides, **values})
-        if has_hand:
-            scenario = dataclasses.replace(scenario, duration=_LONGEST_DRIVE)
-        TaskOf(scenario).Check(scenario)
-        return ModelOf(scenario, has_hand=has_hand)
+        """Returns the run at values of inputs; the first one is without any."""
+        nonlocal base
+        keys = {key: value for key, value in values.items() if key not in names}
+        model = base
+        if keys or model is None:
+            scenario, _ = LoadOverridden(source, {**overrides, **keys})
+            if has_hand:
+                scenario = dataclasses.replace(scenario, duration=_LONGEST_DRIVE)
+            TaskOf(scenario).Check(scenario)
+            model = ModelOf(scenario, has_hand=has_hand)
+        if base is None:
+            base = model
+            names.update(_ScalarsOf(base))
+        own = {name: value for name, value in values.items() if name in names}
+        return WithNumbers(model, own) if own else model
 
     return Make
+
+
+def _ScalarsOf(model: Model) -> dict[str, Scalar]:
+    """Returns the numbers of a scenario's blocks that no key of the scenario sets.
+
+    Delays have sliders, and metrics depend on the operator.
+    """
+    diagram = model.diagram
+    scalars = ScalarsIn(diagram, diagram.CreateDefaultContext())
+    return {
+        name: number
+        for name, number in scalars.items()
+        if not number.is_delay and not name.startswith("master/surgeon.")
+    }
 
 
 def _Data(

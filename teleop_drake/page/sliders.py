@@ -16,7 +16,7 @@ from teleop_drake.validation import Refuse
 _DELAYS = ("forward_delay", "return_delay")
 
 # The least delay of a slider, s, where a loop without delay is another program.
-_LEAST_DELAY = 0.005
+LEAST_DELAY = 0.005
 
 # The end of a delay's default range, s; twice the scenario's delay if that is more.
 _LARGE_DELAY = 0.5
@@ -41,14 +41,15 @@ class Runs:
     Attributes:
         models: The runs at the scenario's or the Context's own values, keyed as in
             `makers`.
+        makers: See above.
+        may_be_zero: Whether constant delays may be 0 in all programs.
     """
 
     def __init__(self, makers: Mapping[tuple[str, ...], Maker], notes: list[str]):
         self.models = {which: make({}) for which, make in makers.items()}
-        self._makers = makers
+        self.makers = makers
         self._notes = notes
-        # Whether constant delays may be 0 in all programs.
-        self._may_be_zero = all(x.has_zero_delays for x in self.models.values())
+        self.may_be_zero = all(x.has_zero_delays for x in self.models.values())
 
     def FindInputs(self, alternatives: Iterable[Sequence[Input]]) -> list[Input]:
         """Returns those inputs of an alternative that can be changed.
@@ -81,7 +82,7 @@ class Runs:
     def HasChanges(self, one: Input) -> bool:
         """Sets the changes by an input; returns whether there are any.
 
-        A range of a delay that cannot begin at 0 begins at _LEAST_DELAY. The reason why
+        A range of a delay that cannot begin at 0 begins at LEAST_DELAY. The reason why
         an input cannot be changed is noted, unless it is a field.
 
         Raises:
@@ -90,7 +91,7 @@ class Runs:
         """
         try:
             self._CheckZero(one)
-            one.changes = [FindChange(one, make) for make in self._makers.values()]
+            one.changes = [FindChange(one, make) for make in self.makers.values()]
             if not any(change.names for change in one.changes):
                 words = "a number that changes something in the run"
                 Refuse(one.key, one.span, words)
@@ -98,7 +99,7 @@ class Runs:
             if one.is_wanted:
                 raise
             if one.is_delay and one.low == 0 < one.value:
-                one.low = min(_LEAST_DELAY, one.value)
+                one.low = min(LEAST_DELAY, one.value)
                 return self.HasChanges(one)
             if not one.is_field:
                 self._notes.append(f"{one.key} has no slider: {error}")
@@ -111,7 +112,7 @@ class Runs:
             return
         allowed = "0 s or more"
         if one.low == 0:
-            if self._may_be_zero:
+            if self.may_be_zero:
                 return
             allowed = "above 0 s, because without it a signal depends on itself"
         Refuse(one.key, one.span, allowed)
@@ -122,7 +123,7 @@ class Runs:
         Raises:
             NotSums: If they do not.
         """
-        for i, (which, make) in enumerate(self._makers.items()):
+        for i, (which, make) in enumerate(self.makers.items()):
             changes = {one.key: one.changes[i] for one in inputs}
             CheckSums(self.models[which].numbers, changes, make)
 

@@ -2,11 +2,8 @@
 
 import math
 
-import numpy as np
 import pytest
-from pydrake.systems.controllers import PidController
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
+from servo import Servo
 
 from teleop_drake.page import WritePage
 from teleop_drake.scenario import LoadScenario
@@ -69,24 +66,6 @@ def test_a_time_that_does_not_come_is_never(seen):
     cells = {name: values for name, *values in seen["table"]}
     assert cells["collision: rest time [s]"][0] == "never"
     assert cells["collision: peak force [N]"][0] == "\N{EN DASH}"
-
-
-def Servo():
-    """A position that a controller without an integral holds on a spring."""
-    builder = DiagramBuilder()
-    body = builder.AddNamedSystem(
-        "body",
-        LinearSystem(
-            A=[[0, 1], [-1, -1]], B=[[0], [1]], C=np.eye(2), D=np.zeros((2, 1))
-        ),
-    )
-    law = builder.AddNamedSystem("pid", PidController([49.0], [0.0], [15.0]))
-    goal = builder.AddNamedSystem("goal", ConstantVectorSource([1.0, 0.0]))
-    builder.Connect(goal.get_output_port(), law.get_input_port_desired_state())
-    builder.Connect(body.get_output_port(), law.get_input_port_estimated_state())
-    builder.Connect(law.get_output_port(), body.get_input_port())
-    builder.ExportOutput(body.get_output_port(), "state")
-    return builder.Build()
 
 
 @pytest.fixture(scope="module")

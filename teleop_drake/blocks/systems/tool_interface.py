@@ -7,6 +7,7 @@ from teleop_drake.arrays import ArrayLike
 from teleop_drake.blocks.systems.plant_tree import ReadTool
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.laws.task_space import (
+    Tool,
     joint_torques,
     tool_acceleration,
     tool_kinematics,
@@ -96,7 +97,7 @@ class ToolInterface(FixedBlock):
             "",
             Kernel(
                 parameters={
-                    "tool": ReadTool(plant, tool_name, n),
+                    "tool": _WithoutMasses(ReadTool(plant, tool_name, n)),
                     "R_WP": np.array(np.eye(3) if R_WP is None else R_WP, dtype=float),
                 },
                 outputs={
@@ -125,3 +126,12 @@ class ToolInterface(FixedBlock):
                 "joint_torques": 2 * nv,
             },
         )  # fmt: skip
+
+
+def _WithoutMasses(tool: Tool) -> Tool:
+    """Returns a tool for kinematics only: masses may change in the plant alone."""
+    none = np.zeros(0)
+    tree = tool.tree._replace(
+        masses=none, moments=none, inertias=none, rotor_inertias=none, damping=none
+    )
+    return tool._replace(tree=tree)

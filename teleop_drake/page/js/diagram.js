@@ -57,8 +57,20 @@ function open(path) {
     make("h2", {}, `${path || state.data.title}: ${box.kind}`),
     box.says,
     ...$("box").querySelectorAll(".row"),
+    ...fixedNumbers(path),
     ...buttons,
     others.length ? make("p", { className: "ports" }, `Other ports: ${others.join(", ")}`) : "",
+  );
+}
+
+// The numbers of a box that cannot be changed here, with the reasons in words.
+function fixedNumbers(path) {
+  const reasons = {};
+  for (const [label, value, why] of state.data.fixed?.[path] ?? []) {
+    (reasons[why] ??= []).push(`${label.replace(/ \[.*/, "")} = ${show(value)}`);
+  }
+  return Object.entries(reasons).map(([why, numbers]) =>
+    make("p", { className: "ports" }, `${numbers.join(", ")}: fixed here, as ${why}`),
   );
 }
 

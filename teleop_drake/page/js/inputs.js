@@ -1,6 +1,6 @@
 // The inputs: sliders, numbers, and choices.
 
-import { $, make, say } from "./elements.js";
+import { $, make, makeButton, say } from "./elements.js";
 import { refresh } from "./simulate.js";
 import { makeSlider } from "./slider.js";
 import { state } from "./state.js";
@@ -44,9 +44,27 @@ export function makeInputs() {
       ? makeChoice(input)
       : makeSlider(input, (value) => setFromField(input.name, value));
     input.row = make("div", { className: "row" }, make("label", {}, input.label), ...fields);
-    if (!input.isField) $("inputs").append(input.row);
+    if (input.isField) offerSlider(input);
+    else $("inputs").append(input.row);
     input.show();
   }
+}
+
+// Makes the button that makes a slider of a number of a block.
+function offerSlider(input) {
+  const { row, name, label } = input;
+  row.classList.add("number");
+  const button = makeButton("slider", () => {
+    button.remove();
+    row.classList.remove("number");
+    row.firstChild.textContent = name + (/ \[.*/.exec(label) ?? "");
+    input.isField = false;
+    $("inputs").append(row);
+    row.querySelector("input").focus();
+  });
+  row.append(
+    Object.assign(button, { title: "Make a slider of it", ariaLabel: `slider of ${label}` }),
+  );
 }
 
 // Sets an input to the value of one of its fields; reports a value that is not allowed.

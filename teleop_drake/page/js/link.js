@@ -10,7 +10,7 @@ import { takeGuess } from "./guess.js";
 import { setInput } from "./inputs.js";
 import { parse } from "./numbers.js";
 import { makeScopes } from "./scopes.js";
-import { chosen, shownLoop, state } from "./state.js";
+import { chosen, isChanged, shownLoop, state } from "./state.js";
 
 // The name of the signal at a port; for other ports, the name of the port.
 function nameOf(port) {
@@ -21,8 +21,9 @@ function nameOf(port) {
 // The link to the current state.
 export function linkOfState() {
   const link = new URLSearchParams();
-  for (const { name, value, parts } of Object.values(state.inputs)) {
-    if (!parts) link.set(name, value);
+  for (const input of Object.values(state.inputs)) {
+    const { name, value, parts, isNumber } = input;
+    if (!parts && (!isNumber || isChanged(input))) link.set(name, value);
   }
   link.set("controller", shownLoop().kind);
   link.set("t", state.cursor.toFixed(4));

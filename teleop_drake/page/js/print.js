@@ -3,11 +3,12 @@
 import { $ } from "./elements.js";
 import { show } from "./numbers.js";
 import { drawScopes } from "./scopes.js";
-import { state } from "./state.js";
+import { isChanged, state } from "./state.js";
 
 // The values of the inputs in one line.
 function valuesInWords() {
-  const inputs = Object.values(state.inputs).filter(({ parts }) => !parts);
+  const isShown = (input) => !input.parts && (!input.isField || isChanged(input));
+  const inputs = Object.values(state.inputs).filter(isShown);
   const isNumber = (value) => typeof value === "number";
   return inputs
     .map(({ label, value }) => `${label}: ${isNumber(value) ? show(value) : value}`)

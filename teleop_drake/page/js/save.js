@@ -2,7 +2,7 @@
 
 import { $, make } from "./elements.js";
 import { range } from "./numbers.js";
-import { state } from "./state.js";
+import { changedFields, isChanged, settings, shownLoop, state } from "./state.js";
 import { componentsOf } from "./units.js";
 
 const HEAD = 22; // px above each scope, for its name
@@ -64,8 +64,48 @@ export function signalsAsCsv() {
   return lines.join("\n");
 }
 
+// The Python lines that simulate the shown diagram in its current state.
+export function stateAsPython() {
+  const { isDiagram, python } = state.data;
+  const { kind, changes } = shownLoop();
+  const itemOf = ([name, value]) => `${JSON.stringify(name)}: ${JSON.stringify(value)}`;
+  const dictionary = (items) => `{${items.map((item) => `\n    ${item},`).join("")}\n}`;
+  const isOwn = ({ name }) => Object.keys(changes[name]?.slopes ?? {}).length > 0;
+  const fields = changedFields().filter(isOwn);
+  const moved = isDiagram ? settings().filter(isChanged) : settings();
+  const sliders = moved.filter(({ isNumber }) => !isNumber).map((x) => [x.name, x.value]);
+  const numbers = fields.map(({ name, value }) => [name, value]).map(itemOf);
+  if (isDiagram) {
+    const items = [...python.given, ...sliders.map(itemOf), ...numbers];
+    return `from teleop_drake import Compile
+${python.imports}
+diagram = ${python.source}
+loop = Compile(diagram, duration=${python.duration})
+recording = loop.Run(**${dictionary(items)})
+`;
+  }
+  const items = [...python.given, ...sliders.map(itemOf), itemOf(["controller.kind", kind])];
+  const load = `scenario = LoadScenario(${python.source}, ${dictionary(items)})`;
+  if (!numbers.length) {
+    return `from teleop_drake import Compile, LoadScenario
+
+${load}
+recording = Compile(scenario).Run()
+`;
+  }
+  return `from teleop_drake import Compile, LoadScenario, MakeDiagram
+
+${load}
+diagram = MakeDiagram(scenario)
+loop = Compile(diagram, duration=scenario.duration, simulator=scenario.simulator)
+recording = loop.Run(**${dictionary(numbers)})
+`;
+}
+
 // Makes the buttons that save.
 export function makeSaving() {
+  $("save-python").onclick = () => download("run.py", "text/x-python", stateAsPython());
+  $("save-python").hidden = Boolean(state.data.hand);
   $("save-svg").onclick = () => download("curves.svg", "image/svg+xml", scopesAsSvg());
   $("save-csv").onclick = () => download("signals.csv", "text/csv", signalsAsCsv());
 }

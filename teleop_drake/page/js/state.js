@@ -45,7 +45,13 @@ export async function unpackData() {
 // Reads the model of the page.
 export async function unpack() {
   state.data = await unpackData();
-  state.inputs = Object.fromEntries(state.data.inputs.map((input) => [input.name, { ...input }]));
+  state.inputs = Object.fromEntries(
+    state.data.inputs.map((input) => {
+      // A number of a block is in its box; a slider can be made of it.
+      const { name, value: first, isField: isNumber } = input;
+      return [name, { ...input, first, isNumber }];
+    }),
+  );
   state.loops = state.data.controllers.map((x) => new Loop(x, state.data.inputs));
 }
 
@@ -72,9 +78,16 @@ export function values() {
   return Object.fromEntries(Object.values(state.inputs).map(({ name, value }) => [name, value]));
 }
 
-// The inputs that set the current state: one for both delays where they are equal.
+// Whether an input has another value than at first.
+export const isChanged = ({ value, first }) => value !== first;
+
+// The numbers of blocks that have other values than at first.
+export const changedFields = () =>
+  Object.values(state.inputs).filter((input) => input.isNumber && isChanged(input));
+
+// The sliders that set the current state: one for both delays where they are equal.
 export function settings() {
-  const inputs = Object.values(state.inputs);
+  const inputs = Object.values(state.inputs).filter(({ isNumber }) => !isNumber);
   const isCommon = ({ parts }) =>
     parts?.every((part) => state.inputs[part].value === state.inputs[parts[0]].value);
   const common = inputs.filter(isCommon);

@@ -35,7 +35,8 @@ function triesOf({ delay, forward_delay: forward, return_delay: back, ...others 
     const way = { forward_delay: forward.min, return_delay: Math.min(back.max, 2 * back.value) };
     tries.push(["late on the way back only", way]);
   }
-  for (const { name, label, max, choices, value } of Object.values(others)) {
+  const sliders = Object.values(others).filter(({ isField }) => !isField);
+  for (const { name, label, max, choices, value } of sliders) {
     const other = choices?.find((choice) => choice !== value);
     tries.push(
       choices ? [`${label}: ${other}`, { [name]: other }] : [`largest ${label}`, { [name]: max }],
