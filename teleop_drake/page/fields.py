@@ -66,12 +66,12 @@ def FindFields(
         runs: The runs of the page.
     """
     fields: dict[str, Input] = {}
-    for own in numbers:
-        for name, number in own.items():
+    for known in numbers:
+        for name, number in known.items():
             fields.setdefault(name, _MakeField(name, number, runs))
     why = dict.fromkeys(list(fields)[_MOST_FIELDS:], _TOO_MANY)
     for i, (which, make) in enumerate(runs.makers.items() if numbers else ()):
-        own = {}
+        own: dict[str, Input] = {}
         for name, number in numbers[i].items():
             reason = why.get(name) or _ReasonAgainst(name, number, fields[name])
             if reason:

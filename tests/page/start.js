@@ -72,7 +72,12 @@
   [...document.querySelectorAll("#banner button")]
     .find((x) => x.textContent.startsWith("This drive again"))
     .click();
-  await until(() => $("banner").hidden && !state.busy);
-  seen.again = { isSame: hand === String(state.hand), delay: teleop.inputs.delay?.value };
+  const score = () => document.querySelector("#banner code").textContent;
+  await until(() => score().includes("delay each way 0 s") && !state.busy);
+  seen.again = {
+    isSame: hand === String(state.hand),
+    delay: teleop.inputs.delay?.value,
+    isShown: !$("banner").hidden,
+  };
   return seen;
 })();

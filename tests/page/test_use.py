@@ -106,14 +106,15 @@ def test_a_drive_starts_by_itself_and_tells_how_it_ended(look, tmp_path):
     )
     assert seen["score"] == begin + "bone not reached"
     assert seen["whole"] == (
-        begin + "bone after 1.25 s; largest force 0.83 N; at rest after 2.00 s"
+        begin + "bone after 1.25 s; largest force 0.83 N; at rest after 2.00 s; "
+        "score 2.70 N s"
     )
     assert seen["next"][:3] == [
         "Again",
         "With adaptive backstepping",
         "This drive again, 0 s late",
     ]
-    assert seen["again"] == {"isSame": True, "delay": 0}
+    assert seen["again"] == {"isSame": True, "delay": 0, "isShown": True}
 
 
 @pytest.mark.slow

@@ -2,7 +2,9 @@
 
 import { showLast } from "./clock.js";
 import { chooseTab } from "./diagram.js";
+import { LEVELS, PICTURE } from "./contest.js";
 import { $, make, nextFrame, say } from "./elements.js";
+import { linkOfDrive } from "./link.js";
 import { clamp } from "./numbers.js";
 import { Run } from "./run.js";
 import { hideBanner, showEnd } from "./score.js";
@@ -19,7 +21,6 @@ const KEYS = [
   ["k", "i"],
   ["o", "u"],
 ];
-const PICTURE = 1 / 60; // s, the time between two commands
 const MOST_PICTURES = 6; // simulated at once to catch up; with more lag, simulated time is slower
 const FULL_PULL = 80; // px
 const DEAD_ZONE = 0.1; // the largest tilt of a stick at rest
@@ -43,11 +44,13 @@ function sticks() {
 // The velocity that the hand commands, m/s, by keys, a pointer that pulls and a gamepad's sticks.
 function command() {
   const { num_axes: n, full_speed: full } = state.data.hand;
-  const most = full * Number($("strength").value);
+  // A hand has levels of speed, so that a link has exactly the same one.
+  const most = LEVELS * Number($("strength").value);
   const tilts = sticks();
   return KEYS.slice(0, n).map(([less, more], k) => {
     const keys = Number(state.keys.has(more)) - Number(state.keys.has(less));
-    return most * clamp(keys + (tilts[k] ?? 0) + (state.pull[k] ?? 0), -1, 1);
+    const share = clamp(keys + (tilts[k] ?? 0) + (state.pull[k] ?? 0), -1, 1);
+    return (full / LEVELS) * Math.round(most * share);
   });
 }
 
@@ -91,6 +94,7 @@ export async function drive() {
   const run = new Run(loop, loop.numbersAt(values()));
   state.hand = [[0, ...command().fill(0)]];
   state.runs = [run];
+  document.body.classList.remove("fresh");
   $("drive").textContent = "End (Esc)";
   $("strength").disabled = true;
   $("metrics").replaceChildren();
@@ -112,7 +116,7 @@ async function endDrive(kind) {
   offerHand();
   state.runs = [];
   await refresh();
-  showEnd(kind, { again: drive, withController });
+  showEnd(kind, { again: drive, withController, linkOf: linkOfDrive });
 }
 
 // Drives another controller.
@@ -188,7 +192,7 @@ export function makeHand() {
   $("drive").onclick = toggleDrive;
   const first = chosen().findIndex((loop) => loop.kind === state.data.hand.first);
   chooseTab(Math.max(0, first));
-  document.body.classList.add("driven");
+  document.body.classList.add("driven", "fresh");
   watchHand();
   onRuns(showCommand);
   $("save-scenario").hidden = !state.data.hand.yaml;

@@ -6,9 +6,11 @@
 import { setCursor } from "./clock.js";
 import { chooseTab } from "./diagram.js";
 import { $, say } from "./elements.js";
+import { challenge, packHand } from "./contest.js";
 import { takeGuess } from "./guess.js";
 import { setInput } from "./inputs.js";
 import { parse } from "./numbers.js";
+import { scoreOf } from "./score.js";
 import { makeScopes } from "./scopes.js";
 import { chosen, isChanged, shownLoop, state } from "./state.js";
 
@@ -32,9 +34,21 @@ export function linkOfState() {
   return `${location.href.split("#")[0]}#${link}`;
 }
 
+// The link to the drive of a run: its settings, the hand and the score.
+export async function linkOfDrive(run) {
+  const [page, values] = linkOfState().split("#");
+  const link = new URLSearchParams(values);
+  link.set("controller", run.loop.kind);
+  link.set("strength", $("strength").value);
+  link.set("score", scoreOf(run).points?.toFixed(3) ?? "none");
+  link.set("hand", await packHand(state.hand));
+  link.delete("t");
+  return `${page}#${link}`;
+}
+
 // Shows the state in the address of the page. Invalid parts of it are reported and ignored.
 export async function showLinkedState() {
-  const { controller, t, show, guess, ...values } = Object.fromEntries(
+  const { controller, t, show, guess, hand, strength, score, ...values } = Object.fromEntries(
     new URLSearchParams(location.hash.slice(1)),
   );
   const wrong = [];
@@ -56,6 +70,7 @@ export async function showLinkedState() {
     else wrong.push("t: must be a number");
   }
   try {
+    if (hand !== undefined && state.data.hand) await challenge({ hand, strength, score });
     if (guess !== undefined) takeGuess(guess === "" ? null : parse(guess));
   } catch (error) {
     wrong.push(error.message);

@@ -122,6 +122,17 @@ function drawRun(run, lane, arm, { toPixels, isPlane, width, floor }) {
     <text x="4" y="${Number(y) + 18}">${isPlane ? "" : safe(title)}</text></g>`;
 }
 
+// The tools of pinned runs at the cursor, pale.
+function drawGhosts(lanes, toPixels) {
+  const ghosts = state.pinned.filter((run) => run.signal("tool_position") && run.ends.length);
+  return ghosts.map((run) => {
+    const place = see(run.vector(run.signal("tool_position"), state.cursor));
+    const lane = lanes ? state.runs.findIndex(({ loop }) => loop === run.loop) : 0;
+    const [x, y] = toPixels(place, Math.max(0, lane));
+    return `<circle class="ghost" cx="${x}" cy="${y}" r="7" fill="${run.loop.color}"/>`;
+  });
+}
+
 // The names of both sides, and the legend of the marks.
 function drawLegend(hasChannels, width, height, floor) {
   const [left, right] = hasChannels ? ["operator", "robot"] : ["", ""];
@@ -163,6 +174,7 @@ function drawScene() {
   const runs = shown.map((run, lane) => drawRun(run, lane, arms[lane], picture));
   $("scene").innerHTML =
     drawSurfaces(surfaces, toPixels, width) +
+    drawGhosts(lanes, toPixels).join("") +
     runs.join("") +
     drawLegend(shown[0].z.forward, width, height, floor);
 }

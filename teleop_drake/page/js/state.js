@@ -22,6 +22,7 @@ export const state = {
   hand: [], // its commands, [time, ...v_d],
   keys: new Set(), // the pressed keys,
   pull: [], // and the pull of a pointer along each axis.
+  challenge: null, // The score to beat.
   guess: null, // The guessed delay, s.
 };
 

@@ -9,7 +9,7 @@ import { chosen, state } from "./state.js";
 const NUMBERS = ["no controller", "one controller", "two controllers", "three controllers"];
 
 // The delays of packets in words.
-function latenessOf({ forward_delay: forward, return_delay: back, delay }) {
+export function latenessOf({ forward_delay: forward, return_delay: back, delay }) {
   if (!forward || !back) return delay ? `${show(delay.value)} s late` : "";
   if (forward.value === back.value) return `${show(forward.value)} s late`;
   return `${show(forward.value)} s late there and ${show(back.value)} s back`;
@@ -19,7 +19,8 @@ function latenessOf({ forward_delay: forward, return_delay: back, delay }) {
 function showSubtitle() {
   const count = chosen().length;
   const controllers = state.data.isDiagram ? "" : (NUMBERS[count] ?? `${count} controllers`);
-  const words = [controllers, latenessOf(state.inputs)].filter((text) => text);
+  const task = state.data.hand ? "push the tool to the bone, and let it rest there" : "";
+  const words = [task, controllers, latenessOf(state.inputs)].filter((text) => text);
   $("subtitle").textContent = words.length ? `: ${words.join(", ")}` : "";
 }
 
