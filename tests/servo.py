@@ -5,9 +5,14 @@ from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LinearSystem
 
+from teleop_drake import TransportDelay
 
-def Servo():
-    """A position that a controller without an integral holds on a spring."""
+
+def Servo(late=0.0):
+    """A position that a controller without an integral holds on a spring.
+
+    The measured state may be late, by a delay in s.
+    """
     builder = DiagramBuilder()
     body = builder.AddNamedSystem(
         "body",
@@ -18,7 +23,12 @@ def Servo():
     law = builder.AddNamedSystem("pid", PidController([49.0], [0.0], [15.0]))
     goal = builder.AddNamedSystem("goal", ConstantVectorSource([1.0, 0.0]))
     builder.Connect(goal.get_output_port(), law.get_input_port_desired_state())
-    builder.Connect(body.get_output_port(), law.get_input_port_estimated_state())
+    measured = body.get_output_port()
+    if late:
+        sensor = builder.AddNamedSystem("sensor", TransportDelay(late, 2))
+        builder.Connect(measured, sensor.get_input_port())
+        measured = sensor.get_output_port()
+    builder.Connect(measured, law.get_input_port_estimated_state())
     builder.Connect(law.get_output_port(), body.get_input_port())
     builder.ExportOutput(body.get_output_port(), "state")
     return builder.Build()

@@ -7,7 +7,7 @@ import copy
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
@@ -25,6 +25,7 @@ from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.engine.block_events import CheckEvents
 from teleop_drake.engine.constants import ConstantValues, WithConstants
 from teleop_drake.engine.flatten import (
+    Block,
     Flatten,
     Source,
     UnreadableLeaf,
@@ -187,6 +188,23 @@ def IsDelayed(kernel: Kernel, output: str) -> bool:
     return is_passed or output in [delay.output for delay in kernel.delays]
 
 
+class Inserted(Protocol):
+    """Blocks on connections of a diagram that are not part of it.
+
+    Attributes:
+        contexts: The Context of each of these blocks, which have no states.
+    """
+
+    @property
+    def contexts(self) -> dict[System, Context]:
+        """See above."""
+        ...
+
+    def Insert(self, blocks: list[Block]) -> list[Block]:
+        """Returns the blocks of the diagram and, behind them, the others."""
+        ...
+
+
 class Evaluator:
     """Evaluates the time derivatives and the outputs of a diagram, without Drake.
 
@@ -200,6 +218,7 @@ class Evaluator:
         recorded: The output ports of the recorded signals; None: those of SignalsOf().
         needs_states: Whether a block of Drake's with a state must have a kernel even if
             no recorded signal depends on it.
+        inserted: Blocks on connections of the diagram that are not part of it.
 
     Attributes:
         system: The diagram.
@@ -227,12 +246,17 @@ class Evaluator:
         has_zero_delays: bool = False,
         recorded: Iterable[OutputPort] | None = None,
         needs_states: bool = True,
+        inserted: "Inserted | None" = None,
     ):
         self.blocks = Flatten(system)
+        self._added: dict[System, Context] = {}
+        if inserted is not None:
+            self.blocks = inserted.Insert(self.blocks)
+            self._added = inserted.contexts
         self.system = system
         self._as_machine_code = as_machine_code
         self._has_zero_delays = has_zero_delays
-        contexts = ContextsIn(system, context)
+        contexts = self.ContextsIn(context)
         # The kernels, with the parameter values of the blocks' Contexts.
         self._readers: dict[int, LeafReader] = {}
         kernels, obstacles = self._ReadKernels(contexts)
@@ -268,6 +292,7 @@ class Evaluator:
         changed: Collection[System],
         kept: "Sequence[Evaluator]" = (),
         constants: ConstantValues = MappingProxyType({}),
+        inserted: "Inserted | None" = None,
     ) -> "Evaluator":
         """Returns an evaluator with the numbers of another Context.
 
@@ -278,12 +303,16 @@ class Evaluator:
             changed: The blocks of which the numbers differ.
             kept: Further evaluators whose machine code is reused if it is the same.
             constants: Other values of constants of the blocks.
+            inserted: The inserted blocks with other numbers.
 
         Raises:
             UnsupportedSystem: If a block cannot be compiled with its numbers.
             AlgebraicLoop: If a signal depends on itself, see Evaluator.
         """
-        contexts = ContextsIn(self.system, context)
+        contexts = self.ContextsIn(context)
+        if inserted is not None:
+            contexts |= inserted.contexts
+            changed = {*changed, *inserted.contexts}
         kernels = {}
         for i, block in enumerate(self.blocks):
             system = block.system
@@ -298,7 +327,13 @@ class Evaluator:
             other = copy.copy(self)
             in_order = [kernels.get(i, x) for i, x in enumerate(self.program.kernels)]
             other._SetProgram(Program(self.blocks, in_order), [self, *kept])
+        if inserted is not None:
+            other._added = inserted.contexts
         return other
+
+    def ContextsIn(self, context: Context) -> dict[System, Context]:
+        """Returns the Contexts of the diagram's systems and of the inserted blocks."""
+        return {**ContextsIn(self.system, context), **self._added}
 
     def WithBlocks(
         self, path: str, system: System, contexts: Mapping[System, Context]
@@ -446,7 +481,7 @@ class Evaluator:
             initial outputs of delays. The other signals are 0.
         """
         program = self.program
-        contexts = ContextsIn(self.system, context)
+        contexts = self.ContextsIn(context)
         x = context.get_continuous_state_vector().CopyToVector()
         m = [
             DiscreteState(contexts[block.system])[: part.stop - part.start]

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
 from teleop_drake.arrays import Array
-from teleop_drake.contexts import ContextsIn
 from teleop_drake.engine.delays import NODES
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.problem import BREAKS, ROWS, Memory, Past
@@ -34,7 +33,7 @@ class _Line(NamedTuple):
 
 def _LinesIn(evaluator: Evaluator, context: Context) -> Iterator[_Line]:
     """Yields the delays of a diagram that have a line."""
-    contexts = ContextsIn(evaluator.system, context)
+    contexts = evaluator.ContextsIn(context)
     program = evaluator.program
     signals = iter([signal for _, signal, _ in program.delays])
     for block, kernel in zip(evaluator.blocks, program.kernels, strict=True):

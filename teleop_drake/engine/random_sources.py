@@ -13,7 +13,7 @@ from pydrake.systems.framework import Context
 from pydrake.systems.primitives import RandomSource
 
 from teleop_drake.arrays import Array
-from teleop_drake.contexts import ContextsIn, DiscreteState
+from teleop_drake.contexts import DiscreteState
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.primitives import DRAW
 
@@ -45,7 +45,7 @@ def TakeDraws(evaluator: Evaluator, context: Context, end: float) -> list[Draw]:
         context: The Context of the diagram, from which the draws go on. The states of
             its random sources are advanced to the end.
     """
-    contexts = ContextsIn(evaluator.system, context)
+    contexts = evaluator.ContextsIn(context)
     draws: list[Draw] = []
     for i, block in enumerate(evaluator.blocks):
         if type(block.system) is RandomSource:

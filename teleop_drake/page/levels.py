@@ -29,7 +29,9 @@ _REPLACED = (
     (r'(data-at="[^"]*")>', r'\1 tabindex="0">'),
     (r'<path [^>]*(d="[^"]*")/>', r'\g<0><path class="hit" \1/>'),
 )
-_WIRE = re.compile(r"^(\{?)s(\d+)(?:in|out)?[:_]([uy]\d+)\S* -> \S+( \[(.*)\])?$")
+_WIRE = re.compile(
+    r"^(\{?)s(\d+)(?:in|out)?[:_]([uy]\d+)\S* -> (?:s(\d+):(u\d+))?\S*( \[(.*)\])?$"
+)
 
 
 def Levels(diagram: System) -> list[dict[str, Any]]:
@@ -83,7 +85,7 @@ def _BoxAttributes(box: dict[str, Any], is_level: bool) -> str:
 
 def _PortAttributes(box: dict[str, Any], port: str, kind: str) -> str:
     """Returns the SVG attributes of a port, "u" or "y", or of a "wire" from a port."""
-    words = {"u": "input", "y": "output", "wire": "wire from"}[kind]
+    words = {"u": "input", "y": "output", "wire": "wire at"}[kind]
     path, name = html.escape(box["path"]), html.escape(port)
     label = f"{words} {name} of {path or 'the diagram'}"
     # Keys reach ports, but not wires, which plot the signal of a port.
@@ -128,9 +130,12 @@ def _Picture(dot: str) -> str:
         linked = _PORT.sub(rf'<TD HREF="{box}:\1" TITLE="." PORT="\1"', line)
         linked = _HEADER.sub(f'<TD HREF="{box}" TITLE="." BORDER="1" COLSPAN', linked)
         if found := _WIRE.match(linked):
-            attributes = found[5] + ", " if found[5] else ""
-            linked = linked.removesuffix(found[4] or "")
-            linked += f' [{attributes}id="wire {found[2]}:{found[3]}"]'
+            _, box_from, port_from, box_to, port_to, whole, inside = found.groups()
+            attributes = inside + ", " if inside else ""
+            linked = linked.removesuffix(whole or "")
+            # A wire that leads to an input has the name of this input.
+            end = f"{box_to}:{port_to}" if box_to else f"{box_from}:{port_from}"
+            linked += f' [{attributes}id="wire {end}"]'
         lines.append(linked)
     svg = LayOut("\n".join(lines), "svg").decode()
     svg = svg[svg.index("<svg") :]

@@ -26,10 +26,10 @@ from teleop_drake.engine.problem import BREAKS, JUMPS, ROWS, Memory
 from teleop_drake.engine.run import CompiledRun
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.rigid_body import RigidBodyTree
+from teleop_drake.page.late_wires import LateWires
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.plants import PlantData, TreesIn
 from teleop_drake.page.wasm import ConstantsOf, MakeModule
-from teleop_drake.parameters import SetNumbers
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import (
     NamedSignals,
@@ -107,6 +107,7 @@ class Model:
             `materials`, and `draws` (of random sources: the time in s, the place in
             Memory.y and the new values of each).
         plants: The links of the MultibodyPlants to draw; see TreesIn().
+        late: The delays on connections; None: there are none.
     """
 
     diagram: System
@@ -117,6 +118,7 @@ class Model:
     has_zero_delays: bool
     facts: dict[str, Any]
     plants: dict[str, RigidBodyTree]
+    late: LateWires | None
 
     @property
     def structure(self) -> tuple[Any, ...]:
@@ -275,12 +277,15 @@ def _Flat(numbers: Mapping[str, ArrayLike]) -> dict[str, Array]:
     return {name: np.array(x, float).ravel() for name, x in numbers.items()}
 
 
-def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
+def ModelOf(
+    scenario: AnyScenario, *, has_hand: bool = False, has_late_wires: bool = False
+) -> Model:
     """Returns the model of a scenario's run.
 
     Args:
         scenario: A valid scenario.
         has_hand: Whether the user of the page takes the operator's place.
+        has_late_wires: Whether each connection has a delay, of 0 s.
 
     Raises:
         UnsupportedSystem: If a block has no kernel; the message names the block.
@@ -296,6 +301,7 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
         scenario.simulator,
         scenario.duration,
         signals=NamedSignals(diagram.GetSystems()),
+        late=LateWires.Of(diagram) if has_late_wires else None,
     )
     ports = model.Ports()
     signals = {name: ports[port] for name, port in model.Signals().items()}
@@ -325,31 +331,6 @@ def ModelOf(scenario: AnyScenario, *, has_hand: bool = False) -> Model:
             "has_constant_command": HasConstantCommand(SystemsByPath(diagram)),
         },
     )
-
-
-def WithNumbers(model: Model, values: Mapping[str, float]) -> Model:
-    """Returns the model of a scenario's run with other numbers; see SetNumbers().
-
-    Bounds, packets and facts do not depend on these numbers.
-    """
-    context = model.diagram.CreateDefaultContext()
-    constants: dict[System, dict[str, Array]] = {}
-    changed = SetNumbers(model.diagram, context, values, constants)
-    end, accuracy, max_step = model.numbers["run"]
-    config = SimulatorConfig(accuracy=accuracy, max_step_size=max_step)
-    other = MakeModel(
-        model.diagram,
-        config,
-        end,
-        context,
-        signals=model.signals,
-        like=model,
-        changed=changed,
-        constants=constants,
-    )
-    is_of_run = ("problem.", "memory.", "run")
-    kept = {x: z for x, z in model.numbers.items() if not x.startswith(is_of_run)}
-    return replace(other, numbers=other.numbers | kept, facts=model.facts)
 
 
 def _PageMetrics(task: Task[Any]) -> str:
@@ -416,6 +397,7 @@ def MakeModel(
     like: Model | None = None,
     changed: Collection[System] = (),
     constants: ConstantValues = MappingProxyType({}),
+    late: LateWires | None = None,
 ) -> Model:
     """Returns the model of a diagram's run, without metrics.
 
@@ -430,6 +412,7 @@ def MakeModel(
             possible; None: there is none.
         changed: The blocks whose numbers differ from those of `like`.
         constants: Other values of constants of these blocks.
+        late: The delays on connections; None: there are none.
 
     Raises:
         UnsupportedSystem: If a block has no kernel; the message names the block.
@@ -438,9 +421,11 @@ def MakeModel(
     context = StartOf(diagram, context, suppress_initialization_events=suppress)
     shown = _ShownOf(diagram) if signals is None else signals
     if like is None:
-        evaluator, has_zero_delays = _MakeEvaluator(diagram, context, shown)
+        evaluator, has_zero_delays = _MakeEvaluator(diagram, context, shown, late)
     else:
-        evaluator = like.run.evaluator.With(context, changed, constants=constants)
+        evaluator = like.run.evaluator.With(
+            context, changed, constants=constants, inserted=late
+        )
         has_zero_delays = like.has_zero_delays
         if constants and not suppress:
             SetInitialModes(evaluator, context)
@@ -474,6 +459,7 @@ def MakeModel(
         numbers=_Flat(numbers),
         surfaces=surfaces,
         facts=_FactsOf(run, surfaces),
+        late=late,
         plants=TreesIn(diagram, context, evaluator.left_out),
     )
 
@@ -500,7 +486,10 @@ def _ShownOf(diagram: System) -> dict[str, OutputPort]:
 
 
 def _MakeEvaluator(
-    diagram: System, context: Context, signals: Mapping[str, OutputPort]
+    diagram: System,
+    context: Context,
+    signals: Mapping[str, OutputPort],
+    late: LateWires | None,
 ) -> tuple[Evaluator, bool]:
     """Returns the evaluator of a diagram, and whether constant delays may be 0.
 
@@ -514,6 +503,7 @@ def _MakeEvaluator(
             has_zero_delays=has_zero_delays,
             recorded=signals.values(),
             needs_states=False,
+            inserted=late,
         )
 
     try:

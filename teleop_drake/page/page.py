@@ -16,11 +16,17 @@ from teleop_drake.blocks.environments import Surface
 from teleop_drake.page.colors import PageColor
 from teleop_drake.page.diagram_inputs import MakeDiagramInputs
 from teleop_drake.page.document import Page
-from teleop_drake.page.fields import FieldNumbers, FindFields, FixedNumbers
+from teleop_drake.page.fields import (
+    FieldNumbers,
+    FindFields,
+    FixedNumbers,
+    WithNumbers,
+)
 from teleop_drake.page.hand import HandData
 from teleop_drake.page.inputs import Input, Maker
+from teleop_drake.page.late_wires import LateWires, MarginsInto
 from teleop_drake.page.levels import Levels
-from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf, WithNumbers
+from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf
 from teleop_drake.page.plants import ViewOf
 from teleop_drake.page.python_lines import DiagramParts, ScenarioParts
 from teleop_drake.page.sliders import DataOfInputs, MakeInputs, Ranges, Runs
@@ -96,6 +102,7 @@ def WritePage(
     context: Context | None = None,
     suppress_initialization_events: bool = False,
     has_hand: bool = False,
+    delays: str | None = None,
 ) -> list[str]:
     """Writes a living diagram.
 
@@ -117,6 +124,7 @@ def WritePage(
         context=context,
         suppress_initialization_events=suppress_initialization_events,
         has_hand=has_hand,
+        delays=delays,
     )
     page.Save(path)
     return page.notes
@@ -133,6 +141,7 @@ def MakePage(
     context: Context | None = None,
     suppress_initialization_events: bool = False,
     has_hand: bool = False,
+    delays: str | None = None,
 ) -> Page:
     """Makes a page that shows a block diagram and simulates it.
 
@@ -159,6 +168,9 @@ def MakePage(
             inputs; None: the default Context.
         suppress_initialization_events: As for simulate(), for a diagram's runs.
         has_hand: Whether the user of the page takes the operator's place.
+        delays: "all": each connection of vectors has a delay of 0 s that can be
+            changed; a click on it shows the delay and the margin by DelayMargins(),
+            linearised where the run begins. None: only the delays of blocks.
 
     Raises:
         UnsupportedSystem: If a block has no kernel; the message names the block.
@@ -166,6 +178,8 @@ def MakePage(
             number by two of `vary` do not add up.
     """
     notes: list[str] = []
+    if delays not in (None, "all") or (delays and has_hand):
+        Refuse("delays", delays, "'all' or None, and None where a hand drives")
     if isinstance(scenario_or_diagram, System) or callable(scenario_or_diagram):
         if controllers or overrides or has_hand:
             Refuse("controllers, overrides, has_hand", "given", "left out of a diagram")
@@ -173,7 +187,7 @@ def MakePage(
         job = _DiagramJob(
             scenario_or_diagram, duration, context, suppress_initialization_events
         )
-        data = _OfDiagram(job, vary, notes)
+        data = _OfDiagram(job, vary, notes, has_late_wires=delays is not None)
         data["python"] = DiagramParts(scenario_or_diagram, job)
     else:
         RefuseGiven(
@@ -183,7 +197,14 @@ def MakePage(
         )
         scenario, _ = LoadOverridden(scenario_or_diagram, overrides)
         story = scenario.story
-        data = _OfScenario(scenario, controllers, vary or {}, has_hand, notes)
+        data = _OfScenario(
+            scenario,
+            controllers,
+            vary or {},
+            notes,
+            has_hand=has_hand,
+            has_late_wires=delays is not None,
+        )
         data["python"] = ScenarioParts(scenario_or_diagram, overrides)
         if has_hand:
             data["hand"] = HandData(
@@ -223,17 +244,22 @@ def _DiagramJob(
     return job
 
 
-def _OfDiagram(job: Job, vary: Ranges | None, notes: list[str]) -> dict[str, Any]:
+def _OfDiagram(
+    job: Job, vary: Ranges | None, notes: list[str], *, has_late_wires: bool
+) -> dict[str, Any]:
     """Returns the data of a diagram's page for its script, except the scopes."""
     system = job.diagram
     base: Model | None = None
+    wires = LateWires.Of(system) if has_late_wires else None
 
     def Make(values: Mapping[str, float]) -> Model:
         """Returns the run at values of inputs; the first one is without any."""
         nonlocal base
         context = job.context.Clone()
         constants: dict[System, dict[str, Array]] = {}
-        changed = SetNumbers(system, context, values, constants)
+        late = wires and wires.With(values)
+        own = {x: v for x, v in values.items() if wires is None or not wires.Has(x)}
+        changed = SetNumbers(system, context, own, constants)
         model = MakeModel(
             system,
             job.config,
@@ -243,6 +269,7 @@ def _OfDiagram(job: Job, vary: Ranges | None, notes: list[str]) -> dict[str, Any
             like=base,
             changed=changed,
             constants=constants,
+            late=late,
         )
         base = base or model
         return model
@@ -261,22 +288,46 @@ def _OfDiagram(job: Job, vary: Ranges | None, notes: list[str]) -> dict[str, Any
         if not set(number.paths) <= set(left_out)
     }
     inputs = MakeDiagramInputs(numbers, runs, vary)
+    if wires is not None:
+        numbers = wires.Scalars() | numbers
     fields, why = FindFields([FieldNumbers(numbers, inputs)], inputs, runs)
-    return {
+    data = {
         **_Data(title.replace("_", " "), [*inputs, *fields], {}, runs),
         "fixed": FixedNumbers([numbers], why),
         "view": ViewOf(model.plants.values()),
         "hand": None,
         "isDiagram": True,
     }
+    _AddWires(data, runs, job.context, notes)
+    return data
+
+
+def _AddWires(
+    data: dict[str, Any], runs: Runs, context: Context | None, notes: list[str]
+) -> None:
+    """Adds the names of the delays of connections, and the margins of these.
+
+    Args:
+        data: The data of the page.
+        runs: The runs of the page.
+        context: The Context where they begin; None: the default Context of each.
+        notes: The list to which the reasons for missing margins are added.
+    """
+    for loop, model in zip(data["controllers"], runs.models.values(), strict=True):
+        if model.late is not None:
+            start = context or model.diagram.CreateDefaultContext()
+            loop["wires"] = model.late.Names(model.diagram)
+            loop["margins"] = MarginsInto(model.diagram, start, notes)
 
 
 def _OfScenario(
     scenario: AnyScenario,
     controllers: Sequence[str] | None,
     vary: Ranges,
-    has_hand: bool,
     notes: list[str],
+    *,
+    has_hand: bool,
+    has_late_wires: bool,
 ) -> dict[str, Any]:
     """Returns the data of a scenario's page for its script, except the scopes."""
     kinds = TaskOf(scenario).controllers if controllers is None else controllers
@@ -285,7 +336,7 @@ def _OfScenario(
     makers = {}
     for which in itertools.product(kinds, *choices.values()):
         chosen = dict(zip(["controller.kind", *choices], which, strict=True))
-        makers[which] = _Maker(scenario, chosen, has_hand)
+        makers[which] = _Maker(scenario, chosen, has_hand, has_late_wires)
     runs = Runs(makers, notes)
     first = next(iter(runs.models.values()))
     if not first.facts["metrics"]:
@@ -295,13 +346,15 @@ def _OfScenario(
     fields, why = FindFields(
         [FieldNumbers(own, inputs) for own in numbers], inputs, runs
     )
-    return {
+    data = {
         **_Data(scenario.title or scenario.name, [*inputs, *fields], choices, runs),
         "fixed": FixedNumbers(numbers, why),
         "view": _View(scenario, first.surfaces),
         "hand": None,
         "isDiagram": False,
     }
+    _AddWires(data, runs, None, notes)
+    return data
 
 
 def DiagramPage(diagram: System) -> Page:
@@ -356,7 +409,12 @@ def _View(scenario: AnyScenario, surfaces: tuple[Surface, ...]) -> list[list[flo
     return [forward.tolist(), z.tolist()]
 
 
-def _Maker(source: AnyScenario, overrides: Mapping[str, Any], has_hand: bool) -> Maker:
+def _Maker(
+    source: AnyScenario,
+    overrides: Mapping[str, Any],
+    has_hand: bool,
+    has_late_wires: bool,
+) -> Maker:
     """Returns a function that makes the run of a scenario from values of inputs."""
 
     base: Model | None = None
@@ -372,7 +430,7 @@ def _Maker(source: AnyScenario, overrides: Mapping[str, Any], has_hand: bool) ->
             if has_hand:
                 scenario = dataclasses.replace(scenario, duration=_LONGEST_DRIVE)
             TaskOf(scenario).Check(scenario)
-            model = ModelOf(scenario, has_hand=has_hand)
+            model = ModelOf(scenario, has_hand=has_hand, has_late_wires=has_late_wires)
         if base is None:
             base = model
             names.update(_ScalarsOf(base))
@@ -389,7 +447,8 @@ def _ScalarsOf(model: Model) -> dict[str, Scalar]:
     """
     diagram = model.diagram
     scalars = ScalarsIn(diagram, diagram.CreateDefaultContext())
-    return {
+    late = {} if model.late is None else model.late.Scalars()
+    return late | {
         name: number
         for name, number in scalars.items()
         if not number.is_delay and not name.startswith("master/surgeon.")

@@ -49,6 +49,7 @@ function open(path) {
     if (isOwn || !isField) $(isOwn ? "box" : "inputs").append(row);
     else row.remove();
   }
+  $("box").className = "";
   const isPlotted = (name) => loop.ports[`${path}:${name}`];
   const ports = [...box.u, ...box.y].filter(isPlotted);
   const others = [...box.u, ...box.y].filter((name) => !isPlotted(name));
@@ -60,6 +61,27 @@ function open(path) {
     ...fixedNumbers(path),
     ...buttons,
     others.length ? make("p", { className: "ports" }, `Other ports: ${others.join(", ")}`) : "",
+  );
+}
+
+// Opens a wire that leads to a port: shows how much later its signal may come, and its delay.
+function openWire(port) {
+  const { wires = {}, margins = {} } = shownLoop();
+  const names = (wires[port] ?? []).filter((name) => name in state.inputs);
+  const isKnown = port in margins;
+  if (!names.length && !isKnown) return;
+  const margin = margins[port];
+  const words = {
+    null: "However late its signal comes, the diagram remains stable.",
+    0: "The diagram is unstable as it is.",
+  };
+  const limit = `Its signal may come up to ${show(margin ?? 0, 3)} s later; then it is unstable.`;
+  const basis = " (Linearised where the run begins, with the first numbers.)";
+  $("box").className = "wire";
+  $("box").replaceChildren(
+    make("h2", {}, `wire to ${port.replace(":", " · ")}`),
+    isKnown ? (words[margin] ?? limit) + basis : "",
+    ...names.map((name) => state.inputs[name].row),
   );
 }
 
@@ -85,8 +107,12 @@ function describePort(port) {
   const place = shownLoop().ports[port];
   if (!place) return port;
   const [, size, unit] = place;
+  const margin = shownLoop().margins?.[port];
+  const late = margin ? `may come ${show(margin, 3)} s later` : "";
   const seen = state.runs.map((run) => `${run.loop.title}: ${valuesOf(run, port, 4)}`);
-  return [port, `[${size}]  ${unit}`, ...seen, `at ${show(state.cursor)} s`].join("\n");
+  return [port, `[${size}]  ${unit}`, late, ...seen, `at ${show(state.cursor)} s`]
+    .filter((line) => line)
+    .join("\n");
 }
 
 // Handles an event of a pointer or a key in the diagram. A click opens a box or plots a port; other
@@ -96,7 +122,10 @@ export function answer({ type, target }) {
   $("tip").hidden = !element || /out$/.test(type);
   if ($("tip").hidden) return;
   const { box, port } = element.dataset;
-  if (type === "click" && port) toggleScope(port);
+  if (type === "click" && port) {
+    toggleScope(port);
+    openWire(port);
+  }
   if (type === "click" && !port) open(box);
   $("tip").textContent = port ? describePort(port) : describeBox(box);
 }
