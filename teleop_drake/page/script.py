@@ -7,13 +7,16 @@ from importlib import resources
 _IMPORT = re.compile(r'^import (?:[^;"]* from )?"\./([\w.]+)";\n', re.M)
 _EXPORT = re.compile(r"^export (?=async|class|const|function)", re.M)
 
+# A line with nothing but a comment.
+_COMMENT = re.compile(r"^ *//.*\n", re.M)
+
 
 def JoinModules(name: str) -> str:
     """Returns an ES module and all of its imports as one plain script.
 
     Browsers load no modules from a page on the disk. So the texts of the modules are
-    joined, each after its imports, without `import` and `export`. Their top-level names
-    must differ, which the tests check.
+    joined, each after its imports, without `import` and `export`, and with the first
+    line of their comments. Their top-level names must differ, which the tests check.
     """
     joined: dict[str, str] = {}
 
@@ -23,7 +26,9 @@ def JoinModules(name: str) -> str:
         text = ReadPart(f"js/{name}")
         for imported in _IMPORT.findall(text):
             Join(imported)
-        joined[name] = _EXPORT.sub("", _IMPORT.sub("", text))
+        head, _, rest = text.partition("\n")
+        code = _COMMENT.sub("", _EXPORT.sub("", _IMPORT.sub("", rest)))
+        joined[name] = f"{head}\n{code}"
 
     Join(name)
     return '"use strict";\n' + "\n".join(joined.values())

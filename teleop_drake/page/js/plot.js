@@ -127,7 +127,10 @@ function drawAxes({ low, high, scale, x, y }, window, width, height) {
   return values.join("") + times.join("");
 }
 
-// The lines of events. The first event of each name is labelled.
+// The names of events in words.
+const EVENT_WORDS = { surgeon_force: "operator holds a force", surgeon_stop: "operator stops" };
+
+// The lines of events. The first event of each name and controller is labelled.
 function drawEvents({ runs, window }, { x, bottom }, width) {
   const all = runs.flatMap(({ events, loop }) =>
     events.map((event) => ({ ...event, color: loop.color })),
@@ -135,7 +138,8 @@ function drawEvents({ runs, window }, { x, bottom }, width) {
   const isShown = ({ time }) => time >= window[0] && time <= window[1];
   const firsts = new Map();
   for (const event of all.filter(isShown)) {
-    if (!firsts.has(event.name)) firsts.set(event.name, event);
+    const key = `${event.name} ${event.color}`;
+    if (!firsts.has(key)) firsts.set(key, event);
   }
   const lines = all.map(
     ({ time, color }) => `<path class="event" d="M${x(time)} 0v${bottom}" stroke="${color}"/>`,
@@ -143,12 +147,12 @@ function drawEvents({ runs, window }, { x, bottom }, width) {
   // Names that would overlap are left out.
   let right = -Infinity;
   const names = [...firsts.values()].sort((a, b) => a.time - b.time);
-  for (const { name, time } of names) {
-    const text = name.replaceAll("_", " ");
+  for (const { name, time, color } of names) {
+    const text = EVENT_WORDS[name] ?? name.replaceAll("_", " ");
     const wide = EVENT_LETTER * text.length;
     const left = Math.min(Number(x(time)) + 3, width - LEFT - RIGHT - wide);
     if (left < right) continue;
-    lines.push(`<text class="name" x="${left}" y="11">${safe(text)}</text>`);
+    lines.push(`<text class="name" x="${left}" y="11" style="fill: ${color}">${safe(text)}</text>`);
     right = left + wide + 6;
   }
   return lines.join("");
@@ -165,7 +169,7 @@ function drawEnds(lines, { x, y }, width) {
     const left = Math.min(across + 8, width - LEFT - RIGHT - wide);
     const cross = `M${across - 5} ${down - 5}l10 10m-10 0l10 -10`;
     return `<path class="end" d="${cross}" stroke="${color}"/>
-      <text class="name" x="${left}" y="${clamp(down - 6, 22, Infinity)}">${end}</text>`;
+      <text class="name" x="${left}" y="${clamp(down - 6, 25, Infinity)}">${end}</text>`;
   });
 }
 

@@ -29,18 +29,19 @@ function pathOf(run, end) {
   return before.map((i) => see(run.row(columns, i)));
 }
 
-// The surfaces of a run that are not at infinity, in the plane of the picture.
+// The surfaces of a run, in the plane of the picture. The first one may be at infinity.
 function surfacesOf({ loop, z }) {
   const size = z.surfaces.length / loop.surfaces.length / 2;
   const part = (i) => see(Array.from(z.surfaces.slice(i * size, (i + 1) * size)));
-  const all = loop.surfaces.map((name, i) => ({
+  return loop.surfaces.map((name, i) => ({
     name,
     label: (loop.materials[i] || name).replaceAll("_", " "),
     point: part(2 * i),
     normal: part(2 * i + 1),
   }));
-  return all.filter(({ point }) => point.every(Number.isFinite));
 }
+
+const isNear = ({ point }) => point.every(Number.isFinite);
 
 // The map from points of the plane to pixels. The picture contains the arms, but only as far as the
 // paths of the tools do not become too small. Without a second axis (`lanes` is not 0) each run has
@@ -65,17 +66,21 @@ function fitScene(paths, arms, width, height, lanes) {
   };
 }
 
-// The half-plane behind each surface, with its name.
+// The half-plane behind each surface, with the name of what is there. Free space is the lightest.
 function drawSurfaces(surfaces, toPixels, width) {
-  const drawn = surfaces.map(({ name, label, point, normal: [across, up] }, i) => {
-    const [x, y] = toPixels(point, 0);
-    const angle = (Math.atan2(-up, across) * 180) / Math.PI;
+  const names = [];
+  const rects = surfaces.map((surface, i) => {
+    const { name, label, point, normal } = surface;
+    const [x, y] = isNear(surface) ? toPixels(point, 0) : [-3000, 0];
+    const angle = (Math.atan2(-normal[1], normal[0]) * 180) / Math.PI;
     const left = clamp(Number(x) + 3, 4, width - 60);
-    return `<rect class="${safe(name)}" y="-3000" width="3000" height="6000"
-      transform="translate(${x} ${y}) rotate(${angle})"/>
-      <text x="${left}" y="${12 + 13 * (i % 2)}">${safe(label)}</text>`;
+    const rect = (className) => `<rect class="${className}" y="-3000" width="9000" height="6000"
+      transform="translate(${x} ${y}) rotate(${angle})"/>`;
+    const tint = /^(free|empty)/.test(label) ? "" : rect(safe(name));
+    names.push(`<text x="${left}" y="${12 + 13 * (i % 2)}">${safe(label)}</text>`);
+    return rect("clear") + tint;
   });
-  return drawn.join("");
+  return rects.concat(names).join("");
 }
 
 // The positions of the packets under way at a time, as fractions of their way. `lags` has the time
@@ -161,7 +166,8 @@ function drawScene() {
   const { clientWidth: width, clientHeight: height } = $("scene");
   const floor = height - RAIL * shown.length - 8;
   const isPlane = state.data.view[1].some((x) => x);
-  const surfaces = surfacesOf(shown[0]);
+  const all = surfacesOf(shown[0]);
+  const surfaces = all.filter(isNear);
   const arms = shown.map((run) => armAt(run).map(see));
   // The picture contains all paths and, in lanes, the surfaces.
   const paths = shown.flatMap((run) => pathOf(run, Infinity));
@@ -173,7 +179,7 @@ function drawScene() {
   const picture = { toPixels, isPlane, width, floor };
   const runs = shown.map((run, lane) => drawRun(run, lane, arms[lane], picture));
   $("scene").innerHTML =
-    drawSurfaces(surfaces, toPixels, width) +
+    drawSurfaces(all, toPixels, width) +
     drawGhosts(lanes, toPixels).join("") +
     runs.join("") +
     drawLegend(shown[0].z.forward, width, height, floor);

@@ -76,16 +76,23 @@ export function zoom(factor, around) {
   drawScopes();
 }
 
+// The values of a run at the cursor, of a width that does not depend on them.
+function readoutOf(run, port, size, scale) {
+  const element = keyOf(run.loop, valuesOf(run, port, 3, scale));
+  const width = run.loop.title.length + 3 + 9 * Math.min(size, 3);
+  return Object.assign(element, { style: `display: inline-block; min-width: ${width}ch` });
+}
+
 // The head of a scope: its port, its unit, the legend of its lines, and the values at the cursor.
 function drawHead(head, port, { scale, unit, hasCommand }) {
   const { size } = placeOf(state, port);
   head.replaceChildren(
-    make("b", {}, port.replace(":", " · ").replaceAll("_", " ")),
+    make("b", {}, port.replace(":", " · ").replace(/^ · /, "").replaceAll("_", " ")),
     unit ? `[${unit}]` : "",
     size > MOST_LINES ? `${MOST_LINES} of ${size}` : "",
     ...samplesOf(port, size),
     hasCommand ? sampleOf("command", "", "command") : "",
-    ...state.runs.map((run) => keyOf(run.loop, valuesOf(run, port, 3, scale))),
+    ...state.runs.map((run) => readoutOf(run, port, size, scale)),
     makeButton("×", () => toggleScope(port), { ariaLabel: `remove ${port}` }),
   );
 }
