@@ -48,7 +48,7 @@ export async function unpackHand(text) {
   });
 }
 
-// Shows the drive of a link as a ghost, and asks to beat it; reports a score that does not come out.
+// Shows the drive of a link as a ghost, and asks to beat it, or reports that its score is wrong.
 export async function challenge({ hand, strength, score }) {
   state.hand = await unpackHand(hand);
   $("strength").value = strength === "0.5" ? strength : "1";
