@@ -14,8 +14,6 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import ConstantVectorSource
 
@@ -23,7 +21,7 @@ from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.engine.constants import ConstantsOf
 from teleop_drake.kernel import KernelBlock
-from teleop_drake.signals import CheckSystem, PathsIn
+from teleop_drake.signals import CheckSystem, IsPlant, PathsIn
 from teleop_drake.validation import Choices, GainMatrix, Range, Refuse
 
 _FIXED = (
@@ -202,7 +200,7 @@ def CheckNumbers(diagram: System, context: Context) -> None:
     contexts = ContextsIn(diagram, context)
     for system, path in PathsIn(diagram):
         own = contexts[system]
-        if isinstance(system, MultibodyPlant):
+        if IsPlant(system):
             for number in _ParametersOfPlant(system, own):
                 name = f"{path}.{number.name}" if path else number.name
                 number.Check(name, number.value)
@@ -346,7 +344,7 @@ def _StatesOf(system: System, context: Context) -> Iterator[_Parameter]:
 
 def _StateNames(system: System, vector: Any) -> list[str]:
     """Returns the names of a system's states."""
-    if isinstance(system, MultibodyPlant):
+    if IsPlant(system):
         names: list[str] = system.GetStateNames(add_model_instance_prefix=False)
         if len(set(names)) < len(names):
             return cast(list[str], system.GetStateNames())
@@ -358,7 +356,7 @@ def _StateNames(system: System, vector: Any) -> list[str]:
 
 
 def _ParametersOf(system: System, context: Context) -> Iterator[_Parameter]:
-    if isinstance(system, MultibodyPlant):
+    if IsPlant(system):
         yield from _ParametersOfPlant(system, context)
     elif hasattr(system, "kernel_parameters"):
         yield from _ParametersOfKernel(system, context)
@@ -420,12 +418,14 @@ def _FieldsOf(vector: Any) -> dict[str, int]:
     return places
 
 
-def _ParametersOfPlant(plant: MultibodyPlant, context: Context) -> Iterator[_Parameter]:
+def _ParametersOfPlant(plant: Any, context: Context) -> Iterator[_Parameter]:
     """Yields the mass of each body, the damping of each joint, and the gears of motors.
 
     A new mass does not change the centre of mass and the unit inertia of the body.
     Drake would end the process for a negative damping.
     """
+    from pydrake.multibody.tree import BodyIndex  # Not where there is no plant.
+
     for number in range(1, plant.num_bodies()):  # 0 is the world.
         body = plant.get_body(BodyIndex(number))
 

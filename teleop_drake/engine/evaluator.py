@@ -10,7 +10,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
     Context,
     NumericParameterIndex,
@@ -26,13 +25,12 @@ from teleop_drake.engine.block_events import CheckEvents
 from teleop_drake.engine.constants import ConstantValues, WithConstants
 from teleop_drake.engine.flatten import Flatten, Source, UnsupportedSystem
 from teleop_drake.engine.left_out import EmptyKernel, FindLeftOut
-from teleop_drake.engine.plant_kernel import PlantKernel
-from teleop_drake.engine.primitives import IsOfDrake, PrimitiveKernel
+from teleop_drake.engine.primitives import PrimitiveKernel
 from teleop_drake.engine.program import Program
 from teleop_drake.jit.native import Evaluate, Kept, Library
 from teleop_drake.jit.scalar_code import ALL, MakeCode
 from teleop_drake.kernel import Delay, Kernel, KernelBlock, KernelIn
-from teleop_drake.signals import SignalsOf
+from teleop_drake.signals import IsOfDrake, IsPlant, SignalsOf
 from teleop_drake.wiring import OutputNames
 
 
@@ -54,7 +52,10 @@ def KernelOf(
     """
     if hasattr(system, "Kernel"):
         return _OwnKernel(system, context)
-    if type(system) is MultibodyPlant:
+    if IsOfDrake(system) and IsPlant(system):
+        # Systems without a plant need none of this.
+        from teleop_drake.engine.plant_kernel import PlantKernel
+
         return PlantKernel(system, context)
     return PrimitiveKernel(WithConstants(system, constants or {}), context)
 
@@ -393,6 +394,6 @@ def _FedValue(system: System, name: str, context: Context) -> Array:
         return port.Eval(context)
     # All inputs of a plant are optional: no actuation, no applied force.
     optional = getattr(system, "optional_inputs", ())
-    if isinstance(system, MultibodyPlant) or name in optional:
+    if IsPlant(system) or name in optional:
         return np.zeros(port.size())
     raise UnsupportedSystem(system, f"its input {name} is not connected")

@@ -40,7 +40,7 @@ from teleop_drake.signals import (
 )
 from teleop_drake.simulation.compiled_run import SetInitialModes, StartOf
 from teleop_drake.simulation.ending import BoundsOf
-from teleop_drake.simulation.simulate import (
+from teleop_drake.simulation.scenario_run import (
     BoundOf,
     HasConstantCommand,
     SurfacesIn,
@@ -436,7 +436,6 @@ def MakeModel(
             "reasons": ["the run is not finite"],
             "metrics": "",
             "labels": {},
-            "has_constant_command": True,
             "draws": [[x.time, x.place.start, *x.value] for x in run.draws],
             "surfaces": [surface.name for surface in surfaces],
             "materials": [getattr(x.material, "name", "") for x in surfaces],

@@ -32,7 +32,7 @@ from teleop_drake.scenario.overrides import Overrides
 from teleop_drake.signals import NameOf
 from teleop_drake.simulation.inputs import CheckInputs
 from teleop_drake.simulation.run import Job
-from teleop_drake.simulation.simulate import MakeJob
+from teleop_drake.simulation.system_run import MakeJob
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.insertion_metrics import FirstNormal
 from teleop_drake.validation import CheckChoice, CheckNames, Refuse, RefuseGiven

@@ -24,7 +24,6 @@ from teleop_drake.kernel.terms import ContextReader
 from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.parameters import SetNumbers
-from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import SystemsByPath
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
 from teleop_drake.simulation.run import (
@@ -38,7 +37,6 @@ from teleop_drake.simulation.run import (
 )
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
-from teleop_drake.tasks import TaskOf
 from teleop_drake.validation import ScenarioError, Show
 
 
@@ -365,22 +363,6 @@ def WhyNotSolved(config: SimulatorConfig) -> str:
         return ""
     scheme = config.integration_scheme
     return f"compiled runs use runge_kutta5 with error control, not {scheme}"
-
-
-def WhyNotCompiled(scenario: AnyScenario) -> str:
-    """Returns why a scenario cannot be compiled; empty if it can.
-
-    This check does not compile the scenario.
-    """
-    why = WhyNotSolved(scenario.simulator)
-    if why:
-        return why
-    try:
-        diagram = TaskOf(scenario).MakeDiagram(scenario)
-        Evaluator(diagram, diagram.CreateDefaultContext())
-    except UnsupportedSystem as error:
-        return str(error)
-    return ""
 
 
 def _Run(

@@ -11,7 +11,7 @@ from teleop_drake.recording import Recording
 from teleop_drake.signals import Signals
 from teleop_drake.simulation.compiled_run import CompiledDiagram, CompileDiagram
 from teleop_drake.simulation.inputs import CheckInputs
-from teleop_drake.simulation.simulate import MakeJob, NotesOnSinks, RecordingOf
+from teleop_drake.simulation.system_run import MakeJob, NotesOnSinks, RecordingOf
 from teleop_drake.validation import CheckNumber
 
 _HAS_CONSTANTS = (

@@ -12,7 +12,8 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, OutputPort, System
 
 from teleop_drake.numerics.step_polynomials import Series
-from teleop_drake.scenario.loading import MAX_STEPS
+from teleop_drake.recording import Event
+from teleop_drake.solver import MAX_STEPS
 from teleop_drake.validation import ScenarioError
 
 # The most steps of a run, including rejected steps and events at one instant. Error
@@ -111,6 +112,7 @@ class Outcome:
         systems: The systems of the model by their paths.
         make_final_context: A function that returns the Context at the end of the run;
             None if there is no such Context, see Recording.
+        find_events: A function that returns the events that blocks have located.
     """
 
     engine: str
@@ -122,6 +124,7 @@ class Outcome:
     is_beyond_bound: bool
     systems: Mapping[str, System]
     make_final_context: Callable[[], Context] | None = None
+    find_events: Callable[[], list[Event]] = list
 
 
 class Pace:

@@ -27,7 +27,7 @@ from teleop_drake.scenario.overrides import (
     ParseOverrides,
 )
 from teleop_drake.scenario.scenario import ScenarioFiles
-from teleop_drake.simulation.simulate import ENGINES
+from teleop_drake.simulation.system_run import ENGINES
 from teleop_drake.sweep.result import SweepError
 from teleop_drake.sweep.values import (
     MAX_RUNS,

@@ -2,13 +2,13 @@
 
 import threading
 
-from teleop_drake.recording import Recording
 from teleop_drake.scenario import ScenarioError
 from teleop_drake.simulation import simulate
-from teleop_drake.simulation.compile import Compile, CompiledScenario
 from teleop_drake.simulation.compiled_run import CannotCompile
+from teleop_drake.simulation.compiled_scenario import CompiledScenario
 from teleop_drake.sweep.plan import SweepPlan
 from teleop_drake.sweep.values import Point
+from teleop_drake.task_recording import TaskRecording
 
 Programs = dict[tuple[tuple[str, str], ...], CompiledScenario]
 """The compiled scenarios of a sweep, by the texts among the values of their runs."""
@@ -44,7 +44,7 @@ def ProgramsOf(sweep: str) -> Programs:
     return _kept.programs
 
 
-def SimulatePoint(plan: SweepPlan, point: Point, programs: Programs) -> Recording:
+def SimulatePoint(plan: SweepPlan, point: Point, programs: Programs) -> TaskRecording:
     """Simulates a run, with a program of an earlier run if one fits.
 
     Args:
@@ -69,7 +69,7 @@ def SimulatePoint(plan: SweepPlan, point: Point, programs: Programs) -> Recordin
             pass
     scenario = plan.Load(point)
     try:
-        programs[names] = Compile(scenario)
+        programs[names] = CompiledScenario(scenario)
     except CannotCompile:
         return simulate(scenario)
     return programs[names].Run()

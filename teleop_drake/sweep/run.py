@@ -23,7 +23,7 @@ from teleop_drake.arrays import Record
 from teleop_drake.scenario import ScenarioError
 from teleop_drake.scenario.loading import CheckScenarioLike
 from teleop_drake.scenario.overrides import Overrides
-from teleop_drake.simulation.compiled_run import WhyNotCompiled
+from teleop_drake.simulation.scenario_run import WhyNotCompiled
 from teleop_drake.sweep.folder import SweepFolder, Versions
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
 from teleop_drake.sweep.programs import Programs, ProgramsOf, SimulatePoint

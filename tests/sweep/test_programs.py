@@ -4,7 +4,7 @@ import pytest
 
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
-from teleop_drake.simulation.compile import CompiledScenario
+from teleop_drake.simulation.compiled_scenario import CompiledScenario
 from teleop_drake.sweep import PlanSweep
 from teleop_drake.sweep.programs import SimulatePoint
 from teleop_drake.tasks.metrics import RunSummary
