@@ -4,10 +4,12 @@ The name of a parameter is the path of its system, a dot and its own name, as in
 `controller/law.damping`. An element of an array is selected by its indices, as in
 `law.G1(0,1)`, or by its own name, as in `environment.stiffness(bone)`.
 
-The name of an initial state is the path of its system, a slash, its own name and `(0)`,
-as in `plant/theta(0)`. The name `delay` stands for the delays of all blocks.
+The name of an initial state is the path of its system, a dot, its own name and `(0)`,
+as in `plant.theta(0)`; the older spelling `plant/theta(0)` is accepted. The name
+`delay` stands for the delays of all blocks.
 """
 
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import partial
 from typing import Any, NamedTuple, cast
@@ -28,6 +30,10 @@ _FIXED = (
     "left to Compile(...).Run() or to a page: Drake keeps it as a constant of the "
     "system, which no Context can change"
 )
+
+
+# The end of an older name of a state: a slash, and no dot behind it.
+_OLD_STATE = re.compile(r"/([^/.]+\(0\))$")
 
 
 class ParameterValue(NamedTuple):
@@ -135,6 +141,11 @@ def NamedParameters(
     }
 
 
+def NumberName(name: str) -> str:
+    """Returns the name of a number; `plant/theta(0)` is an older one of a state."""
+    return _OLD_STATE.sub(r".\1", name)
+
+
 def SetNumbers(
     diagram: System,
     context: Context,
@@ -157,6 +168,7 @@ def SetNumbers(
     Raises:
         ScenarioError: If there is no such number, or the value is not allowed.
     """
+    numbers = {NumberName(name): value for name, value in numbers.items()}
     known = _NumbersIn(diagram, context, numbers)
     delays = [name for name, parameter in known.items() if parameter.is_delay]
     changed = {}
@@ -290,8 +302,7 @@ def _NumbersIn(
             continue
         own = contexts[system]
         for number in (*_ParametersOf(system, own), *_StatesOf(system, own)):
-            sign = "/" if number.is_state else "."
-            name = f"{path}{sign}{number.name}" if path else number.name
+            name = f"{path}.{number.name}" if path else number.name
             found[name] = number._replace(path=path, system=system)
     return found
 
@@ -300,7 +311,7 @@ def _MayBe(name: str, system: System, path: str) -> bool:
     """Returns whether a system with a path may have a number of a full name."""
     if name == "delay" and isinstance(system, KernelBlock) and system.delays:
         return True
-    return not path or name.startswith((f"{path}.", f"{path}/"))
+    return not path or name.startswith(f"{path}.")
 
 
 def _InVector(

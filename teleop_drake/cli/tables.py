@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from teleop_drake.sweep import SweepResult
+    from teleop_drake.sweep import TaskSweepResult
     from teleop_drake.task_recording import TaskRecording
 
 
@@ -120,7 +120,7 @@ def Table(
     return Align(lines)
 
 
-def SeedsTable(result: "SweepResult", metrics: Sequence[str] = ()) -> str:
+def SeedsTable(result: "TaskSweepResult", metrics: Sequence[str] = ()) -> str:
     """Returns statistics over the seeds as a table with a row for each metric.
 
     Each controller has a column, and each difference from the first controller has one.
@@ -165,16 +165,15 @@ def _CellWithInterval(row: Mapping[str, Any]) -> str:
 _MAX_ROWS = 40
 
 
-def SweepTable(result: "SweepResult", metrics: Sequence[str] = ()) -> str:
+def SweepTable(result: "TaskSweepResult", metrics: Sequence[str] = ()) -> str:
     """Returns the metrics of a sweep as a table with a row for each run.
 
     Args:
         metrics: Names of metrics; by default, the most used ones that the runs have.
     """
     from teleop_drake.figures.style import ValueLabel
-    from teleop_drake.tasks.metrics import MetricUnits
 
-    units = MetricUnits(result.scenario)
+    units = result.units
     shown = {metric: units[metric] for metric in metrics or result.Metrics()}
     rows = result.Table()
     first = rows[:_MAX_ROWS]

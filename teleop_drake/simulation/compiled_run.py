@@ -1,7 +1,7 @@
 """Runs a diagram as machine code."""
 
 import time as clock
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
@@ -135,6 +135,7 @@ class CompiledDiagram:
         context: Context,
         numbers: Mapping[str, ArrayLike],
         *,
+        changed: Collection[System] = (),
         suppress_initialization_events: bool = False,
         kept: Sequence[Evaluator] = (),
     ) -> "CompiledDiagram":
@@ -147,6 +148,8 @@ class CompiledDiagram:
             context: The Context where runs begin, before its initialization events; it
                 is not changed.
             numbers: New values by name, see SetNumbers().
+            changed: Further systems whose numbers in the Context may differ from those
+                of the program.
             suppress_initialization_events: As in Job.
             kept: Further evaluators whose machine code is reused if it is the same.
 
@@ -156,7 +159,7 @@ class CompiledDiagram:
         """
         changed_context = context.Clone()
         constants: dict[System, dict[str, Array]] = {}
-        changed = SetNumbers(self.diagram, changed_context, numbers, constants)
+        systems = SetNumbers(self.diagram, changed_context, numbers, constants)
         start = StartOf(
             self.diagram,
             changed_context,
@@ -167,7 +170,9 @@ class CompiledDiagram:
             # A user's own code is compared with Drake, which has the old constants.
             self.Check()
         try:
-            evaluator = self.evaluator.With(start, changed, kept, constants)
+            evaluator = self.evaluator.With(
+                start, systems.union(changed), kept, constants
+            )
             if evaluator.program.signals is not self.evaluator.program.signals:
                 places = SignalPlaces(evaluator, self.signals)
         except UnsupportedSystem as error:

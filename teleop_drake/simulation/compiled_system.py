@@ -1,6 +1,6 @@
 """Compiles a System of Drake's once, and runs it with different parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from numpy.typing import ArrayLike
 from pydrake.systems.analysis import SimulatorConfig
@@ -8,9 +8,10 @@ from pydrake.systems.framework import Context, System
 
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.recording import Recording
-from teleop_drake.signals import Signals
+from teleop_drake.signals import Signals, SystemsByPath
 from teleop_drake.simulation.compiled_run import CompiledDiagram, CompileDiagram
 from teleop_drake.simulation.inputs import CheckInputs
+from teleop_drake.simulation.run import Job
 from teleop_drake.simulation.system_run import MakeJob, NotesOnSinks, RecordingOf
 from teleop_drake.validation import CheckNumber
 
@@ -85,18 +86,38 @@ class CompiledSystem:
         if duration is not None:
             CheckNumber("duration", duration, "s", above=0)
             job = job._replace(duration=duration)
-        compiled = self._With(numbers) if numbers else self._compiled
+        return self._Run(job, self._With(job.context, numbers))
+
+    def RunFrom(self, context: Context, numbers: Mapping[str, ArrayLike]) -> Recording:
+        """Simulates the System from another Context, with other numbers; see Run()."""
+        systems = SystemsByPath(self._job.diagram).values()
+        compiled = self._With(context, numbers, set(systems))
+        return self._Run(self._job._replace(context=context), compiled)
+
+    def _Run(self, job: Job, compiled: CompiledDiagram) -> Recording:
         notes = NotesOnSinks(compiled.evaluator.left_out)
         outcome = compiled.Run(job)
         if compiled.has_constants:
             return RecordingOf(job, outcome, notes, _HAS_CONSTANTS)
         return RecordingOf(job, outcome, notes)
 
-    def _With(self, numbers: Mapping[str, ArrayLike]) -> CompiledDiagram:
-        """Returns the compiled System with other numbers; keeps its program."""
+    def _With(
+        self,
+        context: Context,
+        numbers: Mapping[str, ArrayLike],
+        changed: Collection[System] = (),
+    ) -> CompiledDiagram:
+        """Returns the compiled System with other numbers; keeps its program.
+
+        Args:
+            changed: Systems whose numbers in the Context may differ from the program's.
+        """
+        if not (numbers or changed):
+            return self._compiled
         compiled = self._compiled.WithNumbers(
-            self._job.context,
+            context,
             numbers,
+            changed=changed,
             suppress_initialization_events=self._job.suppress_initialization_events,
             kept=self._others,
         )
