@@ -19,8 +19,9 @@ from teleop_drake.page.document import Page
 from teleop_drake.page.hand import HandData
 from teleop_drake.page.inputs import Input, Maker
 from teleop_drake.page.levels import Levels
-from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf
+from teleop_drake.page.model import MakeModel, Model
 from teleop_drake.page.plants import ViewOf
+from teleop_drake.page.scenario_model import PERIOD, ModelOf
 from teleop_drake.page.sliders import DataOfInputs, MakeInputs, Ranges, Runs
 from teleop_drake.parameters import ScalarsIn, SetNumbers
 from teleop_drake.scenario import (

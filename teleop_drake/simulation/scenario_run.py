@@ -7,7 +7,7 @@ from typing import Any
 from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, Diagram, OutputPort, System
 
-from teleop_drake.blocks.environments.surface import Surface, SurfacesOf
+from teleop_drake.blocks.environments.surface import SurfacesIn
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.recording import Event
@@ -119,17 +119,6 @@ def _CheckTeleoperator(
     if size != scenario.num_axes:
         allowed = f"{scenario.num_axes}, that of {scenario.name}"
         Refuse("teleoperator.robot.num_axes", size, allowed)
-
-
-def SurfacesIn(systems: Mapping[str, System]) -> tuple[Surface, ...] | None:
-    """Returns the surfaces of the environment; None if it does not report any.
-
-    Args:
-        systems: The systems of the diagram, by their paths.
-    """
-    if "environment" not in systems:
-        return ()
-    return SurfacesOf(systems["environment"])
 
 
 def HasConstantCommand(systems: Mapping[str, System]) -> bool:

@@ -1,16 +1,18 @@
 """The plan of a sweep of a System: its numbers, checked before anything runs."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
+import numpy as np
 from pydrake.common import RandomGenerator
 from pydrake.systems.analysis import SimulatorConfig
-from pydrake.systems.framework import Context, System
+from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import RandomSource
 
-from teleop_drake.arrays import Record
+from teleop_drake.arrays import Array, Record
+from teleop_drake.contexts import ContextsIn, DiscreteState, SetDiscreteState
 from teleop_drake.parameters import ScalarsIn, SetNumbers
 from teleop_drake.recording import Recording
 from teleop_drake.signals import CheckSystem, NameOf, PathsIn
@@ -114,10 +116,27 @@ class SystemPlan(AnyPlan[SweepResult]):
         return _Subject(system, job.context.Clone(), program, why)
 
     def ContextAt(self, point: Point, subject: _Subject) -> Context:
-        """Returns a new Context where a run begins, before its numbers are set."""
+        """Returns a new Context where a run begins, before its numbers are set.
+
+        Drake's SetRandomContext() resets what is not random, so that a system without
+        random numbers keeps its part of the given Context.
+        """
         context = subject.context.Clone()
-        if SEED in point:
-            subject.system.SetRandomContext(context, RandomGenerator(point[SEED]))
+        if SEED not in point:
+            return context
+        system = subject.system
+        default = system.CreateDefaultContext()
+        drawn = system.CreateDefaultContext()
+        system.SetRandomContext(drawn, RandomGenerator(point[SEED]))
+        of_default = ContextsIn(system, default)
+        of_drawn = ContextsIn(system, drawn)
+        for part, own in ContextsIn(system, context).items():
+            if isinstance(part, Diagram):
+                continue
+            if isinstance(part, RandomSource) or not _AreEqual(
+                of_drawn[part], of_default[part]
+            ):
+                _CopyNumbers(of_drawn[part], own)
         return context
 
     def Parameters(self) -> Record:
@@ -230,6 +249,32 @@ def PlanSystemSweep(
     return plan
 
 
+def _AreEqual(context: Context, other: Context) -> bool:
+    """Returns whether the numbers in two Contexts of a system are equal."""
+    return all(
+        np.array_equal(a, b)
+        for a, b in zip(_NumbersOf(context), _NumbersOf(other), strict=True)
+    )
+
+
+def _CopyNumbers(source: Context, target: Context) -> None:
+    """Copies the state and the parameters between Contexts of one system."""
+    state = source.get_continuous_state_vector().CopyToVector()
+    target.get_mutable_continuous_state_vector().SetFromVector(state)
+    SetDiscreteState(target, DiscreteState(source))
+    for i in range(source.num_abstract_states()):
+        target.get_mutable_abstract_state(i).SetFrom(source.get_abstract_state(i))
+    target.get_mutable_parameters().SetFrom(source.get_parameters())
+
+
+def _NumbersOf(context: Context) -> Iterator[Array]:
+    """Yields the states and the numeric parameters of a Context."""
+    yield context.get_continuous_state_vector().CopyToVector()
+    yield DiscreteState(context)
+    for i in range(context.num_numeric_parameter_groups()):
+        yield context.get_numeric_parameter(i).CopyToVector()
+
+
 def _CheckSeeds(plan: SystemPlan, subject: _Subject) -> None:
     """Refuses seeds that are no whole numbers, or where nothing is random."""
     seeds = [point[SEED] for point in plan.points]
@@ -239,11 +284,8 @@ def _CheckSeeds(plan: SystemPlan, subject: _Subject) -> None:
     systems = [system for system, _ in PathsIn(subject.system)]
     if any(isinstance(system, RandomSource) for system in systems):
         return
-    drawn = [
-        {name: number.value for name, number in ScalarsIn(subject.system, own).items()}
-        for own in (plan.ContextAt({SEED: seed}, subject) for seed in (0, 1))
-    ]
-    if drawn[0] == drawn[1]:
+    drawn = [_NumbersOf(plan.ContextAt({SEED: seed}, subject)) for seed in (0, 1)]
+    if all(np.array_equal(a, b) for a, b in zip(*drawn, strict=True)):
         raise SweepError(
             f"grid.seed = {Show(seeds)}: must be left out, nothing in the System is "
             "random"

@@ -130,16 +130,20 @@ def test_samples_of_several_numbers_have_a_run_each():
     assert result.axes == {"run": [0, 1]}
 
 
-def test_seeds_draw_what_drake_draws():
+def test_seeds_draw_what_drake_draws_and_keep_the_rest_of_the_context():
     diagram = MakeNoise()
+    plant = diagram.GetSubsystemByName("plant")
+    start = diagram.CreateDefaultContext()
+    plant.GetMyMutableContextFromRoot(start).SetContinuousState([0.3])
     seeds = [3, 4]
-    result = Sweep(diagram, {"seed": seeds}, metrics=METRICS, duration=0.95)
+    options = {"metrics": METRICS, "duration": 0.95, "context": start}
+    result = Sweep(diagram, {"seed": seeds}, **options)
     for seed, value in zip(seeds, result.Values("last"), strict=True):
         context = diagram.CreateDefaultContext()
         diagram.SetRandomContext(context, RandomGenerator(seed))
+        plant.GetMyMutableContextFromRoot(context).SetContinuousState([0.3])
         simulator = Simulator(diagram, context)
         simulator.AdvanceTo(0.95)
-        plant = diagram.GetSubsystemByName("plant")
         own = plant.GetMyContextFromRoot(context)
         exact = plant.get_output_port().Eval(own)[0]
         assert value == pytest.approx(exact, abs=1e-7)
