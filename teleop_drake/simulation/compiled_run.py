@@ -24,6 +24,7 @@ from teleop_drake.kernel.terms import ContextReader
 from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.parameters import SetNumbers
+from teleop_drake.recording import Event
 from teleop_drake.signals import SystemsByPath
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
 from teleop_drake.simulation.run import (
@@ -125,6 +126,8 @@ class CompiledDiagram:
         """
         run = self.Start(job.config, self.start.t + job.duration)
         outcome = _Run(run, job, self.places, self.systems)
+        if job.has_events:
+            outcome.find_events = partial(_FindEvents, run, job, outcome)
         if self._has_final_context:
             outcome.make_final_context = partial(self._FinalContext, run)
         self.Check(run.visited)
@@ -414,6 +417,13 @@ def _Run(
     series = times, signals, run.Steps()
     wall_time = clock.monotonic() - start
     return OutcomeOf(run, systems, series, wall_time, ending, is_beyond_bound)
+
+
+def _FindEvents(run: CompiledRun, job: Job, outcome: Outcome) -> list[Event]:
+    """Returns the events of a run; imports what finds them when they are needed."""
+    from teleop_drake.simulation.block_events import CompiledEvents
+
+    return CompiledEvents(run, run.start.t + job.duration, outcome)
 
 
 def _Norms(rows: Array) -> Array:

@@ -20,7 +20,14 @@ from teleop_drake.numerics.step_polynomials import (
     shares,
     straight_steps,
 )
+from teleop_drake.recording import Event
 from teleop_drake.signals import SystemsByPath
+from teleop_drake.simulation.block_events import (
+    DrakeEvents,
+    GuardsDue,
+    Watched,
+    WatchedIn,
+)
 from teleop_drake.simulation.failures import (
     IsDivergence,
     NamingBlocks,
@@ -49,6 +56,9 @@ _MOST_FORCED_STEPS = 100_000
 
 # A run that is recorded at the ends of steps only is checked after so many steps.
 _STRIDE = 64
+
+# The beginning of the names of signals that are recorded to find events.
+_HIDDEN = "\0"
 
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
@@ -99,7 +109,8 @@ def RunInDrake(job: Job) -> Outcome:
     series = run.recorder.Finish()
     if ending == COMPLETED:
         series[0][-1] = job.end  # The last step ends there, up to rounding.
-    return Outcome(
+    positions = {path: series[1].pop(_HIDDEN + path) for path in run.watched.positions}
+    outcome = Outcome(
         engine="drake",
         series=series,
         steps=counts.steps,
@@ -110,6 +121,10 @@ def RunInDrake(job: Job) -> Outcome:
         systems=SystemsByPath(job.diagram),
         make_final_context=simulator.get_context().Clone().Clone,
     )
+    if job.has_events:
+        due = run.due
+        outcome.find_events = lambda: DrakeEvents(job, due, positions, outcome)
+    return outcome
 
 
 def _MakeSimulator(job: Job) -> Simulator:
@@ -265,6 +280,8 @@ class _DrakeRun:
 
     Attributes:
         recorder: The sampler of the signals.
+        watched: What events depend on, besides the signals.
+        due: The events of guards so far.
         is_beyond_bound: Whether the bound has ended the run.
         interruption: The handler of Ctrl-C.
     """
@@ -276,9 +293,12 @@ class _DrakeRun:
         self._num_samples = 0
         is_dense = _IsDense(job)
         self._stride = 1 if is_dense else _STRIDE
+        self.watched = WatchedIn(job.diagram) if job.has_events else Watched({}, {})
+        self.due: list[Event] = []
+        hidden = {_HIDDEN + x: port for x, port in self.watched.positions.items()}
         self.recorder = Recorder(
             job.diagram,
-            job.signals,
+            {**job.signals, **hidden},
             simulator.get_mutable_context(),
             is_dense=is_dense,
         )
@@ -286,7 +306,7 @@ class _DrakeRun:
         self.is_beyond_bound = False
         self.interruption = Interruption()
         self._last_report = clock.monotonic()
-        names = self.recorder.names
+        names = list(job.signals)
         bounded = job.bound.signal
         self._watched = [i for i, x in enumerate(names) if bounded in (None, x)]
 
@@ -312,6 +332,9 @@ class _DrakeRun:
         """Records a step at its end; ends the run if a check requires it."""
         now = self.recorder.Sample()
         self._num_samples += 1
+        guarded = self.watched.guarded
+        if guarded:
+            self.due += GuardsDue(guarded, self._job.diagram, root_context)
         if self._num_samples % self._stride:
             return None
         return self._Check(root_context.get_time(), now)

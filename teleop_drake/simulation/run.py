@@ -58,6 +58,7 @@ class Job(NamedTuple):
         suppress_initialization_events: Whether the initialization events are left out,
             as Drake's InitializeParams call it: the Context is the end of an earlier
             run.
+        has_events: Whether the events that blocks locate are found.
     """
 
     diagram: System
@@ -68,6 +69,7 @@ class Job(NamedTuple):
     bound: NormBound = NormBound()
     progress: Callable[[float], None] | None = None
     suppress_initialization_events: bool = False
+    has_events: bool = False
 
     @property
     def start(self) -> float:

@@ -86,6 +86,7 @@ def MakeJob(
         signals=SelectSignals(system, signals),
         progress=progress,
         suppress_initialization_events=suppress_initialization_events,
+        has_events=True,
     )
 
 
