@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from teleop_drake.link.remote import OperateRemotely, ServeRobot
     from teleop_drake.page import Explore, MakePage, WritePage
     from teleop_drake.parameters import NamedParameters
-    from teleop_drake.recording import LoadRecording, Recording
+    from teleop_drake.recording import Recording
     from teleop_drake.scenario import (
         LoadScenario,
         Scenario,
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from teleop_drake.sweep.study import LoadStudy
     from teleop_drake.sweep.trace_report import ReportTrace
     from teleop_drake.sweep.tuning import Tune
+    from teleop_drake.task_recording import LoadRecording, TaskRecording
     from teleop_drake.tasks.metrics import RunMetrics, RunSummary
     from teleop_drake.teleoperator import MakeTeleoperator
 
@@ -102,6 +103,7 @@ __all__ = [
     "ShowDiagram",
     "ShowTable",
     "Sweep",
+    "TaskRecording",
     "TrackingScenario",
     "Tune",
     "TwoPortEnergyBalance",
@@ -138,7 +140,7 @@ _PLACES = {
     "figures.scene": ["MakeReplay"],
     "page": ["DiagramPage", "Explore", "MakePage", "WritePage"],
     "parameters": ["NamedParameters"],
-    "recording": ["LoadRecording", "Recording"],
+    "recording": ["Recording"],
     "scenario": [
         *("LoadScenario", "Scenario", "ScenarioError", "ScenarioNames"),
         *("ScenarioToYaml", "TrackingScenario"),
@@ -148,6 +150,7 @@ _PLACES = {
     "sweep": ["RunSweep", "Sweep"],
     "sweep.trace_report": ["ReportTrace"],
     "sweep.tuning": ["Tune"],
+    "task_recording": ["LoadRecording", "TaskRecording"],
     "tasks.metrics": ["RunMetrics", "RunSummary"],
     "teleoperator": ["MakeTeleoperator"],
 }

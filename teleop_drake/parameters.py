@@ -4,18 +4,18 @@ The name of a parameter is the path of its system, a dot and its own name, as in
 `controller/law.damping`. An element of an array is selected by its indices, as in
 `law.G1(0,1)`, or by its own name, as in `environment.stiffness(bone)`.
 
-The name of an initial state is the path of its system, a slash, its own name and `(0)`,
-as in `plant/theta(0)`. The name `delay` stands for the delays of all blocks.
+The name of an initial state is the path of its system, a dot, its own name and `(0)`,
+as in `plant.theta(0)`; the older spelling `plant/theta(0)` is accepted. The name
+`delay` stands for the delays of all blocks.
 """
 
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import partial
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import ConstantVectorSource
 
@@ -23,13 +23,17 @@ from teleop_drake.arrays import Array
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.engine.constants import ConstantsOf
 from teleop_drake.kernel import KernelBlock
-from teleop_drake.signals import CheckSystem, PathsIn
+from teleop_drake.signals import CheckSystem, IsPlant, PathsIn
 from teleop_drake.validation import Choices, GainMatrix, Range, Refuse
 
 _FIXED = (
     "left to Compile(...).Run() or to a page: Drake keeps it as a constant of the "
     "system, which no Context can change"
 )
+
+
+# The end of an older name of a state: a slash, and no dot behind it.
+_OLD_STATE = re.compile(r"/([^/.]+\(0\))$")
 
 
 class ParameterValue(NamedTuple):
@@ -137,6 +141,11 @@ def NamedParameters(
     }
 
 
+def NumberName(name: str) -> str:
+    """Returns the name of a number; `plant/theta(0)` is an older one of a state."""
+    return _OLD_STATE.sub(r".\1", name)
+
+
 def SetNumbers(
     diagram: System,
     context: Context,
@@ -159,6 +168,7 @@ def SetNumbers(
     Raises:
         ScenarioError: If there is no such number, or the value is not allowed.
     """
+    numbers = {NumberName(name): value for name, value in numbers.items()}
     known = _NumbersIn(diagram, context, numbers)
     delays = [name for name, parameter in known.items() if parameter.is_delay]
     changed = {}
@@ -202,7 +212,7 @@ def CheckNumbers(diagram: System, context: Context) -> None:
     contexts = ContextsIn(diagram, context)
     for system, path in PathsIn(diagram):
         own = contexts[system]
-        if isinstance(system, MultibodyPlant):
+        if IsPlant(system):
             for number in _ParametersOfPlant(system, own):
                 name = f"{path}.{number.name}" if path else number.name
                 number.Check(name, number.value)
@@ -292,8 +302,7 @@ def _NumbersIn(
             continue
         own = contexts[system]
         for number in (*_ParametersOf(system, own), *_StatesOf(system, own)):
-            sign = "/" if number.is_state else "."
-            name = f"{path}{sign}{number.name}" if path else number.name
+            name = f"{path}.{number.name}" if path else number.name
             found[name] = number._replace(path=path, system=system)
     return found
 
@@ -302,7 +311,7 @@ def _MayBe(name: str, system: System, path: str) -> bool:
     """Returns whether a system with a path may have a number of a full name."""
     if name == "delay" and isinstance(system, KernelBlock) and system.delays:
         return True
-    return not path or name.startswith((f"{path}.", f"{path}/"))
+    return not path or name.startswith(f"{path}.")
 
 
 def _InVector(
@@ -346,7 +355,7 @@ def _StatesOf(system: System, context: Context) -> Iterator[_Parameter]:
 
 def _StateNames(system: System, vector: Any) -> list[str]:
     """Returns the names of a system's states."""
-    if isinstance(system, MultibodyPlant):
+    if IsPlant(system):
         names: list[str] = system.GetStateNames(add_model_instance_prefix=False)
         if len(set(names)) < len(names):
             return cast(list[str], system.GetStateNames())
@@ -358,7 +367,7 @@ def _StateNames(system: System, vector: Any) -> list[str]:
 
 
 def _ParametersOf(system: System, context: Context) -> Iterator[_Parameter]:
-    if isinstance(system, MultibodyPlant):
+    if IsPlant(system):
         yield from _ParametersOfPlant(system, context)
     elif hasattr(system, "kernel_parameters"):
         yield from _ParametersOfKernel(system, context)
@@ -420,12 +429,14 @@ def _FieldsOf(vector: Any) -> dict[str, int]:
     return places
 
 
-def _ParametersOfPlant(plant: MultibodyPlant, context: Context) -> Iterator[_Parameter]:
+def _ParametersOfPlant(plant: Any, context: Context) -> Iterator[_Parameter]:
     """Yields the mass of each body, the damping of each joint, and the gears of motors.
 
     A new mass does not change the centre of mass and the unit inertia of the body.
     Drake would end the process for a negative damping.
     """
+    from pydrake.multibody.tree import BodyIndex  # Not where there is no plant.
+
     for number in range(1, plant.num_bodies()):  # 0 is the world.
         body = plant.get_body(BodyIndex(number))
 

@@ -5,32 +5,26 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 
-from teleop_drake.arrays import Array, Indices
-from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
-from teleop_drake.blocks.environments import FindSurface, Surface
+from teleop_drake.arrays import Array, Indices, Record
 from teleop_drake.files import Replacing
 from teleop_drake.numerics.step_polynomials import (
     interpolate,
     part,
     straight_steps,
 )
-from teleop_drake.scenario import (
-    AnyScenario,
-    AsTeleoperation,
-    Scenario,
-    ScenarioFromYaml,
-    ScenarioToYaml,
-)
-from teleop_drake.signals import AxesOf
 from teleop_drake.upper import UpperFunction
-from teleop_drake.validation import CheckKind, Choices, Refuse, Show
+from teleop_drake.validation import CheckKind, Choices, Show
 
 if TYPE_CHECKING:
     import pandas
+
+    from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
+
+_R = TypeVar("_R", bound="Recording")
 
 
 class UnknownSignal(KeyError):
@@ -43,11 +37,8 @@ class UnknownSignal(KeyError):
 FORMAT = 3
 """The format of the files that Recording.Save() writes."""
 
-# Fields that JSON stores unchanged.
-_PLAIN = ("termination", "reason", "notes", "has_constant_command")
-
-# Fields that contain dataclasses.
-_NESTED = ("events", "surfaces", "solver", "channels")
+# Fields that a file stores as arrays.
+_ARRAYS = ("time", "steps", "signals")
 
 
 @dataclass(kw_only=True)
@@ -55,10 +46,12 @@ class Event:
     """Something that happened at an instant.
 
     Attributes:
-        name: `puncture` (the tool leaves the first layer that yields), `heal` (it
-            returns into this layer), `contact` and `release` (it reaches and leaves the
-            hard surface), `surgeon_force` and `surgeon_stop` (the operator switches to
-            a force, or stops).
+        name: In the run of a System, `path/system.event`, the name that the system
+            gives to an event that it locates. In the run of a scenario: `puncture` (the
+            tool leaves the first layer that yields), `heal` (it returns into this
+            layer), `contact` and `release` (it reaches and leaves the hard surface),
+            `surgeon_force` and `surgeon_stop` (the operator switches to a force, or
+            stops).
         time: The time of the event, in s.
     """
 
@@ -92,11 +85,11 @@ class SolverStatistics:
 
 @dataclass(kw_only=True, repr=False)
 class Recording:
-    """The recording of one run: signals, events and solver statistics.
+    """The recording of a System's run: signals, events and solver statistics.
+
+    That of a scenario's run is a task_recording.TaskRecording.
 
     Attributes:
-        scenario: The Scenario or TrackingScenario; None for the run of a user's own
-            System, whose recording Save() refuses.
         time: (N,) in s: the ends of the integrator's steps, and instants within them. A
             jump has two rows with the same time, the first before it and the second
             after it.
@@ -106,36 +99,33 @@ class Recording:
             numerics.step_polynomials. By default, signals are straight lines between
             rows.
         events: The events, in the order of their times.
-        surfaces: The surfaces that the block of the environment reports.
         solver: Solver statistics.
         channels: Statistics of the packets of each channel of kind network, by the name
-            of the channel.
+            of the channel, or by its path in a user's own Diagram.
         termination: `completed`, `terminated` (by an event of a block), `diverged` or
             `interrupted`.
         reason: Why the run did not complete; empty if it did.
         notes: Remarks on the run, for example on what was left out, and why.
-        has_constant_command: Whether the operator's block reports that it commands
-            scenario.surgeon.velocity until contact; metrics compare with this velocity.
         final_context: The Context of the System at the end of the run, from which
             simulate() can continue. None for compiled runs of a block with delays
             that is no KernelBlock, for runs of scenarios, and for a recording that
             was read from a file or copied.
     """
 
-    scenario: AnyScenario
     time: Array
     signals: dict[str, Array]
     events: list[Event]
     solver: SolverStatistics
-    surfaces: tuple[Surface, ...] = ()
-    channels: dict[str, PacketStatistics] = field(default_factory=dict)
+    channels: "dict[str, PacketStatistics]" = field(default_factory=dict)
     termination: str = "completed"
     reason: str = ""
     notes: list[str] = field(default_factory=list)
-    has_constant_command: bool = True
     steps: Indices = field(default_factory=lambda: np.empty((0, 0), int))
     # A factory, because a default would be found before __getattr__() is called.
     final_context: Any = field(default_factory=lambda: None)
+
+    # Fields that Save() does not write as JSON.
+    _not_plain: ClassVar[tuple[str, ...]] = (*_ARRAYS, "final_context")
 
     def __post_init__(self) -> None:
         """Sets the default steps: straight lines between rows."""
@@ -192,17 +182,18 @@ class Recording:
         return iter(self.signals)
 
     def __repr__(self) -> str:
-        """Returns one line with the scenario, the termination and the first events."""
+        """Returns one line with what was run, how it ended and the first events."""
         end = self.time[-1] if len(self.time) else 0
         facts = [f"{end:g} s in {len(self.time)} samples"]
         facts += [f"{len(self.signals)} signals", self.termination]
         facts += [f"{event.name} at {event.time:.4g} s" for event in self.events[:3]]
         if len(self.events) > 3:
             facts.append(f"{len(self.events) - 3} more events")
-        of = "a diagram"
-        if self.scenario is not None:
-            of = f"{self.scenario.name}, {self.scenario.controller.kind}"
-        return f"<Recording of {of}: {', '.join(facts)}>"
+        return f"<Recording of {self._Subject()}: {', '.join(facts)}>"
+
+    def _Subject(self) -> str:
+        """Returns what was run, for the text of the recording."""
+        return "a diagram"
 
     def _repr_html_(self) -> str:
         """Returns the HTML for a notebook: the metrics and a small figure."""
@@ -260,52 +251,8 @@ class Recording:
             np.savetxt(file, table, "%.10g", ",", header=",".join(heads), comments="")
 
     def Components(self, name: str, size: int) -> list[Any]:
-        """Returns the names of a packet's components; numbers for other signals."""
-        direction, _, kind = name.partition("_")
-        if kind.startswith("packet_"):
-            architecture = self.teleoperation.controller.Chosen()
-            axes = AxesOf(self.teleoperation.num_axes)
-            # A packet may lack the last of the architecture's parts.
-            parts = getattr(architecture, f"{direction}_parts")[: size // len(axes)]
-            names = [f"{part} {axis}" for part in parts for axis in axes]
-            if len(names) == size:
-                return names
+        """Returns the names of a signal's components, or their numbers."""
         return list(range(size))
-
-    @property
-    def teleoperation(self) -> Scenario:
-        """The scenario, if its task is a teleoperation.
-
-        Raises:
-            ScenarioError: If it is another task.
-        """
-        return AsTeleoperation(self.scenario)
-
-    @property
-    def commands(self) -> Array:
-        """The operator's force and velocity command [F_h; v_d], N and m/s (N, 2n)."""
-        if "velocity_command" in self.signals:
-            return np.hstack([self["force_command"], self["velocity_command"]])
-        return self["forward_packet_sent"]
-
-    @property
-    def felt_velocity(self) -> Array | None:
-        """The velocity that the operator feels in m/s (N, n); None: not recorded."""
-        if "felt_velocity" in self.signals:
-            return self["felt_velocity"]
-        if "return_packet_received" not in self.signals:
-            return None
-        # The thesis's packet is [p_WT; v_WT].
-        n = self["tool_velocity"].shape[1]
-        return self["return_packet_received"][:, n : 2 * n]
-
-    def FindSurface(self, name: str) -> Surface | None:
-        """Returns the surface of the environment that has a name, or None.
-
-        Args:
-            name: `contact`, `puncture`, or another name that the environment reports.
-        """
-        return FindSurface(self.surfaces, name)
 
     def Interpolate(self, name: str, times: Array) -> Array:
         """Returns a signal between its samples.
@@ -321,7 +268,7 @@ class Recording:
         """
         return interpolate(self.time, self[name], self.steps, np.asarray(times))
 
-    def Part(self, begin: float, end: float) -> "Recording":
+    def Part(self: _R, begin: float, end: float) -> _R:
         """Returns a recording with the signals between two times.
 
         All other fields, such as the events and the termination, are those of the whole
@@ -347,21 +294,35 @@ class Recording:
             path: The path of the file; `.npz` is not added.
 
         Raises:
-            ScenarioError: If the recording has no scenario.
             OSError: If the file cannot be written.
         """
-        if self.scenario is None:
-            Refuse("recording.scenario", None, "that of a scenario for Save()")
-        description = {
-            "format": FORMAT,
-            "scenario": ScenarioToYaml(self.scenario),
-            **{name: getattr(self, name) for name in (*_NESTED, *_PLAIN)},
-        }
+        description = {"format": FORMAT, **self._Description()}
         arrays = {f"signal.{name}": x for name, x in self.signals.items()}
         text = json.dumps(description, default=_AsPlain)
         arrays["description"] = np.array(text)
         with Replacing(path) as temporary, open(temporary, "wb") as file:
             np.savez_compressed(file, time=self.time, steps=self.steps, **arrays)  # type: ignore[arg-type]
+
+    def _Description(self) -> Record:
+        """Returns all that a file stores besides the arrays, for JSON."""
+        names = [item.name for item in fields(self)]
+        return {x: getattr(self, x) for x in names if x not in self._not_plain}
+
+    @classmethod
+    def _FieldsOf(cls, description: Record) -> Record:
+        """Returns the fields of a recording from what Save() has described."""
+        events = [Event(**event) for event in description["events"]]
+        solver = SolverStatistics(**description["solver"])
+        channels = {}
+        if description["channels"]:
+            from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
+
+            channels = {
+                name: PacketStatistics(**statistics)
+                for name, statistics in description["channels"].items()
+            }
+        own = {"events": events, "solver": solver, "channels": channels}
+        return {**description, **own}
 
 
 def _AsPlain(x: Any) -> Any:
@@ -378,8 +339,13 @@ def CheckRecording(path: str, value: Any) -> None:
     CheckKind(path, value, Recording, "a Recording, which simulate() returns")
 
 
-def LoadRecording(path: str | Path) -> Recording:
-    """Reads a recording that Recording.Save() wrote.
+def ReadRecording(
+    path: str | Path, kind_of: Callable[[Record], type[Recording]]
+) -> Recording:
+    """Reads a recording that Save() wrote.
+
+    Args:
+        kind_of: A function that returns the class of a recording from its description.
 
     Raises:
         OSError: If the file cannot be read.
@@ -392,7 +358,7 @@ def LoadRecording(path: str | Path) -> Recording:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
             arrays = dict(data)
         description = json.loads(str(arrays.pop("description")))
-        found = description.get("format")
+        found = description.pop("format", None)
     except OSError:
         raise
     except Exception:  # noqa: BLE001 - zipfile, zlib, numpy and json raise many kinds.
@@ -400,23 +366,17 @@ def LoadRecording(path: str | Path) -> Recording:
     try:
         if found != FORMAT:
             raise ValueError(f"it has format {found}")
-        return Recording(
-            scenario=ScenarioFromYaml(description["scenario"]),
+        kind = kind_of(description)
+        signals = {
+            name.removeprefix("signal."): samples
+            for name, samples in arrays.items()
+            if name.startswith("signal.")
+        }
+        return kind(
             time=arrays["time"],
             steps=arrays["steps"],
-            signals={
-                name.removeprefix("signal."): samples
-                for name, samples in arrays.items()
-                if name.startswith("signal.")
-            },
-            events=[Event(**event) for event in description["events"]],
-            solver=SolverStatistics(**description["solver"]),
-            surfaces=tuple(map(Surface.FromRecord, description["surfaces"])),
-            channels={
-                name: PacketStatistics(**statistics)
-                for name, statistics in description["channels"].items()
-            },
-            **{name: description[name] for name in _PLAIN},
+            signals=signals,
+            **kind._FieldsOf(description),
         )
     except (ValueError, KeyError, TypeError, AttributeError) as e:
         lacks = f"it has no {e}" if isinstance(e, KeyError) else e

@@ -3,6 +3,7 @@
 import itertools
 import math
 import re
+import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
@@ -194,6 +195,17 @@ def ClassOf(system: System) -> str:
         return type(system).__name__
     of_cpp: str = system.GetSystemType()
     return of_cpp.partition("<")[0].rpartition("::")[2]
+
+
+def IsOfDrake(system: System) -> bool:
+    """Returns whether pydrake defines a system's class; false for a user's subclass."""
+    return type(system).__module__.partition(".")[0] == "pydrake"
+
+
+def IsPlant(system: System) -> bool:
+    """Returns whether a system is a MultibodyPlant, whose import takes a while."""
+    loaded = sys.modules.get("pydrake.multibody.plant")
+    return loaded is not None and isinstance(system, loaded.MultibodyPlant)
 
 
 def PathsIn(system: System, path: str = "") -> Iterator[tuple[System, str]]:

@@ -8,19 +8,19 @@ import sys
 import tempfile
 from pathlib import Path
 
-from teleop_drake.recording import Recording
 from teleop_drake.scenario import AnyScenario, LoadScenario, ScenarioToYaml
 from teleop_drake.simulation import simulate
+from teleop_drake.task_recording import TaskRecording
 
 TASKS = ("one_dof", "two_dof_puncture", "two_dof_collision", "two_dof_combined")
 
 # The folder of the recordings, set by conftest.py; None keeps them in this process.
 folder: Path | None = None
 
-_recordings: dict[str, Recording] = {}
+_recordings: dict[str, TaskRecording] = {}
 
 
-def Simulated(scenario: AnyScenario, engine: str = "auto") -> Recording:
+def Simulated(scenario: AnyScenario, engine: str = "auto") -> TaskRecording:
     """Returns what simulate() returns; each run is simulated only once."""
     text = f"{engine}\n{ScenarioToYaml(scenario)}"
     if text not in _recordings:
@@ -29,7 +29,7 @@ def Simulated(scenario: AnyScenario, engine: str = "auto") -> Recording:
 
 
 @functools.cache
-def Run(name: str, kind: str, *overrides: str, engine: str = "auto") -> Recording:
+def Run(name: str, kind: str, *overrides: str, engine: str = "auto") -> TaskRecording:
     """Simulates a scenario with a controller; overrides are PATH=VALUE."""
     print("simulate", name, kind, *overrides, file=sys.stderr)
     scenario = LoadScenario(name, [f"controller.kind={kind}", *overrides])
@@ -41,14 +41,14 @@ def _File(text: str) -> Path:
     return folder / f"run_{hashlib.sha256(text.encode()).hexdigest()}.pickle"
 
 
-def _Load(scenario: AnyScenario, text: str) -> Recording | None:
+def _Load(scenario: AnyScenario, text: str) -> TaskRecording | None:
     if folder is None or not _File(text).exists():
         return None
     parts = pickle.loads(_File(text).read_bytes())
-    return Recording(scenario=scenario, **parts)
+    return TaskRecording(scenario=scenario, **parts)
 
 
-def _Simulate(scenario: AnyScenario, engine: str, text: str) -> Recording:
+def _Simulate(scenario: AnyScenario, engine: str, text: str) -> TaskRecording:
     recording = simulate(scenario, engine=engine)
     if folder is not None:
         parts = recording.__getstate__()

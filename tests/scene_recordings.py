@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from teleop_drake.recording import Event, Recording, SolverStatistics
+from teleop_drake.recording import Event, SolverStatistics
 from teleop_drake.scenario import LoadScenario
+from teleop_drake.task_recording import TaskRecording
 
 NUMBERS = ("accuracy", "wall_time_s", "real_time_factor", "derivative_evaluations")
 SOLVER = SolverStatistics(
@@ -24,7 +25,7 @@ def MakeRecording(name="one_dof", kind="direct_force", duration=2.0):
     v = np.broadcast_to(SPEED * along, tool.shape)
     force = np.where(t[:, None] > 1.0, 0.01, 0.0) * along
     q = np.array([scenario.robot.JointPositions(p) for p in tool])
-    return Recording(
+    return TaskRecording(
         scenario=scenario,
         time=t,
         signals={

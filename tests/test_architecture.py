@@ -186,6 +186,7 @@ def test_unknown_modules_are_those_of_the_user():
     ]
     assert found == [
         "__init__.py",
+        "blocks/__init__.py",
         "jit/following.py",
         "kinds.py",
     ]

@@ -280,7 +280,7 @@ def test_the_table_is_what_the_code_gives():
 
 
 def test_every_block_is_in_the_table():
-    names = {kind.__name__ for kind in KERNELS}
+    names = set(KERNELS)
     for module in pkgutil.walk_packages(teleop_drake.__path__, "teleop_drake."):
         if module.name.split(".")[1] in FOLDERS:
             for name, kind in vars(importlib.import_module(module.name)).items():

@@ -23,8 +23,8 @@ from teleop_drake.blocks.robots import MakeRobot
 from teleop_drake.page import WritePage
 from teleop_drake.page.model import MakeModel
 from teleop_drake.scenario import LoadScenario
-from teleop_drake.scenario.config import DefaultSimulator
 from teleop_drake.simulation import simulate
+from teleop_drake.solver import DefaultSimulator
 from teleop_drake.tasks.metrics import RunMetrics
 
 # A script runs once for all that is asked of it.

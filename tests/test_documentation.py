@@ -86,7 +86,7 @@ def test_the_pages_can_be_read_in_an_hour():
 def test_examples_run(capsys):
     """Each as a script of its own."""
     blocks = Blocks("python")
-    assert len(blocks) == 10
+    assert len(blocks) == 11
     for block in blocks:
         exec(block, {"__name__": "__main__"})
         assert capsys.readouterr().out

@@ -24,7 +24,7 @@ from teleop_drake.figures.block_diagram import DiagramDot, RenderSvg
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.model import MakeModel
 from teleop_drake.scenario import ScenarioError
-from teleop_drake.scenario.config import DefaultSimulator
+from teleop_drake.solver import DefaultSimulator
 
 # Systems with continuous states that depend on samples, and why they are refused.
 HYBRID = {

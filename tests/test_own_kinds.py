@@ -10,7 +10,8 @@ import pytest
 import yaml
 from grids import Slow
 
-from teleop_drake.blocks.channels import CHANNEL_KINDS, ChannelConfig
+from teleop_drake.blocks.channels import ChannelConfig
+from teleop_drake.blocks.channels.kinds import CHANNEL_KINDS
 from teleop_drake.blocks.operators import ConstantVelocityOperator
 from teleop_drake.blocks.systems.haptic_device import HapticDevice
 from teleop_drake.cli import main

@@ -50,7 +50,7 @@ def test_html_has_every_metric_with_its_unit_and_a_figure():
 
 
 def test_events_and_notes_are_found_once_and_when_they_are_asked_for():
-    recording = dataclasses.replace(ShortRun(), scenario=None)  # Not pickled.
+    recording = dataclasses.replace(ShortRun())
     calls = []
 
     def FindEvents(run):

@@ -17,7 +17,8 @@ from teleop_drake.engine.advance import FULL
 from teleop_drake.engine.problem import ROWS
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.step_polynomials import DEGREE, interpolate, part
-from teleop_drake.page.model import Model, ModelOf
+from teleop_drake.page.model import Model
+from teleop_drake.page.scenario_model import ModelOf
 from teleop_drake.recording import Recording
 from teleop_drake.simulation import simulate
 from teleop_drake.sweep import FlattenMetrics

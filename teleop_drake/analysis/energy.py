@@ -11,7 +11,7 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.numerics.step_polynomials import integrate_product
-from teleop_drake.recording import CheckRecording, Recording
+from teleop_drake.task_recording import CheckTaskRecording, TaskRecording
 from teleop_drake.validation import Refuse
 
 
@@ -36,7 +36,7 @@ class EnergyBalance:
         return np.maximum.accumulate(np.maximum(-self.energy, 0.0))
 
 
-def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
+def TwoPortEnergyBalance(recording: TaskRecording) -> EnergyBalance:
     """Balances the energy between the operator's hand and the tool of a recorded run.
 
         power in = F_h . v_felt,    power out = F_c . v
@@ -46,7 +46,7 @@ def TwoPortEnergyBalance(recording: Recording) -> EnergyBalance:
     Raises:
         ValueError: If the recording is not that of a teleoperation.
     """
-    CheckRecording("recording", recording)
+    CheckTaskRecording("recording", recording)
     v_felt = recording.felt_velocity
     if v_felt is None or "forward_packet_sent" not in recording:
         Refuse("recording", "without packets", "a run of a teleoperation")

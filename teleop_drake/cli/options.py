@@ -395,7 +395,7 @@ def ChannelOverrides(
     given = getattr(args, "channel", None)
     if given is None:
         return []
-    from teleop_drake.blocks.channels import CHANNEL_KINDS
+    from teleop_drake.blocks.channels.kinds import CHANNEL_KINDS
     from teleop_drake.kinds import FileOf, IsOwn, WithFile
     from teleop_drake.scenario.yaml_text import ParseFile
 

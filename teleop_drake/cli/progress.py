@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from teleop_drake.cli.exit_codes import Failed
 
 if TYPE_CHECKING:
-    from teleop_drake.recording import Recording
     from teleop_drake.scenario import AnyScenario
+    from teleop_drake.task_recording import TaskRecording
 
 
 def Notice(text: object) -> None:
@@ -24,7 +24,7 @@ def TellLine(is_quiet: bool, line: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
 
-def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "Recording":
+def Simulate(scenario: "AnyScenario", is_quiet: bool, engine: str) -> "TaskRecording":
     """Simulates a scenario, shows its progress unless `is_quiet`, returns a recording.
 
     Warnings, and why an engine cannot be used, are printed on stderr in any case.

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from teleop_drake.recording import Recording
-    from teleop_drake.sweep import SweepResult
+    from teleop_drake.sweep import TaskSweepResult
+    from teleop_drake.task_recording import TaskRecording
 
 
 def Words(name: str) -> str:
@@ -15,14 +15,14 @@ def Words(name: str) -> str:
     return name.replace("_", " ").replace(".", " ")
 
 
-def Ending(recording: "Recording") -> str:
+def Ending(recording: "TaskRecording") -> str:
     """Returns how a run ended, in a word or two."""
     if recording.termination == "completed":
         return "completed"
     return f"{recording.termination} at {recording.time[-1]:.4g} s"
 
 
-def Headline(recording: "Recording") -> str:
+def Headline(recording: "TaskRecording") -> str:
     """Returns a line with the scenario, the delays, the simulated time and the ending.
 
     A second line tells what the run did. After a divergence a third line names the
@@ -70,7 +70,7 @@ _SOLVER = ("engine", "steps", "derivative_evaluations", "wall_time_s")
 
 
 def Table(
-    recordings: Mapping[str, "Recording"],
+    recordings: Mapping[str, "TaskRecording"],
     records: Sequence[Any],
     *,
     is_verbose: bool = False,
@@ -120,7 +120,7 @@ def Table(
     return Align(lines)
 
 
-def SeedsTable(result: "SweepResult", metrics: Sequence[str] = ()) -> str:
+def SeedsTable(result: "TaskSweepResult", metrics: Sequence[str] = ()) -> str:
     """Returns statistics over the seeds as a table with a row for each metric.
 
     Each controller has a column, and each difference from the first controller has one.
@@ -165,16 +165,15 @@ def _CellWithInterval(row: Mapping[str, Any]) -> str:
 _MAX_ROWS = 40
 
 
-def SweepTable(result: "SweepResult", metrics: Sequence[str] = ()) -> str:
+def SweepTable(result: "TaskSweepResult", metrics: Sequence[str] = ()) -> str:
     """Returns the metrics of a sweep as a table with a row for each run.
 
     Args:
         metrics: Names of metrics; by default, the most used ones that the runs have.
     """
     from teleop_drake.figures.style import ValueLabel
-    from teleop_drake.tasks.metrics import MetricUnits
 
-    units = MetricUnits(result.scenario)
+    units = result.units
     shown = {metric: units[metric] for metric in metrics or result.Metrics()}
     rows = result.Table()
     first = rows[:_MAX_ROWS]

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import System
 from pydrake.systems.primitives import (
     AffineSystem,
@@ -21,7 +20,7 @@ from pydrake.systems.primitives import (
 
 from teleop_drake.arrays import Array
 from teleop_drake.engine.leaf_tracing import IsPlainLeaf
-from teleop_drake.signals import NameOf
+from teleop_drake.signals import IsOfDrake, NameOf
 from teleop_drake.validation import ScenarioError
 
 ConstantValues = Mapping[System, Mapping[str, Array]]
@@ -44,7 +43,7 @@ def ConstantsOf(system: System) -> dict[str, Array]:
     """Returns the constants of a system by their names; empty if none can change."""
     if IsPlainLeaf(system):
         return _SlidersOf(system)
-    kind = _KINDS.get(type(system))
+    kind = _KINDS.get(type(system).__name__) if IsOfDrake(system) else None
     return {} if kind is None else kind.read(system)
 
 
@@ -70,7 +69,7 @@ def WithConstants(system: System, values: Mapping[str, Array]) -> System:
     """
     if not values:
         return system
-    kind = _KINDS[type(system)]
+    kind = _KINDS[type(system).__name__]
     try:
         return kind.make(system, **{**kind.read(system), **values})
     except (RuntimeError, SystemExit) as error:
@@ -100,7 +99,7 @@ def _LimitsOf(system: Saturation) -> dict[str, Array]:
     }
 
 
-def _GainsOfPid(system: PidController) -> dict[str, Array]:
+def _GainsOfPid(system: Any) -> dict[str, Array]:
     gains = {
         "kp": system.get_Kp_vector(),
         "ki": system.get_Ki_vector(),
@@ -123,18 +122,19 @@ def _MatricesOf(names: Iterable[str]) -> Callable[[Any], dict[str, Array]]:
     return Read
 
 
-_KINDS: dict[type[System], _Constants] = {
-    Gain: _Constants(_GainsOf, lambda _, k: Gain(k)),
-    Saturation: _Constants(
+# Keyed by the name of Drake's class.
+_KINDS: dict[str, _Constants] = {
+    "Gain": _Constants(_GainsOf, lambda _, k: Gain(k)),
+    "Saturation": _Constants(
         _LimitsOf, lambda _, min_value, max_value: Saturation(min_value, max_value)
     ),
-    PidController: _Constants(_GainsOfPid, lambda _, **x: PidController(**x)),
-    MatrixGain: _Constants(_MatricesOf(["D"]), lambda _, D: MatrixGain(D)),
-    LinearSystem: _Constants(
+    "PidController": _Constants(_GainsOfPid, lambda system, **x: type(system)(**x)),
+    "MatrixGain": _Constants(_MatricesOf(["D"]), lambda _, D: MatrixGain(D)),
+    "LinearSystem": _Constants(
         _MatricesOf(["A", "B", "C", "D"]),
         lambda system, **x: LinearSystem(**x, time_period=system.time_period()),
     ),
-    AffineSystem: _Constants(
+    "AffineSystem": _Constants(
         _MatricesOf(["A", "B", "f0", "C", "D", "y0"]),
         lambda system, **x: AffineSystem(**x, time_period=system.time_period()),
     ),

@@ -10,7 +10,6 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
     Context,
     NumericParameterIndex,
@@ -34,13 +33,12 @@ from teleop_drake.engine.flatten import (
 from teleop_drake.engine.known_programs import KnownFunction, Remember
 from teleop_drake.engine.leaf_tracing import CheckSink, IsPlainLeaf, LeafReader
 from teleop_drake.engine.left_out import EmptyKernel, FindLeftOut
-from teleop_drake.engine.plant_kernel import PlantKernel
-from teleop_drake.engine.primitives import IsOfDrake, IsSilent, PrimitiveKernel
+from teleop_drake.engine.primitives import IsSilent, PrimitiveKernel
 from teleop_drake.engine.program import Program
 from teleop_drake.jit.native import Evaluate, Kept, Library
 from teleop_drake.jit.scalar_code import ALL, MakeCode
 from teleop_drake.kernel import Delay, Kernel, KernelBlock, KernelIn
-from teleop_drake.signals import SignalsOf
+from teleop_drake.signals import IsOfDrake, IsPlant, SignalsOf
 from teleop_drake.wiring import OutputNames
 
 
@@ -62,7 +60,10 @@ def KernelOf(
     """
     if hasattr(system, "Kernel"):
         return _OwnKernel(system, context)
-    if type(system) is MultibodyPlant:
+    if IsOfDrake(system) and IsPlant(system):
+        # Systems without a plant need none of this.
+        from teleop_drake.engine.plant_kernel import PlantKernel
+
         return PlantKernel(system, context)
     if IsReadable(system, context):
         return ReadLeaf(LeafReader(system), context, constants)
@@ -507,6 +508,6 @@ def _FedValue(system: System, name: str, context: Context) -> Array:
         return port.Eval(context)
     # All inputs of a plant are optional: no actuation, no applied force.
     optional = getattr(system, "optional_inputs", ())
-    if isinstance(system, MultibodyPlant) or name in optional:
+    if IsPlant(system) or name in optional:
         return np.zeros(port.size())
     raise UnsupportedSystem(system, f"its input {name} is not connected")

@@ -12,16 +12,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from pydrake.multibody.meshcat import JointSliders
 from pydrake.symbolic import Expression, MakeVectorVariable, Variable
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.controllers import PidController
 from pydrake.systems.framework import Context, EventStatus, PortDataType, System
 from pydrake.systems.primitives import (
     AffineSystem,
     Gain,
-    LinearSystem,
-    MatrixGain,
     RandomSource,
     WrapToSystem,
 )
@@ -34,7 +30,7 @@ from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.engine.leaf_tracing import IsPlainLeaf
 from teleop_drake.kernel import Kernel, Term, Transition
 from teleop_drake.kernel.kernel import times
-from teleop_drake.signals import VectorOutputs
+from teleop_drake.signals import IsOfDrake, VectorOutputs
 from teleop_drake.wiring import InputPorts, OutputPorts
 
 # A distance greater than the length of a WrapToSystem's intervals of angles, and the
@@ -72,13 +68,13 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel:
     """
     if IsSink(system, context):
         return Kernel(unused=_InputNames(system))
-    if type(system) is JointSliders:
-        return _SlidersKernel(system)
-    written = KERNELS[type(system)](system) if type(system) in KERNELS else None
+    is_of_drake = IsOfDrake(system)
+    make = KERNELS.get(type(system).__name__) if is_of_drake else None
+    written = None if make is None else make(system)
     if written is not None:
         return written
     symbolic = None
-    if IsOfDrake(system) or IsPlainLeaf(system):
+    if is_of_drake or IsPlainLeaf(system):
         symbolic = system.ToSymbolicMaybe()
     if symbolic is None:
         types = [port.get_data_type() for port in OutputPorts(system)]
@@ -124,11 +120,6 @@ def IsSilent(system: System, context: Context) -> bool:
 
 def _InputNames(system: System) -> tuple[str, ...]:
     return tuple(port.get_name() for port in InputPorts(system))
-
-
-def IsOfDrake(system: System) -> bool:
-    """Returns whether pydrake defines a system's class; false for a user's subclass."""
-    return type(system).__module__.partition(".")[0] == "pydrake"
 
 
 class _SymbolicReader:
@@ -356,7 +347,7 @@ def position_error(estimated: Array, desired: Array) -> Array:
     return desired[:n] - estimated[:n]
 
 
-def _PidKernel(system: PidController) -> Kernel | None:
+def _PidKernel(system: System) -> Kernel | None:
     """Returns the kernel of a PidController, with its gains as parameters.
 
     Returns None if it selects the controlled states; pydrake does not tell which.
@@ -372,22 +363,23 @@ def _PidKernel(system: PidController) -> Kernel | None:
     )
 
 
-def _SlidersKernel(system: JointSliders) -> Kernel:
+def _SlidersKernel(system: Any) -> Kernel:
     """Returns the kernel of sliders in Meshcat, with their present values."""
     port = system.get_output_port()
     values = port.Eval(system.CreateDefaultContext())
     return Kernel(outputs={port.get_name(): "values"}, parameters={"values": values})
 
 
-KERNELS: dict[type[System], Callable[[Any], Kernel | None]] = {
-    AffineSystem: _AffineKernel,
-    Gain: _GainKernel,
-    LinearSystem: _AffineKernel,
-    MatrixGain: _AffineKernel,
-    PidController: _PidKernel,
-    RandomSource: _RandomKernel,
-    WrapToSystem: _WrapKernel,
+KERNELS: dict[str, Callable[[Any], Kernel | None]] = {
+    "AffineSystem": _AffineKernel,
+    "Gain": _GainKernel,
+    "JointSliders": _SlidersKernel,
+    "LinearSystem": _AffineKernel,
+    "MatrixGain": _AffineKernel,
+    "PidController": _PidKernel,
+    "RandomSource": _RandomKernel,
+    "WrapToSystem": _WrapKernel,
 }
-"""Makers of the kernels that are written by hand, keyed by the exact class.
+"""Makers of the kernels that are written by hand, keyed by the name of Drake's class.
 
 A maker returns None if it does not know the system; its symbolic form is taken then."""

@@ -3,13 +3,13 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from teleop_drake.blocks.channels import NetworkChannelConfig
+from teleop_drake.blocks.channels.network import NetworkChannelConfig
 from teleop_drake.blocks.channels.packet_network import PacketNetwork
 from teleop_drake.blocks.channels.packet_options import Receiver
 from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakeMultiples
 from teleop_drake.figures.style import COLORS, GREY, MARK_STYLE, Figure, Key, Look
-from teleop_drake.recording import Recording
+from teleop_drake.task_recording import TaskRecording
 from teleop_drake.tasks import TaskOf
 from teleop_drake.validation import Refuse
 
@@ -22,7 +22,7 @@ _LOST_STYLE: Look = {"marker": "x", "color": COLORS[1]}
 _LOSS_STYLE: Look = {"color": GREY, "linewidth": 0.9, "linestyle": "--"}
 
 
-def Networks(recording: Recording) -> dict[str, NetworkChannelConfig]:
+def Networks(recording: TaskRecording) -> dict[str, NetworkChannelConfig]:
     """Returns the channels of a run that are networks, keyed by their fields."""
     channels = TaskOf(recording.scenario).Channels(recording.scenario)
     return {
@@ -32,7 +32,7 @@ def Networks(recording: Recording) -> dict[str, NetworkChannelConfig]:
     }
 
 
-def PlotNetwork(recording: Recording, *, columns: int = 2) -> Figure:
+def PlotNetwork(recording: TaskRecording, *, columns: int = 2) -> Figure:
     """Plots delay, age of information and loss of each network against time.
 
     The delay of a packet is drawn at the time when the packet was sent; crosses above

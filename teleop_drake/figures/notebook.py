@@ -14,6 +14,7 @@ from teleop_drake.figures.runs import PlotRun
 from teleop_drake.figures.saving import DescribeFigure
 from teleop_drake.recording import Recording
 from teleop_drake.sweep import FlattenMetrics, MetricUnits
+from teleop_drake.task_recording import CheckTaskRecording, TaskRecording
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.metrics import MissingInWords, RunSentence, RunSummary
 
@@ -56,13 +57,14 @@ def RecordingHtml(recording: Recording) -> str:
     """
     texts = [repr(recording), recording.reason, *recording.notes]
     try:
-        table = _Table(recording)
+        run = CheckTaskRecording("recording", recording)
+        table = _Table(run)
     except ValueError:
         return _Paragraphs(texts)
-    title = _Paragraphs([RunSentence(recording), *texts])
+    title = _Paragraphs([RunSentence(run), *texts])
     buffer = io.BytesIO()
-    signals = _SIGNALS if TaskOf(recording.scenario).controllers else None
-    figure = PlotRun(recording, signals=signals, columns=1)
+    signals = _SIGNALS if TaskOf(run.scenario).controllers else None
+    figure = PlotRun(run, signals=signals, columns=1)
     figure.savefig(buffer, format="png", dpi=_DPI)
     image = base64.b64encode(buffer.getvalue()).decode()
     alternative = html.escape(DescribeFigure(figure), quote=True)
@@ -77,7 +79,7 @@ def _Paragraphs(texts: Sequence[str]) -> str:
     return "".join(f"<p>{html.escape(text)}</p>" for text in texts if text)
 
 
-def _Table(recording: Recording) -> str:
+def _Table(recording: TaskRecording) -> str:
     """Returns the metrics of a run as an HTML table."""
     summary = RunSummary(recording)
     units = MetricUnits(recording.scenario)

@@ -27,9 +27,10 @@ from teleop_drake.figures.selection import CheckRecordings, SelectRows, SelectTi
 from teleop_drake.figures.style import GREY, SMALL_FONT_SIZE, Figure, Key, RunStyle
 from teleop_drake.recording import CheckRecording, Recording
 from teleop_drake.signals import ScaleAndUnit
+from teleop_drake.task_recording import CheckTaskRecording, TaskRecording
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.panels import AxisName, NormalOfRuns, SignalRow
-from teleop_drake.validation import CheckKind, IsGiven, Refuse
+from teleop_drake.validation import CheckKind, Refuse
 
 _ROW_HEIGHT = 1.2  # inches
 _LOW_ROW_HEIGHT = 0.9  # inches; where there are several banks
@@ -48,7 +49,7 @@ __all__ = ["PlotComparison", "PlotRows", "PlotRun", "SaveFigure"]
 
 
 def PlotComparison(
-    recordings: Mapping[str, Recording],
+    recordings: Mapping[str, TaskRecording],
     *,
     task: Task[Any] | None = None,
     signals: Sequence[str] | None = None,
@@ -80,16 +81,15 @@ def PlotComparison(
     """
     allowed = 'a dictionary of Recordings by name, as {"direct_force": recording}'
     CheckKind("recordings", recordings, Mapping, allowed)
-    for recording in recordings.values():
-        CheckRecording("recordings", recording)
-    CheckRecordings(recordings)
-    recordings = {name: SelectTime(x, time) for name, x in recordings.items()}
-    runs = list(recordings.values())
+    checked = {x: CheckTaskRecording("recordings", y) for x, y in recordings.items()}
+    CheckRecordings(checked)
+    checked = {name: SelectTime(x, time) for name, x in checked.items()}
+    runs = list(checked.values())
     task = task or TaskOf(runs[0].scenario)
     if not task.is_compared:
         Refuse("recordings.scenario", runs[0].scenario.name, "teleoperations")
     rows = SelectRows(task.Panels(runs), runs, signals)
-    return PlotRows(recordings, rows, columns=columns)
+    return PlotRows(checked, rows, columns=columns)
 
 
 def PlotRun(
@@ -110,18 +110,19 @@ def PlotRun(
     CheckRecording("recording", recording)
     recording = SelectTime(recording, time)
     width = style.WidthOf(columns)
-    if not IsGiven(recording.scenario) and task is None:
+    if task is None and not isinstance(recording, TaskRecording):
         names = list(recording) if signals is None else signals
         rows = SelectRows([], [recording], names)
         return PlotRows({"": recording}, rows, columns=1, width=width)
-    task = task or TaskOf(recording.scenario)
-    rows = task.Panels([recording])
+    run = CheckTaskRecording("recording", recording)
+    task = task or TaskOf(run.scenario)
+    rows = task.Panels([run])
     if task.is_compared:
         rows = [*rows, *_TelemetryRows(recording)]
     else:
         columns = 1
     rows = SelectRows(rows, [recording], signals)
-    name = recording.scenario.controller.kind.replace("_", " ")
+    name = run.scenario.controller.kind.replace("_", " ")
     return PlotRows({name: recording}, rows, columns=columns, width=width)
 
 
@@ -208,10 +209,11 @@ class _Runs:
 
     def __init__(self, recordings: Mapping[str, Recording]) -> None:
         self._runs = list(recordings.values())
-        has_tool = "tool_position" in self._runs[0]
-        self._normal_W = NormalOfRuns(self._runs) if has_tool else np.zeros(0)
+        of_tasks = [run for run in self._runs if isinstance(run, TaskRecording)]
+        has_tool = bool(of_tasks) and "tool_position" in self._runs[0]
+        self._normal_W = NormalOfRuns(of_tasks) if has_tool else np.zeros(0)
         self._boundaries: dict[float, list[str]] = {}
-        for run, name in itertools.product(self._runs, _EVENTS):
+        for run, name in itertools.product(of_tasks, _EVENTS):
             surface = run.FindSurface(name)
             if surface is not None and (surface.normal_W == self._normal_W).all():
                 x = surface.Along(surface.point_W)
@@ -301,7 +303,11 @@ class _Runs:
             return self._Curves(replace(row, signal=row.beside))
         if row.command is None:
             return []
-        return [Curve(x.time, x.commands[:, [row.command]]) for x in self._runs]
+        return [
+            Curve(x.time, x.commands[:, [row.command]])
+            for x in self._runs
+            if isinstance(x, TaskRecording)
+        ]
 
     def _DrawRun(
         self,

@@ -2,12 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 from teleop_drake.arrays import Interval
 from teleop_drake.recording import Recording
 from teleop_drake.signals import AxesOf, AxisUnit, PartUnit, UnitOf
 from teleop_drake.tasks.panels import SignalRow
 from teleop_drake.validation import CheckNames, Refuse, Show
+
+_R = TypeVar("_R", bound=Recording)
 
 # The largest number of components of a signal that are named one by one or, where runs
 # are compared, have a row each.
@@ -93,7 +96,7 @@ def _RowsOf(signal: str, recordings: Sequence[Recording]) -> list[SignalRow]:
     ]
 
 
-def SelectTime(recording: Recording, window: Interval | None) -> Recording:
+def SelectTime(recording: _R, window: Interval | None) -> _R:
     """Returns the part of a run within a window of time.
 
     Returns:

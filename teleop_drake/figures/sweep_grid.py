@@ -15,8 +15,9 @@ from teleop_drake.figures import style
 from teleop_drake.figures.layout import MakePanels, Panels
 from teleop_drake.figures.style import FONT_SIZE, Figure, Key
 from teleop_drake.signals import ScaleAndUnit
-from teleop_drake.sweep import MetricUnits, SweepResult, VariesSeedsOnly
-from teleop_drake.sweep.statistics import CONTROLLERS, SEED
+from teleop_drake.sweep import SweepResult, TaskSweepResult, VariesSeedsOnly
+from teleop_drake.sweep.statistics import CONTROLLERS
+from teleop_drake.sweep.values import SEED
 from teleop_drake.validation import Refuse
 
 MAX_PANELS = 24
@@ -66,7 +67,9 @@ class SweepGrid:
         self.x_names: list[str] = []
         if VariesSeedsOnly(result):
             self.x_key = controller.pop() if controller else ""
-            kinds = axes.get(self.x_key, [result.scenario.controller.kind])
+            kinds = axes.get(self.x_key, [""])
+            if not self.x_key and isinstance(result, TaskSweepResult):
+                kinds = [result.scenario.controller.kind]
             self.x_names = [style.ValueLabel(x).replace(" ", "\n", 1) for x in kinds]
             x = np.arange(float(len(kinds)))
         elif numeric:
@@ -185,7 +188,7 @@ def MetricScale(
     """Returns the scale of a metric, its label, and the limits before scaling."""
     finite = values[np.isfinite(values)]
     limits = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
-    scale, unit = ScaleAndUnit(limits, MetricUnits(result.scenario)[metric])
+    scale, unit = ScaleAndUnit(limits, result.units[metric])
     label = metric.replace("_", " ").replace(".", " ")
     # The label is no longer than a panel is high.
     label = textwrap.fill(f"{label} [{unit}]" if unit else label, 26)

@@ -14,7 +14,7 @@ from teleop_drake.figures import style
 from teleop_drake.figures.layout import Panels
 from teleop_drake.figures.style import FONT_SIZE, GREY, SMALL_FONT_SIZE, Figure, Key
 from teleop_drake.figures.sweep_grid import SEQUENCE, MetricScale, SweepGrid
-from teleop_drake.sweep import MetricUnits, SweepResult
+from teleop_drake.sweep import SweepResult
 from teleop_drake.sweep.boundary import Boundary
 from teleop_drake.validation import Refuse
 
@@ -53,7 +53,7 @@ def PlotStability(result: SweepResult, boundaries: Boundaries = ()) -> Figure:
     grid = _TwoKeys(result)
     status = grid.Arrange(result.Status())
     completed = np.zeros(status.shape)
-    if "collision.time" in MetricUnits(result.scenario):
+    if "collision.time" in result.units:
         has_contact = np.isfinite(grid.Arrange(result.Values("collision.time")))
         settles = np.isfinite(grid.Arrange(result.Values("collision.settling_time")))
         completed = np.select([has_contact & settles, has_contact], [1, 2])
@@ -83,7 +83,7 @@ def PlotMap(result: SweepResult, *metrics: str, boundaries: Boundaries = ()) -> 
     white if a run has no value. Further varied keys have panels of their own.
 
     Args:
-        *metrics: One name or more in MetricUnits(result.scenario), for example
+        *metrics: One name or more in result.units, for example
             "collision.peak_force".
         boundaries: The largest stable delays for each panel; see FindBoundaries().
 

@@ -36,7 +36,7 @@ def PlotSweep(result: SweepResult, *metrics: str) -> Figure:
     with the median and its interval in their middle.
 
     Args:
-        *metrics: Names in MetricUnits(result.scenario), for example
+        *metrics: Names in result.units, for example
             "collision.peak_force"; by default the most used metrics of the runs.
 
     Raises:

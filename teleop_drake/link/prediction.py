@@ -14,9 +14,9 @@ from teleop_drake.figures.selection import SelectRows
 from teleop_drake.files import WriteText
 from teleop_drake.link.half import WAYS, Half, Turn
 from teleop_drake.link.side import Side
-from teleop_drake.recording import Recording
 from teleop_drake.scenario import Scenario, ScenarioToYaml
 from teleop_drake.stations import ResolveController
+from teleop_drake.task_recording import TaskRecording
 
 
 def SaveRun(side: Side, folder: Path) -> dict[str, Any]:
@@ -65,7 +65,7 @@ def _WithTraces(side: Side, traces: dict[str, str], duration: float) -> Scenario
     return dataclasses.replace(side.scenario, **changes)
 
 
-def Predict(side: Side) -> Recording:
+def Predict(side: Side) -> TaskRecording:
     """Simulates both sides at each tick with the packets that they had in use.
 
     Returns:
@@ -131,7 +131,7 @@ def _Turns(side: Side, used: dict[str, Array]) -> dict[str, list[Turn]]:
 
 
 def Compare(
-    run: Recording, expected: Recording, file: Path | None = None
+    run: TaskRecording, expected: TaskRecording, file: Path | None = None
 ) -> dict[str, float]:
     """Returns the difference between the packets of a run and of its prediction.
 

@@ -25,12 +25,12 @@ from teleop_drake.link.packets import (
     Session,
 )
 from teleop_drake.numerics.step_polynomials import straight_steps
-from teleop_drake.recording import Recording
 from teleop_drake.scenario import AsTeleoperation, CheckSteps, Scenario, ScenarioLike
 from teleop_drake.scenario.tree import ToTree
 from teleop_drake.simulation.compiled_run import OutcomeOf
 from teleop_drake.simulation.run import Ending
-from teleop_drake.simulation.simulate import MakeRecording
+from teleop_drake.simulation.scenario_run import MakeRecording
+from teleop_drake.task_recording import TaskRecording
 from teleop_drake.validation import CheckNumber
 
 # Packets that the operator's side receives before the start, to measure round trips.
@@ -359,7 +359,7 @@ class Side(Half):
             self._log.close()
             self._log = None
 
-    def Recording(self) -> Recording:
+    def Recording(self) -> TaskRecording:
         """Returns the recording, with one sample for each tick that was not missed.
 
         Its signals include the fields of a Tick, in s: the age of the packet in use

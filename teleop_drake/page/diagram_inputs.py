@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from teleop_drake.page.fields import FieldNumbers, RangeAround
 from teleop_drake.page.inputs import Input
 from teleop_drake.page.sliders import DelayRange, Ranges, RangeWith, Runs
-from teleop_drake.parameters import Scalar
+from teleop_drake.parameters import NumberName, Scalar
 from teleop_drake.validation import CheckChoice
 
 # The number of parameters with sliders, beside the delays, if no ranges are given.
@@ -31,9 +31,9 @@ def MakeDiagramInputs(
     """
     ranges = _DefaultRanges(numbers) if vary is None else vary
     for key in ranges:
-        CheckChoice("vary", key, numbers)
+        CheckChoice("vary", NumberName(key), numbers)
     sliders = [
-        _MakeInput(key, numbers[key], ends, is_wanted=vary is not None)
+        _MakeInput(key, numbers[NumberName(key)], ends, is_wanted=vary is not None)
         for key, ends in ranges.items()
     ]
     return runs.FindInputs([sliders])

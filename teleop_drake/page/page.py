@@ -26,9 +26,10 @@ from teleop_drake.page.hand import HandData
 from teleop_drake.page.inputs import Input, Maker
 from teleop_drake.page.late_wires import LateWires, MarginsInto
 from teleop_drake.page.levels import Levels
-from teleop_drake.page.model import PERIOD, MakeModel, Model, ModelOf
+from teleop_drake.page.model import MakeModel, Model
 from teleop_drake.page.plants import ViewOf
 from teleop_drake.page.python_lines import DiagramParts, ScenarioParts
+from teleop_drake.page.scenario_model import PERIOD, ModelOf
 from teleop_drake.page.sliders import DataOfInputs, MakeInputs, Ranges, Runs
 from teleop_drake.parameters import Scalar, ScalarsIn, SetNumbers
 from teleop_drake.scenario import (
@@ -40,7 +41,7 @@ from teleop_drake.scenario.overrides import Overrides
 from teleop_drake.signals import NameOf
 from teleop_drake.simulation.inputs import CheckInputs
 from teleop_drake.simulation.run import Job
-from teleop_drake.simulation.simulate import MakeJob
+from teleop_drake.simulation.system_run import MakeJob
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.insertion_metrics import FirstNormal
 from teleop_drake.validation import CheckChoice, CheckNames, Refuse, RefuseGiven

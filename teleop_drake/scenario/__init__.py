@@ -1,7 +1,7 @@
 """Scenarios: one task, its robot, channels, tissue and controller, as plain data."""
 
 from teleop_drake.blocks.architectures import ARCHITECTURES, CONTROLLERS
-from teleop_drake.blocks.environments import LayerConfig
+from teleop_drake.blocks.environments.layered_force_field import LayerConfig
 from teleop_drake.scenario.config import (
     TRACKING_CONTROLLERS,
     ControllerConfig,

@@ -227,17 +227,6 @@ class TrackingControllerConfig(FixedFields):
             Refuse("controller.network.inputs", self.network.inputs, allowed)
 
 
-def DefaultSimulator() -> SimulatorConfig:
-    """Returns the solver of a scenario without a section `simulator`."""
-    # Dormand-Prince 5(4), the thesis's ode45. The tolerance is absolute in Drake.
-    return SimulatorConfig(
-        integration_scheme="runge_kutta5",
-        use_error_control=True,
-        accuracy=1e-8,
-        max_step_size=0.005,
-    )
-
-
 def CheckSimulatorConfig(simulator: SimulatorConfig) -> None:
     """Checks the section `simulator` of a scenario.
 

@@ -26,10 +26,8 @@ from teleop_drake.scenario.scenario import (
 )
 from teleop_drake.scenario.tree import FromTree, ToTree
 from teleop_drake.scenario.yaml_text import ParseFile, ParseYaml
+from teleop_drake.solver import MAX_STEPS
 from teleop_drake.validation import CheckKind, Choices, Refuse, ScenarioError
-
-MAX_STEPS = 1_000_000
-"""The largest number of steps that a scenario may require of a simulation."""
 
 _SCENARIO_DIR = Path(__file__).parent.parent / "scenarios"
 

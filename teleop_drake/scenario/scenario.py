@@ -22,20 +22,17 @@ from pydrake.systems.framework import System
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.architectures import Facts
-from teleop_drake.blocks.channels import (
-    ChannelConfig,
-    ConstantDelay,
-    TransportChannelConfig,
-)
+from teleop_drake.blocks.channels import ChannelConfig, ConstantDelay
 from teleop_drake.blocks.channels.base import SHORTEST_TIME
+from teleop_drake.blocks.channels.kinds import CHANNEL_KINDS
 from teleop_drake.blocks.environments import (
     CONTACT,
     EnvironmentConfig,
     FindSurface,
-    LayersEnvironmentConfig,
     Surface,
 )
 from teleop_drake.blocks.environments.base import StiffnessAndDamping
+from teleop_drake.blocks.environments.kinds import ENVIRONMENT_KINDS
 from teleop_drake.blocks.operators import ConstantVelocityConfig, OperatorConfig
 from teleop_drake.blocks.robots import (
     ROBOT_KINDS,
@@ -51,7 +48,6 @@ from teleop_drake.kinds import FileOf, KindConfig
 from teleop_drake.scenario.config import (
     CheckSimulatorConfig,
     ControllerConfig,
-    DefaultSimulator,
     DisturbanceConfig,
     TrackingControllerConfig,
     TrajectoryConfig,
@@ -59,6 +55,7 @@ from teleop_drake.scenario.config import (
 from teleop_drake.scenario.overrides import CHANNELS, FieldsOf, GetPath
 from teleop_drake.scenario.tree import FromTree, ToTree
 from teleop_drake.scenario.yaml_text import DumpYaml
+from teleop_drake.solver import DefaultSimulator
 from teleop_drake.validation import (
     REQUIRED,
     CheckKind,
@@ -160,9 +157,9 @@ class Scenario(_ScenarioBase):
 
     surgeon: OperatorConfig = field(default_factory=ConstantVelocityConfig)
     haptic_device: HapticDeviceConfig = field(default_factory=HapticDeviceConfig)
-    forward_channel: ChannelConfig = field(default_factory=TransportChannelConfig)
-    return_channel: ChannelConfig = field(default_factory=TransportChannelConfig)
-    environment: EnvironmentConfig = field(default_factory=LayersEnvironmentConfig)
+    forward_channel: ChannelConfig = field(default_factory=CHANNEL_KINDS.kinds[0])
+    return_channel: ChannelConfig = field(default_factory=CHANNEL_KINDS.kinds[0])
+    environment: EnvironmentConfig = field(default_factory=ENVIRONMENT_KINDS.kinds[0])
     controller: ControllerConfig = field(default_factory=ControllerConfig)
     # Drive and sensors between the control law and the robot; the thesis has neither.
     actuator: ActuatorConfig = field(default_factory=ActuatorConfig)

@@ -1,7 +1,7 @@
 """Runs a diagram as machine code."""
 
 import time as clock
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
@@ -23,7 +23,7 @@ from teleop_drake.jit.native import Packed
 from teleop_drake.numerics.instants import same_within
 from teleop_drake.numerics.step_polynomials import Series
 from teleop_drake.parameters import SetNumbers
-from teleop_drake.scenario import AnyScenario
+from teleop_drake.recording import Event
 from teleop_drake.signals import SystemsByPath
 from teleop_drake.simulation.failures import IsArithmetic, ReasonOfDivergence
 from teleop_drake.simulation.initial_modes import SetInitialModes
@@ -40,7 +40,6 @@ from teleop_drake.simulation.run import (
 )
 from teleop_drake.simulation.simulator import EVENT_ACCURACY
 from teleop_drake.simulation.stepping import LongestStep
-from teleop_drake.tasks import TaskOf
 from teleop_drake.validation import ScenarioError, Show
 
 
@@ -129,6 +128,8 @@ class CompiledDiagram:
         """
         run = self.Start(job.config, self.start.t + job.duration)
         outcome = _Run(run, job, self.places, self.systems)
+        if job.has_events:
+            outcome.find_events = partial(_FindEvents, run, job, outcome)
         if self._has_final_context:
             outcome.make_final_context = partial(self._FinalContext, run)
         self.Check(run.visited)
@@ -139,6 +140,7 @@ class CompiledDiagram:
         context: Context,
         numbers: Mapping[str, ArrayLike],
         *,
+        changed: Collection[System] = (),
         suppress_initialization_events: bool = False,
         kept: Sequence[Evaluator] = (),
     ) -> "CompiledDiagram":
@@ -151,6 +153,8 @@ class CompiledDiagram:
             context: The Context where runs begin, before its initialization events; it
                 is not changed.
             numbers: New values by name, see SetNumbers().
+            changed: Further systems whose numbers in the Context may differ from those
+                of the program.
             suppress_initialization_events: As in Job.
             kept: Further evaluators whose machine code is reused if it is the same.
 
@@ -160,7 +164,7 @@ class CompiledDiagram:
         """
         changed_context = context.Clone()
         constants: dict[System, dict[str, Array]] = {}
-        changed = SetNumbers(self.diagram, changed_context, numbers, constants)
+        systems = SetNumbers(self.diagram, changed_context, numbers, constants)
         start = StartOf(
             self.diagram,
             changed_context,
@@ -171,7 +175,9 @@ class CompiledDiagram:
             # A user's own code is compared with Drake, which has the old constants.
             self.Check()
         try:
-            evaluator = self.evaluator.With(start, changed, kept, constants)
+            evaluator = self.evaluator.With(
+                start, systems.union(changed), kept, constants
+            )
             if evaluator.program.signals is not self.evaluator.program.signals:
                 places = SignalPlaces(evaluator, self.signals)
         except UnsupportedSystem as error:
@@ -366,22 +372,6 @@ def WhyNotSolved(config: SimulatorConfig) -> str:
     return f"compiled runs use runge_kutta5 with error control, not {scheme}"
 
 
-def WhyNotCompiled(scenario: AnyScenario) -> str:
-    """Returns why a scenario cannot be compiled; empty if it can.
-
-    This check does not compile the scenario.
-    """
-    why = WhyNotSolved(scenario.simulator)
-    if why:
-        return why
-    try:
-        diagram = TaskOf(scenario).MakeDiagram(scenario)
-        Evaluator(diagram, diagram.CreateDefaultContext())
-    except UnsupportedSystem as error:
-        return str(error)
-    return ""
-
-
 def _Run(
     run: CompiledRun,
     job: Job,
@@ -426,6 +416,13 @@ def _Run(
     series = times, signals, run.Steps()
     wall_time = clock.monotonic() - start
     return OutcomeOf(run, systems, series, wall_time, ending, is_beyond_bound)
+
+
+def _FindEvents(run: CompiledRun, job: Job, outcome: Outcome) -> list[Event]:
+    """Returns the events of a run; imports what finds them when they are needed."""
+    from teleop_drake.simulation.block_events import CompiledEvents
+
+    return CompiledEvents(run, run.start.t + job.duration, outcome)
 
 
 def _Norms(rows: Array) -> Array:

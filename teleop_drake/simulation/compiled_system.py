@@ -1,6 +1,6 @@
 """Compiles a System of Drake's once, and runs it with different parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from numpy.typing import ArrayLike
 from pydrake.systems.analysis import SimulatorConfig
@@ -9,11 +9,12 @@ from pydrake.systems.framework import Context, System
 from teleop_drake.engine.check import ReadingDisagrees
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.recording import Recording
-from teleop_drake.signals import Signals
+from teleop_drake.signals import Signals, SystemsByPath
 from teleop_drake.simulation.compiled_run import CompiledDiagram, CompileDiagram
 from teleop_drake.simulation.drake_run import RunInDrake
 from teleop_drake.simulation.inputs import CheckInputs
-from teleop_drake.simulation.simulate import (
+from teleop_drake.simulation.run import Job
+from teleop_drake.simulation.system_run import (
     MakeJob,
     NoteOnDrake,
     NotesOnBlocks,
@@ -93,7 +94,15 @@ class CompiledSystem:
             CheckNumber("duration", duration, "s", above=0)
             job = job._replace(duration=duration)
         self._compiled = self._compiled.ReadAnew()
-        compiled = self._With(numbers) if numbers else self._compiled
+        return self._Run(job, self._With(job.context, numbers))
+
+    def RunFrom(self, context: Context, numbers: Mapping[str, ArrayLike]) -> Recording:
+        """Simulates the System from another Context, with other numbers; see Run()."""
+        systems = SystemsByPath(self._job.diagram).values()
+        compiled = self._With(context, numbers, set(systems))
+        return self._Run(self._job._replace(context=context), compiled)
+
+    def _Run(self, job: Job, compiled: CompiledDiagram) -> Recording:
         notes = NotesOnBlocks(compiled.evaluator)
         try:
             outcome = compiled.Run(job)
@@ -108,11 +117,23 @@ class CompiledSystem:
             return RecordingOf(job, outcome, notes, _HAS_CONSTANTS)
         return RecordingOf(job, outcome, notes)
 
-    def _With(self, numbers: Mapping[str, ArrayLike]) -> CompiledDiagram:
-        """Returns the compiled System with other numbers; keeps its program."""
+    def _With(
+        self,
+        context: Context,
+        numbers: Mapping[str, ArrayLike],
+        changed: Collection[System] = (),
+    ) -> CompiledDiagram:
+        """Returns the compiled System with other numbers; keeps its program.
+
+        Args:
+            changed: Systems whose numbers in the Context may differ from the program's.
+        """
+        if not (numbers or changed):
+            return self._compiled
         compiled = self._compiled.WithNumbers(
-            self._job.context,
+            context,
             numbers,
+            changed=changed,
             suppress_initialization_events=self._job.suppress_initialization_events,
             kept=self._others,
         )

@@ -16,8 +16,15 @@ from pydrake.systems.framework import Context, EventStatus, OutputPort, System
 from teleop_drake.contexts import ContextsIn, DiscreteState
 from teleop_drake.numerics.instants import TIE, same_within
 from teleop_drake.numerics.step_polynomials import DEGREE, Series
+from teleop_drake.recording import Event
 from teleop_drake.signals import SystemsByPath
 from teleop_drake.simulation.bends import CHECKED, INSIDE, Bends, NotesOnBends
+from teleop_drake.simulation.block_events import (
+    DrakeEvents,
+    GuardsDue,
+    Watched,
+    WatchedIn,
+)
 from teleop_drake.simulation.failures import (
     IsDivergence,
     NamingBlocks,
@@ -44,6 +51,9 @@ from teleop_drake.validation import Refuse, ScenarioError
 
 # The most steps that a block may force on a run. Each takes some milliseconds.
 _MOST_FORCED_STEPS = 100_000
+
+# The beginning of the names of signals that are recorded to find events.
+_HIDDEN = "\0"
 
 # How often progress is reported, in s of real time.
 _REPORT_PERIOD = 0.1
@@ -96,7 +106,8 @@ def RunInDrake(job: Job) -> Outcome:
     series = run.recorder.Finish()
     if ending == COMPLETED:
         series[0][-1] = job.end  # The last step ends there, up to rounding.
-    return Outcome(
+    positions = {path: series[1].pop(_HIDDEN + path) for path in run.watched.positions}
+    outcome = Outcome(
         engine="drake",
         series=series,
         steps=counts.steps,
@@ -106,8 +117,12 @@ def RunInDrake(job: Job) -> Outcome:
         is_beyond_bound=run.is_beyond_bound,
         systems=SystemsByPath(job.diagram),
         make_final_context=simulator.get_context().Clone().Clone,
-        notes=NotesOnBends(run.recorder.unresolved),
+        notes=NotesOnBends(run.recorder.unresolved & set(job.signals)),
     )
+    if job.has_events:
+        due = run.due
+        outcome.find_events = lambda: DrakeEvents(job, due, positions, outcome)
+    return outcome
 
 
 def _MakeSimulator(job: Job) -> Simulator:
@@ -294,6 +309,8 @@ class _DrakeRun:
 
     Attributes:
         recorder: The sampler of the signals.
+        watched: What events depend on, besides the signals.
+        due: The events of guards so far.
         is_beyond_bound: Whether the bound has ended the run.
         interruption: The handler of Ctrl-C.
     """
@@ -303,14 +320,17 @@ class _DrakeRun:
         self._job = job
         self._pace = Pace(job.duration, job.start)
         self._num_samples = 0
+        self.watched = WatchedIn(job.diagram) if job.has_events else Watched({}, {})
+        self.due: list[Event] = []
+        hidden = {_HIDDEN + x: port for x, port in self.watched.positions.items()}
         self.recorder = Recorder(
-            job.diagram, job.signals, simulator.get_mutable_context()
+            job.diagram, {**job.signals, **hidden}, simulator.get_mutable_context()
         )
         self._ending: Ending | None = None
         self.is_beyond_bound = False
         self.interruption = Interruption()
         self._last_report = clock.monotonic()
-        names = self.recorder.names
+        names = list(job.signals)
         bounded = job.bound.signal
         self._watched = [i for i, x in enumerate(names) if bounded in (None, x)]
 
@@ -356,6 +376,9 @@ class _DrakeRun:
         """Records a step at its end; ends the run if a check requires it."""
         now = self.recorder.Sample()
         self._num_samples += 1
+        guarded = self.watched.guarded
+        if guarded:
+            self.due += GuardsDue(guarded, self._job.diagram, root_context)
         return self._Check(root_context.get_time(), now)
 
     def _Check(self, time: float, now: list[np.ndarray]) -> EventStatus | None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Mapping
 
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import (
     Context,
     InputPort,
@@ -15,7 +14,7 @@ from teleop_drake.contexts import ContextsIn
 from teleop_drake.engine.evaluator import Evaluator
 from teleop_drake.engine.flatten import Flatten, InputsOf
 from teleop_drake.engine.leaf_tracing import HasInitialization
-from teleop_drake.signals import NameOf
+from teleop_drake.signals import IsPlant, NameOf
 from teleop_drake.validation import Refuse
 from teleop_drake.wiring import InputPorts
 
@@ -90,7 +89,7 @@ def _NeedsInputs(block: System) -> bool:
 def _IsOptional(port: InputPort) -> bool:
     """Returns whether no block requires a value of an input."""
     return all(
-        isinstance(leaf.get_system(), MultibodyPlant)
+        IsPlant(leaf.get_system())
         or leaf.get_data_type() == PortDataType.kAbstractValued
         or leaf.get_name() in getattr(leaf.get_system(), "optional_inputs", ())
         for leaf in LeafInputs(port)

@@ -12,7 +12,8 @@ from pydrake.systems.analysis import SimulatorConfig
 from pydrake.systems.framework import Context, OutputPort, System
 
 from teleop_drake.numerics.step_polynomials import Series
-from teleop_drake.scenario.loading import MAX_STEPS
+from teleop_drake.recording import Event
+from teleop_drake.solver import MAX_STEPS
 from teleop_drake.validation import ScenarioError
 
 # The most steps of a run, including rejected steps and events at one instant. Error
@@ -57,6 +58,7 @@ class Job(NamedTuple):
         suppress_initialization_events: Whether the initialization events are left out,
             as Drake's InitializeParams call it: the Context is the end of an earlier
             run.
+        has_events: Whether the events that blocks locate are found.
     """
 
     diagram: System
@@ -67,6 +69,7 @@ class Job(NamedTuple):
     bound: NormBound = NormBound()
     progress: Callable[[float], None] | None = None
     suppress_initialization_events: bool = False
+    has_events: bool = False
 
     @property
     def start(self) -> float:
@@ -112,6 +115,7 @@ class Outcome:
         make_final_context: A function that returns the Context at the end of the run;
             None if there is no such Context, see Recording.
         notes: Remarks on the run.
+        find_events: A function that returns the events that blocks have located.
     """
 
     engine: str
@@ -124,6 +128,7 @@ class Outcome:
     systems: Mapping[str, System]
     make_final_context: Callable[[], Context] | None = None
     notes: Sequence[str] = ()
+    find_events: Callable[[], list[Event]] = list
 
 
 class Pace:

@@ -15,13 +15,12 @@ The blocks announce what limits a step through optional attributes:
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.systems.analysis import IntegratorBase
 from pydrake.systems.framework import Context, Diagram, InputPort, System
 
-from teleop_drake.blocks.environments.surface import Surface, SurfacesOf
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.kernel import KernelBlock
 from teleop_drake.kernel.delay_line import DelayLine
@@ -30,6 +29,9 @@ from teleop_drake.numerics.instants import SAME
 from teleop_drake.numerics.jumps import Jump
 from teleop_drake.signals import PathsIn
 from teleop_drake.simulation.source_jumps import SourceJumps
+
+if TYPE_CHECKING:
+    from teleop_drake.blocks.environments.surface import Surface
 
 # A step across a boundary as short as twice this many s is not bisected any further.
 _EVENT_WINDOW = 2e-7
@@ -351,10 +353,13 @@ def _DiscreteUpdates(systems: Sequence[System]) -> list[Ticks]:
     return list(ticks)
 
 
-def _SurfacesSeenBy(system: Any) -> Iterator[tuple[InputPort, Surface]]:
+def _SurfacesSeenBy(system: Any) -> "Iterator[tuple[InputPort, Surface]]":
     """Yields the position inputs of an environment or operator, each with a surface."""
-    for surface in SurfacesOf(system) or ():
-        yield system.GetInputPort("tool_position"), surface
+    if any(hasattr(part, "Surfaces") for part in SystemsIn(system)):
+        from teleop_drake.blocks.environments.surface import SurfacesOf
+
+        for surface in SurfacesOf(system) or ():
+            yield system.GetInputPort("tool_position"), surface
     contact = getattr(system, "contact_surface", None)
     if contact is not None:
         yield system.GetInputPort("felt_position"), contact

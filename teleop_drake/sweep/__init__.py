@@ -3,11 +3,7 @@
 from teleop_drake.scenario.overrides import ALIASES
 from teleop_drake.sweep.folder import WriteTables
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
-from teleop_drake.sweep.result import (
-    SelectMetrics,
-    SweepError,
-    SweepResult,
-)
+from teleop_drake.sweep.result import SweepError, SweepResult
 from teleop_drake.sweep.run import Execution, RunSweep, RunSweeps, Sweep
 from teleop_drake.sweep.statistics import (
     Differences,
@@ -15,6 +11,7 @@ from teleop_drake.sweep.statistics import (
     Statistics,
     VariesSeedsOnly,
 )
+from teleop_drake.sweep.task_result import SelectMetrics, TaskSweepResult
 from teleop_drake.sweep.values import ParseValues
 from teleop_drake.tasks.metrics import FlattenMetrics, MetricUnits
 
@@ -35,6 +32,7 @@ __all__ = [
     "SweepError",
     "SweepPlan",
     "SweepResult",
+    "TaskSweepResult",
     "VariesSeedsOnly",
     "WriteTables",
 ]

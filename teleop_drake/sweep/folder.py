@@ -28,8 +28,7 @@ from typing import Any, NoReturn
 
 from teleop_drake.arrays import Record
 from teleop_drake.files import Replacing, WriteText
-from teleop_drake.scenario import ScenarioToYaml
-from teleop_drake.sweep.plan import SweepPlan
+from teleop_drake.sweep.any_plan import AnyPlan
 from teleop_drake.sweep.result import SweepError, SweepResult
 from teleop_drake.sweep.statistics import Differences, HasSeeds, Statistics
 from teleop_drake.sweep.values import Notice
@@ -55,7 +54,7 @@ class SweepFolder:
     def __init__(
         self,
         path: Path,
-        plan: SweepPlan,
+        plan: AnyPlan[Any],
         resume: bool,
         notice: Notice,
         stack: contextlib.ExitStack,
@@ -94,18 +93,14 @@ class SweepFolder:
         except BlockingIOError:
             self._Refuse("in use by another sweep")
 
-    def _CheckParameters(self, plan: SweepPlan, resume: bool) -> None:
+    def _CheckParameters(self, plan: AnyPlan[Any], resume: bool) -> None:
         """Writes the parameters of a new sweep, or compares those of an old one."""
-        parameters: Record = {
-            "scenario": plan.scenario.name,
-            "overrides": plan.overrides,
+        parameters = {
             "axes": plan.axes,
-            "first_scenario": ScenarioToYaml(plan.scenario),
+            **plan.Parameters(),
             "engine": plan.engine,
             "versions": Versions(),
         }
-        if plan.traces:
-            parameters["traces"] = plan.traces
         text = json.dumps(parameters, indent=2)
         file = self._path / "sweep.json"
         if not file.exists():

@@ -3,13 +3,10 @@
 import contextlib
 import hashlib
 import itertools
-import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from teleop_drake.arrays import Record
 from teleop_drake.scenario import (
@@ -18,6 +15,7 @@ from teleop_drake.scenario import (
     LoadOverridden,
     ScenarioError,
     ScenarioLike,
+    ScenarioToYaml,
 )
 from teleop_drake.scenario.loading import ReadTree
 from teleop_drake.scenario.overrides import (
@@ -27,25 +25,27 @@ from teleop_drake.scenario.overrides import (
     ParseOverrides,
 )
 from teleop_drake.scenario.scenario import ScenarioFiles
-from teleop_drake.simulation.simulate import ENGINES
+from teleop_drake.simulation import simulate
+from teleop_drake.simulation.compiled_run import CannotCompile
+from teleop_drake.simulation.compiled_scenario import CompiledScenario
+from teleop_drake.simulation.scenario_run import WhyNotCompiled
+from teleop_drake.simulation.system_run import ENGINES
+from teleop_drake.sweep.any_plan import AnyPlan, CheckValues, Programs
 from teleop_drake.sweep.result import SweepError
+from teleop_drake.sweep.task_result import TaskSweepResult
 from teleop_drake.sweep.values import (
-    MAX_RUNS,
-    CheckAxis,
     File,
     GivenGrid,
-    Grid,
     Point,
+    PointsOf,
 )
+from teleop_drake.task_recording import TaskRecording
 from teleop_drake.tasks import TaskOf
-
-# A value of the grid is accepted if it is valid in combination with other values. At
-# most so many combinations are tried.
-_MAX_CHECKS = 61
+from teleop_drake.tasks.metrics import RunSummary
 
 
 @dataclass(kw_only=True)
-class SweepPlan:
+class SweepPlan(AnyPlan[TaskSweepResult]):
     """A checked sweep of one scenario; see PlanSweep.
 
     Attributes:
@@ -53,21 +53,15 @@ class SweepPlan:
         tree: The complete tree of the scenario. The files that it names, such as a
             measured trace or a robot's model, have to exist where runs are simulated.
         overrides: Overrides of all runs: dotted paths of fields and their values.
-        axes: Keys of the grid and their values.
-        points: A dict from key to value for each run; the last key varies fastest.
         scenario: The scenario of the first valid point.
         traces: The hash of each file that the scenarios of the runs name.
-        engine: The engine, as in simulate().
     """
 
     file: File
     tree: Record
     overrides: list[tuple[str, Any]]
-    axes: Grid
-    points: list[dict[str, Any]]
     scenario: AnyScenario
     traces: dict[str, str]
-    engine: str
 
     def Load(self, point: Point) -> AnyScenario:
         """Returns the scenario of the run at a point, after the checks of its task.
@@ -80,6 +74,50 @@ class SweepPlan:
         scenario, _ = LoadOverridden(self.tree, overrides)
         TaskOf(scenario).Check(scenario)
         return scenario
+
+    def Parameters(self) -> Record:
+        """Returns the scenario, the overrides and the hashes of the files."""
+        parameters: Record = {
+            "scenario": self.scenario.name,
+            "overrides": self.overrides,
+            "first_scenario": ScenarioToYaml(self.scenario),
+        }
+        return parameters | ({"traces": self.traces} if self.traces else {})
+
+    def WhyNotCompiled(self) -> str:
+        """Returns why the scenario cannot be compiled; empty if it can."""
+        return WhyNotCompiled(self.scenario)
+
+    def Simulate(self, point: Point, programs: Programs) -> TaskRecording:
+        """Simulates a run, with a program of an earlier run if one fits."""
+        if self.engine == "drake":
+            return simulate(self.Load(point), engine="drake")
+        # The names of kinds decide the structure; most other values are numbers.
+        names = tuple(
+            (key, value) for key, value in point.items() if isinstance(value, str)
+        )
+        if names in programs:
+            try:
+                known: CompiledScenario = programs[names]
+                return known.Run(**point)
+            except ScenarioError:
+                # The run needs another program, or Load() raises the error below.
+                pass
+        scenario = self.Load(point)
+        try:
+            program = CompiledScenario(scenario)
+        except CannotCompile:
+            return simulate(scenario)
+        programs[names] = program
+        return program.Run()
+
+    def Summary(self, recording: TaskRecording) -> Record:
+        """Returns the entries of RunSummary."""
+        return RunSummary(recording)
+
+    def Result(self, records: list[Record]) -> TaskSweepResult:
+        """Returns the result of the sweep from the records of all its runs."""
+        return TaskSweepResult(scenario=self.scenario, axes=self.axes, records=records)
 
 
 def PlanSweep(
@@ -104,10 +142,7 @@ def PlanSweep(
     if engine not in ENGINES:
         raise SweepError(f"engine = {engine!r}: must be one of {', '.join(ENGINES)}")
     fixed = ParseOverrides(overrides)
-    axes = {key: CheckAxis(key, values) for key, values in grid.items()}
-    num_runs = math.prod(map(len, axes.values()))
-    if num_runs > MAX_RUNS:
-        raise SweepError(f"grid = {num_runs} runs: must be at most {MAX_RUNS}")
+    axes, points = PointsOf(grid)
 
     traces: dict[str, str] = {}
     # What the runs share is checked once if it is valid without values of the grid.
@@ -129,12 +164,8 @@ def PlanSweep(
                 traces[file] = hashlib.sha256(Path(file).read_bytes()).hexdigest()
         return checked
 
-    points = [
-        dict(zip(axes, values, strict=True))
-        for values in itertools.product(*axes.values())
-    ]
     # Each value has to be valid in at least one run, and a seed has to have an effect.
-    first = _CheckValues(Load, axes, points)
+    first = CheckValues(Load, axes, points)
     if "seed" in axes and not _HasRandomNumbers(first, axes):
         raise SweepError(
             f"grid.seed = {axes['seed']}: must be left out, no channel is random"
@@ -176,39 +207,3 @@ def _CheckPaths(
         # Overrides may replace earlier overrides, as on the command line.
         if own != "overrides" and f"{name}.".startswith(f"{later}."):
             raise SweepError(f"{own}: must leave {path} alone, {setter} sets it")
-
-
-def _CheckValues(
-    load: Callable[[Point], AnyScenario], axes: Grid, points: Sequence[Point]
-) -> AnyScenario:
-    """Refuses values that are valid in no combination; returns a valid scenario.
-
-    Args:
-        load: Returns the scenario of a point.
-        points: All points of the grid; the last axis varies fastest.
-
-    Raises:
-        ScenarioError: The error of the first point with a value that is never valid.
-    """
-    runs = np.arange(len(points)).reshape([len(values) for values in axes.values()])
-    first: AnyScenario | None = None
-    for axis, num_values in enumerate(runs.shape):
-        for i in range(num_values):
-            own = runs.take(i, axis).ravel()
-            own = own[:: max(len(own) // _MAX_CHECKS, 1)]
-            scenario = _FirstValid(load, [points[run] for run in own.tolist()])
-            first = first or scenario
-    return first or load({})
-
-
-def _FirstValid(
-    load: Callable[[Point], AnyScenario], points: Iterable[Point]
-) -> AnyScenario:
-    """Returns the scenario of the first valid point, or raises the first error."""
-    errors: list[ScenarioError] = []
-    for point in points:
-        try:
-            return load(point)
-        except ScenarioError as error:
-            errors.append(error)
-    raise errors[0]

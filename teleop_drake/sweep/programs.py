@@ -1,17 +1,8 @@
-"""The programs of a sweep: runs that differ only in numbers share a program."""
+"""The programs of a sweep, which the calls of one worker share."""
 
 import threading
 
-from teleop_drake.recording import Recording
-from teleop_drake.scenario import ScenarioError
-from teleop_drake.simulation import simulate
-from teleop_drake.simulation.compile import Compile, CompiledScenario
-from teleop_drake.simulation.compiled_run import CannotCompile
-from teleop_drake.sweep.plan import SweepPlan
-from teleop_drake.sweep.values import Point
-
-Programs = dict[tuple[tuple[str, str], ...], CompiledScenario]
-"""The compiled scenarios of a sweep, by the texts among the values of their runs."""
+from teleop_drake.sweep.any_plan import Programs
 
 
 class _Kept(threading.local):
@@ -42,34 +33,3 @@ def ProgramsOf(sweep: str) -> Programs:
         _kept.sweep = sweep
         _kept.programs = {}
     return _kept.programs
-
-
-def SimulatePoint(plan: SweepPlan, point: Point, programs: Programs) -> Recording:
-    """Simulates a run, with a program of an earlier run if one fits.
-
-    Args:
-        plan: The sweep.
-        point: The values of the run, by the keys of the grid.
-        programs: The programs so far, to which a new program is added.
-
-    Raises:
-        ScenarioError: If the scenario of the run is not valid.
-    """
-    if plan.engine == "drake":
-        return simulate(plan.Load(point), engine="drake")
-    # The names of kinds decide the structure; most other values are numbers.
-    names = tuple(
-        (key, value) for key, value in point.items() if isinstance(value, str)
-    )
-    if names in programs:
-        try:
-            return programs[names].Run(**point)
-        except ScenarioError:
-            # The run needs another program, or Load() raises the error below.
-            pass
-    scenario = plan.Load(point)
-    try:
-        programs[names] = Compile(scenario)
-    except CannotCompile:
-        return simulate(scenario)
-    return programs[names].Run()

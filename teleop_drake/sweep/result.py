@@ -1,28 +1,15 @@
 """The result of a sweep: records, and the metrics in them by name."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from teleop_drake.arrays import Array, Record
-from teleop_drake.scenario import AnyScenario, ScenarioError
-from teleop_drake.tasks.metrics import FlattenMetrics, MetricUnits
 from teleop_drake.upper import UpperFunction
-
-_HEADLINES = (
-    "start_velocity_overshoot",
-    "puncture.force",
-    "puncture.velocity_overshoot",
-    "collision.initial_impact_force",
-    "collision.peak_force",
-    "collision.settling_time",
-    "velocity_rms_error",
-    "max_error",
-    "rms_error",
-)
+from teleop_drake.validation import ScenarioError
 
 
 class SweepError(ScenarioError):
@@ -34,17 +21,19 @@ class SweepResult:
     """The results of a sweep.
 
     Attributes:
-        scenario: The first valid scenario of the grid.
         axes: Keys of the grid and their values; the last one varies fastest.
         records: The records of the runs, in the order of the grid: `run` (its number),
             `varied` (key to value), `status` (`completed`, `diverged` or `failed`),
-            `reason` (why it was not completed) and, unless it failed, the entries of
-            RunSummary except the wall times. The `metrics` of a failed run are None.
+            `reason` (why it was not completed) and, unless it failed, `metrics` by
+            name and `solver`, the SolverStatistics except the wall times. For the runs
+            of a scenario these are the entries of RunSummary. The `metrics` of a failed
+            run are None.
+        units: The units of the metrics, by their names.
     """
 
-    scenario: AnyScenario
     axes: dict[str, list[Any]]
     records: list[Record]
+    units: dict[str, str] = field(default_factory=dict)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -55,7 +44,7 @@ class SweepResult:
         """Returns a metric of each run, NaN for a run without a value.
 
         Args:
-            metric: A name in MetricUnits(scenario), such as "collision.peak_force".
+            metric: A name in `units`, such as "collision.peak_force".
 
         Returns:
             Array of the shape of the grid.
@@ -63,14 +52,17 @@ class SweepResult:
         Raises:
             SweepError: If there is no such metric.
         """
-        SelectMetrics(self.scenario, [metric])
+        Matching(self.units, [metric])
         values = [metrics.get(metric) for metrics in self._metrics]
         return np.array(values, dtype=float).reshape(self.shape)  # NaN where None.
 
     def Metrics(self) -> list[str]:
         """Returns the names of the most used metrics that at least one run has."""
-        names = SelectMetrics(self.scenario)
+        names = self._MostUsed()
         return [name for name in names if np.isfinite(self.Values(name)).any()]
+
+    def _MostUsed(self) -> list[str]:
+        return list(self.units)
 
     def Status(self) -> Array:
         """Returns the status of each run as an array of text in the grid's shape."""
@@ -82,8 +74,8 @@ class SweepResult:
         """Plots metrics against the delay, or against another key that is varied.
 
         Args:
-            *metrics: Names in MetricUnits(scenario), such as "collision.peak_force";
-                by default the metrics of Metrics().
+            *metrics: Names in `units`, such as "collision.peak_force"; by default the
+                metrics of Metrics().
 
         Returns:
             The figure of teleop_drake.figures.sweeps.PlotSweep(), which a notebook
@@ -97,42 +89,25 @@ class SweepResult:
         Each row has the same keys: run, the keys of the grid, status, reason and the
         metrics. A metric is None for a run without a value.
         """
-        names = MetricUnits(self.scenario)
         return [
             {
                 "run": record["run"],
                 **record["varied"],
                 "status": record["status"],
                 "reason": record["reason"],
-                **{name: metrics.get(name) for name in names},
+                **{name: metrics.get(name) for name in self.units},
             }
             for record, metrics in zip(self.records, self._metrics, strict=True)
         ]
 
     @cached_property
     def _metrics(self) -> list[Record]:
-        """The metrics of each run and of its channels, by their names."""
-        return [
-            FlattenMetrics((record["metrics"] or {}) | record.get("channels", {}))
-            for record in self.records
-        ]
+        """The metrics of each run by their names."""
+        return [record["metrics"] or {} for record in self.records]
 
 
-def SelectMetrics(
-    scenario: AnyScenario, names: Sequence[str] | None = None
-) -> list[str]:
-    """Returns the scalar metrics that match some names.
-
-    Args:
-        names: Scalar metrics, or groups such as "collision" or "velocity_rms_error".
-            None selects the most used metrics.
-
-    Raises:
-        SweepError: If a name matches no metric.
-    """
-    known = MetricUnits(scenario)
-    if names is None:
-        return [name for name in known if name.startswith(_HEADLINES)]
+def Matching(known: Iterable[str], names: Iterable[str]) -> list[str]:
+    """Returns the known metrics that match some names, or refuses a name."""
     selected: dict[str, None] = {}
     for name in names:
         found = [x for x in known if x == name or x.startswith(f"{name}.")]

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import pickle
 import time as clock
 import uuid
 import warnings
@@ -13,20 +14,20 @@ from concurrent.futures import (
     CancelledError,
     Executor,
     Future,
+    ThreadPoolExecutor,
     as_completed,
 )
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast, overload
+
+from pydrake.systems.analysis import SimulatorConfig
+from pydrake.systems.framework import Context, System
 
 from teleop_drake.arrays import Record
-from teleop_drake.scenario import ScenarioError
-from teleop_drake.scenario.loading import CheckScenarioLike
-from teleop_drake.scenario.overrides import Overrides
-from teleop_drake.simulation.compiled_run import WhyNotCompiled
+from teleop_drake.sweep.any_plan import AnyPlan, Programs, R
 from teleop_drake.sweep.folder import SweepFolder, Versions
-from teleop_drake.sweep.plan import PlanSweep, SweepPlan
-from teleop_drake.sweep.programs import Programs, ProgramsOf, SimulatePoint
+from teleop_drake.sweep.programs import ProgramsOf
 from teleop_drake.sweep.result import SweepError, SweepResult
 from teleop_drake.sweep.values import (
     File,
@@ -36,8 +37,12 @@ from teleop_drake.sweep.values import (
     Progress,
 )
 from teleop_drake.sweep.workers import Workers
-from teleop_drake.tasks.metrics import RunSummary
-from teleop_drake.validation import CheckKind
+from teleop_drake.validation import CheckKind, Refuse, RefuseGiven, ScenarioError
+
+if TYPE_CHECKING:
+    from teleop_drake.scenario.overrides import Overrides
+    from teleop_drake.sweep.system_plan import Metrics, SystemMaker
+    from teleop_drake.sweep.task_result import TaskSweepResult
 
 # The time in s that worker processes take to start and import. Compiled runs that take
 # no longer than this are simulated without workers.
@@ -83,11 +88,50 @@ HERE = Execution()
 """On this machine, with no files."""
 
 
+@overload
 def Sweep(
     scenario: File,
     grid: GivenGrid | None = None,
     *,
-    overrides: Overrides = (),
+    overrides: "Overrides" = (),
+    engine: str = "auto",
+    executor: Executor | None = None,
+    jobs: int | None = None,
+    out: File | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+    notice: Notice | None = None,
+) -> "TaskSweepResult": ...
+
+
+@overload
+def Sweep(
+    scenario: "System | SystemMaker",
+    grid: GivenGrid | Sequence[Point] | None = None,
+    *,
+    metrics: "Metrics",
+    duration: float,
+    context: Context | None = None,
+    simulator: SimulatorConfig | None = None,
+    engine: str = "auto",
+    executor: Executor | None = None,
+    jobs: int | None = None,
+    out: File | None = None,
+    resume: bool = False,
+    progress: Progress | None = None,
+    notice: Notice | None = None,
+) -> SweepResult: ...
+
+
+def Sweep(
+    scenario: "File | System | SystemMaker",
+    grid: GivenGrid | Sequence[Point] | None = None,
+    *,
+    metrics: "Metrics | None" = None,
+    duration: float | None = None,
+    context: Context | None = None,
+    simulator: SimulatorConfig | None = None,
+    overrides: "Overrides" = (),
     engine: str = "auto",
     executor: Executor | None = None,
     jobs: int | None = None,
@@ -96,26 +140,44 @@ def Sweep(
     progress: Progress | None = None,
     notice: Notice | None = None,
 ) -> SweepResult:
-    """Simulates a scenario for each combination of values.
+    """Simulates a scenario, or a System, for each combination of values.
 
         Sweep("one_dof", {"controller": CONTROLLERS, "delay": np.linspace(0, 0.4, 9)})
+        Sweep(
+            diagram,
+            {"sensor.delay": [0.05, 0.1], "plant.Pole.mass": [1.0, 2.0]},
+            duration=5.0,
+            metrics={"largest angle": lambda run: abs(run["plant.state"][:, 1]).max()},
+        )
 
     A run that fails, or a combination of values that is not valid, gets a record with
     the reason, and the sweep continues. A run whose process dies is repeated once. The
     records do not depend on where, or in which order, the runs are simulated.
 
+    The runs of a System share one program, in threads of this process. Other processes
+    need a function that makes the System, because a System cannot be sent to them.
+
     In a script, call this under `if __name__ == "__main__":`, because Python imports
     the script in each worker process. A notebook does not need this.
 
     Args:
-        scenario: A built-in name or a YAML file.
-        grid: Values by key. A key is the dotted path of a field as in LoadScenario(),
-            or one of ALIASES. The last key varies fastest.
-        overrides: Overrides of all runs, as in LoadScenario().
-        engine: The engine, as in simulate(). `auto` runs a scenario as machine code if
-            it can be compiled; otherwise `notice` gets the reason.
+        scenario: A built-in name or a YAML file; or a System, or a function that
+            returns a System or (system, context).
+        grid: Values by key; the last key varies fastest. A key is the dotted path of a
+            field as in LoadScenario(), or one of ALIASES; for a System, a name as in
+            Compile(...).Run(), or `seed`, the seed of Drake's SetRandomContext(). For a
+            System, also a list with the numbers of each run, as for a Monte Carlo
+            method.
+        metrics: For a System: functions that return a number from the Recording of a
+            run, by name.
+        duration: For a System: the duration of the runs, s.
+        context: For a System: the Context where runs begin; None: the default Context.
+        simulator: For a System: the solver; None: DefaultSimulator().
+        overrides: Overrides of all runs of a scenario, as in LoadScenario().
+        engine: The engine, as in simulate(). `auto` compiles the runs if it can;
+            otherwise `notice` gets the reason.
         executor: Where to simulate; Execution describes this and the other arguments.
-        jobs: Number of worker processes.
+        jobs: Number of worker processes; for a System, of threads.
         out: Folder to write to.
         resume: Whether to continue the sweep in `out`.
         progress: Called with the number of finished runs and the number of all runs.
@@ -130,9 +192,7 @@ def Sweep(
         RuntimeError: If the executor gives up. What is finished stays in `out`.
         OSError: If a file cannot be written.
     """
-    CheckScenarioLike(scenario)
-    CheckKind("grid", grid, Mapping, 'values by key, as {"delay": [0.1, 0.2]}')
-    assert grid is not None
+    allowed = 'values by key, as {"delay": [0.1, 0.2]}'
     execution = Execution(
         executor=executor,
         jobs=jobs,
@@ -141,11 +201,43 @@ def Sweep(
         progress=progress or HERE.progress,
         notice=notice or HERE.notice,
     )
-    plan = PlanSweep(scenario, grid, overrides=overrides, engine=engine)
+    if isinstance(scenario, System) or callable(scenario):
+        from teleop_drake.sweep.system_plan import PlanSystemSweep
+
+        RefuseGiven("left out for a System", overrides=overrides or None)
+        CheckKind("grid", grid, Mapping | Sequence, allowed)
+        system_plan = PlanSystemSweep(
+            scenario,
+            cast(GivenGrid, grid),
+            metrics=metrics,
+            duration=duration,
+            context=context,
+            simulator=simulator,
+            engine=engine,
+        )
+        return RunSweep(system_plan, execution)
+    from teleop_drake.scenario.loading import CheckScenarioLike
+    from teleop_drake.sweep.plan import PlanSweep
+
+    CheckScenarioLike(scenario)
+    CheckKind("grid", grid, Mapping, allowed)
+    RefuseGiven(
+        "left out for a scenario, which has its own",
+        metrics=metrics,
+        duration=duration,
+        context=context,
+        simulator=simulator,
+    )
+    plan = PlanSweep(
+        cast(File, scenario),
+        cast(GivenGrid, grid),
+        overrides=overrides,
+        engine=engine,
+    )
     return RunSweep(plan, execution)
 
 
-def RunSweep(plan: SweepPlan, execution: Execution = HERE) -> SweepResult:
+def RunSweep(plan: AnyPlan[R], execution: Execution = HERE) -> R:
     """Simulates the runs of a plan.
 
     Raises:
@@ -154,7 +246,7 @@ def RunSweep(plan: SweepPlan, execution: Execution = HERE) -> SweepResult:
         RuntimeError: If the executor gives up. What is finished stays in `out`.
         OSError: If a file cannot be written.
     """
-    CheckKind("plan", plan, SweepPlan, "a SweepPlan; Sweep() takes a scenario")
+    CheckKind("plan", plan, AnyPlan, "a SweepPlan; Sweep() takes a scenario")
     jobs = execution.jobs
     if jobs is not None and jobs < 1:
         raise SweepError(f"jobs = {jobs}: must be 1 or more")
@@ -177,19 +269,15 @@ def RunSweep(plan: SweepPlan, execution: Execution = HERE) -> SweepResult:
             if folder is not None:
                 folder.Append(record)
             execution.progress(len(records), num_runs)
-        result = SweepResult(
-            scenario=plan.scenario,
-            axes=plan.axes,
-            records=[records[run] for run in range(num_runs)],
-        )
+        result = plan.Result([records[run] for run in range(num_runs)])
         if folder is not None:
             folder.Finish(result)
     return result
 
 
 def RunSweeps(
-    plans: Mapping[str, SweepPlan], execution: Execution = HERE
-) -> dict[str, SweepResult]:
+    plans: Mapping[str, AnyPlan[R]], execution: Execution = HERE
+) -> dict[str, R]:
     """Simulates the runs of several plans, for example the plans of a study.
 
     Args:
@@ -203,7 +291,7 @@ def RunSweeps(
         The errors of RunSweep().
     """
     total = sum(len(plan.points) for plan in plans.values())
-    results: dict[str, SweepResult] = {}
+    results: dict[str, R] = {}
     num_before = 0
 
     def Report(num_finished: int, _: int) -> None:
@@ -218,7 +306,7 @@ def RunSweeps(
 
 
 def _SimulateRuns(
-    plan: SweepPlan, runs: deque[int], execution: Execution
+    plan: AnyPlan[Any], runs: deque[int], execution: Execution
 ) -> Generator[Record, None, None]:
     """Simulates runs of a plan and yields each record when it is complete."""
     executor = execution.executor
@@ -227,13 +315,22 @@ def _SimulateRuns(
         return
     is_compiled = False
     if plan.engine != "drake":
-        why = WhyNotCompiled(plan.scenario)
+        why = plan.WhyNotCompiled()
         if why:
             execution.notice(f"Run in Drake's Simulator: {why}.")
         is_compiled = not why
-    if executor is None and is_compiled and jobs is None:
+    if executor is None and is_compiled and jobs is None and not plan.stays_here:
         yield from _SimulateHere(plan, runs)
     if not runs:
+        return
+    if plan.stays_here and not isinstance(executor, ThreadPoolExecutor | None):
+        allowed = "a ThreadPoolExecutor, or give a function that makes the System"
+        Refuse("executor", type(executor).__name__, allowed)
+    if executor is None and not _IsPicklable(plan):
+        # Drake's Simulator holds Python's global lock.
+        threads = jobs or (os.cpu_count() or 1 if is_compiled else 1)
+        with ThreadPoolExecutor(threads) as own:
+            yield from _SimulateOn(own, plan, list(runs), 1)
         return
     # The compiled runs of a call share their programs.
     size = 1
@@ -252,7 +349,18 @@ def _SimulateRuns(
     workers.shutdown()
 
 
-def _SimulateHere(plan: SweepPlan, runs: deque[int]) -> Generator[Record, None, None]:
+def _IsPicklable(plan: AnyPlan[Any]) -> bool:
+    """Returns whether a plan can be sent to a worker process."""
+    try:
+        pickle.dumps(replace(plan, axes={}, points=[]))
+    except (pickle.PicklingError, TypeError, AttributeError):
+        return False
+    return True
+
+
+def _SimulateHere(
+    plan: AnyPlan[Any], runs: deque[int]
+) -> Generator[Record, None, None]:
     """Simulates runs in this process until workers are faster; removes those done."""
     programs: Programs = {}
     num_done = 0
@@ -271,7 +379,7 @@ def _SimulateHere(plan: SweepPlan, runs: deque[int]) -> Generator[Record, None, 
 
 
 def _SimulateOn(
-    executor: Executor, plan: SweepPlan, runs: Sequence[int], size: int
+    executor: Executor, plan: AnyPlan[Any], runs: Sequence[int], size: int
 ) -> Generator[Record, None, None]:
     """Simulates runs by calls of an executor, each of several runs.
 
@@ -297,7 +405,7 @@ class _Lost(NamedTuple):
 
 
 def _SimulateCalls(
-    executor: Executor, plan: SweepPlan, sweep: str, calls: Sequence[Sequence[int]]
+    executor: Executor, plan: AnyPlan[Any], sweep: str, calls: Sequence[Sequence[int]]
 ) -> Generator[Record, None, list[_Lost]]:
     """Yields the records of the runs of each call that ends; returns the lost calls."""
     futures = {}
@@ -341,7 +449,7 @@ def _Await(future: Future[list[Record]]) -> list[Record] | Exception:
 
 
 def _SimulateCall(
-    plan: SweepPlan, sweep: str, versions: Mapping[str, str]
+    plan: AnyPlan[Any], sweep: str, versions: Mapping[str, str]
 ) -> list[Record]:
     """Simulates the runs of a plan in a worker, and returns their outcomes.
 
@@ -361,18 +469,10 @@ def _SimulateCall(
     return [_SimulateOne(plan, point, programs) for point in plan.points]
 
 
-def _SimulateOne(plan: SweepPlan, point: Point, programs: Programs) -> Record:
-    """Simulates one run and returns its outcome; see SimulatePoint()."""
+def _SimulateOne(plan: AnyPlan[Any], point: Point, programs: Programs) -> Record:
+    """Simulates one run and returns its outcome; a failure is one, too."""
     try:
-        recording = SimulatePoint(plan, point, programs)
-        if recording.termination == "interrupted":
-            raise KeyboardInterrupt
-        outcome: Record = {
-            "status": recording.termination,
-            "reason": recording.reason,
-            **RunSummary(recording),
-        }
-        del outcome["solver"]["wall_time_s"], outcome["solver"]["real_time_factor"]
+        outcome = plan.Outcome(point, programs)
         json.dumps(outcome, allow_nan=False)
         return outcome
     except (Exception, SystemExit) as error:  # noqa: BLE001
@@ -380,7 +480,7 @@ def _SimulateOne(plan: SweepPlan, point: Point, programs: Programs) -> Record:
         return _Failure(error)
 
 
-def _RecordOf(plan: SweepPlan, run: int, outcome: Record) -> Record:
+def _RecordOf(plan: AnyPlan[Any], run: int, outcome: Record) -> Record:
     return {"run": run, "varied": plan.points[run], **outcome}
 
 

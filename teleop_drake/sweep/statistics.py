@@ -17,10 +17,7 @@ import numpy as np
 
 from teleop_drake.arrays import Array, Interval, Record
 from teleop_drake.sweep.result import SweepError, SweepResult
-from teleop_drake.tasks.metrics import MetricUnits
-
-SEED = "seed"
-"""The key of a grid over whose values statistics are computed."""
+from teleop_drake.sweep.values import SEED
 
 LEVEL = 0.95
 """Confidence of every interval."""
@@ -87,7 +84,7 @@ def Statistics(result: SweepResult) -> list[Record]:
         SweepError: If the sweep has no seeds.
     """
     points = _Points(result)
-    units = MetricUnits(result.scenario)
+    units = result.units
     medians = _Medians(result)
     is_diverged = _BySeed(result, result.Status() == "diverged")
     # A finite number means that the event has happened in the run.
@@ -122,7 +119,7 @@ def Differences(result: SweepResult) -> list[Record]:
     if key is None:
         return []
     baseline = result.axes[key][0]
-    units = MetricUnits(result.scenario)
+    units = result.units
     medians = _Medians(result)
     rows = []
     for i, point in enumerate(points):
@@ -173,7 +170,7 @@ def _Medians(result: SweepResult) -> dict[str, Array]:
     is_complete = result.Status() == "completed"
     return {
         metric: _BySeed(result, np.where(is_complete, result.Values(metric), math.nan))
-        for metric in MetricUnits(result.scenario)
+        for metric in result.units
         if not metric.startswith("diverged")
     }
 

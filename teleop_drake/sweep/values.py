@@ -1,19 +1,18 @@
 """The values of a grid: their notation, their checks, and their overrides."""
 
+import itertools
 import json
 import math
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeGuard
 
 import numpy as np
 
-from teleop_drake.scenario import ARCHITECTURES, ScenarioError
-from teleop_drake.scenario.yaml_text import ParseYaml
 from teleop_drake.sweep.result import SweepError
-from teleop_drake.validation import Refuse
+from teleop_drake.validation import Refuse, ScenarioError
 
 Grid = dict[str, list[Any]]
 """The values of each key; the last key varies fastest."""
@@ -33,6 +32,9 @@ Progress = Callable[[int, int], None]
 Notice = Callable[[str], object]
 """A function that is called with a line of text for the user."""
 
+SEED = "seed"
+"""The key of a grid that selects the random numbers of a run."""
+
 MAX_RUNS = 100_000
 """Largest number of runs in a sweep. A typing error thus cannot exhaust the memory."""
 
@@ -50,6 +52,8 @@ def MakeGrid(
     Raises:
         ScenarioError: If an argument is not allowed, or a path is varied twice.
     """
+    from teleop_drake.scenario import ARCHITECTURES  # Not for the sweep of a System.
+
     grid: dict[str, Any] = {}
     if controllers == "all":
         grid["controller"] = list(ARCHITECTURES)
@@ -88,6 +92,8 @@ def ParseValues(text: str) -> list[Any]:
     Raises:
         SweepError: If the text is neither.
     """
+    from teleop_drake.scenario.yaml_text import ParseYaml
+
     is_kind = re.fullmatch(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", text)  # module:Class
     if ":" in text and not is_kind and not set(text) & set(",[]{}\"'"):
         return _ParseRange(text)
@@ -115,6 +121,17 @@ def _ParseRange(text: str) -> list[float]:
     return [float(f"{x:.12g}") for x in np.linspace(start, stop, num_values)]
 
 
+def _AsJson(name: str, values: Iterable[Any]) -> str:
+    """Returns values as JSON, without numpy types; refuses what cannot be written."""
+    try:
+        return json.dumps(list(values), default=lambda x: x.tolist(), allow_nan=False)
+    except (AttributeError, TypeError, ValueError):
+        raise SweepError(
+            f"{name}: must have finite numbers, text, booleans, None, lists and dicts "
+            "only"
+        ) from None
+
+
 def CheckAxis(key: str, values: object) -> list[Any]:
     """Returns the values of a key as plain JSON values, without numpy types.
 
@@ -134,15 +151,7 @@ def CheckAxis(key: str, values: object) -> list[Any]:
     if not isinstance(values, Iterable) or isinstance(values, Mapping):
         allowed = "a list of values or START:STOP:COUNT"
         Refuse(f"grid.{key}", values, allowed)
-    try:
-        written = json.dumps(
-            list(values), default=lambda x: x.tolist(), allow_nan=False
-        )
-    except (AttributeError, TypeError, ValueError):
-        raise SweepError(
-            f"grid.{key}: must have finite numbers, text, booleans, None, lists and "
-            "dicts only"
-        ) from None
+    written = _AsJson(f"grid.{key}", values)
     plain: list[Any] = json.loads(written)
     if not plain:
         raise SweepError(f"grid.{key} = []: must have at least one value")
@@ -153,3 +162,36 @@ def CheckAxis(key: str, values: object) -> list[Any]:
         text = json.dumps(plain[texts.index(text)])
         raise SweepError(f"grid.{key}: must have different values, and {text} is twice")
     return plain
+
+
+def PointsOf(grid: GivenGrid) -> tuple[Grid, list[dict[str, Any]]]:
+    """Returns the values of each key, and all combinations, the last key fastest.
+
+    Raises:
+        SweepError: If the grid cannot be used.
+    """
+    axes = {key: CheckAxis(key, values) for key, values in grid.items()}
+    num_runs = math.prod(map(len, axes.values()))
+    if num_runs > MAX_RUNS:
+        raise SweepError(f"grid = {num_runs} runs: must be at most {MAX_RUNS}")
+    points = [
+        dict(zip(axes, values, strict=True))
+        for values in itertools.product(*axes.values())
+    ]
+    return axes, points
+
+
+def SampledPoints(given: Sequence[Point]) -> tuple[Grid, list[dict[str, Any]]]:
+    """Returns the numbers of each run as points of a grid with the key `run`.
+
+    Raises:
+        SweepError: If there are none or too many, or not all have the same names.
+    """
+    points: list[dict[str, Any]] = json.loads(_AsJson("grid", map(dict, given)))
+    if not 1 <= len(points) <= MAX_RUNS:
+        raise SweepError(f"grid = {len(points)} runs: must be 1 to {MAX_RUNS}")
+    names = list(points[0])
+    for i, point in enumerate(points):
+        if list(point) != names:
+            Refuse(f"grid.{i}", list(point), f"numbers of {names}, as for all runs")
+    return {"run": list(range(len(points)))}, points

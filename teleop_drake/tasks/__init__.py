@@ -17,12 +17,9 @@ def TaskOf(scenario: AnyScenario) -> Task[Any]:
     """Returns the task that a scenario names, or otherwise the task of its class.
 
     Raises:
-        ScenarioError: If the scenario names a class that is not a task, or is None, as
-            in the recording of a Diagram.
+        ScenarioError: If the scenario names a class that is not a task.
         WrongKind: If the argument is not a scenario.
     """
-    if scenario is None:
-        Refuse("recording.scenario", None, "that of a scenario, whose task knows this")
     own = getattr(scenario, "task", None)
     if own is not None:
         kind = ImportOwn(own, "task")

@@ -9,8 +9,9 @@ from pydrake.systems.framework import Diagram
 
 from teleop_drake.arrays import Names, Record
 from teleop_drake.blocks.channels import ChannelConfig
-from teleop_drake.recording import Event, Recording
+from teleop_drake.recording import Event
 from teleop_drake.scenario import AnyScenario
+from teleop_drake.task_recording import TaskRecording
 from teleop_drake.tasks.panels import SignalRow
 from teleop_drake.tasks.sentences import DurationInWords, Sentence
 
@@ -38,7 +39,7 @@ class SpeedLimit:
         return f"the tool's speed, {speed:.4g} m/s, exceeds {self.name}"
 
 
-def Divergence(recording: Recording) -> Record:
+def Divergence(recording: TaskRecording) -> Record:
     """Returns `diverged`, a bool, and `diverged_at` in s or None.
 
     A run has diverged if the tool's speed exceeded its limit or the solver failed.
@@ -107,7 +108,7 @@ class Task(ABC, Generic[_S]):
         """Returns the speed of the tool at which a run ends as diverged."""
 
     @abstractmethod
-    def FindEvents(self, recording: Recording) -> list[Event]:
+    def FindEvents(self, recording: TaskRecording) -> list[Event]:
         """Returns the events of a run in the order of time.
 
         Args:
@@ -115,7 +116,7 @@ class Task(ABC, Generic[_S]):
         """
 
     @abstractmethod
-    def Metrics(self, recording: Recording) -> Record:
+    def Metrics(self, recording: TaskRecording) -> Record:
         """Returns the metrics of a run.
 
         Args:
@@ -126,7 +127,7 @@ class Task(ABC, Generic[_S]):
             dicts of these. The scalar metrics are those of `units`.
         """
 
-    def Outcome(self, recording: Recording, metrics: Record) -> str:
+    def Outcome(self, recording: TaskRecording, metrics: Record) -> str:
         """Returns what a run did, in one sentence.
 
         Args:
@@ -136,7 +137,7 @@ class Task(ABC, Generic[_S]):
         return Sentence(recording, [DurationInWords(recording)])
 
     @abstractmethod
-    def Particulars(self, recording: Recording) -> Record:
+    def Particulars(self, recording: TaskRecording) -> Record:
         """Returns the entries that this task adds to RunSummary beside the metrics.
 
         Args:
@@ -147,7 +148,7 @@ class Task(ABC, Generic[_S]):
         """
 
     @abstractmethod
-    def Panels(self, recordings: Sequence[Recording]) -> list[SignalRow]:
+    def Panels(self, recordings: Sequence[TaskRecording]) -> list[SignalRow]:
         """Returns the panels of a figure of runs, from top to bottom.
 
         Args:

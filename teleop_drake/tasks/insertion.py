@@ -8,10 +8,11 @@ from pydrake.systems.framework import Diagram
 
 from teleop_drake.arrays import Record
 from teleop_drake.blocks.environments import CONTACT, PUNCTURE
-from teleop_drake.recording import Event, Recording
+from teleop_drake.recording import Event
 from teleop_drake.scenario import CONTROLLERS, Scenario
 from teleop_drake.signals import AxisUnit
 from teleop_drake.stations import MakeArchitecture
+from teleop_drake.task_recording import TaskRecording
 from teleop_drake.tasks.base import Divergence, SpeedLimit, Task
 from teleop_drake.tasks.insertion_metrics import (
     AXIS_METRICS,
@@ -68,7 +69,7 @@ class Insertion(Task[Scenario]):
             name=f"{ratio:g} times the commanded speed",
         )
 
-    def FindEvents(self, recording: Recording) -> list[Event]:
+    def FindEvents(self, recording: TaskRecording) -> list[Event]:
         """Returns the tool's crossings of surfaces and the operator's changes of mode.
 
         Args:
@@ -85,7 +86,7 @@ class Insertion(Task[Scenario]):
                 events += [Event(name=name, time=time) for time in times]
         return sorted(events, key=lambda event: event.time)
 
-    def Metrics(self, recording: Recording) -> Record:
+    def Metrics(self, recording: TaskRecording) -> Record:
         """Returns the metrics of an insertion, which insertion_metrics defines.
 
         * start_velocity_overshoot.
@@ -118,11 +119,11 @@ class Insertion(Task[Scenario]):
             **Divergence(recording),
         }
 
-    def Outcome(self, recording: Recording, metrics: Record) -> str:
+    def Outcome(self, recording: TaskRecording, metrics: Record) -> str:
         """Returns what a run did: whether it hit the hard surface and came to rest."""
         return Sentence(recording, InsertionInWords(recording, metrics))
 
-    def Particulars(self, recording: Recording) -> Record:
+    def Particulars(self, recording: TaskRecording) -> Record:
         """Returns forward_delay and return_delay in s."""
         scenario = recording.teleoperation
         return {
@@ -130,7 +131,7 @@ class Insertion(Task[Scenario]):
             "return_delay": float(scenario.return_channel.delay),
         }
 
-    def Panels(self, recordings: Sequence[Recording]) -> list[SignalRow]:
+    def Panels(self, recordings: Sequence[TaskRecording]) -> list[SignalRow]:
         """Returns velocity, sensed force, position and control force, per task axis.
 
         An axis without a force of the environment has no row for the sensed force.
@@ -161,7 +162,7 @@ class Insertion(Task[Scenario]):
         ]
 
 
-def _OperatorEvents(recording: Recording) -> list[Event]:
+def _OperatorEvents(recording: TaskRecording) -> list[Event]:
     """Returns the events at which the operator starts to hold a force, or stops."""
     if "surgeon_mode" not in recording:
         return []

@@ -28,7 +28,7 @@ from teleop_drake.numerics.pieces import (
     values_in,
     variation,
 )
-from teleop_drake.recording import Recording
+from teleop_drake.task_recording import TaskRecording
 
 AT_REST = 1e-6
 """The share of |v_d| below which a command counts as zero, because of rounding."""
@@ -90,7 +90,7 @@ class InsertionRun:
         control_force: F_c with its extremes, N (p, 9, n).
     """
 
-    def __init__(self, recording: Recording):
+    def __init__(self, recording: TaskRecording):
         self.recording = recording
         self.v_d = np.asarray(recording.teleoperation.surgeon.velocity, float)
         self.speed = float(np.linalg.norm(self.v_d))
@@ -391,7 +391,7 @@ def FirstNormal(surfaces: tuple[Surface, ...], v_d: Array) -> Array:
     return v_d / np.linalg.norm(v_d)
 
 
-def FindCrossings(recording: Recording) -> list[Crossings]:
+def FindCrossings(recording: TaskRecording) -> list[Crossings]:
     """Returns the tool's crossings of each surface; upwards means into the surface."""
     pieces = Pieces(recording.time, recording.steps)
     position = pieces.signal(recording["tool_position"])

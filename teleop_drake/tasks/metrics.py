@@ -7,9 +7,9 @@ from typing import Any
 from teleop_drake.arrays import Record
 from teleop_drake.blocks.channels.packet_statistics import PacketStatistics
 from teleop_drake.numerics.step_polynomials import finite_part
-from teleop_drake.recording import CheckRecording, Recording
 from teleop_drake.scenario import AnyScenario
 from teleop_drake.signals import AxesOf, AxisUnit
+from teleop_drake.task_recording import CheckTaskRecording, TaskRecording
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.validation import Refuse
 
@@ -21,7 +21,7 @@ CHANNEL_METRICS = {
 name begins with the name of the channel, as in `forward_channel.age_mean`."""
 
 
-def RunMetrics(recording: Recording, *, task: Task[Any] | None = None) -> Record:
+def RunMetrics(recording: TaskRecording, *, task: Task[Any] | None = None) -> Record:
     """Returns the metrics of a run, which its task defines.
 
     Insertion.Metrics() describes the metrics of a teleoperation, Tracking.Metrics() the
@@ -38,12 +38,12 @@ def RunMetrics(recording: Recording, *, task: Task[Any] | None = None) -> Record
     Raises:
         ValueError: If the recording has no finite sample.
     """
-    CheckRecording("recording", recording)
+    CheckTaskRecording("recording", recording)
     task = task or TaskOf(recording.scenario)
     return task.Metrics(_FinitePart(recording))
 
 
-def RunSentence(recording: Recording, *, task: Task[Any] | None = None) -> str:
+def RunSentence(recording: TaskRecording, *, task: Task[Any] | None = None) -> str:
     """Returns what a run did, in one sentence, such as "Waves hit the bone ..."
 
     Args:
@@ -58,7 +58,7 @@ def RunSentence(recording: Recording, *, task: Task[Any] | None = None) -> str:
     return task.Outcome(finite, task.Metrics(finite))
 
 
-def RunSummary(recording: Recording, *, task: Task[Any] | None = None) -> Record:
+def RunSummary(recording: TaskRecording, *, task: Task[Any] | None = None) -> Record:
     """Returns the object that `teleop-drake run --json` prints.
 
     Args:
@@ -84,7 +84,7 @@ def RunSummary(recording: Recording, *, task: Task[Any] | None = None) -> Record
     Raises:
         ValueError: If the recording has no finite sample.
     """
-    CheckRecording("recording", recording)
+    CheckTaskRecording("recording", recording)
     task = task or TaskOf(recording.scenario)
     recording = _FinitePart(recording)
     scenario = recording.scenario
@@ -151,7 +151,7 @@ def MissingInWords(name: str) -> str:
     return "never" if is_time else "-"
 
 
-def _FinitePart(recording: Recording) -> Recording:
+def _FinitePart(recording: TaskRecording) -> TaskRecording:
     """Returns the part of a recording before its first row that is not finite."""
     series = recording.time, recording.signals, recording.steps
     time, signals, steps = finite_part(series)

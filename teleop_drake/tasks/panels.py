@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from teleop_drake.blocks.environments import ShownNormal
-from teleop_drake.recording import Recording
 from teleop_drake.signals import AxesOf
+from teleop_drake.task_recording import TaskRecording
 
 
 @dataclass(kw_only=True)
@@ -49,7 +49,7 @@ def AxisName(axis: int) -> str:
     return AxesOf(6)[axis]
 
 
-def NormalOfRuns(recordings: Sequence[Recording]) -> np.ndarray:
+def NormalOfRuns(recordings: Sequence[TaskRecording]) -> np.ndarray:
     """Returns the direction (n,) along which positions are shown; see ShownNormal.
 
     Args:

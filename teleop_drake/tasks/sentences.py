@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from teleop_drake.blocks.environments import CONTACT, PUNCTURE
-from teleop_drake.recording import Recording
 from teleop_drake.signals import AxesOf, AxisUnit, ScaleAndUnit
+from teleop_drake.task_recording import TaskRecording
 
 # A later force is told if it exceeds the first impact by this factor.
 _HARDER = 1.05
@@ -27,7 +27,7 @@ def Quantity(value: float, unit: str) -> str:
     return f"{number:#.2g} {shown}"
 
 
-def Sentence(recording: Recording, clauses: Sequence[str]) -> str:
+def Sentence(recording: TaskRecording, clauses: Sequence[str]) -> str:
     """Returns the sentence of some clauses, whose subject is the controller."""
     kind = recording.scenario.controller.kind.rpartition(":")[2]
     title = kind[0].upper() + kind[1:].replace("_", " ")
@@ -38,7 +38,7 @@ def Sentence(recording: Recording, clauses: Sequence[str]) -> str:
     return f"{title} {said}."
 
 
-def EndInWords(recording: Recording) -> str:
+def EndInWords(recording: TaskRecording) -> str:
     """Returns how a run ended that did not reach its end; "" for any other."""
     if recording.termination == "completed":
         return ""
@@ -52,13 +52,13 @@ def EndInWords(recording: Recording) -> str:
     return f"cannot be simulated beyond {end}"
 
 
-def DurationInWords(recording: Recording) -> str:
+def DurationInWords(recording: TaskRecording) -> str:
     """Returns how a run ended, or else how long it took."""
     end = Quantity(float(recording.time[-1] - recording.time[0]), "s")
     return EndInWords(recording) or f"ran for {end}"
 
 
-def InsertionInWords(recording: Recording, metrics: Mapping[str, Any]) -> list[str]:
+def InsertionInWords(recording: TaskRecording, metrics: Mapping[str, Any]) -> list[str]:
     """Returns the clauses on an insertion, from its metrics."""
     puncture = metrics["puncture"]
     collision = metrics["collision"]
@@ -91,7 +91,7 @@ def InsertionInWords(recording: Recording, metrics: Mapping[str, Any]) -> list[s
     return clauses or [DurationInWords(recording)]
 
 
-def TrackingInWords(recording: Recording, metrics: Mapping[str, Any]) -> list[str]:
+def TrackingInWords(recording: TaskRecording, metrics: Mapping[str, Any]) -> list[str]:
     """Returns the clauses on a tracking, from its metrics."""
     errors = _PerAxis(metrics["max_error"], "m")
     clauses = [f"followed the path to within {errors}"]
@@ -109,14 +109,14 @@ def _PerAxis(values: Sequence[float], unit: str) -> str:
     )
 
 
-def _NameBehind(recording: Recording, name: str) -> str:
+def _NameBehind(recording: TaskRecording, name: str) -> str:
     """Returns the name of the material behind a surface."""
     surface = recording.FindSurface(name)
     material = None if surface is None else surface.material
     return "surface" if material is None else material.name
 
 
-def _NameBefore(recording: Recording, name: str) -> str:
+def _NameBefore(recording: TaskRecording, name: str) -> str:
     """Returns the name of the material in front of a surface."""
     names = [surface.name for surface in recording.surfaces]
     place = names.index(name)

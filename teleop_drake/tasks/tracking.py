@@ -15,9 +15,10 @@ from teleop_drake.blocks.systems.network_tracking_controller import (
 )
 from teleop_drake.laws.tracking import TrackingGains
 from teleop_drake.numerics.pieces import Pieces, extremes, rms
-from teleop_drake.recording import Event, Recording
+from teleop_drake.recording import Event
 from teleop_drake.scenario import TrackingScenario, TrajectoryConfig
 from teleop_drake.signals import NamedSignals
+from teleop_drake.task_recording import TaskRecording
 from teleop_drake.tasks.base import Divergence, SpeedLimit, Task
 from teleop_drake.tasks.panels import AxisName, SignalRow
 from teleop_drake.tasks.sentences import Sentence, TrackingInWords
@@ -34,7 +35,7 @@ class TrackingRun:
         disturbance_error: The error W Phi - F_e of the estimated disturbance, N.
     """
 
-    def __init__(self, recording: Recording):
+    def __init__(self, recording: TaskRecording):
         self.pieces = Pieces(recording.time, recording.steps)
         signal = self.pieces.signal
         desired = signal(recording["desired_position"])
@@ -93,11 +94,11 @@ class Tracking(Task[TrackingScenario]):
         speed = scenario.divergence_speed
         return SpeedLimit(speed=speed, name=f"{speed:g} m/s")
 
-    def FindEvents(self, recording: Recording) -> list[Event]:
+    def FindEvents(self, recording: TaskRecording) -> list[Event]:
         """Returns no events: there is neither a surface nor an operator."""
         return []
 
-    def Metrics(self, recording: Recording) -> Record:
+    def Metrics(self, recording: TaskRecording) -> Record:
         """Returns the metrics of a tracking: METRICS, each per task axis.
 
         Args:
@@ -106,15 +107,15 @@ class Tracking(Task[TrackingScenario]):
         run = TrackingRun(recording)
         return {name: f(run).tolist() for name, (f, _) in METRICS.items()}
 
-    def Outcome(self, recording: Recording, metrics: Record) -> str:
+    def Outcome(self, recording: TaskRecording, metrics: Record) -> str:
         """Returns what a run did: how far the arm was from its path."""
         return Sentence(recording, TrackingInWords(recording, metrics))
 
-    def Particulars(self, recording: Recording) -> Record:
+    def Particulars(self, recording: TaskRecording) -> Record:
         """Returns diverged, and diverged_at in s or None."""
         return Divergence(recording)
 
-    def Panels(self, recordings: Sequence[Recording]) -> list[SignalRow]:
+    def Panels(self, recordings: Sequence[TaskRecording]) -> list[SignalRow]:
         """Returns the position, the tracking error and the disturbance along each axis.
 
         The desired position is drawn beside the position, and the estimated disturbance

@@ -24,8 +24,8 @@ from teleop_drake.figures.style import (
     FormatAxes,
     NameAbove,
 )
-from teleop_drake.recording import Recording
 from teleop_drake.scenario import AsTeleoperation, LoadScenario
+from teleop_drake.task_recording import TaskRecording
 from teleop_drake.tasks.panels import AxisName, SignalRow
 from teleop_drake.teleoperator import MakeTeleoperator
 from teleop_drake.thesis.runs import ADAPTIVE, ThesisRuns
@@ -165,7 +165,7 @@ def PlotWeights(runs: ThesisRuns, task: str, signal: str) -> Figure:
     return _PlotAgainstTime(recording, rows)
 
 
-def _PlotAgainstTime(recording: Recording, rows: Sequence[SignalRow]) -> Figure:
+def _PlotAgainstTime(recording: TaskRecording, rows: Sequence[SignalRow]) -> Figure:
     return PlotRows(
         {"": recording}, rows, columns=1, width=WIDTH, row_height=ROW_HEIGHT
     )

@@ -7,9 +7,9 @@ import shlex
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from teleop_drake.recording import Recording
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
+from teleop_drake.task_recording import TaskRecording
 from teleop_drake.tasks.metrics import RunMetrics
 
 Change = Mapping[str, Any]
@@ -48,7 +48,7 @@ _INSIDE_WORKSPACE = 1.4
 class Run:
     """A run and its metrics."""
 
-    def __init__(self, recording: Recording):
+    def __init__(self, recording: TaskRecording):
         self.recording = recording
 
     @functools.cached_property

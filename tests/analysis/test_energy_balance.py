@@ -6,10 +6,11 @@ from grids import Slow
 
 from teleop_drake.analysis.energy import TwoPortEnergyBalance
 from teleop_drake.numerics.step_polynomials import DEGREE
-from teleop_drake.recording import Recording, SolverStatistics
+from teleop_drake.recording import SolverStatistics
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import ResolveController
+from teleop_drake.task_recording import TaskRecording
 from teleop_drake.tasks.metrics import RunMetrics
 
 NETWORK = {
@@ -44,7 +45,7 @@ def Sinusoids(phi, forward, back, w):
     }
     numbers = ("accuracy", "steps", "derivative_evaluations", "wall_time_s")
     solver = dict.fromkeys((*numbers, "real_time_factor"), 0)
-    return Recording(
+    return TaskRecording(
         scenario=None,
         time=t,
         steps=np.arange(0, len(t) - 1, DEGREE)[:, None] + np.arange(DEGREE + 1),

@@ -12,13 +12,13 @@ import pytest
 
 import teleop_drake
 import teleop_drake.simulation
-from teleop_drake.blocks.environments import ENVIRONMENT_KINDS, layered_force_field
+from teleop_drake.blocks.environments import layered_force_field
+from teleop_drake.blocks.environments.kinds import ENVIRONMENT_KINDS
 from teleop_drake.blocks.operators import OPERATOR_KINDS
 from teleop_drake.blocks.robots import ROBOT_KINDS
 from teleop_drake.cli import main
 from teleop_drake.cli.main import MakeParser
 from teleop_drake.cli.options import ControllersOf
-from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
     ARCHITECTURES,
     CONTROLLERS,
@@ -27,6 +27,7 @@ from teleop_drake.scenario import (
     ScenarioNames,
     ScenarioToYaml,
 )
+from teleop_drake.task_recording import LoadRecording
 
 pytestmark = pytest.mark.usefixtures("in_an_empty_folder")
 

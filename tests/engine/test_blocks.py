@@ -26,8 +26,11 @@ from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
 from teleop_drake.blocks.channels.sampled import SampledDelay
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid, VariableDelay
-from teleop_drake.blocks.environments import LayerConfig, Surface
-from teleop_drake.blocks.environments.layered_force_field import LayeredForceField
+from teleop_drake.blocks.environments import Surface
+from teleop_drake.blocks.environments.layered_force_field import (
+    LayerConfig,
+    LayeredForceField,
+)
 from teleop_drake.blocks.operators import ConstantVelocityOperator
 from teleop_drake.blocks.operators.base import past_surface, with_stop
 from teleop_drake.blocks.operators.planned import TrapezoidConfig

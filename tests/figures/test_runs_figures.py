@@ -18,12 +18,13 @@ from teleop_drake.figures.selection import SelectTime
 from teleop_drake.figures.style import COLORS, RunStyle
 from teleop_drake.recording import Event, Recording
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario
+from teleop_drake.task_recording import TaskRecording
 from teleop_drake.tasks.panels import SignalRow
 
 TASKS = {"one_dof": 1, "two_dof_combined": 2}
 
 
-def MakeRecording(name: str, kind: str, growth: float = 0.0) -> Recording:
+def MakeRecording(name: str, kind: str, growth: float = 0.0) -> TaskRecording:
     """Makes up a run which oscillates by 1 %, times exp(growth) at the end."""
     scenario = LoadScenario(name, {"controller.kind": kind})
     n = scenario.num_axes
@@ -50,7 +51,7 @@ def MakeRecording(name: str, kind: str, growth: float = 0.0) -> Recording:
         signals["psi"] = np.tile(4.0 * np.eye(n).ravel(), (len(t), 1))
         signals["weights_1"] = np.outer(wave, np.arange(1, 5 * n + 1))
         signals["weights_3"] = -signals["weights_1"]
-    return Recording(
+    return TaskRecording(
         scenario=scenario,
         time=t,
         signals=signals,
@@ -61,7 +62,7 @@ def MakeRecording(name: str, kind: str, growth: float = 0.0) -> Recording:
     )
 
 
-def Pair(name: str, growth: float = 0.0) -> dict[str, Recording]:
+def Pair(name: str, growth: float = 0.0) -> dict[str, TaskRecording]:
     return {
         "direct force": MakeRecording(name, "direct_force", growth),
         "adaptive": MakeRecording(name, "adaptive_backstepping"),
@@ -248,14 +249,11 @@ def test_a_diagram_of_ones_own_has_a_panel_for_each_signal():
     """Also a constant, and a signal of several components."""
     time = np.linspace(0, 2, 11)
     waves = np.stack([np.sin(time), np.cos(time)], 1)
-    run = dataclasses.replace(
-        MakeRecording("one_dof", "direct_force"),
-        scenario=None,
+    run = Recording(
         time=time,
-        steps=np.empty((0, 0), int),
         signals={"some_waves": waves, "level": np.ones((11, 1))},
         events=[],
-        surfaces=(),
+        solver=MakeRecording("one_dof", "direct_force").solver,
     )
     figure = PlotRun(run)
     assert [ax.get_ylabel() for ax in figure.axes] == ["some waves", "level"]

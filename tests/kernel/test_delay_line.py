@@ -19,7 +19,7 @@ from sources import Step
 
 from teleop_drake import MakeSimulator, TransportDelay, simulate
 from teleop_drake.kernel import Delay, Kernel, KernelBlock
-from teleop_drake.scenario.config import DefaultSimulator
+from teleop_drake.solver import DefaultSimulator
 
 
 class Slowing(KernelBlock):

@@ -21,8 +21,8 @@ from teleop_drake.cli import main
 from teleop_drake.link.packets import NewKey, OpenSocket
 from teleop_drake.link.prediction import SaveRun
 from teleop_drake.link.side import Side
-from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import LoadScenario
+from teleop_drake.task_recording import LoadRecording
 
 OVERRIDES = {"controller.kind": "direct_force", "duration": 0.3}
 

@@ -8,9 +8,9 @@ from link_networks import KEY, Fates, Network
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.link.prediction import Compare, Predict, SaveRun
 from teleop_drake.link.side import Side
-from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
+from teleop_drake.task_recording import LoadRecording
 
 
 def Scenario(kind="direct_force", name="one_dof", duration=1.0):

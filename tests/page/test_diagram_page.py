@@ -183,7 +183,7 @@ def test_a_kept_program_takes_all_delays_and_initial_states():
         ({"plant.length": ("a", "b")}, "plant.length = .*: must be two numbers"),
         ({"plant.length": (0.5, 1, 2)}, "plant.length = .*: must be two numbers"),
         ({"delay": (-0.1, 0.5)}, "delay = '-0.1:0.5': must be 0 s or more"),
-        ({"plant/psi(0)": (0, 1)}, "vary = 'plant/psi.0.': must be one of"),
+        ({"plant/psi(0)": (0, 1)}, "vary = 'plant.psi.0.': must be one of"),
     ],
     ids=["unknown", "reversed", "text", "three", "negative", "no state"],
 )

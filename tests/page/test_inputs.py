@@ -5,7 +5,7 @@ import pytest
 
 from teleop_drake.page import MakePage
 from teleop_drake.page.inputs import CheckSums, FindChange, Input, NotSums
-from teleop_drake.page.model import ModelOf
+from teleop_drake.page.scenario_model import ModelOf
 from teleop_drake.scenario import LoadScenario, ScenarioError
 
 STIFFNESS = "environment.layers.bone.stiffness"

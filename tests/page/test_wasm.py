@@ -10,8 +10,8 @@ from wasm_runs import AssertSame, DataOf
 from teleop_drake.blocks.operators import OPERATOR_KINDS
 from teleop_drake.jit import native
 from teleop_drake.page.inputs import Change
-from teleop_drake.page.model import ModelOf
 from teleop_drake.page.page import MakePage
+from teleop_drake.page.scenario_model import ModelOf
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioNames
 
 

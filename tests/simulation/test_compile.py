@@ -13,8 +13,10 @@ from teleop_drake import Compile
 from teleop_drake.blocks.architectures import ARCHITECTURE_KINDS, ControlLawConfig
 from teleop_drake.blocks.architectures.base import LAW_INPUTS
 from teleop_drake.blocks.architectures.direct_force import DirectForceConfig
-from teleop_drake.blocks.environments import LayersEnvironmentConfig
-from teleop_drake.blocks.environments.layered_force_field import LayeredForceField
+from teleop_drake.blocks.environments.layered_force_field import (
+    LayeredForceField,
+    LayersEnvironmentConfig,
+)
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.engine import check
 from teleop_drake.engine.check import KernelDisagrees
@@ -26,8 +28,8 @@ from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.scenario.tree import ToTree
 from teleop_drake.simulation import compiled_run, simulate
-from teleop_drake.simulation.compile import NeedsAnotherProgram
 from teleop_drake.simulation.compiled_run import CannotCompile
+from teleop_drake.simulation.compiled_scenario import NeedsAnotherProgram
 from teleop_drake.stations import MakeArchitecture
 from teleop_drake.tasks import TaskOf
 from teleop_drake.teleoperator import MakeTeleoperator

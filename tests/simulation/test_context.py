@@ -39,8 +39,8 @@ from teleop_drake.blocks.channels.variable import DelayProfile, Sinusoid, Variab
 from teleop_drake.kernel import Delay, Kernel
 from teleop_drake.parameters import SetNumbers
 from teleop_drake.scenario import LoadScenario, ScenarioError
-from teleop_drake.scenario.config import DefaultSimulator
 from teleop_drake.simulation import simulate
+from teleop_drake.solver import DefaultSimulator
 
 ENGINES = ["drake", "compiled"]
 

@@ -15,7 +15,7 @@ from teleop_drake import (
     simulate,
 )
 from teleop_drake.kernel import FixedBlock, Kernel, Transition
-from teleop_drake.scenario.config import DefaultSimulator
+from teleop_drake.solver import DefaultSimulator
 
 ENGINES = ["drake", "compiled"]
 PAIRS = [(former, latter) for former in ENGINES for latter in ENGINES]

@@ -15,9 +15,9 @@ from surfaces import Border
 
 from teleop_drake.blocks.architectures.adaptive_backstepping import AdaptiveBackstepping
 from teleop_drake.blocks.architectures.direct_force import DirectForce
-from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import CONTROLLERS, LoadScenario, ScenarioError
 from teleop_drake.simulation import MakeDiagram, drake_run, simulate
+from teleop_drake.task_recording import LoadRecording
 from teleop_drake.teleoperator import MakeTeleoperator
 
 # The tests share their runs.

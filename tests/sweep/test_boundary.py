@@ -8,7 +8,7 @@ import pytest
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.figures.sweep_maps import PlotMap, PlotStability
 from teleop_drake.scenario import LoadScenario
-from teleop_drake.sweep import PlanSweep, SweepResult
+from teleop_drake.sweep import PlanSweep, TaskSweepResult
 from teleop_drake.sweep.boundary import Boundary, FindBoundaries
 
 # The tests share their boundaries.
@@ -108,7 +108,7 @@ def Result(force):
                 }
             )
     scenario = LoadScenario("one_dof", {"controller.kind": "direct_force"})
-    return SweepResult(scenario=scenario, axes=axes, records=records)
+    return TaskSweepResult(scenario=scenario, axes=axes, records=records)
 
 
 def test_maps_have_the_boundary_over_them():

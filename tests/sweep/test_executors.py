@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from teleop_drake.cli import main
-from teleop_drake.simulation.compile import Compile
-from teleop_drake.sweep import Sweep, SweepError, programs, run
+from teleop_drake.simulation.compiled_scenario import CompiledScenario
+from teleop_drake.sweep import Sweep, SweepError, plan, run
 
 GRID = {"controller": ["direct_force", "adaptive_backstepping"]}
 GRID["delay"] = [0.01 * k for k in range(1, 9)]
@@ -75,9 +75,9 @@ def test_calls_of_one_sweep_share_its_programs(monkeypatch):
 
     def Counted(scenario):
         compiled.append(scenario.controller.kind)
-        return Compile(scenario)
+        return CompiledScenario(scenario)
 
-    monkeypatch.setattr(programs, "Compile", Counted)
+    monkeypatch.setattr(plan, "CompiledScenario", Counted)
     executor = Here(lambda call: None)
     for sweep in (1, 2):
         Sweep("one_dof", GRID, overrides=OVERRIDES, executor=executor)

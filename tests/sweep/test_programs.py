@@ -4,9 +4,8 @@ import pytest
 
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
-from teleop_drake.simulation.compile import CompiledScenario
+from teleop_drake.simulation.compiled_scenario import CompiledScenario
 from teleop_drake.sweep import PlanSweep
-from teleop_drake.sweep.programs import SimulatePoint
 from teleop_drake.tasks.metrics import RunSummary
 
 SHORT = {"duration": 0.5, "controller.kind": "damped_force"}
@@ -29,7 +28,7 @@ def Plan(points=POINTS, **overrides):
 def test_runs_are_those_of_simulate():
     programs = {}
     for point in POINTS:
-        recording = SimulatePoint(Plan(), point, programs)
+        recording = Plan().Simulate(point, programs)
         scenario = LoadScenario("one_dof", {**SHORT, **point})
         assert Summary(recording) == Summary(simulate(scenario))
 
@@ -45,19 +44,19 @@ def test_runs_of_one_structure_share_a_program(monkeypatch):
     monkeypatch.setattr(CompiledScenario, "Run", Run)
     programs = {}
     for point in POINTS[:2]:
-        SimulatePoint(Plan(), point, programs)
+        Plan().Simulate(point, programs)
     assert changes == [{}, {"delay": 0.02}]
 
 
 def test_what_cannot_be_compiled_runs_in_drake():
     changes = {"simulator.integration_scheme": "runge_kutta3", "duration": 0.05}
-    recording = SimulatePoint(Plan(**changes), {"delay": 0.1}, {})
+    recording = Plan(**changes).Simulate({"delay": 0.1}, {})
     assert recording.solver.engine == "drake"
     assert any("runge_kutta3" in note for note in recording.notes)
 
 
 def test_what_is_not_valid_is_refused_by_its_own_message():
     programs = {}
-    SimulatePoint(Plan(), {"delay": 0.1}, programs)
+    Plan().Simulate({"delay": 0.1}, programs)
     with pytest.raises(ValueError, match=r"forward_channel\.delay = -1"):
-        SimulatePoint(Plan(), {"delay": -1.0}, programs)
+        Plan().Simulate({"delay": -1.0}, programs)

@@ -16,7 +16,7 @@ from teleop_drake.sweep import (
     Differences,
     Statistics,
     SweepError,
-    SweepResult,
+    TaskSweepResult,
     VariesSeedsOnly,
 )
 from teleop_drake.sweep.statistics import MedianInterval, ShareInterval
@@ -41,7 +41,7 @@ def Result(num_diverged=4, **other_axes):
                     "metrics": {"collision": collision},
                 }
             )
-    return SweepResult(scenario=LoadScenario("one_dof"), axes=axes, records=records)
+    return TaskSweepResult(scenario=LoadScenario("one_dof"), axes=axes, records=records)
 
 
 def Row(rows, **wanted):
@@ -89,7 +89,7 @@ def test_differences_are_taken_seed_by_seed():
     assert (row["baseline"], row["count"], row["runs"]) == ("a", 36, 40)
     for key in ("value", "low", "high"):  # The noise, which is equal for both, cancels.
         assert row[key] == pytest.approx(1.0, abs=1e-9)
-    without = SweepResult(
+    without = TaskSweepResult(
         scenario=LoadScenario("one_dof"), axes={"delay": [0.1]}, records=[]
     )
     with pytest.raises(SweepError, match="with the key seed"):

@@ -40,7 +40,7 @@ from teleop_drake.sweep import (
     SelectMetrics,
     Sweep,
     SweepError,
-    SweepResult,
+    TaskSweepResult,
 )
 from teleop_drake.tasks.metrics import RunSummary
 
@@ -284,7 +284,7 @@ def test_any_exception_is_a_row(in_this_process, monkeypatch):
             raise ZeroDivisionError("division by zero")
         return simulate(scenario)
 
-    monkeypatch.setattr("teleop_drake.sweep.programs.simulate", Simulate)
+    monkeypatch.setattr("teleop_drake.sweep.plan.simulate", Simulate)
     grid = {"robot.mass": [1.0, 2.0, 3.0]}
     result = Sweep("one_dof", grid, overrides=SHORT)
     assert [record["reason"] for record in result.records] == [
@@ -298,7 +298,7 @@ def test_an_interrupt_in_a_worker_ends_the_sweep(in_this_process, monkeypatch):
     def Interrupt(scenario, engine):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("teleop_drake.sweep.programs.simulate", Interrupt)
+    monkeypatch.setattr("teleop_drake.sweep.plan.simulate", Interrupt)
     with pytest.raises(KeyboardInterrupt):
         Sweep("one_dof", {"delay": [0.1]})
 
@@ -649,7 +649,7 @@ def MakeResult(axes, make_record):
         {"run": run, "varied": point, "reason": ""} | make_record(**point)
         for run, point in enumerate(plan.points)
     ]
-    return SweepResult(scenario=plan.scenario, axes=plan.axes, records=records)
+    return TaskSweepResult(scenario=plan.scenario, axes=plan.axes, records=records)
 
 
 def Outcome(peak, settling_time=1.0, status="completed"):
@@ -715,7 +715,7 @@ def test_bands_over_seeds():
         for row in forces
         for force in row
     ]
-    result = SweepResult(scenario=plan.scenario, axes=axes, records=records)
+    result = TaskSweepResult(scenario=plan.scenario, axes=axes, records=records)
     (ax,) = PlotSweep(result, "collision.peak_force").axes
     (line,) = [
         line

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.blocks.channels import NetworkChannelConfig
+from teleop_drake.blocks.channels.network import NetworkChannelConfig
 from teleop_drake.cli import main
 from teleop_drake.figures.trace_report import PlotTraceReport
 from teleop_drake.scenario import LoadScenario

@@ -11,7 +11,7 @@ from teleop_drake.analysis.transparency import FeltStiffnessLoss
 from teleop_drake.cli.main import main
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.scenario.yaml_text import ParseFile
-from teleop_drake.sweep import Sweep, SweepResult
+from teleop_drake.sweep import Sweep, TaskSweepResult
 from teleop_drake.sweep.study import LoadStudy
 from teleop_drake.sweep.tuning import STIFFNESS_LOSS, Tune
 
@@ -31,7 +31,9 @@ def fake_runs(monkeypatch):
                 record = {"run": run, "varied": point, "duration": 8.0, "reason": "-"}
                 status = "diverged" if values is None else "completed"
                 records.append(record | {"status": status, "metrics": values})
-            return SweepResult(scenario=plan.scenario, axes=plan.axes, records=records)
+            return TaskSweepResult(
+                scenario=plan.scenario, axes=plan.axes, records=records
+            )
 
         monkeypatch.setattr("teleop_drake.sweep.run.RunSweep", RunSweep)
 

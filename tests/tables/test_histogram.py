@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from teleop_drake.blocks.channels import NetworkChannelConfig, VariableChannelConfig
+from teleop_drake.blocks.channels.network import NetworkChannelConfig
+from teleop_drake.blocks.channels.variable import VariableChannelConfig
 from teleop_drake.tables import ReadPackets
 from teleop_drake.tables.packets import ReadMeasured
 from teleop_drake.validation import ScenarioError

@@ -11,9 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from teleop_drake.numerics.step_polynomials import DEGREE, shares
-from teleop_drake.recording import Recording, SolverStatistics
+from teleop_drake.recording import SolverStatistics
 from teleop_drake.scenario import LoadScenario, Scenario
 from teleop_drake.simulation import simulate
+from teleop_drake.task_recording import TaskRecording
 from teleop_drake.tasks import Insertion
 from teleop_drake.tasks.metrics import RunMetrics, RunSummary
 
@@ -81,7 +82,7 @@ def Record(
     steps: Callable[[float], np.ndarray],
     scenario: Scenario | None = None,
     **changes: str,
-) -> Recording:
+) -> TaskRecording:
     """Returns the recording of a motion, with both sides of each jump."""
     scenario = scenario or LoadScenario("one_dof")
     layers = scenario.environment.layers
@@ -109,7 +110,7 @@ def Record(
             rows.append([x, v, a, F_e, index, F_c, F_hd, v_dd])
         begin += phase.duration
     table = np.array(rows)
-    return Recording(
+    return TaskRecording(
         scenario=scenario,
         time=np.concatenate(times),
         steps=np.concatenate(places),

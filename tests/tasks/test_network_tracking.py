@@ -10,13 +10,13 @@ from grids import Slow
 from scipy.integrate import solve_ivp, trapezoid
 
 from teleop_drake.figures.runs import PlotRun
-from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
     LoadScenario,
     ScenarioError,
     TrajectoryConfig,
 )
 from teleop_drake.simulation import simulate
+from teleop_drake.task_recording import LoadRecording
 from teleop_drake.tasks.metrics import RunMetrics, RunSummary
 from teleop_drake.tasks.tracking import MakeReference
 

@@ -5,7 +5,7 @@ import pytest
 from own_kinds import PuckConfig
 from pydrake.systems.framework import BasicVector
 
-from teleop_drake.blocks.environments import FrictionWallConfig
+from teleop_drake.blocks.environments.wall import FrictionWallConfig
 from teleop_drake.kernel import Kernel, KernelBlock
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate

@@ -1,47 +1,5 @@
 """The communication between the stations: a file for each kind of channel."""
 
 from teleop_drake.blocks.channels.base import ChannelConfig, ConstantDelay
-from teleop_drake.blocks.channels.discrete import DiscreteChannelConfig
-from teleop_drake.blocks.channels.named_networks import (
-    GeoSatelliteChannelConfig,
-    LeoSatelliteChannelConfig,
-    LteChannelConfig,
-    WifiChannelConfig,
-)
-from teleop_drake.blocks.channels.network import NetworkChannelConfig
-from teleop_drake.blocks.channels.sampled import SampledChannelConfig
-from teleop_drake.blocks.channels.transport import TransportChannelConfig
-from teleop_drake.blocks.channels.variable import VariableChannelConfig
-from teleop_drake.kinds import KindTable
 
-CHANNEL_KINDS = KindTable(
-    ChannelConfig,
-    (
-        TransportChannelConfig,
-        VariableChannelConfig,
-        SampledChannelConfig,
-        DiscreteChannelConfig,
-        NetworkChannelConfig,
-        WifiChannelConfig,
-        LteChannelConfig,
-        LeoSatelliteChannelConfig,
-        GeoSatelliteChannelConfig,
-    ),
-    noun="channel",
-)
-"""Every kind of channel, the default first."""
-
-__all__ = [
-    "CHANNEL_KINDS",
-    "ChannelConfig",
-    "ConstantDelay",
-    "DiscreteChannelConfig",
-    "GeoSatelliteChannelConfig",
-    "LeoSatelliteChannelConfig",
-    "LteChannelConfig",
-    "NetworkChannelConfig",
-    "SampledChannelConfig",
-    "TransportChannelConfig",
-    "VariableChannelConfig",
-    "WifiChannelConfig",
-]
+__all__ = ["ChannelConfig", "ConstantDelay"]

@@ -1,7 +1,7 @@
 """Surfaces of an environment, and the material behind them."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -162,6 +162,17 @@ def SurfacesOf(system: System) -> tuple[Surface, ...] | None:
     told = [SurfacesOf(part) for part in system.GetSystems()]
     known = [surfaces for surfaces in told if surfaces is not None]
     return tuple(surface for part in known for surface in part) if known else None
+
+
+def SurfacesIn(systems: Mapping[str, System]) -> tuple[Surface, ...] | None:
+    """Returns the surfaces of the environment; None if it does not report any.
+
+    Args:
+        systems: The systems of the diagram, by their paths.
+    """
+    if "environment" not in systems:
+        return ()
+    return SurfacesOf(systems["environment"])
 
 
 def FindSurface(surfaces: Sequence[Surface], name: str) -> Surface | None:

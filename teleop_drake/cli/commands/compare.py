@@ -13,8 +13,8 @@ from teleop_drake.files import FileStem
 from teleop_drake.validation import Refuse
 
 if TYPE_CHECKING:
-    from teleop_drake.recording import Recording
     from teleop_drake.sweep import SweepPlan
+    from teleop_drake.task_recording import TaskRecording
 
 
 def AddOptions(parser: argparse.ArgumentParser) -> None:
@@ -86,7 +86,7 @@ def _CompareRuns(args: argparse.Namespace, plan: "SweepPlan") -> int:
     from teleop_drake.figures.runs import PlotComparison, SaveFigure
     from teleop_drake.tasks.metrics import RunSummary
 
-    recordings: dict[str, Recording] = {}
+    recordings: dict[str, TaskRecording] = {}
     for scenario, label, path in zip(
         scenarios, names.values(), recording_paths, strict=True
     ):

@@ -32,7 +32,7 @@ def AddOptions(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=LO:HI",
         help="a number of the scenario that has a slider; KEY=A,B,...: values that can "
         "be chosen, as surgeon.kind=sine,trapezoid; of a Diagram a parameter, an "
-        "initial state as plant/theta(0), or delay; repeatable",
+        "initial state as plant.theta(0), or delay; repeatable",
     )
     parser.add_argument("--quiet", action="store_true", help="print no notes")
     parser.set_defaults(has_hand=has_hand)

@@ -11,7 +11,7 @@ from teleop_drake.cli.progress import Simulate
 from teleop_drake.validation import Refuse
 
 if TYPE_CHECKING:
-    from teleop_drake.recording import Recording
+    from teleop_drake.task_recording import TaskRecording
 
 _MAX_SHOWN = 4
 """The largest number of runs on a page; more would be too small to be seen."""
@@ -69,13 +69,13 @@ def Execute(args: argparse.Namespace) -> int:
     return INTERRUPTED if is_interrupted else 0
 
 
-def _Simulated(args: argparse.Namespace) -> "dict[str, Recording]":
+def _Simulated(args: argparse.Namespace) -> "dict[str, TaskRecording]":
     """Simulates a scenario; returns its runs, keyed by the controller in words."""
     if args.more:
         Refuse("FILE.npz", args.more[0], "left out after a scenario")
     kinds = [[f"controller.kind={kind}"] for kind in options.ControllersOf(args)]
     scenarios = [options.Load(args, *kind, is_run=True) for kind in kinds or [[]]]
-    recordings: dict[str, Recording] = {}
+    recordings: dict[str, TaskRecording] = {}
     for scenario in scenarios:
         recording = Simulate(scenario, args.quiet, args.engine)
         recordings[scenario.controller.kind.replace("_", " ")] = recording
@@ -84,9 +84,9 @@ def _Simulated(args: argparse.Namespace) -> "dict[str, Recording]":
     return recordings
 
 
-def _FromFiles(args: argparse.Namespace) -> "dict[str, Recording]":
+def _FromFiles(args: argparse.Namespace) -> "dict[str, TaskRecording]":
     """Returns recordings by controller, or by file if two have the same controller."""
-    from teleop_drake.recording import LoadRecording
+    from teleop_drake.task_recording import CheckTaskRecording, LoadRecording
 
     for option in (*options.OVERRIDES, "controllers", "set"):
         value = getattr(args, option, None)
@@ -97,7 +97,8 @@ def _FromFiles(args: argparse.Namespace) -> "dict[str, Recording]":
     recordings = []
     for file in files:
         try:
-            recordings.append(LoadRecording(file))
+            run = CheckTaskRecording("recording", LoadRecording(file))
+            recordings.append(run)
         except OSError as e:
             Refuse("FILE.npz", file, f"a file that can be read ({e.strerror})")
         except ValueError as e:

@@ -28,7 +28,7 @@ from teleop_drake.cli.tables import SeedsTable, SweepTable
 if TYPE_CHECKING:
     from teleop_drake.figures.sweep_grid import SweepGrid
     from teleop_drake.figures.sweep_maps import Boundaries
-    from teleop_drake.sweep import SweepPlan, SweepResult
+    from teleop_drake.sweep import SweepPlan, TaskSweepResult
     from teleop_drake.sweep.study import Study
 
 
@@ -118,7 +118,7 @@ def Execute(args: argparse.Namespace) -> int:
     return max(_ExitCode(result) for result in results.values())
 
 
-def _Simulate(args: argparse.Namespace, study: "Study") -> "dict[str, SweepResult]":
+def _Simulate(args: argparse.Namespace, study: "Study") -> "dict[str, TaskSweepResult]":
     """Runs the sweeps of a study; returns their results, keyed by sweep."""
     from teleop_drake.sweep import Execution, RunSweeps
 
@@ -196,7 +196,7 @@ def PlanOf(args: argparse.Namespace) -> "SweepPlan":
 
 
 def _Report(
-    result: "SweepResult",
+    result: "TaskSweepResult",
     metrics: Sequence[str],
     folder: Path,
     plan: "SweepPlan",
@@ -224,7 +224,7 @@ def _Report(
     return "\n".join(filter(None, lines))
 
 
-def _ExitCode(result: "SweepResult") -> int:
+def _ExitCode(result: "TaskSweepResult") -> int:
     """Returns the exit code of a sweep; prints an error if all of its runs failed."""
     if any(record["status"] != "failed" for record in result.records):
         return DONE
@@ -269,7 +269,7 @@ def _PrepareToDraw() -> None:
 
 
 def _Draw(
-    result: "SweepResult",
+    result: "TaskSweepResult",
     names: Sequence[str],
     folder: Path,
     plan: "SweepPlan",

@@ -23,8 +23,9 @@ from teleop_drake.figures.scene.scene import (
 )
 from teleop_drake.figures.style import GREY, RunColor
 from teleop_drake.files import WriteText
-from teleop_drake.recording import CheckRecording, Recording
-from teleop_drake.validation import CheckKind, Refuse
+from teleop_drake.recording import Recording
+from teleop_drake.task_recording import CheckTaskRecording, TaskRecording
+from teleop_drake.validation import CheckKind
 
 # Slow motion begins _SLOW_BEFORE s before a puncture or a contact, and ends _SLOW_AFTER
 # s after the operator feels it. Only the first events of a kind are slowed down.
@@ -74,7 +75,8 @@ class Replay:
 
 
 def MakeReplay(
-    recordings: Recording | Mapping[str, Recording], meshcat: Meshcat | None = None
+    recordings: Recording | Mapping[str, TaskRecording],
+    meshcat: Meshcat | None = None,
 ) -> Replay:
     """Makes a page that plays runs, one below the other.
 
@@ -90,11 +92,8 @@ def MakeReplay(
     """
     allowed = "a Recording, which simulate() returns, or several by their names"
     CheckKind("recordings", recordings, Recording | Mapping, allowed)
-    runs = [recordings] if isinstance(recordings, Recording) else [*recordings.values()]
-    for run in runs:
-        CheckRecording("recordings", run)
-    if any(run.scenario is None for run in runs):
-        Refuse("recording.scenario", None, "that of a scenario for MakeReplay()")
+    given = [recordings] if isinstance(recordings, Recording) else recordings.values()
+    runs = [CheckTaskRecording("recordings", run) for run in given]
     if isinstance(recordings, Recording):
         recordings = {runs[0].scenario.controller.kind.replace("_", " "): runs[0]}
     if meshcat is None:  # Its message with the address is of no use.
@@ -115,7 +114,7 @@ def MakeReplay(
     return Replay(title, page)
 
 
-def _SlowSpans(run: Recording) -> list[tuple[float, float]]:
+def _SlowSpans(run: TaskRecording) -> list[tuple[float, float]]:
     """Returns the spans of time in s that are played slowly."""
     delay = run.teleoperation.return_channel.delay if FindOperator(run) else 0.0
     return [
@@ -125,7 +124,7 @@ def _SlowSpans(run: Recording) -> list[tuple[float, float]]:
     ]
 
 
-def _Panel(title: str, recordings: Mapping[str, Recording]) -> str:
+def _Panel(title: str, recordings: Mapping[str, TaskRecording]) -> str:
     """Returns the names of the runs and the legend, as HTML."""
     lines = [f"<b>{html.escape(title)}</b>"]
     for i, (name, run) in enumerate(recordings.items()):

@@ -23,7 +23,7 @@ from teleop_drake.blocks.environments import CONTACT, FindSurface, ShownNormal, 
 from teleop_drake.figures.scene.visuals import AlongZ, InSpace, RobotVisuals
 from teleop_drake.figures.selection import CheckRecordings
 from teleop_drake.figures.style import GREY, RunColor
-from teleop_drake.recording import Recording
+from teleop_drake.task_recording import TaskRecording
 
 ROOT = "/teleop"
 """Path of all drawings of the package, in metres and the robot's world frame."""
@@ -102,7 +102,7 @@ class Stage:
         return np.asarray(self.X_WS.rotation().col(2) * (share * self.width))
 
 
-def FindOperator(recording: Recording) -> tuple[str, str] | None:
+def FindOperator(recording: TaskRecording) -> tuple[str, str] | None:
     """Returns the signals of the position felt and the force applied by an operator.
 
     Their first n components are along the task axes.
@@ -131,7 +131,7 @@ def LooksOf(surface: Surface) -> tuple[str, float]:
     return "#56B4E9", 0.05
 
 
-def AnimateRuns(recordings: Mapping[str, Recording], meshcat: Meshcat) -> Stage:
+def AnimateRuns(recordings: Mapping[str, TaskRecording], meshcat: Meshcat) -> Stage:
     """Draws runs in Meshcat as an animation, which Meshcat's controls play.
 
     The robot is solid. Above it stands the ghost: the robot as the operator feels it.
@@ -208,7 +208,7 @@ def _Animate(
         animation.SetProperty(frame, f"{path}/force", "scale", scale.tolist())
 
 
-def _Figures(run: Recording, times: Array) -> dict[str, tuple[Array, Array]]:
+def _Figures(run: TaskRecording, times: Array) -> dict[str, tuple[Array, Array]]:
     """Returns positions of the tool in m and forces on it in N, each (N, 3 or less).
 
     The keys are `robot` and, if there is an operator, `ghost`. Only the first three
@@ -248,7 +248,7 @@ def _AllAhead(surfaces: Sequence[Surface], normal_W: Array, p_W: Array) -> list[
     return [_Ahead(x, p_W) for x in surfaces if x.normal_W @ normal_W > 0.99]
 
 
-def _MakeStage(runs: Sequence[Recording], visuals: RobotVisuals) -> Stage:
+def _MakeStage(runs: Sequence[TaskRecording], visuals: RobotVisuals) -> Stage:
     """Returns the stage that shows the task of some runs."""
     surfaces = runs[0].surfaces
     positions = np.concatenate([run["tool_position"] for run in runs])

@@ -8,7 +8,8 @@ import numpy as np
 
 from teleop_drake.arrays import Array
 from teleop_drake.sweep.plan import SweepPlan
-from teleop_drake.sweep.result import SweepError, SweepResult
+from teleop_drake.sweep.result import SweepError
+from teleop_drake.sweep.task_result import TaskSweepResult
 from teleop_drake.sweep.tuning.plan import STIFFNESS_LOSS, Gains, TuningPlan
 from teleop_drake.tasks.metrics import MetricUnits
 
@@ -59,7 +60,7 @@ def TrialsOf(
     plan: TuningPlan,
     sweeps: Mapping[str, SweepPlan],
     sets: Sequence[Gains],
-    results: Mapping[str, SweepResult],
+    results: Mapping[str, TaskSweepResult],
 ) -> list[Trial]:
     """Returns the trials of sets of gains from the results of WithGains()."""
     trials = [Trial(gains=gains) for gains in sets]
@@ -81,7 +82,7 @@ def TrialsOf(
     return trials
 
 
-def _Values(plan: TuningPlan, result: SweepResult) -> Array:
+def _Values(plan: TuningPlan, result: TaskSweepResult) -> Array:
     """Returns the metrics (runs, M), with 0 for the metric that an analysis adds."""
     units = MetricUnits(result.scenario)
     values = np.full((len(result.records), len(plan.weights)), math.inf)

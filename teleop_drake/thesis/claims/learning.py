@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from teleop_drake.arrays import Array
-from teleop_drake.recording import Recording
 from teleop_drake.scenario import Scenario
+from teleop_drake.task_recording import TaskRecording
 from teleop_drake.thesis.claims.measures import (
     BasisFunctions,
     CommandedPath,
@@ -22,14 +22,14 @@ INSIDE = np.stack(
 """Positions in m (15, 2) inside the rectangle that two_dof_learning goes round."""
 
 
-def PathDistance(recording: Recording) -> Array:
+def PathDistance(recording: TaskRecording) -> Array:
     """Returns the distance of the tool from its commanded path, in m (T,)."""
     error = recording["tool_position"] - CommandedPath(recording)
     return np.linalg.norm(error, axis=1)
 
 
 def UnrepresentedShare(
-    recording: Recording, num_speeds: int = 1, count: int | None = None
+    recording: TaskRecording, num_speeds: int = 1, count: int | None = None
 ) -> float:
     """Returns the rms share of dF_e/dt along x that the best constant weights leave.
 
@@ -84,7 +84,7 @@ def WeightDrift(scenario: Scenario, points: ArrayLike) -> Array:
     return np.array(falls) @ (np.eye(n) + Lambda @ D_e).T
 
 
-def UnlearnedWeight(recording: Recording, points: ArrayLike, drift: Array) -> float:
+def UnlearnedWeight(recording: TaskRecording, points: ArrayLike, drift: Array) -> float:
     """Returns the rms share of WeightDrift() that the first network has not learned.
 
     The weights of the network are taken at the end of the run.

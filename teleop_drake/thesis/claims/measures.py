@@ -13,7 +13,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments import CONTACT
-from teleop_drake.recording import Recording
+from teleop_drake.task_recording import TaskRecording
 from teleop_drake.thesis.runs import Run
 
 _ConstantsOf = attrgetter("stiffness", "damping")
@@ -28,7 +28,7 @@ def LargestJump(run: Run) -> float:
     return float(jumps.max(initial=0.0))
 
 
-def ImpactForces(recording: Recording) -> list[float]:
+def ImpactForces(recording: TaskRecording) -> list[float]:
     """Returns the largest force in N from each contact to the next one or the end."""
     surface = recording.FindSurface(CONTACT)
     assert surface is not None
@@ -38,31 +38,31 @@ def ImpactForces(recording: Recording) -> list[float]:
     return forces
 
 
-def During(recording: Recording, begin: float, end: float) -> np.ndarray:
+def During(recording: TaskRecording, begin: float, end: float) -> np.ndarray:
     """Returns a mask of the samples between two times."""
     return (recording.time >= begin) & (recording.time <= end)
 
 
-def Amplitude(recording: Recording, begin: float, end: float) -> Array:
+def Amplitude(recording: TaskRecording, begin: float, end: float) -> Array:
     """Returns the largest |v - v_d| per axis between two times."""
     v = recording["tool_velocity"][During(recording, begin, end)]
     v_d = np.asarray(recording.teleoperation.surgeon.velocity)
     return np.abs(v - v_d).max(axis=0, initial=0.0)
 
 
-def FirstEvent(recording: Recording, name: str) -> float:
+def FirstEvent(recording: TaskRecording, name: str) -> float:
     """Returns the time of the first event of a name; infinity without one."""
     return min(recording.EventTimes(name), default=math.inf)
 
 
-def RiseTime(recording: Recording) -> float:
+def RiseTime(recording: TaskRecording) -> float:
     """Returns the time in s at which v_x first reaches 90 % of v_d."""
     v_d = float(np.asarray(recording.teleoperation.surgeon.velocity)[0])
     is_fast = recording["tool_velocity"][:, 0] >= 0.9 * v_d
     return float(recording.time[is_fast].min(initial=math.inf))
 
 
-def CommandedPath(recording: Recording) -> Array:
+def CommandedPath(recording: TaskRecording) -> Array:
     """Returns the commanded path of the tool, in m (T, n).
 
     It is the integral of the velocity command that the slave of direct force or of the
@@ -74,7 +74,7 @@ def CommandedPath(recording: Recording) -> Array:
     return np.asarray(scenario.robot.start + way)
 
 
-def PathError(recording: Recording) -> Array:
+def PathError(recording: TaskRecording) -> Array:
     """Returns the largest position error before the contact, relative to the way.
 
     The error is the difference from CommandedPath(). The way is the distance from the
@@ -88,7 +88,7 @@ def PathError(recording: Recording) -> Array:
     return np.asarray(np.abs(error[before]).max(axis=0)) / way
 
 
-def ForceRate(recording: Recording) -> Array:
+def ForceRate(recording: TaskRecording) -> Array:
     """Returns dF_e/dt along x in N/s (N,), from the materials; jumps are left out.
 
     Args:
@@ -105,7 +105,7 @@ def ForceRate(recording: Recording) -> Array:
     return np.asarray(k * v + d * a)
 
 
-def BasisFunctions(recording: Recording, count: int | None = None) -> Array:
+def BasisFunctions(recording: TaskRecording, count: int | None = None) -> Array:
     """Returns the networks' basis functions Phi (T, N) at the samples of a run.
 
     Args:
@@ -119,7 +119,7 @@ def BasisFunctions(recording: Recording, count: int | None = None) -> Array:
     return np.array([network.evaluate(u) for u in recording["tool_position"]])
 
 
-def Rms(recording: Recording, values: Array, since: float = 0.0) -> Any:
+def Rms(recording: TaskRecording, values: Array, since: float = 0.0) -> Any:
     """Returns the rms over time (...) of a signal (T, ...), from `since` on."""
     kept = recording.time >= since
     time = recording.time[kept]
@@ -127,12 +127,12 @@ def Rms(recording: Recording, values: Array, since: float = 0.0) -> Any:
     return np.sqrt(mean)
 
 
-def Late(recording: Recording, values: Array) -> Array:
+def Late(recording: TaskRecording, values: Array) -> Array:
     """Returns the rms per axis of a signal (T, n) over the last quarter of a run."""
     return np.asarray(Rms(recording, values, since=0.75 * recording.time[-1]))
 
 
-def UnlearnedShare(recording: Recording) -> float:
+def UnlearnedShare(recording: TaskRecording) -> float:
     """Returns the rms of dF_e/dt - W3 Phi divided by the rms of dF_e/dt, along x."""
     rate = ForceRate(recording)
     Phi = BasisFunctions(recording)
@@ -141,7 +141,7 @@ def UnlearnedShare(recording: Recording) -> float:
     return float(Rms(recording, rate - estimate) / Rms(recording, rate))
 
 
-def FarShare(recording: Recording) -> float:
+def FarShare(recording: TaskRecording) -> float:
     """Returns the influence of centres more than two widths away, as a share.
 
     It is their share in the sum of |w_i phi_i| over all samples; of both networks, the

@@ -12,7 +12,6 @@ from runs import Run
 from teleop_drake.blocks.architectures import Architecture
 from teleop_drake.blocks.architectures.direct_force import DirectForce
 from teleop_drake.figures.runs import PlotRun
-from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import ARCHITECTURES, LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import (
@@ -21,6 +20,7 @@ from teleop_drake.stations import (
     MakeSlaveStation,
     ResolveController,
 )
+from teleop_drake.task_recording import LoadRecording
 from teleop_drake.tasks.metrics import RunMetrics, RunSummary
 from teleop_drake.teleoperator import MakeTeleoperator
 

@@ -4,7 +4,8 @@ import dataclasses
 
 import pytest
 
-from teleop_drake.blocks.channels import NetworkChannelConfig, TransportChannelConfig
+from teleop_drake.blocks.channels.network import NetworkChannelConfig
+from teleop_drake.blocks.channels.transport import TransportChannelConfig
 from teleop_drake.blocks.systems.haptic_device import HapticDeviceConfig
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.validation import ScenarioError

@@ -7,18 +7,23 @@ import numpy as np
 import pytest
 from pydrake.systems.primitives import PassThrough
 
-from teleop_drake.blocks.channels import (
-    NetworkChannelConfig,
-    SampledChannelConfig,
-    TransportChannelConfig,
-    VariableChannelConfig,
-)
 from teleop_drake.blocks.channels.base import SHORTEST_TIME, ChannelConfig
-from teleop_drake.blocks.channels.network import NetworkDelay
+from teleop_drake.blocks.channels.network import NetworkChannelConfig, NetworkDelay
 from teleop_drake.blocks.channels.packet_options import Jitter, Loss, Receiver
-from teleop_drake.blocks.channels.sampled import MAX_PACKETS, SampledDelay
-from teleop_drake.blocks.channels.transport import TransportDelay
-from teleop_drake.blocks.channels.variable import Sinusoid, VariableDelay
+from teleop_drake.blocks.channels.sampled import (
+    MAX_PACKETS,
+    SampledChannelConfig,
+    SampledDelay,
+)
+from teleop_drake.blocks.channels.transport import (
+    TransportChannelConfig,
+    TransportDelay,
+)
+from teleop_drake.blocks.channels.variable import (
+    Sinusoid,
+    VariableChannelConfig,
+    VariableDelay,
+)
 from teleop_drake.validation import ScenarioError
 
 DURATION = 20.0

@@ -10,7 +10,6 @@ from runs import Run
 
 from teleop_drake.blocks.channels.packet_network import PacketNetwork
 from teleop_drake.blocks.channels.packet_options import Jitter, Loss
-from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import (
     LoadScenario,
     ScenarioError,
@@ -19,6 +18,7 @@ from teleop_drake.scenario import (
 )
 from teleop_drake.simulation import simulate
 from teleop_drake.sweep import MetricUnits
+from teleop_drake.task_recording import LoadRecording
 from teleop_drake.tasks.metrics import RunSummary
 
 WAYS = ("forward", "return")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from teleop_drake.blocks.channels import CHANNEL_KINDS
+from teleop_drake.blocks.channels.kinds import CHANNEL_KINDS
 from teleop_drake.scenario import LoadScenario
 
 # Of round trips: mean, standard deviation, minimum, in s. None: none.

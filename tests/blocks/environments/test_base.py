@@ -12,10 +12,10 @@ from grids import Slow
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.blocks.environments import EnvironmentConfig, Surface
 from teleop_drake.cli import main
-from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
-from teleop_drake.simulation.compiled_run import WhyNotCompiled
+from teleop_drake.simulation.scenario_run import WhyNotCompiled
+from teleop_drake.task_recording import LoadRecording
 from teleop_drake.tasks.metrics import RunMetrics
 from teleop_drake.teleoperator import MakeTeleoperator
 

@@ -19,9 +19,9 @@ from pydrake.systems.primitives import (
 )
 from sources import Step
 
-from teleop_drake.blocks.environments import LayersEnvironmentConfig
 from teleop_drake.blocks.environments.layered_force_field import (
     LayeredForceField,
+    LayersEnvironmentConfig,
     layer_at,
     outside,
 )

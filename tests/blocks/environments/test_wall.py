@@ -10,7 +10,7 @@ from kernel_checks import CheckKernel
 from teleop_drake.analysis.loop import Linearizer
 from teleop_drake.analysis.operating_point import OperatingPoints
 from teleop_drake.analysis.stability import AnalyzeStability
-from teleop_drake.blocks.environments import (
+from teleop_drake.blocks.environments.wall import (
     FrictionWallConfig,
     HuntCrossleyConfig,
     StandardLinearSolidConfig,

@@ -17,9 +17,9 @@ from teleop_drake.blocks.robots.base import TellingShapes
 from teleop_drake.blocks.robots.inertias import LinkWithoutInertia
 from teleop_drake.blocks.robots.inverse_kinematics import ToolJacobian
 from teleop_drake.cli import main
-from teleop_drake.recording import LoadRecording
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
+from teleop_drake.task_recording import LoadRecording
 from teleop_drake.validation import ScenarioError
 
 DIAGRAMS = Path(__file__).parents[3] / "diagrams"
