@@ -105,7 +105,7 @@ def Loop(name="gain"):
             {**Loop(), "context": MakeLoop().CreateDefaultContext()},
             "context = 'a Context': must be one of Diagram",
         ),
-        ("Sweep", {"scenario": DIAGRAM}, "scenario = a Diagram: .* Compile()"),
+        ("Sweep", {"scenario": DIAGRAM}, "grid = null: must be values by key"),
         (
             "Sweep",
             {"scenario": "one_dof"},

@@ -149,8 +149,9 @@ def CheckScenarioLike(scenario: Any) -> None:
     allowed = "a scenario, its name or file"
     if isinstance(scenario, System):
         allowed += (
-            "; a Diagram is simulated by simulate(), with many numbers by Compile(), "
-            "shown by MakePage(), analysed by LinearizePorts() and DelayMargin()"
+            "; a Diagram is simulated by simulate(), with many numbers by Compile() "
+            "and Sweep(), shown by MakePage(), analysed by LinearizePorts() and "
+            "DelayMargin()"
         )
     CheckKind("scenario", scenario, AnyScenario | str | os.PathLike, allowed)
 

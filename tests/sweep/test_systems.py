@@ -188,3 +188,18 @@ def test_refused(change, message):
     }
     with pytest.raises(ScenarioError, match=message):
         Sweep(**{**options, **change})
+
+
+@pytest.mark.slow
+def test_dask_has_the_values_of_this_process():
+    """A function defined here is sent as it is."""
+    distributed = pytest.importorskip("distributed")
+    metrics = {"last": lambda recording: Last(recording)}
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    with (
+        distributed.LocalCluster(**options) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        executor = client.get_executor(pure=False)
+        found = Sweep(MakeLoop, GRID, metrics=metrics, duration=2.0, executor=executor)
+    assert found.records == SweepHere().records
