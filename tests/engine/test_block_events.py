@@ -29,7 +29,7 @@ from pydrake.systems.primitives import (
 
 from teleop_drake.blocks.architectures import ControlLawConfig
 from teleop_drake.engine.block_events import CheckEvents
-from teleop_drake.engine.evaluator import KernelOf
+from teleop_drake.engine.block_kernels import KernelOf
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.kernel import Kernel, KernelBlock, Transition
 from teleop_drake.scenario import LoadScenario

@@ -19,8 +19,8 @@ from teleop_drake.blocks.environments.layered_force_field import (
 )
 from teleop_drake.contexts import ContextsIn
 from teleop_drake.engine import check
+from teleop_drake.engine.block_kernels import KernelOf
 from teleop_drake.engine.check import KernelDisagrees
-from teleop_drake.engine.evaluator import KernelOf
 from teleop_drake.engine.flatten import Flatten
 from teleop_drake.engine.known_programs import ForgetPrograms
 from teleop_drake.engine.program import Program
