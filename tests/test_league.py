@@ -11,11 +11,12 @@ import pytest
 import yaml
 from documentation import ROOT, CheckPicture
 from grids import Slow
-from league import compete, page, search, traces
-from league.claims import CLAIMS, FindRow
+from league import compete, page, passive, search, traces
+from league.__main__ import BUDGET
+from league.claims import CHANGES, CLAIMS, Claim, FindRow
 from league.compete import Compete
 from league.entries import OneAxis, ReadEntries
-from league.felt import BAND, FeltRow, TwoPort
+from league.felt import BAND, BONES, FeltRow, TwoPort
 from league.figures import Draw, DrawFelt, FeltRows
 from league.laws import linear_core
 from league.runs import CommandedTime, FreeImpact, Runs
@@ -46,6 +47,7 @@ from teleop_drake.analysis.transparency import FeltStiffness
 from teleop_drake.figures.runs import SaveFigure
 from teleop_drake.scenario import LoadScenario, ScenarioToYaml
 from teleop_drake.simulation import simulate
+from teleop_drake.stations import ResolveController
 from teleop_drake.tasks.metrics import RunMetrics
 
 ENTRIES = ReadEntries()
@@ -86,7 +88,7 @@ def test_no_two_runs_are_alike():
         for study in ("league_held_out", "league")
     )
     assert len(set(held_out)) == len(held_out) == 106
-    assert len(set(training)) == 4
+    assert len(set(training)) == 7
     assert not set(training) & set(held_out)
 
 
@@ -140,7 +142,6 @@ def test_what_never_rests_costs_the_most():
     entry = ENTRIES["direct force"]
     trial = TryGains(entry, Runs("league", entry), {})
     assert trial.terms.rest == trial.terms.loss == WORST
-    assert not trial.all_rest
     assert trial.cost == pytest.approx(sum(trial.terms))
 
 
@@ -150,46 +151,48 @@ def test_a_search_is_repeatable_and_keeps_its_budget(monkeypatch):
     def Try(entry, runs, gains):
         logs = np.log([*gains.values()] or [1.0, 1.0])
         miss = float(np.sum((logs[:2] - np.log([2.0, 0.3])) ** 2))
-        return Trial(gains, Terms(miss, 0.0, 1.0, 1.0), miss < 1)
+        return Trial(gains, Terms(miss, 0.0, 1.0, 1.0))
 
     monkeypatch.setattr(search, "TryGains", Try)
     entry = ENTRIES["linear core"]
-    trials = Search(entry, 32, 1)
-    assert trials == Search(entry, 32, 1)
+    trials = Search(entry, None, 32, 1)
+    assert trials == Search(entry, None, 32, 1)
     assert 60 < len(trials) <= 65
-    trials[0] = Trial({}, Terms(10.0, 0.0, 2.0, 1.0), True)  # Those by rule.
+    trials[0] = Trial({}, Terms(10.0, 0.0, 2.0, 1.0))  # Those by rule.
     members = Members(trials)
     assert members["rule"].gains == {}
     best = members["compromise"]
     assert best.cost == min(trial.cost for trial in trials)
-    assert [*best.gains.values()] == pytest.approx([2.0, 0.3], rel=0.3)
+    assert [*best.gains.values()] == pytest.approx([2.0, 0.3], rel=0.6)
     # Evolution comes closer than the sequence that covers the ranges.
     assert best.cost < min(trial.cost for trial in trials[:33])
     # A few sets are tried without evolution, and nothing where there is no gain.
-    assert len(Search(entry, 4, 1)) == 5
-    assert len(Search(ENTRIES["direct force"], 32, 1)) == 1
+    assert len(Search(entry, None, 4, 1)) == 5
+    assert len(Search(ENTRIES["direct force"], None, 32, 1)) == 1
 
 
 def test_fronts_and_their_volume():
     """A single trial dominates the product of what is left along each edge."""
     shares = np.array([0.5, 0.25, 0.5, 0.75])
-    trial = Trial({}, Terms(*(shares * CORNER_BOX)), True)
-    worse = Trial({}, trial.terms._replace(rest=9.0), True)
-    other = Trial({}, trial.terms._replace(rest=1.0, loss=1.4), True)
+    trial = Trial({}, Terms(*(shares * CORNER_BOX)))
+    worse = Trial({}, trial.terms._replace(rest=9.0))
+    other = Trial({}, trial.terms._replace(rest=1.0, loss=1.4))
     assert FindFront([trial, worse, other]) == [trial, other]
     assert Hypervolume([trial]) == pytest.approx(np.prod(1 - shares), abs=2e-3)
     assert Hypervolume([trial, worse]) == Hypervolume([trial])
     assert Hypervolume([trial, other]) > Hypervolume([trial])
 
 
-@pytest.mark.mostly_slow
-@pytest.mark.parametrize("name", ["adaptive", "waves", "linear core"])
+@pytest.mark.parametrize("name", Slow(["waves", "adaptive", "linear core"]))
 def test_the_felt_stiffness_is_that_of_the_analysis(name):
-    scenario = OneAxis(ENTRIES[name], {}, 0.1)
-    felt = FeltStiffness(scenario, OperatingPoints(scenario)[-1], BAND)
+    """On each bone, although the two-port is computed once."""
     port = TwoPort(ENTRIES[name], {}, 0.1)
-    found = port.StiffnessLoss(BAND, 0.1)
-    assert found == pytest.approx(np.abs(1 - felt / 150), rel=1e-6)
+    for bone in BONES:
+        key = "environment.layers.bone.stiffness"
+        scenario = OneAxis(ENTRIES[name], {key: bone}, 0.1)
+        felt = FeltStiffness(scenario, OperatingPoints(scenario)[-1], BAND)
+        found = port.StiffnessLoss(BAND, 0.1, bone)
+        assert found == pytest.approx(np.abs(1 - felt / bone), rel=1e-6)
 
 
 def test_what_direct_force_lets_feel():
@@ -257,35 +260,86 @@ def test_the_tables_have_every_entry():
     architectures = dict.fromkeys(row["architecture"] for row in ReadTable())
     assert [*architectures] == [*ENTRIES]
     for row in ReadTable("league_search"):
-        assert row["sets"] <= 32 * len(ENTRIES[row["architecture"]].gains)
+        entry = ENTRIES[row["architecture"]]
+        assert row["sets"] <= BUDGET * len(entry.gains)
+        assert row["at_edge"] == entry.Edges(json.loads(row["gains"]))
 
 
-def test_the_page_has_the_table_and_the_sentences():
+def test_gains_at_an_edge_are_marked():
+    entry = ENTRIES["linear core"]
+    B, Lambda = entry.gains
+    assert entry.Edges({B: 49.0, Lambda: 0.3}) == "B high"
+    assert entry.Edges({B: 0.1, Lambda: 2.99}) == "B low, Lambda high"
+    assert entry.Widened(2.0).Edges({B: 49.0, Lambda: 0.3}) == ""
+
+
+def test_one_reach_for_everybody():
+    """B = Psi^-1 G1 of the adaptive law reaches as far as that of its core."""
+    psi = 1 / ResolveController(LoadScenario("one_dof")).Psi0[0, 0]
+    _, largest = ENTRIES["adaptive"].gains["controller.G1"]
+    _, own = ENTRIES["linear core"].gains["controller.parameters.B"]
+    assert psi * largest == pytest.approx(own, rel=0.1)
+    for name, entry in ENTRIES.items():
+        for path, (_, high) in entry.gains.items():
+            if path.endswith(("damping", "impedance")):
+                assert high == 50, name
+
+
+def test_the_pages_have_the_tables_and_the_sentences():
     parts = page.Parts(page.PAGE.read_text("utf-8"))
-    assert parts == {name: page.Section(name) for name in ("table", "sentences")}
+    assert [*parts] == ["sentences", "table", "edges"]
+    assert parts == {name: page.Section(name) for name in parts}
+    assert page.TABLE.read_text("utf-8") == page.AllRows()
+    assert passive.Table() in (DOCS / "passive_and_quick.md").read_text("utf-8")
 
 
-def test_each_row_of_the_table_has_its_cells_in_the_columns_of_the_header():
-    shares = {}
-    for row in ReadTable():
-        if row["runs"] == "all":
-            shares[row["architecture"], row["member"]] = row["at_rest"]
-    architecture = ""
-    found = []
-    for row in page.TableRows():
-        assert len(row) == len(page.HEADER)
-        cells = dict(zip(page.HEADER, row, strict=True))
-        architecture = cells["architecture"] or architecture
-        share = cells["runs that come to rest (share)"]
-        for member in cells["gains"].split(", "):
-            assert share.startswith(f"{shares[architecture, member]:.1%}"[:-1])
-            found.append((architecture, member))
-    assert found == [key for key in shares if key[1] in page.SHOWN]
+def test_the_table_of_the_page_is_short():
+    rows = page.ShortRows()
+    assert len(rows) == 12
+    names = {row[0].rstrip("*") for row in rows}
+    assert names | {*page.LEFT_OUT} == {*ENTRIES}
+    assert {len(row) for row in rows} == {len(page.SHORT)} == {7}
+    shares = {
+        row["architecture"]: f"{row['at_rest']:.1%}".replace("%", " %")
+        for row in ReadTable()
+        if (row["member"], row["runs"]) == ("compromise", "all")
+    }
+    assert all(row[1] == shares[row[0].rstrip("*")] for row in rows)
+    marked = {row[0][:-1] for row in rows if row[0].endswith("*")}
+    assert marked == {*page.AtEdge()} - {*page.LEFT_OUT}
+    assert {len(row) for row in page.TableRows()} == {len(page.HEADER)}
 
 
 @pytest.mark.parametrize("claim", CLAIMS, ids=lambda claim: claim.text[:40])
-def test_a_sentence_is_right(claim):
+def test_a_sentence_is_right_and_the_plainest_changes_do_not_refute_it(claim, subtests):
     assert claim.holds(claim.Rows())
+    for change in CHANGES:
+        if change != claim.topic:
+            with subtests.test(change=change):
+                assert claim.holds(claim.Rows(change))
+
+
+@pytest.mark.parametrize(
+    ("rows", "holds", "change"),
+    [
+        # Sentences of edition 2.
+        (
+            {"waves": ("waves to ground", "compromise", "all")},
+            lambda r: r.waves.arrival > 1.2,
+            "the same damper",
+        ),
+        (
+            {"smith": ("Smith + damper", "compromise")},
+            lambda r: r.smith.loss_in_band < 0.3,
+            "other bones",
+        ),
+    ],
+    ids=["waves arrive late", "Smith is transparent"],
+)
+def test_what_a_change_refutes(rows, holds, change):
+    claim = Claim("", rows, holds)
+    assert claim.holds(claim.Rows())
+    assert not claim.holds(claim.Rows(change))
 
 
 @pytest.mark.slow
@@ -353,13 +407,13 @@ def test_a_search_is_done_once(tmp_path, monkeypatch):
 
     monkeypatch.setattr(compete, "Runs", FewRuns)
     file = tmp_path / "damper.json"
-    Compete(ENTRIES[BASELINE], 4, 0, file)
+    Compete(ENTRIES[BASELINE], 4, {0: file})
     result = json.loads(file.read_text("utf-8"))
-    assert [*result["members"]] == ["rule", "compromise", "gentlest", "quickest"]
+    assert [*result["members"]] == ["rule", "compromise", "twice the range"]
     for member in result["members"].values():
         assert [*member["runs"]] == [f"one_dof-delay-{number}" for number in range(3)]
     file.write_text("kept")
-    Compete(ENTRIES[BASELINE], 4, 0, file)
+    Compete(ENTRIES[BASELINE], 4, {0: file})
     assert file.read_text() == "kept"
 
 
@@ -400,8 +454,8 @@ def test_the_readme_explains_the_columns(subtests):
 def test_the_edition_is_cited():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
     heading = (ROOT / "notebooks/league/README.md").read_text("utf-8").splitlines()[0]
-    assert heading == "# The league of architectures, edition 2"
-    assert "edition 2" in citation["abstract"]
+    assert heading == "# The league of architectures, edition 3"
+    assert "edition 3" in citation["abstract"]
 
 
 def CoreGains():
@@ -436,12 +490,32 @@ def test_the_linear_core_needs_a_fast_drive(share, rests):
     assert (found is not None) == rests
 
 
+def test_the_lag_of_the_law_is_most_of_its_damping():
+    """The linear core with the thesis's gains, as the page on the law reports."""
+    law = ResolveController(LoadScenario("one_dof"))
+    core = {
+        "controller.parameters.B": float(law.G1[0, 0] / law.Psi0[0, 0]),
+        "controller.parameters.Lambda": float(law.Lambda[0, 0]),
+        "simulator.accuracy": 1e-9,
+        "duration": 60,
+    }
+    settings = ENTRIES["linear core"].settings
+    run = simulate(LoadScenario("one_dof", {**settings, **core}))
+    rest = RunMetrics(run)["collision"]["rest_time"]
+    text = " ".join((DOCS / "why_adaptive.md").read_text("utf-8").split())
+    assert f"the tool rests after {rest:.2f} s, with it after 1.59 s" in text
+
+
 def test_the_page_tells_the_number_of_searches():
-    seeds = {row["seed"] for row in ReadTable("league_search")}
-    assert len(seeds) == 5
-    told = "Each architecture is searched five times"
-    assert told in " ".join(page.PAGE.read_text("utf-8").split())
-    assert {row["seeds"] for row in ReadTable()} == {1, len(seeds)}
+    """Uneven, because a search costs minutes."""
+    counts = dict.fromkeys(ENTRIES, 0)
+    for row in ReadTable("league_search"):
+        counts[row["architecture"]] += 1
+    for name, entry in ENTRIES.items():
+        is_often = len(entry.gains) == 3 or name == "linear core"
+        assert counts[name] == (5 if is_often else 1), name
+    told = "Architectures with three gains, and the core, are searched five times, the"
+    assert f"{told} others once." in " ".join(page.PAGE.read_text("utf-8").split())
 
 
 def test_the_page_tells_the_bounds_of_the_drive():
@@ -453,27 +527,24 @@ def test_the_page_tells_the_bounds_of_the_drive():
 
 
 def test_the_readme_tells_of_the_league():
-    command, ground, adaptive, rule, core, direct = (
+    command, adaptive, rule, direct, waves = (
         SimpleNamespace(**FindRow((name, member, "all")))
         for name, member in (
             (BASELINE, "compromise"),
-            ("damper to ground", "compromise"),
             ("adaptive", "compromise"),
             ("adaptive", "rule"),
-            ("linear core", "compromise"),
             ("direct force", "compromise"),
+            ("waves", "compromise"),
         )
     )
     told = (
         f"Over {command.count:.0f} runs that no search for gains has seen",
-        f"rest on the bone in {100 * command.at_rest:.0f} % of them, after "
-        f"{command.rest:.2f} s in the median",
-        f"takes {adaptive.rest:.2f} s, and {rule.rest:.2f} s with the thesis's gains; "
-        f"direct force rests in {100 * direct.at_rest:.0f} %.",
+        f"on the bone in {command.at_rest:.0%} of them, after {command.rest:.2f} s in",
+        f"in {adaptive.at_rest:.0%}, after {adaptive.rest:.2f} s, and",
+        f"{rule.rest:.2f} s with the thesis's gains; direct force rests in",
+        f"rests in {direct.at_rest:.0%}.",
+        f"rest in {waves.at_rest:.0%}, after {waves.rest:.2f} s",
     )
     text = " ".join((ROOT / "README.md").read_text("utf-8").split())
     for sentence in told:
-        assert sentence in text
-    others = (command, ground, adaptive, rule)
-    for term in ("rest", "impact"):
-        assert getattr(core, term) < min(getattr(x, term) for x in others)
+        assert sentence.replace("%", " %") in text

@@ -7,9 +7,11 @@ is and not on the delay. Whoever does not wait, but corrects what is seen all th
 with the crossover frequency w_c, is stable only for w_c T < pi/2.
 
 Source: T. B. Sheridan and W. R. Ferrell, "Remote manipulative control with transmission
-delay", IEEE Trans. Human Factors in Electronics 4 (1963), for strategy and law. The
-number of moves of an operator who covers a share of what remains, and the limit of a
-delayed integrator, are derived here: N = ceil(ln(tolerance)/ln(1 - share)).
+delay", IEEE Trans. Human Factors in Electronics 4 (1963), for strategy and law; W. R.
+Ferrell, "Remote manipulation with transmission delay", ibid. 6 (1965), for the
+prediction of N from data without delay. The number of moves of an operator who covers a
+share of what remains, and the limit of a delayed integrator, are derived here:
+N = ceil(ln(tolerance)/ln(1 - share)).
 """
 
 import numpy as np

@@ -1,5 +1,6 @@
 """Who takes part in the league: an entry of entries.yaml."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +14,9 @@ ENTRIES = Path(__file__).with_name("entries.yaml")
 
 Gains = dict[str, float]
 """Values of the gains by their paths."""
+
+EDGE = 0.02
+"""A gain this close to an end of its range, as a share of it, is at the edge."""
 
 
 class Entry(NamedTuple):
@@ -45,6 +49,25 @@ class Entry(NamedTuple):
             path: float(f"{value:.4g}")
             for path, value in zip(self.gains, values, strict=True)
         }
+
+    def Edges(self, gains: Gains) -> str:
+        """Returns the gains at an end of their range, as in `Lambda low, B high`."""
+        found = []
+        for path, value in gains.items():
+            low, high = self.gains[path]
+            share = math.log(value / low) / math.log(high / low)
+            if not EDGE < share < 1 - EDGE:
+                end = "low" if share < EDGE else "high"
+                found.append(f"{path.rpartition('.')[2]} {end}")
+        return ", ".join(found)
+
+    def Widened(self, factor: float) -> "Entry":
+        """Returns the entry with each range wider by a factor at both ends."""
+        gains = {
+            path: (low / factor, high * factor)
+            for path, (low, high) in self.gains.items()
+        }
+        return self._replace(gains=gains)
 
 
 def ReadEntries(file: Path = ENTRIES) -> dict[str, Entry]:

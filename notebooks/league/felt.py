@@ -28,6 +28,12 @@ FELT_DELAY = 0.1
 TRAINING_DELAYS = (0.05, 0.15)
 """Delays each way of the training runs in s."""
 
+TRAINING_BONES = (75.0, 150.0, 300.0)
+"""Stiffnesses in N/m of the bones in the training runs."""
+
+BONES = (150.0, 300.0, 600.0)
+"""Stiffnesses in N/m of the bones for which the table tells what is lost."""
+
 STIFF_WALL = 15_000.0
 """Stiffness in N/m of the wall for the Z-width, a hundred bones."""
 
@@ -55,10 +61,13 @@ class TwoPort:
             frequencies, forward_delay=delay, return_delay=delay
         )
 
-    def Environment(self, frequencies: Array) -> ComplexArray:
-        """Returns the impedance of the bone in N s/m (K)."""
-        load = EnvironmentImpedance(self._scenario, self._point, frequencies)
-        return load[:, 0, 0]
+    def Environment(self, frequencies: Array, bone: float) -> ComplexArray:
+        """Returns the impedance in N s/m (K) of a bone, its stiffness in N/m."""
+        load = EnvironmentImpedance(self._scenario, self._point, frequencies)[:, 0, 0]
+        # The two-port between hand and bone does not depend on the bone.
+        own: Any = self._scenario.environment
+        further = bone - float(own.layers[-1].stiffness)
+        return np.asarray(load + further / (1j * frequencies))
 
     def Felt(self, frequencies: Array, delay: float, load: ArrayLike) -> ComplexArray:
         """Returns the impedance that the hand feels in N s/m (K) through the delay."""
@@ -71,9 +80,9 @@ class TwoPort:
             return np.nan
         return float(llewellyn(self.Admittance(frequencies, delay)).min())
 
-    def StiffnessLoss(self, frequencies: Array, delay: float) -> Array:
-        """Returns |1 - k(w)/k_e| at each frequency (K)."""
-        load = self.Environment(frequencies)
+    def StiffnessLoss(self, frequencies: Array, delay: float, bone: float) -> Array:
+        """Returns |1 - k(w)/k_e| at each frequency (K) of a bone k_e in N/m."""
+        load = self.Environment(frequencies, bone)
         felt = (1j * frequencies * self.Felt(frequencies, delay, load)).real
         # The stiffness is the real part of j w / Y, and Y is 1 / Z.
         return np.abs(1 - felt / (1j * frequencies * load).real)
@@ -82,7 +91,7 @@ class TwoPort:
 def Loss(entry: Entry, gains: Gains) -> float:
     """Returns the share of the bone's stiffness that is lost over BAND.
 
-    It is the mean over the frequencies and over the delays of training.
+    It is the mean over the frequencies, and over the delays and bones of training.
     """
     losses = []
     model = None
@@ -90,7 +99,8 @@ def Loss(entry: Entry, gains: Gains) -> float:
         # Gains by rule derive from the delay.
         if model is None or not gains:
             model = TwoPort(entry, gains, delay)
-        losses.append(model.StiffnessLoss(BAND, delay).mean())
+        for bone in TRAINING_BONES:
+            losses.append(model.StiffnessLoss(BAND, delay, bone).mean())
     return float(np.mean(losses))
 
 
@@ -98,24 +108,27 @@ def FeltRow(entry: Entry, member: str, gains: Gains) -> dict[str, Any]:
     """Returns the row of a member in league_felt.csv: one_dof on bone, 0.2 s.
 
     Its columns are: `loss_at_1` and `loss_in_band`, |1 - k/k_e| of the felt stiffness k
-    at 1 rad/s and its mean over BAND; `impedance_error`, the mean over the band of
-    |Z_to - Z_e|/(|Z_to| + |Z_e|); `z_width`, the mean over the band of the decades
-    between |Z_to| on STIFF_WALL and in free space; `llewellyn`, the least parameter of
-    Llewellyn at FREQUENCIES, below 1 if some passive operator and environment make the
-    loop unstable; `felt_by_bone`, |Z_to|/|Z_e| at FREQUENCIES.
+    at 1 rad/s and its mean over BAND, for each of BONES; `impedance_error`, the mean
+    over the band of |Z_to - Z_e|/(|Z_to| + |Z_e|); `z_width`, the mean over the band of
+    the decades between |Z_to| on STIFF_WALL and in free space; `llewellyn`, the least
+    parameter of Llewellyn at FREQUENCIES, below 1 if some passive operator and
+    environment make the loop unstable; `felt_by_bone`, |Z_to|/|Z_e| at FREQUENCIES.
     """
     port = TwoPort(entry, gains, FELT_DELAY)
     w = FREQUENCIES
-    bone = port.Environment(w)
+    bone = port.Environment(w, BONES[0])
     felt = port.Felt(w, FELT_DELAY, bone)
     stiff = port.Felt(w, FELT_DELAY, STIFF_WALL / (1j * w))
     free = port.Felt(w, FELT_DELAY, 0 * w)
     error = np.abs(felt - bone) / (np.abs(felt) + np.abs(bone))
     width = np.log10(np.abs(stiff) / np.abs(free))
     in_band = (w >= BAND[0]) & (w <= BAND[-1])
-    numbers = {
-        "loss_at_1": float(port.StiffnessLoss(np.ones(1), FELT_DELAY)[0]),
-        "loss_in_band": float(port.StiffnessLoss(BAND, FELT_DELAY).mean()),
+    numbers = {}
+    for name, at in (("loss_at_1", np.ones(1)), ("loss_in_band", BAND)):
+        for k in BONES:
+            lost = port.StiffnessLoss(at, FELT_DELAY, k).mean()
+            numbers[name if k == BONES[0] else f"{name}_{k:g}"] = float(lost)
+    numbers |= {
         "impedance_error": float(error[in_band].mean()),
         "z_width": float(width[in_band].mean()),
         "llewellyn": port.LeastLlewellyn(w, FELT_DELAY),

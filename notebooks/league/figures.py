@@ -70,7 +70,7 @@ def Draw(table: Sequence[Row], runs: Sequence[Row], felt: Sequence[Row]) -> Figu
     left.set_title("held-out runs at rest on the bone [share]")
     middle.set_xlabel("time to the bone [times the commanded time]")
     middle.set_title("largest force [times a free mass's impact]")
-    middle.set(xlim=(0.9, 3.1), ylim=(0.35, 4.0), yscale="log")
+    middle.set(xlim=(0.95, 1.7), ylim=(0.35, 4.0), yscale="log")
     middle.set_yticks([0.5, 1, 2, 4], ["0.5", "1", "2", "4"])
     middle.yaxis.set_minor_formatter(NullFormatter())
     right.axhline(1.0, color="black", lw=0.6, ls="--")
@@ -100,7 +100,7 @@ def _DrawRest(ax: Axes, rest: np.ndarray, style: dict[str, Any]) -> None:
 
 
 def _DrawPrice(ax: Axes, members: Sequence[Row], style: dict[str, Any]) -> None:
-    """Draws the medians of the compromise, with lines to the corners of the front."""
+    """Draws the medians of the compromise, with a line to the gains by rule."""
     points = {
         row["member"]: (row["arrival"], row["impact"])
         for row in members
@@ -108,11 +108,9 @@ def _DrawPrice(ax: Axes, members: Sequence[Row], style: dict[str, Any]) -> None:
     }
     style = {key: value for key, value in style.items() if key != "label"}
     centre = points["compromise"]
-    for corner in ("gentlest", "quickest"):
-        if corner in points:
-            ax.plot(*np.transpose([centre, points[corner]]), **style | {"lw": 0.8})
-            marker = {"gentlest": "v", "quickest": ">"}[corner]
-            ax.plot(*points[corner], marker, ms=5, mfc="none", **style)
+    if "rule" in points:
+        ax.plot(*np.transpose([centre, points["rule"]]), **style | {"lw": 0.8})
+        ax.plot(*points["rule"], "v", ms=5, mfc="none", **style)
     ax.plot(*centre, "o", ms=8, **style)
 
 

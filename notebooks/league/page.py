@@ -1,4 +1,4 @@
-"""The league's table in docs/architectures.md, and its sentences with their rows."""
+"""The league's parts of docs/architectures.md, and table.md with all rows."""
 
 import re
 
@@ -6,6 +6,21 @@ from league.claims import CLAIMS
 from league.statistics import FOLDER, ReadTable, Row
 
 PAGE = FOLDER.parents[1] / "teleop_drake/docs/architectures.md"
+TABLE = FOLDER / "table.md"
+
+SHORT = (
+    "architecture",
+    "runs at rest",
+    "time to rest [s]",
+    "time to the bone",
+    "largest force",
+    "stiffness lost",
+    "effort",
+)
+"""The heads of the table on the page."""
+
+LEFT_OUT = ("robust", "waves to ground")
+"""Entries that are in table.md only."""
 
 HEADER = (
     "architecture",
@@ -14,52 +29,81 @@ HEADER = (
     "time from contact to rest (s)",
     "largest force (times a free mass's impact)",
     "time to the bone (times the commanded time)",
-    "stiffness lost at 1 rad/s (share of the bone's)",
-    "stiffness lost from 0.3 to 10 rad/s (share)",
+    "effort (total variation of the force, times a free mass's impact)",
+    "stiffness lost at 1 rad/s (share of 150, 300, 600 N/m)",
+    "stiffness lost from 0.3 to 10 rad/s (share of 150, 300, 600 N/m)",
     "error of the felt impedance (0 to 1)",
     "Z-width (decades)",
     "least Llewellyn parameter",
     "passive by design",
 )
-
-SHOWN = ("compromise", "gentlest", "quickest")
-"""The members in the table; that of the rule is in the files only."""
+"""The heads of table.md."""
 
 
-def TableRows() -> list[list[str]]:
-    """Returns the cells of each row of the table, in the order of HEADER."""
-    felt = {
-        (row["architecture"], row["member"]): row for row in ReadTable("league_felt")
+def AtEdge() -> dict[str, str]:
+    """Returns the gains that lie at an edge in some search, by architecture."""
+    found: dict[str, dict[str, int]] = {}
+    for row in ReadTable("league_search"):
+        for gain in filter(None, str(row["at_edge"]).split(", ")):
+            counts = found.setdefault(str(row["architecture"]), {})
+            counts[gain] = counts.get(gain, 0) + 1
+    return {
+        name: ", ".join(f"{gain} in {n}" for gain, n in counts.items())
+        for name, counts in found.items()
     }
-    # Members of an architecture with the same numbers have a line together.
-    names: dict[tuple[str, ...], list[str]] = {}
-    for row in ReadTable():
-        if row["runs"] == "all" and row["member"] in SHOWN:
-            cells = _Cells(row, felt[row["architecture"], row["member"]])
-            names.setdefault(cells, []).append(row["member"])
+
+
+def ShortRows() -> list[list[str]]:
+    """Returns the cells of the page's table: compromises, medians of all runs."""
+    felt = _Felt()
+    edges = AtEdge()
     rows = []
-    for (architecture, *cells, passive), members in names.items():
-        is_first = members[0] == SHOWN[0]
-        ends = (architecture, passive) if is_first else ("", "")
-        rows.append([ends[0], ", ".join(members), *cells, ends[1]])
+    for row in ReadTable():
+        key = (str(row["architecture"]), row["member"])
+        if row["runs"] != "all" or key[1] != "compromise" or key[0] in LEFT_OUT:
+            continue
+        cells = [key[0] + ("*" if key[0] in edges else "")]
+        cells.append(f"{row['at_rest']:.1%}".replace("%", " %"))
+        for name in ("rest", "arrival", "impact"):
+            cells.append(_Text(row[name], "{:.2f}"))
+        rows.append([*cells, f"{felt[key]['loss_at_1']:.2f}", f"{row['effort']:.1f}"])
     return rows
 
 
-def _Cells(row: Row, felt: Row) -> tuple[str, ...]:
-    """Returns the cells of a member but for its name."""
-    return (
-        str(row["architecture"]),
+def TableRows() -> list[list[str]]:
+    """Returns the cells of each row of table.md, in the order of HEADER."""
+    felt = _Felt()
+    rows = []
+    for row in ReadTable():
+        if row["runs"] == "all":
+            key = (str(row["architecture"]), str(row["member"]))
+            rows.append([*key, *_Cells(row, felt[key])])
+    return rows
+
+
+def _Felt() -> dict[tuple[str, str], Row]:
+    """Returns the rows of league_felt.csv by architecture and member."""
+    return {
+        (row["architecture"], row["member"]): row for row in ReadTable("league_felt")
+    }
+
+
+def _Cells(row: Row, felt: Row) -> list[str]:
+    """Returns the cells of a member but for its names."""
+    lost = (
+        ", ".join(f"{felt[name + bone]:.2f}" for bone in ("", "_300", "_600"))
+        for name in ("loss_at_1", "loss_in_band")
+    )
+    return [
         _WithInterval(row, "at_rest", "{:.1%}"),
-        _WithInterval(row, "rest", "{:.2f}"),
-        _WithInterval(row, "impact", "{:.2f}"),
-        _WithInterval(row, "arrival", "{:.2f}"),
-        f"{felt['loss_at_1']:.2f}",
-        f"{felt['loss_in_band']:.2f}",
+        *(_WithInterval(row, x, "{:.2f}") for x in ("rest", "impact", "arrival")),
+        _WithInterval(row, "effort", "{:.1f}"),
+        *lost,
         f"{felt['impedance_error']:.2f}",
         f"{round(felt['z_width'], 1) + 0.0:.1f}",
         _Text(felt["llewellyn"], "{:.2f}"),
         str(felt["passive_by_design"]),
-    )
+    ]
 
 
 def _WithInterval(row: Row, name: str, form: str) -> str:
@@ -77,12 +121,32 @@ def _Text(value: float, form: str) -> str:
     return words.get(text, text)
 
 
+def MarkdownTable(header: tuple[str, ...], rows: list[list[str]]) -> str:
+    """Returns a table in Markdown."""
+    lines = [list(header), ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
 def Section(name: str) -> str:
-    """Returns the text of a part of the page: `table` or `sentences`."""
+    """Returns the text of a part of the page: `sentences`, `table` or `edges`."""
     if name == "table":
-        lines = [HEADER, ["---"] * len(HEADER), *TableRows()]
-        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+        return MarkdownTable(SHORT, ShortRows())
+    if name == "edges":
+        edges = (f"{name} ({gains})" for name, gains in AtEdge().items())
+        return "\\* Gains at an edge of a range, in how many searches: " + (
+            "; ".join(edges) + "." if AtEdge() else "none."
+        )
     return "\n".join(f"* {claim.Sentence()}" for claim in CLAIMS)
+
+
+def AllRows() -> str:
+    """Returns the text of table.md."""
+    return (
+        "# All rows of the league, edition 3\n\n"
+        "[README.md](README.md) explains the columns, with intervals of 95 %.\n\n"
+        + MarkdownTable(HEADER, TableRows())
+        + "\n"
+    )
 
 
 _PART = re.compile(r"<!-- league: (\w+) -->\n(.*?)\n<!-- end -->", re.DOTALL)
@@ -94,7 +158,7 @@ def Parts(text: str) -> dict[str, str]:
 
 
 def WritePage() -> None:
-    """Writes the table and the sentences into the page."""
+    """Writes the parts of the page, and table.md."""
 
     def Write(part: re.Match[str]) -> str:
         name = part[1]
@@ -102,3 +166,4 @@ def WritePage() -> None:
 
     text = PAGE.read_text(encoding="utf-8")
     PAGE.write_text(_PART.sub(Write, text), encoding="utf-8")
+    TABLE.write_text(AllRows(), encoding="utf-8")

@@ -35,7 +35,8 @@ class Outcome(NamedTuple):
         is_bounded: Whether the run reaches its end.
         rest: Time to rest in s, after the contact or, if that is later, after the
             arrival of the operator's stop.
-        late: Time of arrival after the commanded one in s.
+        late: Time between arrival and commanded arrival in s. An early tool has
+            overshot.
         arrival: Time of arrival in multiples of the commanded one.
         impact: Largest force in multiples of a free mass's.
         effort: Total variation of the control force in multiples of the bone's force on
@@ -93,7 +94,7 @@ def OutcomeOf(scenario: Scenario, recording: Recording) -> Outcome:
     return Outcome(
         is_bounded=True,
         rest=np.inf if rest is None else rest,
-        late=arrival - commanded,
+        late=abs(arrival - commanded),
         arrival=arrival / commanded,
         impact=PeakForce(run) / free,
         effort=float(ControlForceVariation(run)[0]) / free,

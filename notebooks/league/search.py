@@ -1,15 +1,16 @@
 """The search for gains in the league of architectures, by a cost common to all.
 
-A set of gains is tried in the four training runs of the study `league`. Its cost is the
-sum of four terms, each a mean over the runs and at most 10, as in a run that diverges,
-never comes to the bone or never rests:
+A set of gains is tried in the seven training runs of the study `league`. Its cost is
+the sum of four terms, each a mean over the runs and at most 10, as in a run that
+diverges, never comes to the bone or never rests:
 
     rest     time from the contact until tool and force are at rest, in s
-    late     time by which the tool comes to the bone later than commanded, in s
+    late     time by which the tool comes to the bone later than commanded, or earlier,
+             which is an overshoot, in s
     impact   largest force on the bone, in multiples of that of a free mass which meets
              the bone with the commanded speed
     loss     share of the bone's stiffness that the hand does not feel, mean of
-             |1 - k(w)/k_e| over frequencies of 0.3 to 10 rad/s
+             |1 - k(w)/k_e| over frequencies of 0.3 to 10 rad/s and three bones
 
 One point is thus a second of waiting, the impact of a free mass, or the bone's whole
 stiffness. Half of the budget is a Halton sequence over the ranges of the gains, on
@@ -53,12 +54,10 @@ class Trial:
     Attributes:
         gains: The gains by their paths; empty: those by rule.
         terms: The terms of the cost.
-        all_rest: Whether every training run comes to rest.
     """
 
     gains: Gains
     terms: Terms
-    all_rest: bool
 
     @property
     def cost(self) -> float:
@@ -81,18 +80,17 @@ def TryGains(entry: Entry, runs: Runs, gains: Gains) -> Trial:
         impact=Mean(outcome.impact for outcome in outcomes),
         loss=loss,
     )
-    all_rest = all(np.isfinite(outcome.rest) for outcome in outcomes)
-    return Trial(gains, terms, all_rest)
+    return Trial(gains, terms)
 
 
-def Search(entry: Entry, budget: int, seed: int) -> list[Trial]:
+def Search(entry: Entry, runs: Runs, budget: int, seed: int) -> list[Trial]:
     """Searches for gains; returns all trials, first that of the gains by rule.
 
     Args:
+        runs: The training runs of the entry.
         budget: How many sets of gains are tried for each gain.
         seed: The seed of the search.
     """
-    runs = Runs("league", entry)
     rule = TryGains(entry, runs, {})
     n = len(entry.gains)
     if n == 0:
@@ -139,23 +137,11 @@ def FindFront(trials: Sequence[Trial]) -> list[Trial]:
 
 
 def Members(trials: Sequence[Trial]) -> dict[str, Trial]:
-    """Returns the named members of a search: rule, and three of the front.
-
-    The compromise has the least cost, the gentlest the least impact, and the quickest
-    is at rest soonest after the commanded arrival. The last two come to rest in every
-    training run, if there is a set of gains that does.
-    """
+    """Returns the named members of a search: rule, and compromise of the least cost."""
     rule, *_ = trials
     if len(trials) == 1:
         return {"compromise": rule}
-    front = FindFront(trials)
-    resting = [trial for trial in front if trial.all_rest] or front
-    return {
-        "rule": rule,
-        "compromise": min(trials, key=lambda trial: trial.cost),
-        "gentlest": min(resting, key=lambda trial: trial.terms.impact),
-        "quickest": min(resting, key=lambda trial: trial.terms.rest + trial.terms.late),
-    }
+    return {"rule": rule, "compromise": min(trials, key=lambda trial: trial.cost)}
 
 
 def Hypervolume(front: Sequence[Trial]) -> float:

@@ -73,6 +73,15 @@ def master_rate(
     return np.concatenate((position_rate(x_m, v_m), np.linalg.solve(M, F)))
 
 
+def following_rate(
+    station: Station, M: Array, x: Array, F_h: Array, packet: Array, v_d: Array
+) -> Array:
+    """Returns master_rate() with the handle's damper B against v_d in m/s (n)."""
+    push = np.linalg.solve(M, station.damping @ v_d)
+    rate = master_rate(station, M, x, F_h, packet)
+    return rate + np.concatenate((0 * push, push))
+
+
 def slave_force(
     station: Station, packet: Array, p: Array, v: Array, F_e: Array
 ) -> Array:

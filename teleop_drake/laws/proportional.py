@@ -51,6 +51,11 @@ def damper_force(v: Array, B: Array) -> Array:
     return B @ v
 
 
+def driven_force(F: Array, v_d: Array, B: Array) -> Array:
+    """Returns a force plus that of a damper whose other end moves, F + B v_d, N (n)."""
+    return F + B @ v_d
+
+
 def velocity_error(v: Array, v_d: Array) -> Array:
     """Returns the velocity error v - v_d of the tool in m/s (n)."""
     return v - v_d

@@ -122,8 +122,8 @@ def test_list(capsys):
     for name in ScenarioNames():
         (line,) = [line for line in out.splitlines() if line.startswith(f"  {name} ")]
         assert f" {LoadScenario(name).title}. " in line
-    studies = "league, league_held_out, sample_period, sensitivity, tolerance, "
-    studies += "why_adaptive"
+    studies = "league, league_held_out, passive_and_quick, sample_period, "
+    studies += "sensitivity, tolerance, why_adaptive"
     assert f"Studies\n  {studies}\n" in out
     lines = out.splitlines()[-12:]
     titles = lines[::2]

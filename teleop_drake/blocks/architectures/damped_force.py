@@ -7,19 +7,13 @@ import numpy as np
 
 from teleop_drake.arrays import ArrayLike
 from teleop_drake.blocks.architectures.base import ControlLawConfig, Facts, LawBlock
-from teleop_drake.kernel import Kernel, Term
-from teleop_drake.laws.proportional import braked_force, damper_force, velocity_error
-from teleop_drake.validation import (
-    CheckChoice,
-    CheckGain,
-    Config,
-    GainField,
-    GainRange,
-    Gains,
+from teleop_drake.blocks.architectures.local_damper import (
+    BrakedVelocity,
+    LocalDamperConfig,
 )
-
-AGAINST = ("ground", "command")
-"""The reference of the damper: the ground, or the commanded velocity."""
+from teleop_drake.kernel import Kernel
+from teleop_drake.laws.proportional import braked_force, damper_force
+from teleop_drake.validation import CheckGain, Config, GainField, GainRange, Gains
 
 
 class DampedForce(LawBlock):
@@ -28,10 +22,9 @@ class DampedForce(LawBlock):
         F_c = F_h(t - T_f) - B v                           against the ground    (1)
         F_c = F_h(t - T_f) - B (v - v_d(t - T_f))          against the command   (2)
 
-    Both are DirectForce with a local damper at the tool. The damper of (1) connects the
-    tool to the ground, that of (2) to a point that moves with the commanded velocity.
-    Neither needs a force sensor, a model or a network. v_d is part of the thesis's
-    forward packet, so (2) needs no other packet.
+    Both are DirectForce with a local damper at the tool; see local_damper. Neither
+    needs a force sensor, a model or a network. v_d is part of the thesis's forward
+    packet, so (2) needs no other packet.
 
     (2) is a special case of the thesis's law, (4.23) and (5.22): with z = 0 and without
     networks that law is
@@ -75,17 +68,15 @@ class DampedForce(LawBlock):
 
     def __init__(self, num_axes: int, damping: ArrayLike, *, against: str = "ground"):
         B = CheckGain("damping", damping, num_axes, may_be_zero=True)
-        CheckChoice("against", against, AGAINST)
-        braked_velocity: Term = "tool_velocity"
-        if against == "command":
-            braked_velocity = (velocity_error, "tool_velocity", "velocity_command")
         LawBlock.__init__(
             self,
             "damped_force",
             Kernel(
                 parameters={"damping": B},
                 outputs={
-                    "braked_velocity": braked_velocity,
+                    "braked_velocity": BrakedVelocity(
+                        against, "tool_velocity", "velocity_command"
+                    ),
                     "control_force": (
                         braked_force, "haptic_force", "braked_velocity", "damping"
                     ),
@@ -98,7 +89,7 @@ class DampedForce(LawBlock):
 
 
 @Config
-class DampedForceConfig(ControlLawConfig):
+class DampedForceConfig(LocalDamperConfig, ControlLawConfig):
     """Direct force and a damper at the tool; see architectures.damped_force."""
 
     kind = "damped_force"
@@ -110,13 +101,6 @@ class DampedForceConfig(ControlLawConfig):
     # space, to rest without an oscillation in any direction. That is 2 N s/m for the
     # thesis's slider and 2.4 N s/m for its arm. Assumed.
     damping: Gains | None = GainField(None, may_be_zero=True)
-    # Reference of the damper: `ground` damps v, `command` damps v - v_d(t - T_f).
-    against: str = "ground"
-
-    def Check(self, path: str, num_axes: int) -> None:
-        """Checks the damping and its reference."""
-        super().Check(path, num_axes)
-        CheckChoice(f"{path}.against", self.against, AGAINST)
 
     def DeriveDefaults(self, facts: Facts) -> None:
         """Derives the damping if it is null; see ArchitectureConfig.DeriveDefaults."""

@@ -6,14 +6,19 @@ from typing import Any, ClassVar
 from teleop_drake.arrays import ArrayLike
 from teleop_drake.blocks.architectures.base import (
     Architecture,
-    ArchitectureConfig,
     CheckStart,
     Facts,
     MasterSide,
     SlaveSide,
 )
-from teleop_drake.kernel import Kernel
-from teleop_drake.laws.four_channel import Station, master_rate, slave_force
+from teleop_drake.blocks.architectures.local_damper import LocalDamperConfig
+from teleop_drake.kernel import Kernel, Term
+from teleop_drake.laws.four_channel import (
+    Station,
+    following_rate,
+    master_rate,
+    slave_force,
+)
 from teleop_drake.validation import (
     CheckChoice,
     CheckNumber,
@@ -42,6 +47,7 @@ class FourChannelMaster(MasterSide):
         (M s + B) V_m = F_h (1 + C6) - C_m V_m - C2 F_e - C4 V_s
         C_m = B_c + K_c / s,   C4 = -c4 (B + C_m)
 
+    Against the command (see local_damper), the handle's damping B is driven by B V_d.
     F_e and V_s are those of the slave, as received. Positions are relative to `start`.
     At low frequency, where the masses are negligible, the operator feels the impedance
     of the environment, Z_to = Z_e, if there is no delay, c4 = 1, C2 = 1 + C6 and the
@@ -56,7 +62,7 @@ class FourChannelMaster(MasterSide):
     | port | name             | size  | unit               | is                       |
     |------|------------------|-------|--------------------|--------------------------|
     | in   | haptic_force     | n     | N                  | F_h                      |
-    | in   | velocity_command | n     | m/s                | ignored                  |
+    | in   | velocity_command | n     | m/s                | v_d or ignored           |
     | in   | return_packet    | 3n    | [m; m/s; N]        | [p_WT; v; F_e] of slave  |
     | out  | felt_position    | n     | m                  | p_WT as received         |
     | out  | felt_velocity    | n     | m/s                | v_m                      |
@@ -90,15 +96,16 @@ class FourChannelMaster(MasterSide):
     def __init__(self, config: "FourChannelConfig", *, start: ArrayLike):
         station = config.MakeStation("master", start)
         n = station.start.size
+        arguments = ("station", "mass", "state", "haptic_force", "return_packet")
+        rate: Term = (master_rate, *arguments)
+        if config.follows_command:
+            rate = (following_rate, *arguments, "velocity_command")
         MasterSide.__init__(
             self,
             "four_channel_master",
             Kernel(
                 parameters={"station": station, "mass": config.Gain("master_mass", n)},
-                rate=(
-                    master_rate, "station", "mass",
-                    "state", "haptic_force", "return_packet",
-                ),
+                rate=rate,
                 outputs={
                     "felt_position": ("return_packet", 0, n),
                     "felt_velocity": ("state", n, 2 * n),
@@ -220,7 +227,7 @@ class LocalController(FixedFields):
 
 
 @Config
-class FourChannelConfig(ArchitectureConfig):
+class FourChannelConfig(LocalDamperConfig):
     """Lawrence's architecture; see architectures.four_channel."""
 
     kind = "four_channel"
@@ -230,7 +237,8 @@ class FourChannelConfig(ArchitectureConfig):
     variant: str = "four_channel"
     # Mass of the handle, kg, > 0. Assumed: that of the slider (thesis eq. 2.12).
     master_mass: Gains = GainField(0.5)
-    # Damping of the handle, N s/m, >= 0. Assumed: that of the slider.
+    # Damping of the handle, N s/m, >= 0, against the ground or the command. Assumed:
+    # that of the slider.
     master_damping: Gains = GainField(0.1, may_be_zero=True)
     # Damping in the model of the robot, N s/m, >= 0, which C1 compensates. Null: the
     # robot's own damping in the variant four_channel, 0 in the others.

@@ -8,11 +8,15 @@ import numpy as np
 from teleop_drake.arrays import ArrayLike
 from teleop_drake.blocks.architectures.base import (
     Architecture,
-    ArchitectureConfig,
     CheckStart,
     Facts,
     MasterSide,
     SlaveSide,
+)
+from teleop_drake.blocks.architectures.local_damper import (
+    BrakedVelocity,
+    DrivenForce,
+    LocalDamperConfig,
 )
 from teleop_drake.kernel import Kernel
 from teleop_drake.laws.proportional import coupling_force, master_rate, slave_force
@@ -33,7 +37,9 @@ class ProportionalMaster(MasterSide):
         M dv_m/dt = F_h - K (x_m - x_s) - B v_m,   dx_m/dt = v_m
 
     with x_s = p_WT(t - T_r). With the slave F_c = K (x_m(t - T_f) - p_WT) - B_s v
-    (ProportionalSlave) the pair is stable for 4 B B_s > (T_f + T_r)^2 K^2.
+    (ProportionalSlave) the pair is stable for 4 B B_s > (T_f + T_r)^2 K^2. Against the
+    command (see local_damper) v_m - v_d takes the place of v_m in the damper, and the
+    packet also carries v_d.
 
     Sources: D. Lee and M. W. Spong, "Passive bilateral teleoperation with constant time
     delay", IEEE Trans. Robotics 22 (2006); E. Nuno, L. Basanez and R. Ortega,
@@ -43,11 +49,11 @@ class ProportionalMaster(MasterSide):
     | port | name             | size | unit | is                    |
     |------|------------------|------|------|-----------------------|
     | in   | haptic_force     | n    | N    | F_h                   |
-    | in   | velocity_command | n    | m/s  | ignored               |
+    | in   | velocity_command | n    | m/s  | v_d or ignored        |
     | in   | return_packet    | n    | m    | x_s                   |
     | out  | felt_position    | n    | m    | x_s                   |
     | out  | felt_velocity    | n    | m/s  | v_m                   |
-    | out  | forward_packet   | n    | m    | x_m                   |
+    | out  | forward_packet   | n, 2n | m   | x_m or [x_m; v_d]     |
     | out  | coupling_force   | n    | N    | K (x_m - x_s)         |
 
     | parameter | name      | unit  |
@@ -60,7 +66,8 @@ class ProportionalMaster(MasterSide):
 
     Initial value: x_m = start, v_m = 0.
 
-    Direct feedthrough: return_packet to felt_position and coupling_force.
+    Direct feedthrough: return_packet to felt_position and coupling_force; against the
+    command, velocity_command to forward_packet.
 
     It compensates neither the mass nor the damping: the operator feels both.
 
@@ -78,6 +85,7 @@ class ProportionalMaster(MasterSide):
     def __init__(self, config: "ProportionalDampingConfig", *, start: ArrayLike):
         start = CheckStart(start)
         n = start.size
+        follows = config.follows_command
         MasterSide.__init__(
             self,
             "proportional_master",
@@ -88,20 +96,28 @@ class ProportionalMaster(MasterSide):
                     "damping": config.Gain("master_damping", n),
                 },
                 rate=(
-                    master_rate, "state", "haptic_force", "return_packet", "mass",
+                    master_rate, "state", "force", "return_packet", "mass",
                     "stiffness", "damping",
                 ),
                 outputs={
+                    "force": DrivenForce(
+                        config.against, "haptic_force", "velocity_command", "damping"
+                    ),
                     "felt_position": "return_packet",
                     "felt_velocity": ("state", n, 2 * n),
-                    "forward_packet": ("state", 0, n),
+                    "forward_packet": (
+                        [("state", 0, n), "velocity_command"]
+                        if follows
+                        else ("state", 0, n)
+                    ),
                     "coupling_force": (
                         coupling_force, ("state", 0, n), "return_packet", "stiffness"
                     ),
                 },
+                sizes={"force": n},
             ),
             n,
-            forward_packet=n,
+            forward_packet=2 * n if follows else n,
             return_packet=n,
             state=[*start, *[0.0] * n],
         )  # fmt: skip
@@ -112,12 +128,13 @@ class ProportionalSlave(SlaveSide):
 
         F_c = K (x_m - p_WT) - B v
 
-    with x_m as received, x_m(t - T_f). See ProportionalMaster for the master, the
-    sources and the condition of stability.
+    with x_m as received, x_m(t - T_f). Against the command (see local_damper), the
+    damper brakes v - v_d with v_d as received. See ProportionalMaster for the master,
+    the sources and the condition of stability.
 
     | port | name              | size | unit | is      |
     |------|-------------------|------|------|---------|
-    | in   | forward_packet    | n    | m    | x_m     |
+    | in   | forward_packet    | n, 2n | m   | x_m or [x_m; v_d] |
     | in   | tool_position     | n    | m    | p_WT    |
     | in   | tool_velocity     | n    | m/s  | v       |
     | in   | environment_force | n    | N    | ignored |
@@ -147,6 +164,7 @@ class ProportionalSlave(SlaveSide):
 
     def __init__(self, config: "ProportionalDampingConfig", *, num_axes: int):
         n = num_axes
+        follows = config.follows_command
         SlaveSide.__init__(
             self,
             "proportional_slave",
@@ -156,21 +174,25 @@ class ProportionalSlave(SlaveSide):
                     "damping": config.Gain("slave_damping", n),
                 },
                 outputs={
+                    "braked_velocity": BrakedVelocity(
+                        config.against, "tool_velocity", ("forward_packet", n, 2 * n)
+                    ),
                     "control_force": (
-                        slave_force, "forward_packet", "tool_position",
-                        "tool_velocity", "stiffness", "damping",
+                        slave_force, ("forward_packet", 0, n), "tool_position",
+                        "braked_velocity", "stiffness", "damping",
                     ),
                     "return_packet": "tool_position",
                 },
+                sizes={"braked_velocity": n},
             ),
             n,
-            forward_packet=n,
+            forward_packet=2 * n if follows else n,
             return_packet=n,
         )  # fmt: skip
 
 
 @Config
-class ProportionalDampingConfig(ArchitectureConfig):
+class ProportionalDampingConfig(LocalDamperConfig):
     """P+d; see architectures.proportional_damping.ProportionalMaster."""
 
     kind = "proportional_damping"
@@ -226,11 +248,12 @@ class ProportionalDampingConfig(ArchitectureConfig):
         """Makes both sides."""
         config = self.Resolve(facts, path)
         start: list[float] = facts.start.tolist()
+        follows = config.follows_command
         return Architecture(
             master_side=ProportionalMaster(config, start=start),
             slave_side=ProportionalSlave(config, num_axes=len(start)),
-            initial_forward_packet=start,
+            initial_forward_packet=[*start, *[0.0] * len(start)] if follows else start,
             initial_return_packet=start,
-            forward_fields=("position",),
+            forward_fields=("position", "velocity") if follows else ("position",),
             return_fields=("position",),
         )

@@ -15,12 +15,12 @@ from pydrake.systems.primitives import (
 
 from teleop_drake.blocks.architectures.base import (
     Architecture,
-    ArchitectureConfig,
     Facts,
     MakeLawArchitecture,
 )
 from teleop_drake.blocks.architectures.damped_force import DampedForce
 from teleop_drake.blocks.architectures.direct_force import DirectForce
+from teleop_drake.blocks.architectures.local_damper import LocalDamperConfig
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.validation import (
     CheckNumber,
@@ -40,7 +40,8 @@ class SmithPredictorMaster(Diagram):
         v_felt = v_ret + v_model(t) - v_model(t - T)
         M dv_model/dt = F_h - B v_model - K y,   dy/dt = v_model
 
-    for a slave that applies F_h(t - T_f) and returns its velocity, T = T_f + T_r. If
+    for a slave that applies F_h(t - T_f) and returns its velocity, T = T_f + T_r. With
+    a local damper D against the command the model's force is F_h + D v_d. If
     model and delay are exact, v_ret = v_model(t - T), and the operator feels only the
     model. F_h is then that of the loop without delay, and the tool moves as in that
     loop, T_f later. Effects that are not in the model, such as a puncture or the bone,
@@ -83,12 +84,16 @@ class SmithPredictorMaster(Diagram):
         CheckNumber("delay", delay, "s", minimum=0)
         nothing = np.zeros((n, n))
         one = np.eye(n)
-        # The state is [y; v_model], the input F_h and the output v_model.
+        # The tool is driven by its local damper, too, if that follows the command.
+        drive = nothing
+        if config.follows_command:
+            drive = config.Gain("local_damping", n)
+        # The state is [y; v_model], the input [F_h; v_d] and the output v_model.
         model = LinearSystem(
             np.block([[nothing, one], [-M_inverse @ K, -M_inverse @ B]]),
-            np.vstack([nothing, M_inverse]),
+            np.block([[nothing, nothing], [M_inverse, M_inverse @ drive]]),
             np.hstack([nothing, one]),
-            nothing,
+            np.hstack([nothing, nothing]),
         )
         systems = {
             "unpack": Demultiplexer([n, n]),
@@ -107,11 +112,12 @@ class SmithPredictorMaster(Diagram):
             "smith_predictor_master",
             systems,
             inputs={
-                "haptic_force": ["model", "pack.u0"],
+                "haptic_force": ["pack.u0"],
                 "velocity_command": ["pack.u1"],
                 "return_packet": ["unpack"],
             },
             connections={
+                "model": "pack",
                 "model_delay": "model",
                 "negation": "model_delay",
                 "felt.u0": "unpack.y1",
@@ -128,7 +134,7 @@ class SmithPredictorMaster(Diagram):
 
 
 @Config
-class SmithPredictorConfig(ArchitectureConfig):
+class SmithPredictorConfig(LocalDamperConfig):
     """Direct force with a model at the master; see SmithPredictorMaster."""
 
     kind = "smith_predictor"
@@ -168,7 +174,7 @@ class SmithPredictorConfig(ArchitectureConfig):
         n = facts.num_axes
         local = config.local_damping
         law = (
-            DampedForce(num_axes=n, damping=local)
+            DampedForce(num_axes=n, damping=local, against=config.against)
             if np.any(local)
             else DirectForce(num_axes=n)
         )

@@ -6,10 +6,13 @@ import numpy as np
 
 from teleop_drake.blocks.architectures.base import (
     Architecture,
-    ArchitectureConfig,
     Facts,
     MasterSide,
     SlaveSide,
+)
+from teleop_drake.blocks.architectures.local_damper import (
+    BrakedVelocity,
+    LocalDamperConfig,
 )
 from teleop_drake.kernel import Kernel, Name, times
 from teleop_drake.kernel.linear_part import IDLE_PASSIVITY, LinearPart
@@ -60,11 +63,11 @@ class PassivityMaster(_Idle, MasterSide):
     | port | name             | size | unit        | is                              |
     |------|------------------|------|-------------|---------------------------------|
     | in   | haptic_force     | n    | N           | F_h                             |
-    | in   | velocity_command | n    | m/s         | ignored                         |
+    | in   | velocity_command | n    | m/s         | v_d or ignored                  |
     | in   | return_packet    | 3n   | [m; m/s; J] | [p_WT; v; E_in] of PassivitySlave |
     | out  | felt_position    | n    | m           | p_WT as received                |
     | out  | felt_velocity    | n    | m/s         | v_m                             |
-    | out  | forward_packet   | 2n   | [N; J]      | [F_h; E_in]                     |
+    | out  | forward_packet   | 2n, 3n | [N; J; m/s] | [F_h; E_in] or [F_h; E_in; v_d] |
     | out  | master_budget    | n    | J           | W_m                             |
     | out  | master_power     | n    | W           | F_h v_m, into the channel       |
     | out  | injected_mobility | n   | m/(N s)     | beta                            |
@@ -118,7 +121,9 @@ class PassivityMaster(_Idle, MasterSide):
                         passive_effort, v, "injected_mobility", "reaction"
                     ),
                     "stored": (times, ("state", 0, n), "initial_energy"),
-                    "forward_packet": ["haptic_force", "stored"],
+                    "forward_packet": [
+                        "haptic_force", "stored", *config.Sent("velocity_command")
+                    ],
                     "master_budget": (
                         energy_budget, "no_energy", ("return_packet", 2 * n, 3 * n),
                         ("state", n, 2 * n), "initial_energy",
@@ -132,7 +137,7 @@ class PassivityMaster(_Idle, MasterSide):
                 sizes={"stored": n, "reaction": n},
             ),
             n,
-            forward_packet=2 * n,
+            forward_packet=n * config.num_sent,
             return_packet=3 * n,
             state=[0.0] * (2 * n),
         )  # fmt: skip
@@ -176,11 +181,12 @@ class PassivitySlave(_Idle, SlaveSide):
     Otherwise, the damping alpha reduces the power to W_s / horizon. E_0 allows the tool
     to start: the operator feels the tool at rest for a round trip, and supplies no
     power before. The law is `teleop_drake.laws.passivity`. B is a local damper behind
-    the port; the power that it dissipates is part of F v.
+    the port, against the ground or the command (see local_damper); the power that it
+    takes is part of F v.
 
     | port | name              | size | unit        | is                             |
     |------|-------------------|------|-------------|--------------------------------|
-    | in   | forward_packet    | 2n   | [N; J]      | [F_hd; E_in] of PassivityMaster |
+    | in   | forward_packet    | 2n, 3n | [N; J; m/s] | that of PassivityMaster      |
     | in   | tool_position     | n    | m           | p_WT                           |
     | in   | tool_velocity     | n    | m/s         | v                              |
     | in   | environment_force | n    | N           | ignored                        |
@@ -240,7 +246,12 @@ class PassivitySlave(_Idle, SlaveSide):
                         passive_effort, F, "injected_damping", "tool_velocity"
                     ),
                     "control_force": (
-                        braked_force, "passive_force", "tool_velocity", "local_damping"
+                        braked_force, "passive_force", "braked_velocity",
+                        "local_damping",
+                    ),
+                    "braked_velocity": BrakedVelocity(
+                        config.against, "tool_velocity",
+                        ("forward_packet", 2 * n, 3 * n),
                     ),
                     "stored": (times, ("state", 0, n), "initial_energy"),
                     "return_packet": ["tool_position", "tool_velocity", "stored"],
@@ -255,17 +266,19 @@ class PassivitySlave(_Idle, SlaveSide):
                         "horizon", "maximum_damping",
                     ),
                 },
-                sizes={"passive_force": n, "stored": n, "incoming_power": n},
+                sizes=dict.fromkeys(
+                    ("passive_force", "stored", "incoming_power", "braked_velocity"), n
+                ),
             ),
             n,
-            forward_packet=2 * n,
+            forward_packet=n * config.num_sent,
             return_packet=3 * n,
             state=[0.0] * (2 * n),
         )  # fmt: skip
 
 
 @Config
-class TimeDomainPassivityConfig(ArchitectureConfig):
+class TimeDomainPassivityConfig(LocalDamperConfig):
     """Direct force under passivity control; see architectures.time_domain_passivity."""
 
     kind = "time_domain_passivity"
@@ -295,6 +308,15 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
     # Local damper at the tool, N s/m, >= 0; see DampedForce. The customary scheme has
     # none.
     local_damping: Gains = GainField(0.0, may_be_zero=True)
+
+    def Sent(self, command: str) -> list[str]:
+        """Returns a name of the command if the forward packet has it."""
+        return [command] if self.follows_command else []
+
+    @property
+    def num_sent(self) -> int:
+        """Number of vectors (n each) in a forward packet."""
+        return 2 + len(self.Sent("v_d"))
 
     def DeriveDefaults(self, facts: Facts) -> None:
         """Derives the fields that are null; see ArchitectureConfig.DeriveDefaults."""
@@ -329,8 +351,8 @@ class TimeDomainPassivityConfig(ArchitectureConfig):
         return Architecture(
             master_side=PassivityMaster(config, num_axes=n),
             slave_side=PassivitySlave(config, num_axes=n),
-            initial_forward_packet=[0.0] * (2 * n),
+            initial_forward_packet=[0.0] * (n * config.num_sent),
             initial_return_packet=[*facts.start.tolist(), *[0.0] * (2 * n)],
-            forward_fields=("force", "energy"),
+            forward_fields=("force", "energy", *config.Sent("velocity")),
             return_fields=("position", "velocity", "energy"),
         )

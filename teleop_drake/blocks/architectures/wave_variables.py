@@ -8,11 +8,14 @@ import numpy as np
 from teleop_drake.arrays import Array, ArrayLike
 from teleop_drake.blocks.architectures.base import (
     Architecture,
-    ArchitectureConfig,
     CheckStart,
     Facts,
     MasterSide,
     SlaveSide,
+)
+from teleop_drake.blocks.architectures.local_damper import (
+    DrivenForce,
+    LocalDamperConfig,
 )
 from teleop_drake.kernel import Kernel, times
 from teleop_drake.laws.wave_variables import (
@@ -38,24 +41,24 @@ from teleop_drake.validation import (
 class WaveMaster(MasterSide):
     """Computes the felt velocity and the forward wave from force and returning wave.
 
-        v_m = (b + D)^-1 (F_h + (2 b)^(1/2) w)
+        v_m = (b + D)^-1 (F + (2 b)^(1/2) w),   F = F_h or F_h + D v_d
         u   = (2 b)^(1/2) v_m - w
 
-    with the wave impedance b, a damper D in parallel with the line, and the wave as
-    received times the scaling, w. The force on the line is F_h - D v_m. With D = b, u
-    does not depend on w: no wave is reflected at this end. The law is
-    `teleop_drake.laws.wave_variables`.
+    with the wave impedance b, a damper D in parallel with the line, against the ground
+    or the command (see local_damper), and the wave as received times the scaling, w.
+    The force on the line is F - D v_m. With D = b, u does not depend on w: no wave is
+    reflected at this end. The law is `teleop_drake.laws.wave_variables`.
 
     | port | name             | size | unit          | is                         |
     |------|------------------|------|---------------|----------------------------|
     | in   | haptic_force     | n    | N             | F_h                        |
-    | in   | velocity_command | n    | m/s           | ignored                    |
+    | in   | velocity_command | n    | m/s           | v_d, ignored on the ground |
     | in   | return_packet    | 2n   | [W^(1/2); m]  | [w; p_WT] of WaveSlave     |
     | out  | felt_position    | n    | m             | p_WT as received           |
     | out  | felt_velocity    | n    | m/s           | v_m                        |
     | out  | forward_packet   | 2n   | [W^(1/2); m]  | [u; x_m]                   |
     | out  | master_position  | n    | m             | x_m, integral of v_m       |
-    | out  | master_power     | n    | W             | (F_h - D v_m) v_m per axis |
+    | out  | master_power     | n    | W             | (F - D v_m) v_m per axis   |
 
     | parameter | name      | unit  |
     |-----------|-----------|-------|
@@ -70,7 +73,7 @@ class WaveMaster(MasterSide):
 
     Direct feedthrough: haptic_force to felt_velocity, forward_packet and master_power;
     return_packet to felt_position, felt_velocity, master_power and, unless D = b,
-    forward_packet.
+    forward_packet. Against the command, velocity_command as haptic_force.
 
     It uses neither the delay nor an energy: only the line as a whole is passive. The
     position that the operator feels is the tool's as received, not x_m.
@@ -111,21 +114,24 @@ class WaveMaster(MasterSide):
                 rate="velocity",
                 outputs={
                     "received": (times, ("return_packet", 0, n), "scaling"),
+                    "force": DrivenForce(
+                        config.against, "haptic_force", "velocity_command", "damping"
+                    ),
                     "velocity": (
-                        master_velocity, "haptic_force", "received", "root", "damping"
+                        master_velocity, "force", "received", "root", "damping"
                     ),
                     "felt_position": ("return_packet", n, 2 * n),
                     "felt_velocity": "velocity",
                     "own_velocity": (
-                        master_velocity, "haptic_force", seen, "root", "damping"
+                        master_velocity, "force", seen, "root", "damping"
                     ),
                     "reflected": (reflected_wave, "own_velocity", seen, "root"),
                     "forward_packet": ["reflected", "state"],
                     "master_position": "state",
-                    "master_power": (line_power, "haptic_force", "velocity", "damping"),
+                    "master_power": (line_power, "force", "velocity", "damping"),
                 },
                 sizes=dict.fromkeys(
-                    ("received", "velocity", "own_velocity", "reflected"), n
+                    ("received", "force", "velocity", "own_velocity", "reflected"), n
                 ),
             ),
             n,
@@ -216,7 +222,7 @@ class WaveSlave(SlaveSide):
 
 
 @Config
-class WaveVariablesConfig(ArchitectureConfig):
+class WaveVariablesConfig(LocalDamperConfig):
     """The wave line; see architectures.wave_variables.WaveMaster."""
 
     kind = "wave_variables"

@@ -9,10 +9,10 @@ from scipy.optimize import brentq
 
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.blocks.architectures.damped_force import (
-    AGAINST,
     DampedForce,
     DampedForceConfig,
 )
+from teleop_drake.blocks.architectures.local_damper import AGAINST
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.stations import ResolveController
