@@ -13,8 +13,8 @@ from teleop_drake.recording import Recording
 from teleop_drake.scenario import AsTeleoperation, Scenario, ScenarioError
 from teleop_drake.scenario.tree import ToTree
 from teleop_drake.stations import ResolveController
+from teleop_drake.sweep.any_plan import Programs
 from teleop_drake.sweep.plan import PlanSweep, SweepPlan
-from teleop_drake.sweep.programs import Programs, SimulatePoint
 from teleop_drake.sweep.study import LoadStudy
 from teleop_drake.tasks.insertion_metrics import (
     CollisionTime,
@@ -137,7 +137,7 @@ class Runs:
 
     def _Simulate(self, title: str, number: int, values: Mapping[str, Any]) -> Outcome:
         plan = self.plans[title]
-        recording = SimulatePoint(plan, values, self._programs[title])
+        recording = plan.Simulate(values, self._programs[title])
         key = (title, number)
         if key not in self._scenarios:
             # Outcomes do not depend on the gains.
