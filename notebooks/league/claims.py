@@ -26,7 +26,7 @@ SAME_DAMPER = {
 }
 """The entries whose tool or hand has no damper against the command, with it."""
 
-NOT_WIDENED = ("direct force", *SAME_DAMPER, "passivity + damper")
+NOT_WIDENED = ("direct force",)
 """The entries without a search in wider ranges, whose own rows stay."""
 
 

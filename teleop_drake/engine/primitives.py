@@ -69,6 +69,8 @@ def PrimitiveKernel(system: System, context: Context) -> Kernel:
     if IsSink(system, context):
         return Kernel(unused=_InputNames(system))
     is_of_drake = IsOfDrake(system)
+    if is_of_drake and type(system).__name__ == "JointSliders":
+        return _SlidersKernel(system)
     make = KERNELS.get(type(system).__name__) if is_of_drake else None
     written = None if make is None else make(system)
     if written is not None:
@@ -373,7 +375,6 @@ def _SlidersKernel(system: Any) -> Kernel:
 KERNELS: dict[str, Callable[[Any], Kernel | None]] = {
     "AffineSystem": _AffineKernel,
     "Gain": _GainKernel,
-    "JointSliders": _SlidersKernel,
     "LinearSystem": _AffineKernel,
     "MatrixGain": _AffineKernel,
     "PidController": _PidKernel,

@@ -20,8 +20,8 @@ from teleop_drake.blocks.environments.layered_force_field import (
     LayerConfig,
     LayeredForceField,
 )
-from teleop_drake.scenario.config import DefaultSimulator
 from teleop_drake.simulation import simulate
+from teleop_drake.solver import DefaultSimulator
 
 
 class PythonGain(LeafSystem):
