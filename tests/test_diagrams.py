@@ -96,6 +96,7 @@ def test_the_committed_picture_shows_what_the_script_builds(run, script):
     assert _Graph(picture) == committed
 
 
+@pytest.mark.slow
 def test_the_loop_by_hand_is_the_loop_of_the_scenario(run):
     _, lines = run(DIRECTORY / "one_dof_by_hand.py")
     printed = float(re.fullmatch(r"tool velocity after 2 s: (\S+) mm/s .*", *lines)[1])
@@ -113,6 +114,7 @@ def test_the_arm_by_hand_is_the_arm_of_the_scenario(run):
     assert np.array(printed.groups(), dtype=float) == pytest.approx(expected, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_the_puma_by_hand_is_the_puma_of_its_kind(run):
     _, lines = run(DIRECTORY / "puma560.py")
     along, turned = map(float, re.findall(r"\d+\.\d+", *lines))
@@ -148,6 +150,7 @@ def test_a_discrete_delay_is_its_mean_delay_and_not_its_samples(run):
     assert (np.abs(discrete - exact) > 0.2 * exact).all()
 
 
+@pytest.mark.slow
 def test_the_loop_by_hand_is_one_run_wherever_it_runs():
     """In simulate(), in the page's module, and in a Simulator that is told enough."""
     make = runpy.run_path(str(DIRECTORY / "one_dof_by_hand.py"))["MakeOneDofByHand"]
@@ -186,6 +189,7 @@ def test_the_own_diagram_overshoots_by_what_the_method_of_steps_says(run):
     assert printed[2] == pytest.approx(100 * (peak - 1), abs=0.005)
 
 
+@pytest.mark.slow
 def test_the_cart_pole_falls_on_the_other_side_of_its_margin(run):
     first, inside, outside = run(DIRECTORY / "delay_on_a_cart_pole.py")[1]
     more, margin = map(float, re.findall(r"(\S+) ms", first)[1:])

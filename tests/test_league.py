@@ -138,6 +138,7 @@ def test_a_rest_counts_from_the_stop():
     assert 0 < found.rest < collision["rest_time"] - 1
 
 
+@pytest.mark.slow
 def test_what_never_rests_costs_the_most():
     entry = ENTRIES["direct force"]
     trial = TryGains(entry, Runs("league", entry), {})

@@ -119,6 +119,7 @@ def test_docstrings_name_the_parameters_of_the_contexts():
     assert sum(len(rows) > 0 for rows in tables.values()) >= 15
 
 
+@pytest.mark.slow
 def test_every_parameter_of_a_block_has_a_range():
     ranges = [
         number.range

@@ -455,6 +455,7 @@ KINDS = Slow(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_turning_the_needle_takes_it_nearer_to_its_path(kind, needle_scores):
     (error, _), (straight, _) = (needle_scores(kind, x) for x in (True, False))

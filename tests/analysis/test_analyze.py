@@ -65,6 +65,7 @@ def test_what_was_assumed_is_said(options, text, capsys):
     assert text in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_json_on_stdout(capsys):
     command = ["analyze", "one_dof", "--delay", "0.05", "--json", "-"]
     assert main([*command, "--quiet"]) == 0
@@ -241,6 +242,7 @@ def test_path_of_no_length_has_a_model(key, value, capsys):
     assert " stable" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_map_of_all_connections(capsys):
     """The margins of the channels are those of the loop, less the delay of 0.2 s."""
     command = ["analyze", "one_dof", "--controller", "direct_force", "--map"]

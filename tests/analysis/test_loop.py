@@ -252,6 +252,7 @@ class ForcePlus(LeafSystem):
         self.DeclareVectorOutputPort("control_force", 1, Calc)
 
 
+@pytest.mark.slow
 def test_a_block_that_does_not_convert_is_differentiated_and_named():
     """The law is a plain LeafSystem, with a sine whose length is 2 mm per radian."""
     curved = ForcePlus(lambda r, v: np.sin(r / 0.002))

@@ -367,6 +367,7 @@ def test_roots_of_a_predictor_by_hand(layer, k, d, T):
         assert abs(step) < 1e-5 * max(abs(s), 0.1)
 
 
+@pytest.mark.slow
 def test_exact_predictor_has_the_roots_without_delay():
     """The roots are the same at every delay, and none crosses the axis."""
     tissue = Analyze("one_dof", "smith_predictor")["tissue"]
@@ -512,6 +513,7 @@ def test_device_with_feedthrough_keeps_a_margin():
     )
 
 
+@pytest.mark.slow
 def test_chart_of_a_scenario_key():
     chart = ChartStability(
         "one_dof",

@@ -123,6 +123,7 @@ def AssertBadInput(exit_code, out, err):
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 @given(overrides())
 def test_run(case):
     name, pairs = case

@@ -239,6 +239,7 @@ def test_run_writes_files(capsys, unrendered):
     assert not Path("/dev/null").is_file()
 
 
+@pytest.mark.slow
 def test_compare(capsys, unrendered):
     every = MakeParser().parse_args(["compare", "one_dof", "--controllers", "all"])
     assert ControllersOf(every) == list(ARCHITECTURES)

@@ -63,6 +63,7 @@ def test_the_site_needs_pdoc(tmp_path, capsys, monkeypatch):
     assert "pip install 'teleop-drake[docs]'" in line
 
 
+@pytest.mark.slow
 def test_each_page_has_a_side_bar_with_all_titles(tmp_path):
     """A site without what takes long; it opens under any path."""
     Site(tmp_path, [], print).Write()

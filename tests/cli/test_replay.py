@@ -54,6 +54,7 @@ def test_recordings_stand_in_one_scene(recording, capsys):
     assert Runs("c.html") == ["a", "d"]
 
 
+@pytest.mark.slow
 def test_run_and_compare_write_a_page(monkeypatch, capsys):
     for command in (run, compare):
         monkeypatch.setattr(

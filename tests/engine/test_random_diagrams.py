@@ -34,6 +34,7 @@ def AssertSame(seed, others=(InDrake,)):
     return errors[name]
 
 
+@pytest.mark.slow
 def test_a_diagram_is_the_same_everywhere():
     assert AssertSame(105) < 1e-8
 

@@ -97,6 +97,7 @@ def test_bars_of_two_controllers_are_told_apart():
     assert labels[0] == "direct force, tissue" and len(set(labels)) == 8
 
 
+@pytest.mark.slow
 def test_chart_has_a_panel_for_each_point():
     chart = ChartStability(
         "one_dof",

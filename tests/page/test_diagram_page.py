@@ -238,6 +238,7 @@ def test_a_delay_of_a_context_may_be_0():
     assert recording.termination == "completed"
 
 
+@pytest.mark.slow
 def test_plants_are_drawn_as_frames_and_links(look, tmp_path):
     builder = DiagramBuilder()
     plant = builder.AddSystem(SerialArm([0.5, 0.3]))

@@ -28,6 +28,7 @@ def Sentences(delay):
     return " ".join(RunSentence(simulate(scenario)) for scenario in scenarios)
 
 
+@pytest.mark.slow
 def test_what_each_run_did_stands_under_the_title(seen):
     assert (
         "Direct force went through the tissue at 2.1 s and ran away after 2.2 s. "
@@ -75,6 +76,7 @@ def own_page(tmp_path_factory):
     return page
 
 
+@pytest.mark.slow
 def test_a_controlled_position_is_compared_with_its_reference(look, own_page):
     """The spring of 1 and kp = 49 leave 49/50 of the reference."""
     said = look(own_page, "outcome.js")["first"]

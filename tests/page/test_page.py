@@ -389,6 +389,7 @@ def test_metrics_of_a_page_are_those_of_its_own_rows(look, tmp_path, name, kinds
         assert found == [(x.name, pytest.approx(x.time, rel=1e-13)) for x in events]
 
 
+@pytest.mark.slow
 def test_any_diagram_is_a_page_without_a_model(look, tmp_path):
     builder = DiagramBuilder()
     builder.AddNamedSystem("own", leaves.Assigns())

@@ -189,6 +189,7 @@ def test_every_color_is_legible(index):
         assert Contrast(bytes.fromhex(color), bytes.fromhex(paper[1:])) >= 4.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("is_dark", [False, True], ids=["light", "dark"])
 def test_everybody(look, page, is_dark):
     seen = look(page, "everybody.js", is_dark=is_dark)
@@ -253,6 +254,7 @@ def test_a_link_is_a_state(look, page):
         assert seen["scopes"] == ["robot:tool_position", "master:forward_packet"]
 
 
+@pytest.mark.slow
 def test_a_link_that_is_wrong_is_reported(look, page):
     seen = look(page, "link.js", link="#delay=9&controller=none&show=nothing&t=1")
     assert seen["cursor"] == 1 and seen["delay"] == 0.1

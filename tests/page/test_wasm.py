@@ -47,6 +47,7 @@ VARY = {"environment.layers.bone.stiffness": (50.0, 400.0)}
 VARY["surgeon.kind"] = ["constant_velocity", "sine"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "more", "vary"),
     [

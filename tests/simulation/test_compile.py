@@ -307,6 +307,7 @@ def test_what_drake_runs_is_not_compiled():
         Compile(system, context=context, duration=1.0)
 
 
+@pytest.mark.slow
 def test_a_law_without_a_kernel_is_compiled_as_it_stands():
     scenario = Load("one_dof", "own_kinds:BrakedForce", duration=1.0)
     recording = Compile(scenario).Run()

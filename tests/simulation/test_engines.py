@@ -20,6 +20,7 @@ from teleop_drake.teleoperator import MakeTeleoperator
 pytestmark = pytest.mark.xdist_group("machine_code")
 
 
+@pytest.mark.slow
 def test_a_run_that_is_too_fast_ends_at_its_limit():
     scenario = LoadScenario(
         "one_dof",

@@ -136,7 +136,9 @@ def test_a_recording_without_scenario_shows_itself_or_refuses(subtests):
     ):
         with (
             subtests.test(refused=refused),
-            pytest.raises(ScenarioError, match=r"^recordings?.scenario = null: must be"),
+            pytest.raises(
+                ScenarioError, match=r"^recordings?.scenario = null: must be"
+            ),
         ):
             refused()
 

@@ -47,6 +47,7 @@ def test_the_ends_are_the_margins_of_the_analysis():
             assert 2 * end == pytest.approx(point.margin.delay, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_another_delay_counts_as_well():
     forward = Find("forward_delay", (*COMMANDING, "return_channel.delay=0.1"))
     for name, ends in Find().items():
@@ -68,6 +69,7 @@ def test_on_the_bone_it_is_the_loop_of_the_runs():
         np.testing.assert_array_equal(holding[name], ends)
 
 
+@pytest.mark.slow
 def test_loop_that_is_not_known_has_no_boundary():
     kind = "surgeon.kind=own_kinds:FadingConfig"
     plan = PlanSweep("one_dof", {"robot.mass": [0.5], "delay": [0.1]}, overrides=[kind])

@@ -658,6 +658,7 @@ def Outcome(peak, settling_time=1.0, status="completed"):
     return {"status": status, "metrics": metrics}
 
 
+@pytest.mark.slow
 def test_plot_against_delay():
     def MakeRecord(controller, delay):
         if delay == 0.3:

@@ -101,6 +101,7 @@ def test_margins_are_those_of_the_analysis(report):
     assert waves.margin == math.inf
 
 
+@pytest.mark.slow
 def test_runs_are_those_of_each_policy(report):
     loop = report.loops[0]
     assert list(loop.outcomes) == ["newest", "playout", "extrapolate"]

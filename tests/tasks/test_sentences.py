@@ -44,6 +44,7 @@ def test_a_contact_and_its_rest(adaptive):
     )
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -85,6 +86,7 @@ def test_how_a_run_ends(adaptive, termination, reason, words):
     assert EndInWords(run) == words
 
 
+@pytest.mark.slow
 def test_commands_and_notebooks_have_the_sentence(adaptive, capsys, tmp_path):
     sentence = RunSentence(adaptive)
     options = ["--controllers", "adaptive_backstepping", "--quiet"]

@@ -34,6 +34,7 @@ def test_networks_of_the_position_cannot_say_the_rate_of_a_spring(thesis_runs, n
     assert UnlearnedShare(recording) > 0.99
 
 
+@pytest.mark.slow
 def test_where_they_learn_adaptation_matters(thesis_runs):
     run, silent = (thesis_runs(LEARNING, x).recording for x in ({}, NO_ADAPTATION))
     drift = WeightDrift(run.teleoperation, INSIDE)

@@ -90,6 +90,7 @@ def Verdicts(key, runs):
     return {claim.key: claim.Judge(runs).verdict for claim in claims}
 
 
+@pytest.mark.slow
 def test_every_row_is_complete(rows, ledger):
     assert len(rows) == len(ledger), "keys are unique"
     for row in rows.values():

@@ -82,6 +82,7 @@ def test_a_figure_of_a_run_is_live(seen):
     assert min(seen["curves"]) > 10
 
 
+@pytest.mark.slow
 def test_a_damper_runs_beside_the_controllers_of_the_thesis(seen, thesis_runs):
     """What each of the three did is said in the words of the package."""
     kinds = ["direct_force", "adaptive_backstepping", "damped_force"]

@@ -120,6 +120,7 @@ def test_select_figures(subtests):
             SelectFigures(only)
 
 
+@pytest.mark.slow
 def test_command(tmp_path, monkeypatch, capsys, unrendered):
     monkeypatch.chdir(tmp_path)
     assert main(["reproduce", "--only", "2.4, 2.1"]) == 0

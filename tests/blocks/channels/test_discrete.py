@@ -70,6 +70,7 @@ def test_analyze_names_its_mean_delay():
     assert any("mean delay (n + 1/2) h is 0.11 s" in note for note in analysis.notes)
 
 
+@pytest.mark.slow
 def test_it_runs_in_a_page():
     page = MakePage(Scenario(), controllers=["direct_force"])
     assert page.notes is not None

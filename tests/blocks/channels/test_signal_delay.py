@@ -178,6 +178,7 @@ def test_conveyor(name, length, engine="compiled", within=2e-6):
     assert np.median(error) < 1e-11
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize(
     "diagram",
     [

@@ -217,6 +217,7 @@ def late_sine(profile):
     return builder.Build()
 
 
+@pytest.mark.mostly_slow
 @pytest.mark.parametrize("profile", BEFORE.values(), ids=BEFORE)
 @pytest.mark.parametrize("engine", ["drake", "compiled"])
 def test_a_run_that_begins_before_time_0_has_the_delay_of_the_profile(profile, engine):

@@ -135,6 +135,7 @@ def test_equation_of_the_solid():
     np.testing.assert_allclose(now.Rate(), [(0.03 - 0.01) / 2.0], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_tool_that_rests_on_friction_creeps_in_the_linear_model():
     """With the damping mu F_n/v_s along the wall, on top of what there is without."""
     wall = "start: 1.0, stiffness: 150, creep_speed: 0.001"

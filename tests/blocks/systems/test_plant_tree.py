@@ -90,6 +90,7 @@ def _frames(plant, ends):
     )
 
 
+@pytest.mark.slow
 @given(
     st.integers(0, 2**31),
     st.lists(st.sampled_from("rrppw"), min_size=1, max_size=10),
