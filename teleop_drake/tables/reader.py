@@ -162,7 +162,7 @@ def OfFrame(frame: "pandas.DataFrame", origin: str) -> Table:
     """Returns the table of a DataFrame; a column of vectors becomes several columns.
 
     Raises:
-        ScenarioError: If there is no row, or a name stands twice.
+        ScenarioError: If there is no row or column, or a name stands twice.
     """
     import pandas
 
@@ -175,6 +175,8 @@ def OfFrame(frame: "pandas.DataFrame", origin: str) -> Table:
         for i, part in enumerate(parts):
             names.append(f"{name}_{i}" if len(parts) > 1 else str(name))
             columns[names[-1]] = part
+    if not names:
+        raise ScenarioError(f"{origin}: must have columns, and its rows are empty")
     _CheckNames(names, origin)
     joined, units = JoinStamps(pandas.DataFrame(columns).reset_index(drop=True))
     return Table(
