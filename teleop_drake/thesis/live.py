@@ -74,13 +74,20 @@ def Laboratory(task: str, claims: Sequence[Claim]) -> dict[str, Any]:
         task, controllers=_KINDS, vary=SLIDERS[task], overrides=_AGAINST_COMMAND
     )
     data = page.data
+    sliders = [x for x in data["inputs"] if not x["isField"]]
+    names = {x["name"] for x in sliders}
     network = AsTeleoperation(LoadScenario(task)).controller.network.MakeNetwork()
     return {
         "name": task,
-        "inputs": data["inputs"],
-        # The report shows no block diagrams.
+        "inputs": sliders,
+        # The report shows no block diagrams, and so no fields.
         "controllers": [
-            {**loop, "levels": [], "title": _TITLES.get(loop["kind"], loop["title"])}
+            {
+                **loop,
+                "levels": [],
+                "title": _TITLES.get(loop["kind"], loop["title"]),
+                "changes": {x: y for x, y in loop["changes"].items() if x in names},
+            }
             for loop in data["controllers"]
         ],
         "network": {

@@ -61,7 +61,8 @@ def test_a_minute_without_instruction(look, page):
 
 @pytest.mark.slow
 def test_three_things_to_try_set_the_sliders(look, page):
-    *three, (back, *values, _) = look(page, "minute.js")["tries"]
+    *three, (back, *values, _), (guess, *_) = look(page, "minute.js")["tries"]
+    assert guess == "Guess first"
     assert three == [
         ["0 s late", 0, 0, ": two controllers, 0 s late"],
         ["0.3 s late", *2 * [pytest.approx(0.3)], ": two controllers, 0.3 s late"],

@@ -49,7 +49,9 @@ function triesOf({ delay, forward_delay: forward, return_delay: back, ...others 
 // Makes the buttons of the settings to try, and one that restores the first values.
 export function makeTries() {
   const set = async (values) => {
-    for (const [name, value] of Object.entries(values)) await setInput(name, value);
+    for (const [name, value] of Object.entries(values)) {
+      if (state.inputs[name].value !== value) await setInput(name, value);
+    }
   };
   const first = Object.entries(state.inputs).map(([name, { value }]) => [name, value]);
   const tries = triesOf(state.inputs);
