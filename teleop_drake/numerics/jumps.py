@@ -38,7 +38,7 @@ def find_jumps(
     kink then becomes smooth, and a jump does not.
 
     Args:
-        function: The values (k) at a time in s.
+        function: The values (k) at a time in s; NaN where it is not defined.
         begin: The begin of the interval, s.
         end: The end of the interval, s.
         parts: The number of equal parts into which the interval is divided first. A
@@ -49,7 +49,10 @@ def find_jumps(
     """
     edges = np.linspace(begin, end, 4 * parts + 1)
     values = np.array([function(t) for t in edges.tolist()])
-    size = np.ptp(values, axis=0)
+    is_defined = np.isfinite(values).all(axis=1)
+    if not is_defined.any():
+        return []
+    size = np.ptp(values[is_defined], axis=0)
     ahead = [
         (edges[i : i + 5], values[i : i + 5]) for i in range(4 * (parts - 1), -1, -4)
     ]
@@ -57,6 +60,8 @@ def find_jumps(
     num_intervals = 0
     while ahead:
         t, y = ahead.pop()
+        if not np.isfinite(y).all():
+            continue
         if np.all(np.abs(_FOURTH_DIFFERENCE @ y) <= _SMOOTH * size):
             continue
         num_intervals += 1

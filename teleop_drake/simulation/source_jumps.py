@@ -78,9 +78,16 @@ class _Source:
         self._context.SetTimeStateAndParametersFrom(own)
 
     def At(self, time: float) -> Array:
-        """Returns the values of the outputs at a time in s."""
+        """Returns the values of the outputs at a time in s; NaN if there are none.
+
+        The time may be behind the end of the run, where a user's code may fail. If the
+        run itself gets there, Drake raises the error.
+        """
         self._context.SetTime(time)
-        return np.concatenate([port.Eval(self._context) for port in self._ports])
+        try:
+            return np.concatenate([port.Eval(self._context) for port in self._ports])
+        except Exception:  # noqa: BLE001  # The code is a user's.
+            return np.full(sum(port.size() for port in self._ports), np.nan)
 
 
 def _IsSource(system: System) -> bool:

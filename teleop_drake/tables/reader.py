@@ -150,6 +150,7 @@ def OfRecords(records: Any, origin: str) -> Table:
         else:
             frame = pandas.json_normalize(records)
     except (AttributeError, NotImplementedError, TypeError, ValueError):
+        # pandas raises any of these for JSON that is no table.
         frame = pandas.DataFrame()
     if frame.empty:
         raise ScenarioError(

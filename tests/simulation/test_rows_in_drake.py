@@ -218,3 +218,26 @@ def test_a_delay_has_the_jump_of_a_function_in_python():
 def test_a_source_of_noise_is_no_source_of_jumps():
     diagram = chain(Noise(), TransportDelay(0.1, 1))
     assert simulate(diagram, duration=0.3).termination == "completed"
+
+
+class Table(LeafSystem):
+    """A table of a value for each 0.25 s of a run of 1 s, and none behind it."""
+
+    def __init__(self):
+        LeafSystem.__init__(self)
+        values = [0.0, 2.0, 2.0, 2.0, 2.0]
+        self.DeclareVectorOutputPort(
+            "y",
+            1,
+            lambda context, y: y.SetFromVector(
+                [values[int(context.get_time() // 0.25)]]
+            ),
+            prerequisites_of_calc={self.time_ticket()},
+        )
+
+
+def test_a_source_may_end_with_the_run():
+    """Its jump at 0.25 s is found, although the search goes on behind the end."""
+    diagram = chain(Table(), TransportDelay(0.1, 1), Integrator(1))
+    recording = simulate(diagram, duration=1.249, engine="drake")
+    assert recording["y"][-1, 0] == pytest.approx(2 * (1.249 - 0.35), abs=1e-8)
