@@ -186,14 +186,18 @@ def test_fronts_and_their_volume():
 
 @pytest.mark.parametrize("name", Slow(["waves", "adaptive", "linear core"]))
 def test_the_felt_stiffness_is_that_of_the_analysis(name):
-    """On each bone, although the two-port is computed once."""
+    """On each bone, although the two-port is computed once, at the bone of 150 N/m.
+
+    The slopes of the adaptive law depend on the depth at rest a little.
+    """
+    close = 1e-5 if name == "adaptive" else 1e-9
     port = TwoPort(ENTRIES[name], {}, 0.1)
     for bone in BONES:
         key = "environment.layers.bone.stiffness"
         scenario = OneAxis(ENTRIES[name], {key: bone}, 0.1)
         felt = FeltStiffness(scenario, OperatingPoints(scenario)[-1], BAND)
         found = port.StiffnessLoss(BAND, 0.1, bone)
-        assert found == pytest.approx(np.abs(1 - felt / bone), rel=1e-6)
+        assert found == pytest.approx(np.abs(1 - felt / bone), rel=close)
 
 
 def test_what_direct_force_lets_feel():
@@ -403,7 +407,8 @@ def test_a_search_is_done_once(tmp_path, monkeypatch):
 
     def FewRuns(study, entry):
         runs = Runs(study, entry)
-        runs.plans = {"one_dof-delay": runs.plans["one_dof-delay"]}
+        title = {"league": "one_dof", "league_held_out": "one_dof-delay"}[study]
+        runs.plans = {title: runs.plans[title]}
         return runs
 
     monkeypatch.setattr(compete, "Runs", FewRuns)

@@ -324,8 +324,9 @@ class Evaluator:
             context = contexts[block.system]
             try:
                 if IsReadable(block.system, context):
-                    self._readers[i] = LeafReader(block.system)
-                    kernels[i] = ReadLeaf(self._readers[i], context)
+                    reader = LeafReader(block.system)
+                    kernels[i] = ReadLeaf(reader, context)
+                    self._readers[i] = reader
                 else:
                     kernels[i] = KernelOf(block.system, context)
             except UnsupportedSystem as error:
