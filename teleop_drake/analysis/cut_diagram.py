@@ -27,7 +27,7 @@ from teleop_drake.analysis.dual_diagram import (
     Twin,
 )
 from teleop_drake.arrays import Array
-from teleop_drake.blocks.environments import SurfacesOf
+from teleop_drake.blocks.environments.surface import SurfacesOf
 from teleop_drake.contexts import ContextsIn, DiscreteState, SetDiscreteState
 from teleop_drake.engine.flatten import Block, Flatten, OutputOf, Reached, Source
 from teleop_drake.kernel import KernelIn

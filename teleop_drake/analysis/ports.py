@@ -32,7 +32,7 @@ from teleop_drake.analysis.cut_diagram import (
 from teleop_drake.analysis.port_model import PortModel
 from teleop_drake.analysis.sampled_model import HeldIn, MakeSampledLoop, SampledModel
 from teleop_drake.arrays import Array
-from teleop_drake.blocks.environments import SurfacesOf
+from teleop_drake.blocks.environments.surface import SurfacesOf
 from teleop_drake.engine.flatten import Block
 from teleop_drake.kernel.linear_part import LinearPartOf, Sampling
 from teleop_drake.numerics.state_space import close_loops

@@ -86,7 +86,7 @@ def Table(
         is_verbose: Whether to show all metrics and the solver's statistics, with a
             column for each run.
     """
-    from teleop_drake.figures.style import ShortLabels
+    from teleop_drake.figures.labels import ShortLabels
     from teleop_drake.sweep import SelectMetrics
     from teleop_drake.tasks.metrics import FlattenMetrics, MetricUnits
 
@@ -171,7 +171,7 @@ def SweepTable(result: "TaskSweepResult", metrics: Sequence[str] = ()) -> str:
     Args:
         metrics: Names of metrics; by default, the most used ones that the runs have.
     """
-    from teleop_drake.figures.style import ValueLabel
+    from teleop_drake.figures.labels import ValueLabel
 
     units = result.units
     shown = {metric: units[metric] for metric in metrics or result.Metrics()}

@@ -24,6 +24,7 @@ from teleop_drake.analysis.transparency import FeltStiffness, Transparency
 from teleop_drake.arrays import Array, ComplexArray, Interval
 from teleop_drake.blocks.environments import ShownNormal
 from teleop_drake.figures import style
+from teleop_drake.figures.labels import AxisLabel
 from teleop_drake.figures.layout import MakeMultiples, Panels
 from teleop_drake.figures.port_models import Model, PlotModelBode, PlotModelNyquist
 from teleop_drake.figures.style import GREY, AddLegend, Figure, Key, RunKeys, RunStyle
@@ -288,7 +289,7 @@ def PlotStabilityChart(chart: StabilityChart) -> Figure:
         Refuse(chart.key, chart.values, "a list of two values or more")
     names = chart.PointNames()
     panels = {name: [name] for name in names}
-    label = style.AxisLabel(chart.key)
+    label = AxisLabel(chart.key)
     if chart.key == POSITION:
         # The operating points lie along one path, which has one panel.
         commanding = chart.PointNames(with_force_mode=False)

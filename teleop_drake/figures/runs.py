@@ -21,6 +21,7 @@ from teleop_drake.arrays import Array, Interval
 from teleop_drake.blocks.environments import CONTACT, PUNCTURE
 from teleop_drake.figures import style
 from teleop_drake.figures.curves import Curve, RangeOf, SampleCurve, TimeLimits
+from teleop_drake.figures.labels import ShortLabels
 from teleop_drake.figures.layout import MakePanels
 from teleop_drake.figures.saving import SaveFigure
 from teleop_drake.figures.selection import CheckRecordings, SelectRows, SelectTime
@@ -414,7 +415,7 @@ def _TitleMultiples(
 def _RunKeys(recordings: Mapping[str, Recording]) -> list[Line2D]:
     """Returns the legend entries of runs, with the times at which they diverge."""
     keys = []
-    names = style.ShortLabels(list(recordings))
+    names = ShortLabels(list(recordings))
     for i, (name, run) in enumerate(zip(names, recordings.values(), strict=True)):
         end = _Divergence(run)
         cross = style.EndStyle(i) if end else {}

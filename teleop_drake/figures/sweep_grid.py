@@ -12,6 +12,14 @@ from matplotlib.lines import Line2D
 
 from teleop_drake.arrays import Array, Interval
 from teleop_drake.figures import style
+from teleop_drake.figures.labels import (
+    DELAYS,
+    AxisLabel,
+    IsNumber,
+    LabelOfValue,
+    ShortLabels,
+    ValueLabel,
+)
 from teleop_drake.figures.layout import MakePanels, Panels
 from teleop_drake.figures.style import FONT_SIZE, Figure, Key
 from teleop_drake.signals import ScaleAndUnit
@@ -60,8 +68,8 @@ class SweepGrid:
         controller = [key for key in axes if key in CONTROLLERS][:1]
         numeric = [
             key
-            for key in (*style.DELAYS, *axes)
-            if key in axes and key != SEED and all(map(style.IsNumber, axes[key]))
+            for key in (*DELAYS, *axes)
+            if key in axes and key != SEED and all(map(IsNumber, axes[key]))
         ]
         # The horizontal axis: controllers, or the first varied key with numbers.
         self.x_names: list[str] = []
@@ -70,7 +78,7 @@ class SweepGrid:
             kinds = axes.get(self.x_key, [""])
             if not self.x_key and isinstance(result, TaskSweepResult):
                 kinds = [result.scenario.controller.kind]
-            self.x_names = [style.ValueLabel(x).replace(" ", "\n", 1) for x in kinds]
+            self.x_names = [ValueLabel(x).replace(" ", "\n", 1) for x in kinds]
             x = np.arange(float(len(kinds)))
         elif numeric:
             self.x_key = next((key for key in numeric if key in varied), numeric[0])
@@ -124,7 +132,7 @@ class SweepGrid:
             ax.remove()
         panels = axes.flat[:total].reshape(num_metrics, num_panels)
         for ax in panels.flat[-across:]:
-            ax.set_xlabel("" if self.x_names else style.AxisLabel(self.x_key))
+            ax.set_xlabel("" if self.x_names else AxisLabel(self.x_key))
             ax.tick_params(labelbottom=True)
             if self.x_names:
                 ax.set_xticks(self.x, self.x_names)
@@ -138,7 +146,7 @@ class SweepGrid:
     def AddTitles(self, panels: Panels, num_marks: int = 0) -> None:
         """Writes the values of each panel above it and above the rows of marks."""
         for (_, i), ax in np.ndenumerate(panels):
-            names = itertools.starmap(style.LabelOfValue, self.panel_points[i].items())
+            names = itertools.starmap(LabelOfValue, self.panel_points[i].items())
             ax.set_title(
                 ", ".join(names) or " ",  # A blank title reserves room for the marks.
                 fontsize=FONT_SIZE,
@@ -158,10 +166,10 @@ class SweepGrid:
     def LineCoordinates(self) -> tuple[Array, list[str] | None]:
         """Returns the places of the lines on an axis, with names if they are words."""
         values = self.line_values
-        if all(map(style.IsNumber, values)) and list(values) == sorted(values):
+        if all(map(IsNumber, values)) and list(values) == sorted(values):
             return np.array(values, dtype=float), None
         places = np.arange(float(len(values)))
-        return places, [style.ValueLabel(value) for value in values]
+        return places, [ValueLabel(value) for value in values]
 
     def LineHandles(self) -> list[Line2D]:
         """Returns the legend entries of the lines."""
@@ -169,10 +177,10 @@ class SweepGrid:
         step = math.ceil(len(values) / MAX_NAMED_LINES)
         # A few of many lines are enough to show their order.
         lines = [i for i in range(len(values)) if i % step == 0 or i == len(values) - 1]
-        labels = [style.LabelOfValue(self.line_key, values[i]) for i in lines]
+        labels = [LabelOfValue(self.line_key, values[i]) for i in lines]
         return [
             Key(label, **self.LineStyle(i))
-            for i, label in zip(lines, style.ShortLabels(labels), strict=True)
+            for i, label in zip(lines, ShortLabels(labels), strict=True)
         ]
 
 

@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 
 from teleop_drake.arrays import Array, Interval
 from teleop_drake.figures import style
+from teleop_drake.figures.labels import AxisLabel
 from teleop_drake.figures.layout import Panels
 from teleop_drake.figures.style import FONT_SIZE, GREY, SMALL_FONT_SIZE, Figure, Key
 from teleop_drake.figures.sweep_grid import SEQUENCE, MetricScale, SweepGrid
@@ -162,7 +163,7 @@ def _Finish(
     # Titles and labels, a note below the map on boundaries outside of it, the legend.
     grid.AddTitles(panels)
     for ax in panels[:, :: grid.num_columns].flat:
-        ax.set_ylabel(style.AxisLabel(grid.line_key))
+        ax.set_ylabel(AxisLabel(grid.line_key))
     notes = []
     for name, fate in fates.items():
         if fate:

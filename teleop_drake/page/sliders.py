@@ -6,7 +6,7 @@ from numbers import Real
 from typing import Any
 
 from teleop_drake.engine.flatten import AlgebraicLoop
-from teleop_drake.figures.style import AxisLabel
+from teleop_drake.figures.labels import AxisLabel
 from teleop_drake.page.inputs import CheckSums, FindChange, Input, Maker, NotSums
 from teleop_drake.scenario import AnyScenario, ScenarioError
 from teleop_drake.scenario.overrides import ALIASES

@@ -6,7 +6,8 @@ import pytest
 from matplotlib.colors import to_hex
 
 from teleop_drake import Figure, Sweep
-from teleop_drake.figures.style import COLORS, ShortLabels
+from teleop_drake.figures.labels import ShortLabels
+from teleop_drake.figures.style import COLORS
 
 
 def test_a_figure_of_ones_own_has_the_colours_and_open_axes():

@@ -9,7 +9,6 @@ from pydrake.multibody import tree as multibody
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
-from teleop_drake.laws.task_space import Tool
 from teleop_drake.numerics.rigid_body import RigidBodyTree
 from teleop_drake.validation import ScenarioError
 
@@ -101,24 +100,6 @@ def ReadPlantTree(plant: MultibodyPlant, context: Context) -> PlantTree:
         i = motor.joint().velocity_start()
         tree.rotor_inertias[i] += motor.calc_reflected_inertia(at_zero)
     return PlantTree(tree, poses)
-
-
-def ReadTool(plant: MultibodyPlant, frame_name: str, num_axes: int) -> Tool:
-    """Returns the tool of a plant, as the laws of laws.task_space take it.
-
-    Args:
-        plant: The plant.
-        frame_name: Name of the frame whose origin is the tool.
-        num_axes: n, number of task axes.
-
-    Raises:
-        ScenarioError: If ReadPlantTree() cannot read the plant.
-    """
-    read = ReadPlantTree(plant, plant.CreateDefaultContext())
-    frame = plant.GetFrameByName(frame_name)
-    link, X_LB = read.poses[int(frame.body().index())]
-    X_LT = X_LB @ frame.GetFixedPoseInBodyFrame()
-    return Tool(read.tree, link, X_LT.GetAsMatrix34(), num_axes)
 
 
 def SpatialJacobian(plant: Any, context: Any, frame: Any) -> Any:

@@ -118,7 +118,7 @@ def _Names(plan: "SweepPlan") -> dict[str, str]:
     If other fields vary but the controller does not, labels omit the controller, which
     the headlines show.
     """
-    from teleop_drake.figures.style import LabelOfValue
+    from teleop_drake.figures.labels import LabelOfValue
 
     has_controllers = len(plan.axes.get("controller", ())) > 1 or len(plan.axes) == 1
     names = {}
