@@ -12,7 +12,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from teleop_drake import blocks
-from teleop_drake.upper import ProvideUpperFunctions
 
 if TYPE_CHECKING:
     from teleop_drake.analysis.delay_map import DelayMargins
@@ -113,8 +112,8 @@ __all__ = [
     *blocks.__all__,
 ]
 
-# The names that each module defines: those of __all__, and functions that only lower
-# rooms call. teleop_drake.blocks has a table for the blocks.
+# The names that each module defines: those of __all__, and RecordingHtml.
+# teleop_drake.blocks has a table for the blocks.
 _PLACES = {
     "analysis.delay_map": ["DelayMargins"],
     "analysis.energy": ["TwoPortEnergyBalance"],
@@ -138,7 +137,7 @@ _PLACES = {
     "figures.block_diagram": ["WriteDiagram"],
     "figures.runs": ["PlotComparison", "PlotRun", "SaveFigure"],
     "figures.scene": ["MakeReplay"],
-    "page": ["DiagramPage", "Explore", "MakePage", "WritePage"],
+    "page": ["Explore", "MakePage", "WritePage"],
     "parameters": ["NamedParameters"],
     "recording": ["Recording"],
     "scenario": [
@@ -168,10 +167,7 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-ProvideUpperFunctions(__getattr__)
-
-
 def __dir__() -> list[str]:
     """Returns the names of the package, including those not imported yet."""
-    hidden = {"Any", "ProvideUpperFunctions", "TYPE_CHECKING", "import_module"}
+    hidden = {"Any", "TYPE_CHECKING", "import_module"}
     return sorted({*globals(), *__all__} - hidden)

@@ -1,5 +1,6 @@
 """The record of a simulation: plain arrays, events and solver statistics."""
 
+import html
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -16,7 +17,6 @@ from teleop_drake.numerics.step_polynomials import (
     part,
     straight_steps,
 )
-from teleop_drake.upper import UpperFunction
 from teleop_drake.validation import CheckKind, Choices, Show
 
 if TYPE_CHECKING:
@@ -196,8 +196,9 @@ class Recording:
         return "a diagram"
 
     def _repr_html_(self) -> str:
-        """Returns the HTML for a notebook: the metrics and a small figure."""
-        return str(UpperFunction("RecordingHtml")(self))
+        """Returns the HTML for a notebook: what was run, and the notes."""
+        texts = [repr(self), self.reason, *self.notes]
+        return "".join(f"<p>{html.escape(text)}</p>" for text in texts if text)
 
     def _ipython_key_completions_(self) -> list[str]:
         """Returns the names of the signals, for the tab key after `recording["`."""

@@ -1,5 +1,6 @@
 """The recording of a scenario's run, with what its task has to know."""
 
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +40,12 @@ class TaskRecording(Recording):
     def _Subject(self) -> str:
         """Returns the scenario and the controller."""
         return f"{self.scenario.name}, {self.scenario.controller.kind}"
+
+    def _repr_html_(self) -> str:
+        """Returns the HTML for a notebook: the metrics and a small figure."""
+        # Figures are a floor above. The root of the package imports them when needed.
+        root = sys.modules["teleop_drake"]
+        return str(root.RecordingHtml(self))
 
     def Components(self, name: str, size: int) -> list[Any]:
         """Returns the names of a packet's components; numbers for other signals."""

@@ -33,7 +33,6 @@ from teleop_drake.figures.delay_wires import DelayWires, MarginsOf
 from teleop_drake.figures.dot_fragments import NUMBERED, Fragment, FragmentOf, Rows
 from teleop_drake.files import Replacing
 from teleop_drake.signals import CheckSystem, PathsIn
-from teleop_drake.upper import UpperFunction
 from teleop_drake.validation import Refuse
 from teleop_drake.wiring import InputPorts, OutputPorts
 
@@ -288,7 +287,9 @@ def WriteDiagram(
     if suffix == ".html":
         if margins is not None:
             Refuse("delay_margins", "given", "left out of a page")
-        content = UpperFunction("DiagramPage")(system).html.encode()
+        from teleop_drake.page import DiagramPage  # Pages show diagrams.
+
+        content = DiagramPage(system).html.encode()
     else:
         dot = DiagramDot(system, max_depth=max_depth, delay_margins=margins)
         content = dot.encode()

@@ -14,7 +14,7 @@ from teleop_drake.figures.runs import PlotRun
 from teleop_drake.figures.saving import DescribeFigure
 from teleop_drake.recording import Recording
 from teleop_drake.sweep import FlattenMetrics, MetricUnits
-from teleop_drake.task_recording import CheckTaskRecording, TaskRecording
+from teleop_drake.task_recording import TaskRecording
 from teleop_drake.tasks import TaskOf
 from teleop_drake.tasks.metrics import MissingInWords, RunSentence, RunSummary
 
@@ -49,22 +49,22 @@ def ShowDiagram(system: System, max_depth: int = 1) -> None:
     display.display(display.HTML(root + svg.partition("<svg ")[2]))
 
 
-def RecordingHtml(recording: Recording) -> str:
+def RecordingHtml(recording: TaskRecording) -> str:
     """Returns a run as HTML: a summary line, notes, a table of metrics and a figure.
 
     Args:
         recording: A run; without a finite sample, it has no table and no figure.
     """
-    texts = [repr(recording), recording.reason, *recording.notes]
+    text = Recording._repr_html_(recording)
     try:
-        run = CheckTaskRecording("recording", recording)
-        table = _Table(run)
+        table = _Table(recording)
     except ValueError:
-        return _Paragraphs(texts)
-    title = _Paragraphs([RunSentence(run), *texts])
+        return text
+    sentence = html.escape(RunSentence(recording))
+    title = f"<p>{sentence}</p>{text}" if sentence else text
     buffer = io.BytesIO()
-    signals = _SIGNALS if TaskOf(run.scenario).controllers else None
-    figure = PlotRun(run, signals=signals, columns=1)
+    signals = _SIGNALS if TaskOf(recording.scenario).controllers else None
+    figure = PlotRun(recording, signals=signals, columns=1)
     figure.savefig(buffer, format="png", dpi=_DPI)
     image = base64.b64encode(buffer.getvalue()).decode()
     alternative = html.escape(DescribeFigure(figure), quote=True)
@@ -72,11 +72,6 @@ def RecordingHtml(recording: Recording) -> str:
         f'{title}<div style="display: flex; flex-wrap: wrap; gap: 1em">{table}'
         f'<img alt="{alternative}" src="data:image/png;base64,{image}"></div>'
     )
-
-
-def _Paragraphs(texts: Sequence[str]) -> str:
-    """Returns texts as HTML, without the empty ones."""
-    return "".join(f"<p>{html.escape(text)}</p>" for text in texts if text)
 
 
 def _Table(recording: TaskRecording) -> str:

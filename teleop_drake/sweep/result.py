@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from teleop_drake.arrays import Array, Record
-from teleop_drake.upper import UpperFunction
 from teleop_drake.validation import ScenarioError
 
 
@@ -81,7 +80,9 @@ class SweepResult:
             The figure of teleop_drake.figures.sweeps.PlotSweep(), which a notebook
             shows.
         """
-        return UpperFunction("PlotSweep")(self, *metrics)
+        from teleop_drake.figures.sweeps import PlotSweep  # Figures show sweeps.
+
+        return PlotSweep(self, *metrics)
 
     def Table(self) -> list[Record]:
         """Returns the rows of runs.csv, which `pandas.DataFrame` accepts.

@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
-from teleop_drake.blocks.systems.robot_tool import ReadTool
+from teleop_drake.blocks.robot_tool import ReadTool
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.laws.gaussian_network import GaussianNetwork, basis_functions
 from teleop_drake.laws.tracking import (

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 
 from teleop_drake.arrays import ArrayLike
-from teleop_drake.blocks.systems.robot_tool import ReadTool
+from teleop_drake.blocks.robot_tool import ReadTool
 from teleop_drake.kernel import FixedBlock, Kernel
 from teleop_drake.laws.task_space import (
     Tool,
