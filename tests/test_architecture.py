@@ -192,6 +192,62 @@ def test_unknown_modules_are_those_of_the_user():
     ]
 
 
+# What is done with any System of Drake's.
+OF_SYSTEMS = (
+    "simulation.simulate",
+    "simulation.system_run",
+    "simulation.compiled_system",
+    "simulation.drake_run",
+    "page.page",
+    "analysis.delay_map",
+    "analysis.ports",
+    "figures.block_diagram",
+)
+OF_SCENARIOS = re.compile(
+    r"teleop_drake\.(scenario|stations|task_recording|tasks|teleoperator|sweep"
+    r"|blocks\.(architectures|operators|robots|environments\.kinds))\b"
+)
+
+
+@functools.cache
+def ImportedWith(module: str) -> set[str]:
+    """Returns the modules and folders that a file imports outside of functions."""
+    path = PACKAGE.parent / f"{module.replace('.', '/')}.py"
+    if not path.exists():
+        path = path.with_suffix("") / "__init__.py"
+    found = set()
+    for node in ast.parse(Source(path)).body:
+        if isinstance(node, ast.ImportFrom):
+            found |= {node.module, *(f"{node.module}.{x.name}" for x in node.names)}
+    # The folder of a module is imported before it.
+    for name in found & MODULES:
+        parts = name.split(".")
+        found |= {".".join(parts[:i]) for i in range(2, len(parts))}
+    return found & MODULES
+
+
+def AllImportedWith(module: str) -> set[str]:
+    """Returns the modules that are imported with a module, directly or not."""
+    known: set[str] = set()
+    waiting = {f"teleop_drake.{module}"}
+    while waiting:
+        known |= waiting
+        waiting = set().union(*map(ImportedWith, waiting)) - known
+    return known
+
+
+@pytest.mark.parametrize("module", OF_SYSTEMS)
+def test_what_is_done_with_a_system_knows_no_scenario(module):
+    found = AllImportedWith(module)
+    assert "teleop_drake.signals" in found
+    assert not list(filter(OF_SCENARIOS.match, found))
+
+
+def test_a_scenario_that_is_imported_is_found():
+    found = AllImportedWith("page.scenario_page")
+    assert any(map(OF_SCENARIOS.match, found))
+
+
 # Mathematics: no Drake, names in snake_case.
 OF_NUMBERS = ("laws", "numerics")
 

@@ -56,6 +56,29 @@ def test_import_is_light():
     assert run.stdout == "['teleop_drake', 'teleop_drake.blocks'] False\n"
 
 
+OF_SCENARIOS = ("architectures", "operators", "robots", "scenario", "stations", "tasks")
+
+
+@pytest.mark.slow
+def test_the_page_of_a_system_imports_nothing_of_scenarios():
+    """tests/test_architecture.py reads the imports outside of functions only."""
+    code = """
+import sys
+from pydrake.systems.primitives import SymbolicVectorSystem
+from pydrake.symbolic import Variable
+from teleop_drake.page.page import MakePage
+x = Variable("x")
+system = SymbolicVectorSystem(state=[x], dynamics=[-x], output=[x])
+assert MakePage(system).data["controllers"]
+print(*{part for name in sys.modules for part in name.split(".") if "teleop" in name})
+"""
+    run = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert "parameters" in run.stdout.split()
+    assert not set(OF_SCENARIOS) & set(run.stdout.split())
+
+
 @pytest.mark.parametrize("name", dut.__all__)
 def test_names_are_those_of_their_files(name):
     value = getattr(dut, name)

@@ -22,7 +22,7 @@ class Page:
 
     Attributes:
         html: The content of the file.
-        data: The data in the file; see _Data() of page.py.
+        data: The data in the file; see DataOfRuns() of sliders.py.
         notes: Sentences on missing parts of the page, with reasons.
     """
 

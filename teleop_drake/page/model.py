@@ -16,7 +16,6 @@ from pydrake.systems.framework import Context, OutputPort, System
 
 from teleop_drake.arrays import Array
 from teleop_drake.blocks.environments.surface import Surface, SurfacesIn
-from teleop_drake.blocks.operators.hand import HandOperator
 from teleop_drake.engine.check import CheckRead
 from teleop_drake.engine.constants import ConstantValues
 from teleop_drake.engine.evaluator import Evaluator
@@ -53,6 +52,9 @@ _START = (
     *("steered.marks", "steered.jumps"),
 )
 
+PERIOD = 0.02
+"""The time between the sending of two packets that are drawn, s."""
+
 # The arrays of Memory that the page enlarges as a run needs more room.
 _GROWING = ("row_times", "row_ends", "rows", "breaks", "steered.jumps")
 
@@ -84,7 +86,8 @@ class Model:
         facts: Data for the page's script that no number changes: `reasons` (why a run
             ends at each of the bounds), `metrics` (the function of the script that
             computes them, see Task.page_metrics), `labels` (of the metrics, by name),
-            `has_constant_command` (as in Recording), the names of `surfaces` and
+            `has_constant_command` (as in Recording), `feed` (begin and size in y of a
+            hand's command; None without a hand), the names of `surfaces` and
             `materials`, and `draws` (of random sources: the time in s, the place in
             Memory.y and the new values of each).
         plants: The links of the MultibodyPlants to draw; see TreesIn().
@@ -134,7 +137,6 @@ class Model:
             "numbers": self.numbers,
             "ports": self.Ports(),
             "signals": self.Signals(),
-            "feed": self.Feed(),
             "references": self.References(),
             "levels": Levels(self.diagram),
         }
@@ -184,15 +186,6 @@ class Model:
                     unit = Unit(system, name, port.size())
                     result[f"{path}:{Visible(name)}"] = (place.start, size, unit)
         return result
-
-    def Feed(self) -> tuple[int, int] | None:
-        """Returns begin and size in y of the hand's command; None without a hand."""
-        evaluator = self.run.evaluator
-        for i, block in enumerate(evaluator.blocks):
-            if isinstance(block.system, HandOperator):
-                place = evaluator.program.fed[Source(i, "line")]
-                return place.start, place.stop - place.start
-        return None
 
     def References(self) -> list[tuple[int, int, int]]:
         """Returns what PID controllers compare, as places in y.
@@ -357,6 +350,7 @@ def _FactsOf(run: CompiledRun, surfaces: Sequence[Surface]) -> dict[str, Any]:
         "reasons": ["the run is not finite"],
         "metrics": "",
         "labels": {},
+        "feed": None,
         "draws": [[x.time, x.place.start, *x.value] for x in run.draws],
         "surfaces": [surface.name for surface in surfaces],
         "materials": [getattr(x.material, "name", "") for x in surfaces],

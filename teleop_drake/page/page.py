@@ -1,65 +1,46 @@
 """Writes the living diagram: one HTML file in which a block diagram simulates."""
 
-import dataclasses
 import inspect
-import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
-from importlib import metadata
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from pydrake.systems.framework import Context, System
 
 from teleop_drake.arrays import Array
-from teleop_drake.blocks.environments import Surface
-from teleop_drake.page.colors import PageColor
 from teleop_drake.page.diagram_inputs import MakeDiagramInputs
 from teleop_drake.page.document import Page
-from teleop_drake.page.fields import (
-    FieldNumbers,
-    FindFields,
-    FixedNumbers,
-    WithNumbers,
-)
-from teleop_drake.page.hand import HandData
-from teleop_drake.page.inputs import Input, Maker
-from teleop_drake.page.late_wires import LateWires, MarginsInto
+from teleop_drake.page.fields import FieldNumbers, FindFields, FixedNumbers
+from teleop_drake.page.late_wires import LateWires
 from teleop_drake.page.levels import Levels
 from teleop_drake.page.model import MakeModel, Model
 from teleop_drake.page.plants import ViewOf
-from teleop_drake.page.python_lines import DiagramParts, ScenarioParts
-from teleop_drake.page.scenario_model import PERIOD, ModelOf
-from teleop_drake.page.sliders import DataOfInputs, MakeInputs, Ranges, Runs
-from teleop_drake.parameters import Scalar, ScalarsIn, SetNumbers
-from teleop_drake.scenario import (
-    AnyScenario,
-    AsTeleoperation,
-    LoadOverridden,
-)
-from teleop_drake.scenario.overrides import Overrides
+from teleop_drake.page.python_lines import DiagramParts
+from teleop_drake.page.sliders import DataOfRuns, Ranges, Runs
+from teleop_drake.parameters import ScalarsIn, SetNumbers
 from teleop_drake.signals import NameOf
 from teleop_drake.simulation.inputs import CheckInputs
 from teleop_drake.simulation.run import Job
 from teleop_drake.simulation.system_run import MakeJob
-from teleop_drake.tasks import TaskOf
-from teleop_drake.tasks.insertion_metrics import FirstNormal
 from teleop_drake.validation import CheckChoice, CheckNames, Refuse, RefuseGiven
+
+if TYPE_CHECKING:
+    from teleop_drake.scenario import AnyScenario
+    from teleop_drake.scenario.overrides import Overrides
 
 DURATION = 10.0
 """The default duration of the runs of a diagram, s."""
 
-# The longest drive, s.
-_LONGEST_DRIVE = 600.0
-
-
 # A scenario, its name or file; a system; or a function that makes one.
-Shown: TypeAlias = str | os.PathLike[str] | AnyScenario | System | Callable[[], System]
+Shown: TypeAlias = (
+    "str | os.PathLike[str] | AnyScenario | System | Callable[[], System]"
+)
 
 
 def Explore(
     scenario_or_diagram: Shown,
-    overrides: Overrides = (),
+    overrides: "Overrides" = (),
     *,
     controllers: Sequence[str] | None = None,
     signals: Sequence[str] = (),
@@ -98,7 +79,7 @@ def WritePage(
     controllers: Sequence[str] | None = None,
     signals: Sequence[str] = (),
     vary: Ranges | None = None,
-    overrides: Overrides = (),
+    overrides: "Overrides" = (),
     duration: float = DURATION,
     context: Context | None = None,
     suppress_initialization_events: bool = False,
@@ -137,7 +118,7 @@ def MakePage(
     controllers: Sequence[str] | None = None,
     signals: Sequence[str] = (),
     vary: Ranges | None = None,
-    overrides: Overrides = (),
+    overrides: "Overrides" = (),
     duration: float = DURATION,
     context: Context | None = None,
     suppress_initialization_events: bool = False,
@@ -196,25 +177,17 @@ def MakePage(
             context=context,
             suppress_initialization_events=suppress_initialization_events,
         )
-        scenario, _ = LoadOverridden(scenario_or_diagram, overrides)
-        story = scenario.story
-        data = _OfScenario(
-            scenario,
+        from teleop_drake.page.scenario_page import DataOfScenario
+
+        story, data = DataOfScenario(
+            scenario_or_diagram,
+            overrides,
             controllers,
             vary or {},
             notes,
             has_hand=has_hand,
             has_late_wires=delays is not None,
         )
-        data["python"] = ScenarioParts(scenario_or_diagram, overrides)
-        if has_hand:
-            data["hand"] = HandData(
-                AsTeleoperation(scenario),
-                scenario_or_diagram,
-                overrides,
-                list(dict.fromkeys(loop["kind"] for loop in data["controllers"])),
-                [one["name"] for one in data["inputs"]],
-            )
     # A signal may exist with some controllers only.
     known = set().union(*(loop["signals"] for loop in data["controllers"]))
     CheckNames("signals", signals)
@@ -292,70 +265,15 @@ def _OfDiagram(
     if wires is not None:
         numbers = wires.Scalars() | numbers
     fields, why = FindFields([FieldNumbers(numbers, inputs)], inputs, runs)
-    data = {
-        **_Data(title.replace("_", " "), [*inputs, *fields], {}, runs),
+    return {
+        **DataOfRuns(
+            title.replace("_", " "), [*inputs, *fields], {}, runs, job.context
+        ),
         "fixed": FixedNumbers([numbers], why),
         "view": ViewOf(model.plants.values()),
         "hand": None,
         "isDiagram": True,
     }
-    _AddWires(data, runs, job.context, notes)
-    return data
-
-
-def _AddWires(
-    data: dict[str, Any], runs: Runs, context: Context | None, notes: list[str]
-) -> None:
-    """Adds the names of the delays of connections, and the margins of these.
-
-    Args:
-        data: The data of the page.
-        runs: The runs of the page.
-        context: The Context where they begin; None: the default Context of each.
-        notes: The list to which the reasons for missing margins are added.
-    """
-    for loop, model in zip(data["controllers"], runs.models.values(), strict=True):
-        if model.late is not None:
-            start = context or model.diagram.CreateDefaultContext()
-            loop["wires"] = model.late.Names(model.diagram)
-            loop["margins"] = MarginsInto(model.diagram, start, notes)
-
-
-def _OfScenario(
-    scenario: AnyScenario,
-    controllers: Sequence[str] | None,
-    vary: Ranges,
-    notes: list[str],
-    *,
-    has_hand: bool,
-    has_late_wires: bool,
-) -> dict[str, Any]:
-    """Returns the data of a scenario's page for its script, except the scopes."""
-    kinds = TaskOf(scenario).controllers if controllers is None else controllers
-    kinds = list(kinds) or [scenario.controller.kind]
-    choices, ranges = _Choices(scenario, vary, has_hand)
-    makers = {}
-    for which in itertools.product(kinds, *choices.values()):
-        chosen = dict(zip(["controller.kind", *choices], which, strict=True))
-        makers[which] = _Maker(scenario, chosen, has_hand, has_late_wires)
-    runs = Runs(makers, notes)
-    first = next(iter(runs.models.values()))
-    if not first.facts["metrics"]:
-        notes.append("the metrics of this task are its own: `run` prints them")
-    inputs = MakeInputs(scenario, ranges, runs)
-    numbers = [] if has_hand else [_ScalarsOf(x) for x in runs.models.values()]
-    fields, why = FindFields(
-        [FieldNumbers(own, inputs) for own in numbers], inputs, runs
-    )
-    data = {
-        **_Data(scenario.title or scenario.name, [*inputs, *fields], choices, runs),
-        "fixed": FixedNumbers(numbers, why),
-        "view": _View(scenario, first.surfaces),
-        "hand": None,
-        "isDiagram": False,
-    }
-    _AddWires(data, runs, None, notes)
-    return data
 
 
 def DiagramPage(diagram: System) -> Page:
@@ -373,116 +291,3 @@ def _Story(source: System | Callable[[], System]) -> str:
     if documented.__module__.startswith("pydrake."):
         return ""
     return " ".join((inspect.getdoc(documented) or "").partition("\n\n")[0].split())
-
-
-def _Choices(
-    scenario: AnyScenario, vary: Ranges, has_hand: bool
-) -> tuple[dict[str, list[str]], Ranges]:
-    """Returns the choices in `vary`, the scenario's own value first, and its ranges."""
-    choices: dict[str, list[str]] = {}
-    ranges: dict[str, Sequence[float]] = {}
-    for key, values in vary.items():
-        if not all(isinstance(x, str) for x in values):
-            ranges[key] = values
-            continue
-        if has_hand and key == "surgeon.kind":
-            Refuse("vary", key, "left out: the user's hand is the operator")
-        own = scenario.Value(key)
-        if not isinstance(own, str):
-            Refuse(f"vary.{key}", ",".join(values), "LO:HI of a number")
-        choices[key] = list(dict.fromkeys([own, *values]))
-    return choices, ranges
-
-
-def _View(scenario: AnyScenario, surfaces: tuple[Surface, ...]) -> list[list[float]]:
-    """Returns the directions to the right and upwards in the drawing of the task."""
-    if scenario.num_axes < 3:
-        up = 1.0 if scenario.num_axes == 2 else 0.0
-        return [[1.0, 0.0, 0.0], [0.0, up, 0.0]]
-    x, _, z = np.eye(3)
-    v_d = x
-    if hasattr(scenario, "surgeon"):
-        v_d = np.asarray(scenario.surgeon.velocity, float)
-    # The horizontal part of the normal.
-    forward = FirstNormal(surfaces, v_d)[:3] * [1, 1, 0]
-    size = np.linalg.norm(forward)
-    forward = forward / size if size > 0.1 else x
-    return [forward.tolist(), z.tolist()]
-
-
-def _Maker(
-    source: AnyScenario,
-    overrides: Mapping[str, Any],
-    has_hand: bool,
-    has_late_wires: bool,
-) -> Maker:
-    """Returns a function that makes the run of a scenario from values of inputs."""
-
-    base: Model | None = None
-    names: set[str] = set()
-
-    def Make(values: Mapping[str, float]) -> Model:
-        """Returns the run at values of inputs; the first one is without any."""
-        nonlocal base
-        keys = {key: value for key, value in values.items() if key not in names}
-        model = base
-        if keys or model is None:
-            scenario, _ = LoadOverridden(source, {**overrides, **keys})
-            if has_hand:
-                scenario = dataclasses.replace(scenario, duration=_LONGEST_DRIVE)
-            TaskOf(scenario).Check(scenario)
-            model = ModelOf(scenario, has_hand=has_hand, has_late_wires=has_late_wires)
-        if base is None:
-            base = model
-            names.update(_ScalarsOf(base))
-        own = {name: value for name, value in values.items() if name in names}
-        return WithNumbers(model, own) if own else model
-
-    return Make
-
-
-def _ScalarsOf(model: Model) -> dict[str, Scalar]:
-    """Returns the numbers of a scenario's blocks that no key of the scenario sets.
-
-    Delays have sliders, and metrics depend on the operator.
-    """
-    diagram = model.diagram
-    scalars = ScalarsIn(diagram, diagram.CreateDefaultContext())
-    late = {} if model.late is None else model.late.Scalars()
-    return late | {
-        name: number
-        for name, number in scalars.items()
-        if not number.is_delay and not name.startswith("master/surgeon.")
-    }
-
-
-def _Data(
-    title: str, inputs: list[Input], choices: Mapping[str, list[str]], runs: Runs
-) -> dict[str, Any]:
-    """Returns the data that the script needs in every page with runs."""
-    kinds = list(dict.fromkeys(which[0] for which in runs.models))
-    controllers = []
-    for i, (which, model) in enumerate(runs.models.items()):
-        controllers.append(
-            {
-                "kind": which[0],
-                "choice": dict(zip(choices, which[1:], strict=True)),
-                "title": which[0].replace("_", " "),
-                "color": PageColor(kinds.index(which[0])),
-                **model.Data(),
-                "changes": {
-                    one.key: {
-                        "slopes": one.changes[i].slopes,
-                        "stops": one.changes[i].stops,
-                    }
-                    for one in inputs
-                },
-            }
-        )
-    return {
-        "title": title,
-        "version": metadata.version("teleop-drake"),
-        "period": PERIOD,
-        "inputs": DataOfInputs(inputs, choices),
-        "controllers": controllers,
-    }

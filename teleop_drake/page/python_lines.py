@@ -1,27 +1,12 @@
 """The parts of the Python lines that make the state of a page."""
 
-import os
 from collections.abc import Callable
 from typing import Any
 
 from pydrake.systems.framework import System
 
 from teleop_drake.parameters import ScalarsIn
-from teleop_drake.scenario.overrides import Overrides, ParseOverrides
 from teleop_drake.simulation.run import Job
-
-
-def ScenarioParts(source: Any, overrides: Overrides) -> dict[str, Any]:
-    """Returns the parts for a scenario, which the page's script joins.
-
-    They are `source`, an expression for the scenario's name or file, and `given`, the
-    overrides as items of a dictionary.
-    """
-    is_named = isinstance(source, str | os.PathLike)
-    return {
-        "source": repr(os.fspath(source)) if is_named else "scenario_of_this_page",
-        "given": [f"{path!r}: {value!r}" for path, value in ParseOverrides(overrides)],
-    }
 
 
 def DiagramParts(source: System | Callable[[], System], job: Job) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from teleop_drake.blocks.channels import ChannelConfig
 from teleop_drake.blocks.operators.hand import HandOperator
 from teleop_drake.numerics.instants import SAME
 from teleop_drake.page.late_wires import LateWires
-from teleop_drake.page.model import Flat, MakeModel, Model
+from teleop_drake.page.model import PERIOD, Flat, MakeModel, Model
 from teleop_drake.scenario import AnyScenario, AsTeleoperation
 from teleop_drake.signals import NamedSignals, SystemsByPath
 from teleop_drake.simulation.ending import BoundsOf
@@ -19,9 +19,6 @@ from teleop_drake.simulation.scenario_run import BoundOf, HasConstantCommand
 from teleop_drake.tasks import Task, TaskOf
 from teleop_drake.tasks.metrics import MetricUnits
 from teleop_drake.teleoperator import MakeTeleoperator
-
-PERIOD = 0.02
-"""The time between the sending of two packets that are drawn, s."""
 
 # The time until which packets are drawn in a drive, whose duration is only a bound, s.
 _LONGEST_FLIGHTS = 60.0
@@ -75,12 +72,21 @@ def ModelOf(
         numbers=model.numbers | Flat(numbers),
         facts={
             **model.facts,
+            "feed": _FeedOf(model) if has_hand else None,
             "reasons": [bound.name for bound in bounds],
             "metrics": metrics,
             "labels": _Labels(scenario) if metrics else {},
             "has_constant_command": HasConstantCommand(SystemsByPath(diagram)),
         },
     )
+
+
+def _FeedOf(model: Model) -> tuple[int, int]:
+    """Returns begin and size in y of the hand's command."""
+    fed = model.run.evaluator.program.fed
+    blocks = model.run.evaluator.blocks
+    (place,) = (fed[x] for x in fed if isinstance(blocks[x.block].system, HandOperator))
+    return place.start, place.stop - place.start
 
 
 def _PageMetrics(task: Task[Any]) -> str:

@@ -1,19 +1,18 @@
 """The sliders of a page: which numbers can be changed, and in which range."""
 
-import itertools
 from collections.abc import Iterable, Mapping, Sequence
+from importlib import metadata
 from numbers import Real
 from typing import Any
 
-from teleop_drake.engine.flatten import AlgebraicLoop
-from teleop_drake.figures.labels import AxisLabel
-from teleop_drake.page.inputs import CheckSums, FindChange, Input, Maker, NotSums
-from teleop_drake.scenario import AnyScenario, ScenarioError
-from teleop_drake.scenario.overrides import ALIASES
-from teleop_drake.tasks import TaskOf
-from teleop_drake.validation import Refuse
+from pydrake.systems.framework import Context
 
-_DELAYS = ("forward_delay", "return_delay")
+from teleop_drake.engine.flatten import AlgebraicLoop
+from teleop_drake.page.colors import PageColor
+from teleop_drake.page.inputs import CheckSums, FindChange, Input, Maker, NotSums
+from teleop_drake.page.late_wires import MarginsInto
+from teleop_drake.page.model import PERIOD, Model
+from teleop_drake.validation import Refuse, ScenarioError
 
 # The least delay of a slider, s, where a loop without delay is another program.
 LEAST_DELAY = 0.005
@@ -22,13 +21,6 @@ LEAST_DELAY = 0.005
 _LARGE_DELAY = 0.5
 
 Ranges = Mapping[str, Sequence[Any]]
-
-# The blocks to which an input belongs, where its key does not begin with their name.
-_OWNERS = {
-    "delay": ["forward_channel", "return_channel"],
-    "seed": ["forward_channel", "return_channel"],
-    "surgeon": ["master"],
-}
 
 
 class Runs:
@@ -42,13 +34,14 @@ class Runs:
         models: The runs at the scenario's or the Context's own values, keyed as in
             `makers`.
         makers: See above.
+        notes: See above.
         may_be_zero: Whether constant delays may be 0 in all programs.
     """
 
     def __init__(self, makers: Mapping[tuple[str, ...], Maker], notes: list[str]):
         self.models = {which: make({}) for which, make in makers.items()}
         self.makers = makers
-        self._notes = notes
+        self.notes = notes
         self.may_be_zero = all(x.has_zero_delays for x in self.models.values())
 
     def FindInputs(self, alternatives: Iterable[Sequence[Input]]) -> list[Input]:
@@ -75,7 +68,7 @@ class Runs:
                 reason = error
                 continue
             if reason and not any(one.is_delay for one in inputs):
-                self._notes.append(f"the delays have no sliders: {reason}")
+                self.notes.append(f"the delays have no sliders: {reason}")
             return found
         raise ScenarioError(f"vary = {reason}")
 
@@ -102,7 +95,7 @@ class Runs:
                 one.low = min(LEAST_DELAY, one.value)
                 return self.HasChanges(one)
             if not one.is_field:
-                self._notes.append(f"{one.key} has no slider: {error}")
+                self.notes.append(f"{one.key} has no slider: {error}")
             return False
         return True
 
@@ -128,48 +121,6 @@ class Runs:
             CheckSums(self.models[which].numbers, changes, make)
 
 
-def MakeInputs(scenario: AnyScenario, vary: Ranges, runs: Runs) -> list[Input]:
-    """Returns the inputs of a scenario's page.
-
-    One input changes both delays if their changes of a number do not add up, as with
-    gains that depend on the round trip.
-    """
-    # The paths of the delays are replaced by the names of their options.
-    names = {ALIASES[delay][0]: delay for delay in _DELAYS}
-    vary = {names.get(key, key): values for key, values in vary.items()}
-    others = [key for key in vary if key not in ("delay", *_DELAYS)]
-    choices: list[tuple[str, ...]] = []
-    if TaskOf(scenario).Channels(scenario):
-        choices += [_DELAYS, ("delay",)]
-    if len(others) == len(vary) or not choices:
-        choices.append(())
-    keys = dict.fromkeys([*itertools.chain(*choices), *others])
-    inputs = {key: _MakeInput(key, scenario, vary) for key in keys}
-    return runs.FindInputs(
-        [inputs[key] for key in (*delays, *others)] for delays in choices
-    )
-
-
-def _MakeInput(key: str, scenario: AnyScenario, vary: Ranges) -> Input:
-    """Returns an input with its range."""
-    is_delay = key in ("delay", *_DELAYS)
-    wanted = vary.get(key, vary.get("delay") if is_delay else None)
-    value = scenario.Value(key)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        Refuse(key, value, "a number in the scenario, to be varied")
-    low, high = RangeWith(key, wanted or DelayRange(value), value)
-    return Input(
-        key=key,
-        low=low,
-        high=high,
-        value=value,
-        label=AxisLabel(key),
-        owners=_OwnersOf(key),
-        is_wanted=wanted is not None,
-        is_delay=is_delay,
-    )
-
-
 def DelayRange(value: float) -> tuple[float, float]:
     """Returns the default range of a delay's slider, s; see Runs.HasChanges()."""
     return 0.0, max(_LARGE_DELAY, 2 * value)
@@ -190,14 +141,9 @@ def RangeWith(key: str, ends: Sequence[Any], value: float) -> tuple[float, float
     return min(low, value), max(high, value)
 
 
-def DataOfInputs(
-    inputs: Sequence[Input], choices: Mapping[str, list[str]]
-) -> list[dict[str, Any]]:
-    """Returns the data of inputs and choices for the page's script.
-
-    If both delays are continuous inputs, the first entry changes them together.
-    """
-    result: list[dict[str, Any]] = [
+def _DataOfInputs(inputs: Iterable[Input]) -> list[dict[str, Any]]:
+    """Returns the data of inputs for the page's script."""
+    return [
         {
             "name": one.key,
             "label": one.label,
@@ -211,33 +157,61 @@ def DataOfInputs(
         }
         for one in inputs
     ]
-    # The slider of both delays covers the values that both may have.
-    ways = [x for x in result if x["name"] in _DELAYS and not x["stops"]]
-    if len(ways) == 2:
-        both = {
-            **ways[0],
-            "name": "delay",
-            "label": "delay each way [s]",
-            "parts": _DELAYS,
-            "owners": [],
-            "value": sum(x["value"] for x in ways) / 2,
-            "min": max(x["min"] for x in ways),
-            "max": min(x["max"] for x in ways),
-        }
-        result.insert(0, both)
-    return result + [
-        {
-            "name": key,
-            "label": AxisLabel(key),
-            "owners": _OwnersOf(key),
-            "value": values[0],
-            "choices": values,
-        }
-        for key, values in choices.items()
-    ]
 
 
-def _OwnersOf(key: str) -> list[str]:
-    """Returns the blocks of the loop to which an input belongs."""
-    first = key.replace("_delay", "_channel").partition(".")[0]
-    return _OWNERS.get(first, [first])
+def DataOfRuns(
+    title: str,
+    inputs: Sequence[Input],
+    choices: Iterable[str],
+    runs: Runs,
+    context: Context | None = None,
+) -> dict[str, Any]:
+    """Returns the data that the script needs in every page with runs.
+
+    Args:
+        title: The title of the page.
+        inputs: The inputs of the runs.
+        choices: The fields whose values have a program each.
+        context: The Context where the runs begin; None: the default Context of each.
+    """
+    kinds = list(dict.fromkeys(which[0] for which in runs.models))
+    controllers = []
+    for i, (which, model) in enumerate(runs.models.items()):
+        controllers.append(
+            {
+                "kind": which[0],
+                "choice": dict(zip(choices, which[1:], strict=True)),
+                "title": which[0].replace("_", " "),
+                "color": PageColor(kinds.index(which[0])),
+                **model.Data(),
+                **_DataOfWires(model, context, runs.notes),
+                "changes": {
+                    one.key: {
+                        "slopes": one.changes[i].slopes,
+                        "stops": one.changes[i].stops,
+                    }
+                    for one in inputs
+                },
+            }
+        )
+    return {
+        "title": title,
+        "version": metadata.version("teleop-drake"),
+        "period": PERIOD,
+        "inputs": _DataOfInputs(inputs),
+        "controllers": controllers,
+    }
+
+
+def _DataOfWires(
+    model: Model, context: Context | None, notes: list[str]
+) -> dict[str, Any]:
+    """Returns the names and the margins of delays on connections; {} without them."""
+    if model.late is None:
+        return {}
+    diagram = model.diagram
+    start = context or diagram.CreateDefaultContext()
+    return {
+        "wires": model.late.Names(diagram),
+        "margins": MarginsInto(diagram, start, notes),
+    }

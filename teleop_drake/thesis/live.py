@@ -67,7 +67,7 @@ def FigureOf(claim: Claim) -> str:
 def Laboratory(task: str, claims: Sequence[Claim]) -> dict[str, Any]:
     """Returns the data of a task for the report's script.
 
-    These are its inputs and controllers, as in _Data() of page.py, its network, and the
+    These are its inputs and controllers, see DataOfRuns(), its network, and the
     claims beside its figures.
     """
     page = MakePage(
