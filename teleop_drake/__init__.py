@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from teleop_drake.figures.sweeps import PlotSweep
     from teleop_drake.figures.trace_report import PlotTraceReport
     from teleop_drake.link.remote import OperateRemotely, ServeRobot
-    from teleop_drake.page import Explore, MakePage, WritePage
+    from teleop_drake.page.page import Explore, MakePage, WritePage
     from teleop_drake.parameters import NamedParameters
     from teleop_drake.recording import Recording
     from teleop_drake.scenario import (
@@ -137,7 +137,7 @@ _PLACES = {
     "figures.block_diagram": ["WriteDiagram"],
     "figures.runs": ["PlotComparison", "PlotRun", "SaveFigure"],
     "figures.scene": ["MakeReplay"],
-    "page": ["Explore", "MakePage", "WritePage"],
+    "page.page": ["Explore", "MakePage", "WritePage"],
     "parameters": ["NamedParameters"],
     "recording": ["Recording"],
     "scenario": [

@@ -19,8 +19,8 @@ import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from wasm_runs import RunModule
 
+from teleop_drake import WritePage
 from teleop_drake.blocks.robots import MakeRobot
-from teleop_drake.page import WritePage
 from teleop_drake.page.model import MakeModel
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate

@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from teleop_drake import WritePage
 from teleop_drake.figures.scene import MakeReplay
-from teleop_drake.page import WritePage
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 

@@ -173,7 +173,7 @@ class Site:
         return groups
 
     def _WriteLive(self) -> None:
-        from teleop_drake.page import WritePage
+        from teleop_drake.page.page import WritePage
 
         folder = self._out / "live"
         folder.mkdir(exist_ok=True)

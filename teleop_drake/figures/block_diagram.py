@@ -287,7 +287,7 @@ def WriteDiagram(
     if suffix == ".html":
         if margins is not None:
             Refuse("delay_margins", "given", "left out of a page")
-        from teleop_drake.page import DiagramPage  # Pages show diagrams.
+        from teleop_drake.page.diagram_page import DiagramPage
 
         content = DiagramPage(system).html.encode()
     else:

@@ -1,36 +1,21 @@
 """Writes the living diagram: one HTML file in which a block diagram simulates."""
 
-import inspect
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from pydrake.systems.framework import Context, System
 
-from teleop_drake.arrays import Array
-from teleop_drake.page.diagram_inputs import MakeDiagramInputs
+from teleop_drake.page import diagram_page
+from teleop_drake.page.diagram_page import DURATION
 from teleop_drake.page.document import Page
-from teleop_drake.page.fields import FieldNumbers, FindFields, FixedNumbers
-from teleop_drake.page.late_wires import LateWires
-from teleop_drake.page.levels import Levels
-from teleop_drake.page.model import MakeModel, Model
-from teleop_drake.page.plants import ViewOf
-from teleop_drake.page.python_lines import DiagramParts
-from teleop_drake.page.sliders import DataOfRuns, Ranges, Runs
-from teleop_drake.parameters import ScalarsIn, SetNumbers
-from teleop_drake.signals import NameOf
-from teleop_drake.simulation.inputs import CheckInputs
-from teleop_drake.simulation.run import Job
-from teleop_drake.simulation.system_run import MakeJob
-from teleop_drake.validation import CheckChoice, CheckNames, Refuse, RefuseGiven
+from teleop_drake.page.sliders import Ranges
+from teleop_drake.validation import Refuse, RefuseGiven
 
 if TYPE_CHECKING:
     from teleop_drake.scenario import AnyScenario
     from teleop_drake.scenario.overrides import Overrides
-
-DURATION = 10.0
-"""The default duration of the runs of a diagram, s."""
 
 # A scenario, its name or file; a system; or a function that makes one.
 Shown: TypeAlias = (
@@ -159,135 +144,34 @@ def MakePage(
         ScenarioError: If a scenario or a range is not allowed, or if the changes of a
             number by two of `vary` do not add up.
     """
-    notes: list[str] = []
-    if delays not in (None, "all") or (delays and has_hand):
-        Refuse("delays", delays, "'all' or None, and None where a hand drives")
     if isinstance(scenario_or_diagram, System) or callable(scenario_or_diagram):
         if controllers or overrides or has_hand:
             Refuse("controllers, overrides, has_hand", "given", "left out of a diagram")
-        story = _Story(scenario_or_diagram)
-        job = _DiagramJob(
-            scenario_or_diagram, duration, context, suppress_initialization_events
-        )
-        data = _OfDiagram(job, vary, notes, has_late_wires=delays is not None)
-        data["python"] = DiagramParts(scenario_or_diagram, job)
-    else:
-        RefuseGiven(
-            "left out where a page is of a scenario",
+        return diagram_page.MakePage(
+            scenario_or_diagram,
+            signals=signals,
+            vary=vary,
+            duration=duration,
             context=context,
             suppress_initialization_events=suppress_initialization_events,
+            delays=delays,
         )
-        from teleop_drake.page.scenario_page import DataOfScenario
-
-        story, data = DataOfScenario(
-            scenario_or_diagram,
-            overrides,
-            controllers,
-            vary or {},
-            notes,
-            has_hand=has_hand,
-            has_late_wires=delays is not None,
-        )
-    # A signal may exist with some controllers only.
-    known = set().union(*(loop["signals"] for loop in data["controllers"]))
-    CheckNames("signals", signals)
-    for signal in signals:
-        CheckChoice("signals", signal, sorted(known))
-    data |= {"scopes": list(signals), "notes": notes}
-    return Page(data["title"], story, data, notes)
-
-
-def _DiagramJob(
-    source: System | Callable[[], System],
-    duration: float,
-    context: Context | None,
-    suppress_initialization_events: bool,
-) -> Job:
-    """Returns the specification of the runs of a diagram, or of one that is made."""
-    system = source if isinstance(source, System) else source()
-    if not isinstance(system, System):
-        Refuse("scenario_or_diagram", source, "a function that returns a System")
-    job = MakeJob(
-        system,
-        context,
-        duration,
-        None,
+    diagram_page.CheckDelays(delays, has_hand=has_hand)
+    RefuseGiven(
+        "left out where a page is of a scenario",
+        context=context,
         suppress_initialization_events=suppress_initialization_events,
     )
-    CheckInputs(system, job.context)
-    return job
+    from teleop_drake.page.scenario_page import DataOfScenario
 
-
-def _OfDiagram(
-    job: Job, vary: Ranges | None, notes: list[str], *, has_late_wires: bool
-) -> dict[str, Any]:
-    """Returns the data of a diagram's page for its script, except the scopes."""
-    system = job.diagram
-    base: Model | None = None
-    wires = LateWires.Of(system) if has_late_wires else None
-
-    def Make(values: Mapping[str, float]) -> Model:
-        """Returns the run at values of inputs; the first one is without any."""
-        nonlocal base
-        context = job.context.Clone()
-        constants: dict[System, dict[str, Array]] = {}
-        late = wires and wires.With(values)
-        own = {x: v for x, v in values.items() if wires is None or not wires.Has(x)}
-        changed = SetNumbers(system, context, own, constants)
-        model = MakeModel(
-            system,
-            job.config,
-            job.duration,
-            context,
-            suppress_initialization_events=job.suppress_initialization_events,
-            like=base,
-            changed=changed,
-            constants=constants,
-            late=late,
-        )
-        base = base or model
-        return model
-
-    # A diagram has one run, which takes the place of a controller's.
-    title = NameOf(system)
-    runs = Runs({(title,): Make}, notes)
-    model = runs.models[(title,)]
-    left_out = model.run.evaluator.left_out
-    if left_out:
-        paths = ", ".join(left_out)
-        notes.append(f"{paths}: left out, as nothing depends on them")
-    numbers = {
-        name: number
-        for name, number in ScalarsIn(system, job.context).items()
-        if not set(number.paths) <= set(left_out)
-    }
-    inputs = MakeDiagramInputs(numbers, runs, vary)
-    if wires is not None:
-        numbers = wires.Scalars() | numbers
-    fields, why = FindFields([FieldNumbers(numbers, inputs)], inputs, runs)
-    return {
-        **DataOfRuns(
-            title.replace("_", " "), [*inputs, *fields], {}, runs, job.context
-        ),
-        "fixed": FixedNumbers([numbers], why),
-        "view": ViewOf(model.plants.values()),
-        "hand": None,
-        "isDiagram": True,
-    }
-
-
-def DiagramPage(diagram: System) -> Page:
-    """Makes a page that shows any block diagram of Drake, without simulating it."""
-    title = NameOf(diagram)
-    shown: dict[str, Any] = {"kind": title, "title": title, "levels": Levels(diagram)}
-    shown |= {"ports": {}, "signals": {}, "choice": {}}
-    data = {"title": title, "notes": [], "inputs": [], "controllers": [shown]}
-    return Page(title, _Story(diagram), data, [])
-
-
-def _Story(source: System | Callable[[], System]) -> str:
-    """Returns the first paragraph of the docstring of a class or a function."""
-    documented = type(source) if isinstance(source, System) else source
-    if documented.__module__.startswith("pydrake."):
-        return ""
-    return " ".join((inspect.getdoc(documented) or "").partition("\n\n")[0].split())
+    notes: list[str] = []
+    story, data = DataOfScenario(
+        scenario_or_diagram,
+        overrides,
+        controllers,
+        vary or {},
+        notes,
+        has_hand=has_hand,
+        has_late_wires=delays is not None,
+    )
+    return diagram_page.FinishPage(story, data, signals, notes)

@@ -15,11 +15,10 @@ from pydrake.systems.primitives import (
     Sine,
 )
 
-from teleop_drake import Compile, NamedParameters, simulate
+from teleop_drake import Compile, MakePage, NamedParameters, simulate
 from teleop_drake.blocks import LayerConfig, LayeredForceField
 from teleop_drake.engine.constants import ConstantsOf
 from teleop_drake.kernel import Kernel
-from teleop_drake.page import MakePage
 from teleop_drake.parameters import SetNumbers
 from teleop_drake.scenario import ScenarioError
 

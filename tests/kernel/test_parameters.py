@@ -9,10 +9,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, Gain, Integrator, Sine
 
-from teleop_drake import Compile, LinearizePorts, parameters, simulate
+from teleop_drake import Compile, LinearizePorts, MakePage, parameters, simulate
 from teleop_drake.blocks.channels.transport import TransportDelay
 from teleop_drake.kernel import Kernel
-from teleop_drake.page import MakePage
 from teleop_drake.parameters import CheckNumbers, SetNumbers
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import MakeDiagram

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from teleop_drake.page import WritePage
+from teleop_drake import WritePage
 
 pytestmark = [pytest.mark.xdist_group("browser"), pytest.mark.slow]
 

@@ -7,7 +7,7 @@ import pytest
 from browsers import SCRIPTS
 from servo import Servo
 
-from teleop_drake.page import WritePage
+from teleop_drake import WritePage
 from teleop_drake.page.fields import FindFields
 from teleop_drake.page.inputs import Change
 from teleop_drake.page.sliders import Runs

@@ -6,8 +6,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain, Integrator
 
-from teleop_drake import TransportDelay
-from teleop_drake.page import WritePage
+from teleop_drake import TransportDelay, WritePage
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 

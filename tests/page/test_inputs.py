@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from teleop_drake.page import MakePage
+from teleop_drake import MakePage
 from teleop_drake.page.inputs import CheckSums, FindChange, Input, NotSums
 from teleop_drake.page.scenario_model import ModelOf
 from teleop_drake.scenario import LoadScenario, ScenarioError

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from servo import Servo
 
-from teleop_drake.page import WritePage
+from teleop_drake import WritePage
 from teleop_drake.simulation import simulate
 from teleop_drake.validation import ScenarioError
 

@@ -5,7 +5,7 @@ import math
 import pytest
 from servo import Servo
 
-from teleop_drake.page import WritePage
+from teleop_drake import WritePage
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunSentence

@@ -17,11 +17,11 @@ from pydrake.systems.primitives import Gain, Integrator
 from wasm_runs import AssertSameMetrics, RunModule
 
 import teleop_drake
+from teleop_drake import MakePage, WritePage
 from teleop_drake.cli import main
 from teleop_drake.engine.flatten import UnsupportedSystem
 from teleop_drake.figures.block_diagram import WriteDiagram
 from teleop_drake.numerics.step_polynomials import DEGREE
-from teleop_drake.page import MakePage, WritePage
 from teleop_drake.page.model import MakeModel
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from teleop_drake import MakePage, WritePage
 from teleop_drake.cli import main
 from teleop_drake.figures.style import COLORS
-from teleop_drake.page import MakePage, WritePage
 from teleop_drake.page.colors import DARK_PAPER, LIGHT_PAPER, PageColor
 from teleop_drake.scenario import LoadScenario, ScenarioNames
 

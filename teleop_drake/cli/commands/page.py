@@ -47,7 +47,7 @@ def Execute(args: argparse.Namespace) -> int:
     kinds = options.ControllersOf(args)
 
     from teleop_drake.engine.flatten import UnsupportedSystem
-    from teleop_drake.page import MakePage
+    from teleop_drake.page.page import MakePage
 
     try:
         page = MakePage(
@@ -75,7 +75,7 @@ def Execute(args: argparse.Namespace) -> int:
 
 def _Duration(text: str | None) -> float:
     """Returns the duration of a diagram's runs, s."""
-    from teleop_drake.page.page import DURATION
+    from teleop_drake.page.diagram_page import DURATION
 
     try:
         return DURATION if text is None else float(text)

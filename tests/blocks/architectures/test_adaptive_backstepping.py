@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from block_checks import Block, Feedthrough, Gains, RandomInputs, backstepping_rate
 
+from teleop_drake import MakePage
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.blocks.architectures.adaptive_backstepping import (
     MAX_BASIS_FUNCTIONS,
@@ -19,7 +20,6 @@ from teleop_drake.laws.backstepping import (
     pack_state,
 )
 from teleop_drake.laws.gaussian_network import GaussianNetwork, gaussian_functions
-from teleop_drake.page import MakePage
 from teleop_drake.scenario import LoadScenario
 from teleop_drake.simulation import simulate
 from teleop_drake.tasks.metrics import RunSummary

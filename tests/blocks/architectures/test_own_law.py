@@ -8,11 +8,11 @@ import own_kinds
 import pytest
 from pydrake.autodiffutils import AutoDiffXd
 
+from teleop_drake import MakePage
 from teleop_drake.blocks.architectures import ARCHITECTURE_KINDS, ARCHITECTURES
 from teleop_drake.blocks.architectures.damped_force import DampedForce
 from teleop_drake.blocks.architectures.own_law import FunctionLaw
 from teleop_drake.cli import main
-from teleop_drake.page import MakePage
 from teleop_drake.scenario import LoadScenario, ScenarioError, ScenarioToYaml
 from teleop_drake.scenario.loading import ScenarioFromYaml
 from teleop_drake.simulation import simulate

@@ -6,9 +6,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import DiscreteTimeDelay, PassThrough, Sine
 
+from teleop_drake import MakePage
 from teleop_drake.analysis.stability import AnalyzeStability
 from teleop_drake.blocks.channels.discrete import DiscreteChannelConfig
-from teleop_drake.page import MakePage
 from teleop_drake.scenario import LoadScenario, ScenarioError
 from teleop_drake.simulation import simulate
 from teleop_drake.teleoperator import MakeTeleoperator
