@@ -1,0 +1,120 @@
+"""Copies of systems that others published, in Drake and compiled.
+
+`python tests/benchmarks/published_systems.py` prints a table of them.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from benchmarks.measuring import OneDigit
+from foreign.drake_examples import DRAKE
+from foreign.manipulation import MANIPULATION
+from foreign.underactuated import UNDERACTUATED
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+
+from teleop_drake import WritePage
+from teleop_drake.engine.evaluator import Evaluator
+from teleop_drake.engine.flatten import UnsupportedSystem
+from teleop_drake.engine.run import CompiledRun
+from teleop_drake.figures.block_diagram import DiagramDot
+
+SYSTEMS = [*DRAKE, *UNDERACTUATED, *MANIPULATION]
+COMPILED = [system for system in SYSTEMS if system.compiles]
+OTHERS = [system for system in SYSTEMS if not system.compiles]
+
+TABLE = Path(__file__).parents[3] / "teleop_drake/docs/published_systems.md"
+
+# Not where discrete updates happen, s.
+TIMES = (0.0123, 0.317, 0.5432)
+
+
+def in_drake(diagram, context):
+    """Returns a Simulator whose errors are far below what is compared."""
+    simulator = Simulator(diagram, context.Clone())
+    config = SimulatorConfig(
+        integration_scheme="runge_kutta5", max_step_size=0.005, accuracy=1e-13
+    )
+    ApplySimulatorConfig(config, simulator)
+    return simulator
+
+
+@pytest.mark.mostly_slow
+@pytest.mark.parametrize("system", SYSTEMS, ids=lambda system: system.name)
+def test_it_is_drawn_and_runs(system):
+    diagram, context = system.Make()
+    assert DiagramDot(diagram).startswith("digraph")
+    simulator = in_drake(diagram, context)
+    simulator.AdvanceTo(0.1)
+    assert simulator.get_context().get_time() == 0.1
+
+
+@pytest.mark.mostly_slow
+@pytest.mark.parametrize("system", COMPILED, ids=lambda system: system.name)
+def test_it_compiles_and_moves_as_in_drake(system):
+    diagram, context = system.Make()
+    simulator = in_drake(diagram, context)
+    evaluator = Evaluator(diagram, context, as_machine_code=True)
+    run = CompiledRun(evaluator, context, end=1.0, accuracy=1e-13, max_step=0.005)
+    for time in TIMES:
+        run.Sample(time)
+        simulator.AdvanceTo(time)
+        own = simulator.get_context()
+        x = own.get_continuous_state_vector().CopyToVector()
+        groups = range(own.num_discrete_state_groups())
+        m = [own.get_discrete_state(i).CopyToVector() for i in groups]
+        for value, expected in [
+            (run.memory.x, x),
+            (run.memory.m, np.concatenate([np.empty(0), *m])),
+        ]:
+            scale = max(1.0, np.abs(expected).max(initial=0.0))
+            np.testing.assert_allclose(value, expected, rtol=0, atol=1e-9 * scale)
+
+
+def test_the_table_of_the_documentation_has_each_system():
+    text = TABLE.read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (.*?) \| (.*?) \| (.*?) \| (.*?) \| (.*?) \|", text, re.M)
+    found = {name: cells for name, *cells in rows[1:] if name != "---"}
+    assert found == {
+        system.name: ["yes", "yes", *2 * ["yes" if system.compiles else "no"]]
+        for system in SYSTEMS
+    }
+
+
+def test_the_documentation_calls_them_copies():
+    text = TABLE.read_text(encoding="utf-8")
+    index = (TABLE.parent / "index.md").read_text(encoding="utf-8")
+    assert text.startswith("# Copies of ") and "\n| copy of | " in text
+    assert "[Copies of published systems](published_systems.md)" in index
+
+
+def test_the_times_have_one_significant_digit():
+    """Of ratios on a busy machine no more is repeatable."""
+    rows = re.findall(r"^\| .*", TABLE.read_text(encoding="utf-8"), re.M)[2:]
+    times = [x for row in rows for x in row.split(" | ")[5:]]
+    known = [x.strip(" |") for x in times if re.search(r"\d", x)]
+    assert len(known) > 80
+    assert known == [OneDigit(float(x)) for x in known]
+
+
+@pytest.mark.parametrize(
+    ("ratio", "text"), [(0.66, "0.7"), (1.04, "1"), (26.5, "30"), (129.0, "100")]
+)
+def test_one_significant_digit(ratio, text):
+    assert OneDigit(ratio) == text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("system", COMPILED, ids=lambda system: system.name)
+def test_it_becomes_a_page(system, tmp_path):
+    diagram, context = system.Make()
+    WritePage(diagram, tmp_path / "page.html", context=context, vary={})
+    assert (tmp_path / "page.html").stat().st_size > 50_000
+
+
+@pytest.mark.parametrize("system", OTHERS, ids=lambda system: system.name)
+def test_what_does_not_compile_is_named(system):
+    diagram, context = system.Make()
+    with pytest.raises(UnsupportedSystem, match="cannot be compiled"):
+        Evaluator(diagram, context)
